@@ -52,9 +52,7 @@ fn single_machine() -> f64 {
     (0..ASSETS).for_each(|n| service.make_asset(&asset(n)));
     let records = Uploads::new();
     let (_, user_before, system_before) = service.used();
-    let (seconds, _) = load(&service, 8, RECORDS, None, |n, stream| {
-        records.send(stream, &asset(n), 0, n)
-    });
+    let (seconds, _) = load(&service, 8, RECORDS, None, |n, stream| records.send(stream, &asset(n), 0, n));
     let (_, user, system) = service.used();
     println!(
         "one machine: a record costs {:.1} ms of processor time",
@@ -66,23 +64,13 @@ fn single_machine() -> f64 {
 /// Records a second that this many workers take from a full queue.
 fn queued(database: &str, nats: &str, workers: usize) -> f64 {
     let shared = folder("shared");
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .expect("a runtime");
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let name = format!("bench_{}_{workers}", std::process::id());
     let schema = Schema::make(&runtime, database, &name);
-    let config = config(
-        &shared,
-        &format!("{database}?options[search_path]={name}"),
-        nats,
-        &name,
-    );
+    let config = config(&shared, &format!("{database}?options[search_path]={name}"), nats, &name);
     let config = config.to_str().expect("a path in UTF-8");
-    let api = Service::start_as(
-        &["serve", "--listen", "127.0.0.1:0", "--config", config],
-        &shared.join("api"),
-    );
+    let api =
+        Service::start_as(&["serve", "--listen", "127.0.0.1:0", "--config", config], &shared.join("api"));
     let worker = |n: usize| {
         Service::start_as(
             &["work", "--health", "127.0.0.1:0", "--config", config],
@@ -97,9 +85,7 @@ fn queued(database: &str, nats: &str, workers: usize) -> f64 {
     }
     let records = Uploads::new();
     let (_, user_before, system_before) = api.used();
-    let (seconds, _) = load(&api, 8, RECORDS, None, |n, stream| {
-        records.send(stream, &asset(n), 0, n)
-    });
+    let (seconds, _) = load(&api, 8, RECORDS, None, |n, stream| records.send(stream, &asset(n), 0, n));
     let (_, user, system) = api.used();
     println!(
         "{workers} workers: the API node takes {:.0} records a second before, {:.1} ms of its processor time each",
@@ -135,11 +121,7 @@ async fn remove_streams(nats: &str, name: &str) {
 
 /// Processor seconds of processes so far.
 fn cost(services: &[Service]) -> f64 {
-    services
-        .iter()
-        .map(|service| service.used())
-        .map(|(_, user, system)| user + system)
-        .sum()
+    services.iter().map(|service| service.used()).map(|(_, user, system)| user + system).sum()
 }
 
 /// Processor seconds of PostgreSQL and of the NATS server on this machine so far.
@@ -150,10 +132,7 @@ fn servers() -> (f64, f64) {
         let Some((name, rest)) = stat.split_once('(').and_then(|(_, rest)| rest.rsplit_once(") ")) else {
             continue;
         };
-        let ticks: Vec<f64> = rest
-            .split(' ')
-            .map(|field| field.parse().unwrap_or(0.0))
-            .collect();
+        let ticks: Vec<f64> = rest.split(' ').map(|field| field.parse().unwrap_or(0.0)).collect();
         // Of ended backends their parent knows.
         let used: f64 = ticks.get(11..15).map_or(0.0, |ticks| ticks.iter().sum());
         match name {
@@ -172,9 +151,8 @@ fn config(shared: &Path, database: &str, nats: &str, name: &str) -> PathBuf {
         "[cluster]\nname = \"{name}\"\n[cluster.database]\nurl = \"{database}\"\n[cluster.nats]\nurls = [\"{nats}\"]\n\
          [cluster.objects]\nfolder = \"{}\"\n{}",
         objects.display(),
-        std::env::var("FLANKWATCH_BENCH_AT_ONCE").map_or(String::new(), |count| format!(
-            "[cluster.worker]\nat_once = {count}\n"
-        )),
+        std::env::var("FLANKWATCH_BENCH_AT_ONCE")
+            .map_or(String::new(), |count| format!("[cluster.worker]\nat_once = {count}\n")),
     );
     fs::write(&path, text).expect("room for the settings");
     path
@@ -188,35 +166,23 @@ struct Schema {
 
 impl Schema {
     fn make(runtime: &tokio::runtime::Runtime, database: &str, name: &str) -> Self {
-        let schema = Self {
-            database: database.to_owned(),
-            name: name.to_owned(),
-        };
+        let schema = Self { database: database.to_owned(), name: name.to_owned() };
         runtime.block_on(schema.run(&format!("CREATE SCHEMA {name}")));
         schema
     }
 
     async fn run(&self, statement: &str) {
         let mut connection = PgConnection::connect(&self.database).await.expect("the database");
-        sqlx::raw_sql(statement)
-            .execute(&mut connection)
-            .await
-            .expect("a statement");
+        sqlx::raw_sql(statement).execute(&mut connection).await.expect("a statement");
     }
 
     /// Waits until so many records are stored; returns how many then are.
     fn wait_for(&self, runtime: &tokio::runtime::Runtime, records: usize) -> usize {
-        let statement = format!(
-            "SELECT COALESCE(SUM(segments), 0)::bigint FROM {}.channels",
-            self.name
-        );
+        let statement = format!("SELECT COALESCE(SUM(segments), 0)::bigint FROM {}.channels", self.name);
         runtime.block_on(async {
             let mut connection = PgConnection::connect(&self.database).await.expect("the database");
             loop {
-                let row = sqlx::query(&statement)
-                    .fetch_one(&mut connection)
-                    .await
-                    .expect("a count");
+                let row = sqlx::query(&statement).fetch_one(&mut connection).await.expect("a count");
                 let stored: i64 = row.get(0);
                 if stored as usize >= records {
                     return stored as usize;

@@ -21,10 +21,7 @@ use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, encode_block
 const RECORD_BYTES: usize = 4 * SAMPLES;
 
 fn main() {
-    let asked: Vec<String> = std::env::args()
-        .skip(1)
-        .filter(|word| !word.starts_with('-'))
-        .collect();
+    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let wanted = |name: &str| asked.is_empty() || asked.iter().any(|word| word == name);
     if wanted("replay") {
         replay();
@@ -79,16 +76,7 @@ fn recording() -> PathBuf {
         fs::create_dir_all(path.parent().expect("a folder above")).expect("a folder for the recording");
         println!("simulating {} (once)", path.display());
         let done = Command::new(driven::BINARY)
-            .args([
-                "simulate",
-                "--records",
-                "600",
-                "--seconds",
-                "10",
-                "--rate",
-                "20000",
-                "--out",
-            ])
+            .args(["simulate", "--records", "600", "--seconds", "10", "--rate", "20000", "--out"])
             .arg(&path)
             .status();
         assert!(done.expect("the release binary").success());
@@ -160,9 +148,8 @@ fn uploads() {
         1e3 * reference,
         1.0 / (rate * reference),
     );
-    let (_, times) = load(&service, 8, COUNT, Some(0.7 * rate), |n, stream| {
-        upload(WARM_UP + COUNT + n, stream)
-    });
+    let (_, times) =
+        load(&service, 8, COUNT, Some(0.7 * rate), |n, stream| upload(WARM_UP + COUNT + n, stream));
     println!(
         "uploads at 70 % of that: p50 {:.1} ms, p99 {:.1} ms",
         1e3 * quantile(&times, 0.5),
@@ -175,15 +162,9 @@ fn uploads() {
 fn new_asset() {
     const COUNT: usize = 600;
     let service = Service::start(&folder("new-asset"));
-    service.post(
-        "/v1/assets",
-        "application/json",
-        described("new").to_string().as_bytes(),
-    );
+    service.post("/v1/assets", "application/json", described("new").to_string().as_bytes());
     let records = Uploads::new();
-    let (_, times) = load(&service, 8, COUNT, Some(20.0), |n, stream| {
-        records.send(stream, "new", n % 4, n)
-    });
+    let (_, times) = load(&service, 8, COUNT, Some(20.0), |n, stream| records.send(stream, "new", n % 4, n));
     let summary = service.get("/v1/assets/new")["summary"].clone();
     println!(
         "uploads to a new asset: p50 {:.1} ms, p99 {:.1} ms; after {COUNT} records its library is {}, and its simulation at {}",
@@ -201,16 +182,10 @@ fn fill(service: &Service, asset: &str, records: i64) -> f64 {
         let mut writer =
             McapWriter::new(std::io::Cursor::new(Vec::new()), McapOptions::default()).expect("a writer");
         for n in first..records.min(first + 10_000) {
-            writer
-                .write("/pump/1/waveform", &record(n, 256))
-                .expect("a record");
+            writer.write("/pump/1/waveform", &record(n, 256)).expect("a record");
         }
         let bytes = writer.finish().expect("a recording").into_inner();
-        service.post(
-            &format!("/v1/assets/{asset}/segments"),
-            "application/mcap",
-            &bytes,
-        );
+        service.post(&format!("/v1/assets/{asset}/segments"), "application/mcap", &bytes);
     }
     began.elapsed().as_secs_f64()
 }
@@ -227,9 +202,8 @@ fn polling() {
         1e3 * seconds / records as f64
     );
     let get = "GET /v1/assets/pump/wear HTTP/1.1\r\nhost: localhost\r\n\r\n";
-    let (seconds, times) = load(&service, 8, 10_000, None, |_, stream| {
-        assert_eq!(exchange(stream, get, b""), 200)
-    });
+    let (seconds, times) =
+        load(&service, 8, 10_000, None, |_, stream| assert_eq!(exchange(stream, get, b""), 200));
     println!(
         "polling: {:.0} GET wear a second over 8 connections, p50 {:.2} ms, p99 {:.2} ms",
         10_000.0 / seconds,
@@ -238,12 +212,8 @@ fn polling() {
     );
     let trend =
         "GET /v1/assets/pump/indicators?names=rms&max_points=1000 HTTP/1.1\r\nhost: localhost\r\n\r\n";
-    let (_, first) = load(&service, 1, 1, None, |_, stream| {
-        assert_eq!(exchange(stream, trend, b""), 200)
-    });
-    let (_, times) = load(&service, 1, 200, None, |_, stream| {
-        assert_eq!(exchange(stream, trend, b""), 200)
-    });
+    let (_, first) = load(&service, 1, 1, None, |_, stream| assert_eq!(exchange(stream, trend, b""), 200));
+    let (_, times) = load(&service, 1, 200, None, |_, stream| assert_eq!(exchange(stream, trend, b""), 200));
     println!(
         "trend of {records} points reduced to 1000: p50 {:.2} ms, p99 {:.2} ms; the first one, read from the disk, {:.0} ms",
         1e3 * quantile(&times, 0.5),
@@ -316,14 +286,7 @@ fn fleet() {
         };
         let (made, _) = load(&service, 8, assets, None, |n, stream| {
             let body = described(&format!("a{n:06}")).to_string();
-            request(
-                stream,
-                "POST",
-                "/v1/assets",
-                "application/json",
-                body.as_bytes(),
-                201,
-            );
+            request(stream, "POST", "/v1/assets", "application/json", body.as_bytes(), 201);
         });
         let (stored, _) = load(&service, 8, assets, None, |n, stream| {
             let body = encode_block(&record(n as i64, 256), BlockEncoding::Protobuf);

@@ -48,21 +48,11 @@ impl Service {
         let mut out = BufReader::new(child.stdout.take().expect("its output is piped"));
         while !line.contains("http://") {
             line.clear();
-            assert!(
-                out.read_line(&mut line).expect("it speaks") > 0,
-                "the service did not start"
-            );
+            assert!(out.read_line(&mut line).expect("it speaks") > 0, "the service did not start");
         }
         let address = line.split("http://").nth(1).unwrap_or_default().trim().to_owned();
-        let agent = ureq::Agent::config_builder()
-            .timeout_global(Some(Duration::from_secs(600)))
-            .build();
-        Self {
-            child,
-            address,
-            folder: folder.to_owned(),
-            agent: agent.into(),
-        }
+        let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(600))).build();
+        Self { child, address, folder: folder.to_owned(), agent: agent.into() }
     }
 
     pub(crate) fn get(&self, path: &str) -> Value {
@@ -76,11 +66,7 @@ impl Service {
 
     /// Describes a gear pair's asset and waits until its records can be compared.
     pub(crate) fn make_asset(&self, id: &str) {
-        self.post(
-            "/v1/assets",
-            "application/json",
-            described(id).to_string().as_bytes(),
-        );
+        self.post("/v1/assets", "application/json", described(id).to_string().as_bytes());
         while self.get(&format!("/v1/assets/{id}"))["summary"]["library_state"] != "ready" {
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -101,18 +87,12 @@ impl Service {
         let proc = format!("/proc/{}", self.child.id());
         let status = fs::read_to_string(format!("{proc}/status")).unwrap_or_default();
         let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        let peak_kb: f64 = peak
-            .and_then(|text| text.trim().trim_end_matches(" kB").parse().ok())
-            .unwrap_or(f64::NAN);
+        let peak_kb: f64 =
+            peak.and_then(|text| text.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(f64::NAN);
         let stat = fs::read_to_string(format!("{proc}/stat")).unwrap_or_default();
         let fields: Vec<&str> = stat.rsplit(") ").next().unwrap_or_default().split(' ').collect();
-        let ticks = |n: usize| {
-            fields
-                .get(n)
-                .and_then(|text| text.parse::<f64>().ok())
-                .unwrap_or(f64::NAN)
-                / 100.0
-        };
+        let ticks =
+            |n: usize| fields.get(n).and_then(|text| text.parse::<f64>().ok()).unwrap_or(f64::NAN) / 100.0;
         (peak_kb / 1024.0, ticks(11), ticks(12))
     }
 }
@@ -168,11 +148,7 @@ pub(crate) fn exchange(stream: &mut BufReader<TcpStream>, head: &str, body: &[u8
     stream.get_mut().write_all(body).expect("a connection");
     let mut line = String::new();
     stream.read_line(&mut line).expect("an answer");
-    let status = line
-        .split(' ')
-        .nth(1)
-        .and_then(|code| code.parse().ok())
-        .unwrap_or(0);
+    let status = line.split(' ').nth(1).and_then(|code| code.parse().ok()).unwrap_or(0);
     let mut length = 0;
     loop {
         line.clear();
@@ -226,10 +202,7 @@ pub(crate) fn load(
     };
     let mut times: Vec<f64> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..connections).map(|_| scope.spawn(work)).collect();
-        threads
-            .into_iter()
-            .flat_map(|thread| thread.join().expect("no panic"))
-            .collect()
+        threads.into_iter().flat_map(|thread| thread.join().expect("no panic")).collect()
     });
     let seconds = began.elapsed().as_secs_f64();
     times.sort_by(f64::total_cmp);
@@ -250,9 +223,7 @@ impl Uploads {
             samples: record(0, SAMPLES).samples().to_vec(),
             ..Default::default()
         };
-        Self {
-            body: block.encode_to_vec(),
-        }
+        Self { body: block.encode_to_vec() }
     }
 
     /// Sends the `n`th record, to an asset and on a channel.

@@ -55,10 +55,7 @@ pub fn mcap(bytes: &[u8]) {
 
 /// A CSV file.
 pub fn csv(bytes: &[u8]) {
-    let defaults = RecordDefaults {
-        sample_rate_hz: Some(1000.0),
-        ..RecordDefaults::default()
-    };
+    let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
     for record in decode_csv(bytes, &defaults).into_iter().flatten() {
         check(&record);
     }
@@ -77,16 +74,9 @@ pub fn raw(bytes: &[u8]) {
     let [first, second, samples @ ..] = bytes else {
         return;
     };
-    let sample = if first % 2 == 0 {
-        RawSample::F32
-    } else {
-        RawSample::I16
-    };
+    let sample = if first % 2 == 0 { RawSample::F32 } else { RawSample::I16 };
     if let Ok(layout) = RawLayout::new(sample, 4000.0, u32::from(*second), None) {
-        for record in decode_raw(samples, layout, &RecordDefaults::default())
-            .into_iter()
-            .flatten()
-        {
+        for record in decode_raw(samples, layout, &RecordDefaults::default()).into_iter().flatten() {
             check(&record);
         }
     }
@@ -108,9 +98,7 @@ pub fn json_block(bytes: &[u8]) {
 
 /// The description of a pair, in TOML or JSON.
 pub fn pair(bytes: &[u8]) {
-    let of_toml = str::from_utf8(bytes)
-        .ok()
-        .and_then(|text| PairSpec::from_toml(text).ok());
+    let of_toml = str::from_utf8(bytes).ok().and_then(|text| PairSpec::from_toml(text).ok());
     for spec in of_toml.into_iter().chain(serde_json::from_slice(bytes).ok()) {
         if spec.check().is_ok() {
             let _ = spec.resolve();
@@ -120,19 +108,14 @@ pub fn pair(bytes: &[u8]) {
 
 /// Bodies in JSON that the API takes besides records, and a description in TOML.
 pub fn api_json(bytes: &[u8]) {
-    let of_toml = str::from_utf8(bytes)
-        .ok()
-        .and_then(|text| AssetSpec::from_toml(text).ok());
+    let of_toml = str::from_utf8(bytes).ok().and_then(|text| AssetSpec::from_toml(text).ok());
     for spec in of_toml.into_iter().chain(serde_json::from_slice(bytes).ok()) {
         if spec.validate().is_ok() {
             assert!(spec.alarm_rules().iter().all(|rule| rule.validate().is_ok()));
             let context = spec.mesh_context();
             assert!(context.nominal_shaft_speed_hz.is_finite());
             let again = serde_json::to_vec(&spec).expect("a description that is taken can be answered");
-            assert!(
-                serde_json::from_slice::<AssetSpec>(&again).is_ok(),
-                "what is answered can be sent back"
-            );
+            assert!(serde_json::from_slice::<AssetSpec>(&again).is_ok(), "what is answered can be sent back");
         }
     }
     let _ = serde_json::from_slice::<ReplayRequest>(bytes);

@@ -19,17 +19,12 @@ const NOVELTY_HYSTERESIS: f64 = 1.0;
 impl AssetSpec {
     /// The alarm rules in force.
     pub fn alarm_rules(&self) -> Vec<AlarmRule> {
-        self.alarms
-            .clone()
-            .unwrap_or_else(|| following_from(&self.limits))
+        self.alarms.clone().unwrap_or_else(|| following_from(&self.limits))
     }
 }
 
 fn following_from(limits: &WearLimits) -> Vec<AlarmRule> {
-    let WearLimits {
-        warning_um,
-        danger_um,
-    } = *limits;
+    let WearLimits { warning_um, danger_um } = *limits;
     let Some(lower) = warning_um.or(danger_um) else {
         return Vec::new();
     };
@@ -50,11 +45,7 @@ fn following_from(limits: &WearLimits) -> Vec<AlarmRule> {
 
 pub(super) fn validate(rules: &[AlarmRule], bands: &[Band]) -> Result<(), AssetError> {
     if rules.len() > MAX_RULES {
-        return Err(field(
-            "alarms",
-            format!("a list of {}", rules.len()),
-            "at most 32 rules",
-        ));
+        return Err(field("alarms", format!("a list of {}", rules.len()), "at most 32 rules"));
     }
     for (index, rule) in rules.iter().enumerate() {
         if rules[..index].iter().any(|other| other.quantity == rule.quantity) {
@@ -64,11 +55,7 @@ pub(super) fn validate(rules: &[AlarmRule], bands: &[Band]) -> Result<(), AssetE
             check_indicator(name, bands)?;
         }
         rule.validate().map_err(|error| match error {
-            AlarmError::Field {
-                field: name,
-                value,
-                expected,
-            } => field(
+            AlarmError::Field { field: name, value, expected } => field(
                 match name {
                     "warning" => "alarms.warning",
                     "danger" => "alarms.danger",
@@ -83,16 +70,12 @@ pub(super) fn validate(rules: &[AlarmRule], bands: &[Band]) -> Result<(), AssetE
                 value,
                 expected,
             ),
-            AlarmError::NoStretch => field(
-                "alarms.over_s",
-                "missing",
-                "the number of seconds over which the change is measured",
-            ),
-            AlarmError::NoLevel | AlarmError::State { .. } => field(
-                "alarms",
-                &rule.quantity,
-                "a warning or a danger level for each quantity",
-            ),
+            AlarmError::NoStretch => {
+                field("alarms.over_s", "missing", "the number of seconds over which the change is measured")
+            }
+            AlarmError::NoLevel | AlarmError::State { .. } => {
+                field("alarms", &rule.quantity, "a warning or a danger level for each quantity")
+            }
         })?;
     }
     Ok(())
@@ -115,41 +98,24 @@ mod tests {
     use super::*;
 
     fn spec(text: &str) -> Result<AssetSpec, AssetError> {
-        AssetSpec::from_toml(&format!(
-            "id = \"a\"\n{text}\n[gear]\nteeth = [24, 36]\nshaft_speed_hz = 16.6"
-        ))
+        AssetSpec::from_toml(&format!("id = \"a\"\n{text}\n[gear]\nteeth = [24, 36]\nshaft_speed_hz = 16.6"))
     }
 
     #[test]
     fn rules_follow_from_limits_unless_they_are_given() {
         assert!(spec("").unwrap().alarm_rules().is_empty());
-        let rules = spec("limits = { warning_um = 100, danger_um = 200 }")
-            .unwrap()
-            .alarm_rules();
+        let rules = spec("limits = { warning_um = 100, danger_um = 200 }").unwrap().alarm_rules();
         assert_eq!(
-            (
-                rules.len(),
-                rules[0].warning,
-                rules[0].danger,
-                rules[0].hysteresis
-            ),
+            (rules.len(), rules[0].warning, rules[0].danger, rules[0].hysteresis),
             (2, Some(100.0), Some(200.0), 5.0)
         );
         assert!(rules.iter().all(|rule| rule.validate().is_ok()));
-        let alike = spec("limits = { warning_um = 200, danger_um = 200 }")
-            .unwrap()
-            .alarm_rules();
+        let alike = spec("limits = { warning_um = 200, danger_um = 200 }").unwrap().alarm_rules();
         assert_eq!((alike[0].warning, alike[0].danger), (None, Some(200.0)));
         assert!(alike[0].validate().is_ok());
-        assert!(
-            spec("alarms = []\nlimits = { warning_um = 100 }")
-                .unwrap()
-                .alarm_rules()
-                .is_empty()
-        );
-        let given = spec("alarms = [{ quantity = { indicator = \"rms\" }, warning = 2.5 }]")
-            .unwrap()
-            .alarm_rules();
+        assert!(spec("alarms = []\nlimits = { warning_um = 100 }").unwrap().alarm_rules().is_empty());
+        let given =
+            spec("alarms = [{ quantity = { indicator = \"rms\" }, warning = 2.5 }]").unwrap().alarm_rules();
         assert_eq!(given[0].quantity, AlarmQuantity::Indicator("rms".into()));
     }
 
@@ -157,41 +123,23 @@ mod tests {
     fn rules_that_cannot_be_used_name_their_field() {
         for (rules, name) in [
             ("{ quantity = \"wear_um\" }", "alarms"),
-            (
-                "{ quantity = \"wear_um\", warning = 2, danger = 1 }",
-                "alarms.danger",
-            ),
+            ("{ quantity = \"wear_um\", warning = 2, danger = 1 }", "alarms.danger"),
             ("{ quantity = \"novelty\", warning = nan }", "alarms.warning"),
-            (
-                "{ quantity = \"novelty\", warning = 1, hysteresis = -1 }",
-                "alarms.hysteresis",
-            ),
+            ("{ quantity = \"novelty\", warning = 1, hysteresis = -1 }", "alarms.hysteresis"),
             (
                 "{ quantity = \"novelty\", warning = 1, settings = { raise = 3, raise_of = 2, clear = 1, clear_of = 1 } }",
                 "alarms.settings.raise",
             ),
-            (
-                "{ quantity = { indicator = \"\" }, warning = 1 }",
-                "alarms.quantity.indicator",
-            ),
+            ("{ quantity = { indicator = \"\" }, warning = 1 }", "alarms.quantity.indicator"),
             ("{ quantity = \"novelty\", warning = 1e308 }", "alarms.warning"),
-            (
-                "{ quantity = \"wear_um\", danger_below = 2, warning_below = 1 }",
-                "alarms.danger_below",
-            ),
-            (
-                "{ quantity = { rate_per_day = \"wear_um\" }, warning = 1 }",
-                "alarms.over_s",
-            ),
+            ("{ quantity = \"wear_um\", danger_below = 2, warning_below = 1 }", "alarms.danger_below"),
+            ("{ quantity = { rate_per_day = \"wear_um\" }, warning = 1 }", "alarms.over_s"),
             (
                 "{ quantity = { rate_per_day = { indicator = \"rsm\" } }, warning = 1, over_s = 60 }",
                 "alarms.quantity.indicator",
             ),
             ("{ quantity = \"sensor_fault\", danger = 1 }", "alarms.danger"),
-            (
-                "{ quantity = \"stale_s\", warning_below = 1 }",
-                "alarms.warning_below",
-            ),
+            ("{ quantity = \"stale_s\", warning_below = 1 }", "alarms.warning_below"),
             (
                 "{ quantity = \"novelty\", warning = 1 }, { quantity = \"novelty\", danger = 2 }",
                 "alarms.quantity",
@@ -209,15 +157,10 @@ mod tests {
         let error = spec("alarms = [{ quantity = { indicator = \"kurtsosis\" }, warning = 4 }]")
             .unwrap_err()
             .to_string();
-        assert!(
-            error.contains("\"kurtsosis\"") && error.contains("the nearest are kurtosis"),
-            "{error}"
-        );
+        assert!(error.contains("\"kurtsosis\"") && error.contains("the nearest are kurtosis"), "{error}");
         let bands = "bands = [{ name = \"low\", band_hz = [10, 1000] }]";
         let of_band = |name: &str| {
-            spec(&format!(
-                "alarms = [{{ quantity = {{ indicator = \"{name}\" }}, warning = 4 }}]\n{bands}"
-            ))
+            spec(&format!("alarms = [{{ quantity = {{ indicator = \"{name}\" }}, warning = 4 }}]\n{bands}"))
         };
         assert!(of_band("band_low").is_ok());
         assert!(of_band("band_lwo").unwrap_err().to_string().contains("band_low"));

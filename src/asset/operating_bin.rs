@@ -41,8 +41,7 @@ impl OperatingBin {
 
     fn overlaps(&self, other: &Self) -> bool {
         let meet = |one: Option<[f64; 2]>, two: Option<[f64; 2]>| {
-            one.zip(two)
-                .is_none_or(|(one, two)| one[0] < two[1] && two[0] < one[1])
+            one.zip(two).is_none_or(|(one, two)| one[0] < two[1] && two[0] < one[1])
         };
         meet(self.shaft_speed_hz, other.shaft_speed_hz) && meet(self.torque_nm, other.torque_nm)
     }
@@ -50,11 +49,7 @@ impl OperatingBin {
 
 pub(super) fn validate(bins: &[OperatingBin]) -> Result<(), AssetError> {
     if bins.len() > MAX_BINS {
-        return Err(field(
-            "operating_bins",
-            format!("a list of {}", bins.len()),
-            "at most 16 bins",
-        ));
+        return Err(field("operating_bins", format!("a list of {}", bins.len()), "at most 16 bins"));
     }
     for (index, bin) in bins.iter().enumerate() {
         let name = bin.name.as_str();
@@ -104,23 +99,16 @@ mod tests {
     use super::*;
 
     fn bin(name: &str, shaft_speed_hz: Option<[f64; 2]>, torque_nm: Option<[f64; 2]>) -> OperatingBin {
-        OperatingBin {
-            name: name.to_owned(),
-            shaft_speed_hz,
-            torque_nm,
-        }
+        OperatingBin { name: name.to_owned(), shaft_speed_hz, torque_nm }
     }
 
     #[test]
     fn a_bin_holds_its_lower_edge_and_not_its_upper_one() {
         let both = bin("a", Some([10.0, 20.0]), Some([0.0, 5.0]));
         assert!(both.holds(Some(10.0), Some(0.0)));
-        for (speed, torque) in [
-            (Some(20.0), Some(1.0)),
-            (Some(15.0), None),
-            (None, Some(1.0)),
-            (Some(15.0), Some(5.0)),
-        ] {
+        for (speed, torque) in
+            [(Some(20.0), Some(1.0)), (Some(15.0), None), (None, Some(1.0)), (Some(15.0), Some(5.0))]
+        {
             assert!(!both.holds(speed, torque), "{speed:?} {torque:?}");
         }
         assert!(bin("b", Some([10.0, 20.0]), None).holds(Some(15.0), None));
@@ -130,10 +118,8 @@ mod tests {
     fn bins_that_touch_are_taken_and_those_that_overlap_refused() {
         let slow = bin("slow", Some([10.0, 20.0]), None);
         assert!(validate(&[slow.clone(), bin("fast", Some([20.0, 30.0]), None)]).is_ok());
-        let of_one_speed = [
-            bin("a", Some([1.0, 2.0]), Some([0.0, 5.0])),
-            bin("b", Some([1.0, 2.0]), Some([5.0, 9.0])),
-        ];
+        let of_one_speed =
+            [bin("a", Some([1.0, 2.0]), Some([0.0, 5.0])), bin("b", Some([1.0, 2.0]), Some([5.0, 9.0]))];
         assert!(validate(&of_one_speed).is_ok());
         for other in [
             bin("fast", Some([19.0, 30.0]), None),
@@ -145,9 +131,8 @@ mod tests {
         ] {
             assert!(validate(&[slow.clone(), other.clone()]).is_err(), "{other:?}");
         }
-        let many: Vec<_> = (0..17)
-            .map(|n| bin(&n.to_string(), Some([f64::from(n), f64::from(n) + 1.0]), None))
-            .collect();
+        let many: Vec<_> =
+            (0..17).map(|n| bin(&n.to_string(), Some([f64::from(n), f64::from(n) + 1.0]), None)).collect();
         assert!(validate(&many).is_err());
     }
 }

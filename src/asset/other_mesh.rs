@@ -38,27 +38,19 @@ pub struct OtherMeshSpec {
 impl OtherMeshSpec {
     /// The mesh of an asset as another asset of the same sensor hears it.
     pub fn of(gear: &GearSpec) -> Self {
-        Self {
-            teeth: gear.teeth,
-            shaft_ratio: gear.shaft_ratio,
-        }
+        Self { teeth: gear.teeth, shaft_ratio: gear.shaft_ratio }
     }
 
     /// In orders of the driving shaft of `own`.
     fn seen_from(self, own: &GearSpec) -> OtherMesh {
         let [driving, driven] = self.teeth.map(f64::from);
         let turns = turns(self.shaft_ratio) / own.driving_shaft_turns();
-        OtherMesh {
-            mesh_orders: driving * turns,
-            shaft_orders: [turns, turns * driving / driven],
-        }
+        OtherMesh { mesh_orders: driving * turns, shaft_orders: [turns, turns * driving / driven] }
     }
 
     /// As it is written in a description.
     fn words(self) -> String {
-        let ratio = self
-            .shaft_ratio
-            .map_or_else(String::new, |ratio| format!(", shaft_ratio = {ratio:?}"));
+        let ratio = self.shaft_ratio.map_or_else(String::new, |ratio| format!(", shaft_ratio = {ratio:?}"));
         format!("teeth = {:?}{ratio}", self.teeth)
     }
 
@@ -154,10 +146,7 @@ mod tests {
     fn what_cannot_be_used_names_its_field() {
         for (gear, name) in [
             ("teeth = [24, 36]\nshaft_ratio = [0, 36]", "gear.shaft_ratio"),
-            (
-                "teeth = [24, 36]\nother_meshes = [{ teeth = [3, 57] }]",
-                "gear.other_meshes",
-            ),
+            ("teeth = [24, 36]\nother_meshes = [{ teeth = [3, 57] }]", "gear.other_meshes"),
             (
                 "teeth = [24, 36]\nother_meshes = [{ teeth = [19, 57], shaft_ratio = [1, 2000000] }]",
                 "gear.other_meshes",

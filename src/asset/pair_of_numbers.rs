@@ -21,9 +21,7 @@ pub(super) fn other_teeth<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 /// `gear.shaft_ratio`, where it is given.
 pub(super) fn shaft_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[u32; 2]>, D::Error> {
     let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
-    numbers
-        .map(|numbers| pair("gear.shaft_ratio", RATIO, &numbers))
-        .transpose()
+    numbers.map(|numbers| pair("gear.shaft_ratio", RATIO, &numbers)).transpose()
 }
 
 /// `shaft_ratio` of other meshes, where it is given.
@@ -31,9 +29,7 @@ pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<[u32; 2]>, D::Error> {
     let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
-    numbers
-        .map(|numbers| pair("gear.other_meshes.shaft_ratio", RATIO, &numbers))
-        .transpose()
+    numbers.map(|numbers| pair("gear.other_meshes.shaft_ratio", RATIO, &numbers)).transpose()
 }
 
 fn pair<E: Error>(field: &str, expected: &str, numbers: &[f64]) -> Result<[u32; 2], E> {
@@ -46,10 +42,7 @@ fn pair<E: Error>(field: &str, expected: &str, numbers: &[f64]) -> Result<[u32; 
         _ => {
             let told: Vec<String> = numbers.iter().take(TOLD).map(f64::to_string).collect();
             let more = if numbers.len() > TOLD { ", …" } else { "" };
-            Err(E::custom(format!(
-                "{field} is [{}{more}], expected {expected}",
-                told.join(", ")
-            )))
+            Err(E::custom(format!("{field} is [{}{more}], expected {expected}", told.join(", "))))
         }
     }
 }
@@ -61,27 +54,16 @@ mod tests {
     #[test]
     fn a_list_that_is_no_pair_is_refused_by_name() {
         let spec = |teeth: &str| {
-            AssetSpec::from_toml(&format!(
-                "id = \"a\"\n[gear]\nteeth = {teeth}\nshaft_speed_hz = 10.0"
-            ))
+            AssetSpec::from_toml(&format!("id = \"a\"\n[gear]\nteeth = {teeth}\nshaft_speed_hz = 10.0"))
         };
         assert_eq!(spec("[24, 36]").unwrap().gear.teeth, [24, 36]);
         for (teeth, told) in [
-            (
-                "[24, 26, 27]",
-                "gear.teeth is [24, 26, 27], expected two tooth numbers from 4 to 1000",
-            ),
+            ("[24, 26, 27]", "gear.teeth is [24, 26, 27], expected two tooth numbers from 4 to 1000"),
             ("[24]", "gear.teeth is [24], expected"),
             ("[24, 26.5]", "gear.teeth is [24, 26.5], expected"),
             ("[24, -1]", "gear.teeth is [24, -1], expected"),
-            (
-                "[1, 2, 3, 4, 5, 6, 7, 8, 9]",
-                "gear.teeth is [1, 2, 3, 4, 5, 6, 7, 8, …], expected",
-            ),
-            (
-                "[24, 26]\nother_meshes = [{ teeth = [19] }]",
-                "gear.other_meshes.teeth is [19], expected",
-            ),
+            ("[1, 2, 3, 4, 5, 6, 7, 8, 9]", "gear.teeth is [1, 2, 3, 4, 5, 6, 7, 8, …], expected"),
+            ("[24, 26]\nother_meshes = [{ teeth = [19] }]", "gear.other_meshes.teeth is [19], expected"),
             (
                 "[24, 26]\nshaft_ratio = [1, 2, 3]",
                 "gear.shaft_ratio is [1, 2, 3], expected two whole numbers",

@@ -83,20 +83,12 @@ impl Location {
 
 pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
     if points.len() > MAX_POINTS {
-        return Err(field(
-            "points",
-            format!("a list of {}", points.len()),
-            "at most 64 measuring points",
-        ));
+        return Err(field("points", format!("a list of {}", points.len()), "at most 64 measuring points"));
     }
     for (index, point) in points.iter().enumerate() {
         check_text("points.channel", Some(&point.channel))?;
         if points[..index].iter().any(|other| other.channel == point.channel) {
-            return Err(field(
-                "points.channel",
-                format!("{:?}", point.channel),
-                "every channel once",
-            ));
+            return Err(field("points.channel", format!("{:?}", point.channel), "every channel once"));
         }
         check_text("points.place", point.place.as_deref())?;
         check_text("points.axis", point.axis.as_deref())?;
@@ -106,11 +98,7 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
         if let Some(sensitivity) = point.sensitivity
             && !(sensitivity > 0.0 && sensitivity <= GREATEST_SENSITIVITY)
         {
-            return Err(field(
-                "points.sensitivity",
-                sensitivity,
-                "a number above 0 and at most 1e12",
-            ));
+            return Err(field("points.sensitivity", sensitivity, "a number above 0 and at most 1e12"));
         }
     }
     Ok(())
@@ -121,11 +109,7 @@ pub(super) fn check_text(name: &'static str, text: Option<&str>) -> Result<(), A
         Some(text)
             if text.trim().is_empty() || text.len() > MAX_TEXT || text.chars().any(char::is_control) =>
         {
-            Err(field(
-                name,
-                format!("{text:?}"),
-                "1 to 200 bytes without control characters",
-            ))
+            Err(field(name, format!("{text:?}"), "1 to 200 bytes without control characters"))
         }
         _ => Ok(()),
     }

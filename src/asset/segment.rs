@@ -117,12 +117,7 @@ mod tests {
             media_type: "audio/wav".into(),
             channel_index: 0,
         };
-        SegmentId::derive(
-            &AssetId::new("pump").unwrap(),
-            channel,
-            start_time.parse().unwrap(),
-            &raw,
-        )
+        SegmentId::derive(&AssetId::new("pump").unwrap(), channel, start_time.parse().unwrap(), &raw)
     }
 
     #[test]

@@ -191,9 +191,7 @@ fn default_baseline_records() -> u32 {
 
 impl Default for BaselineSpec {
     fn default() -> Self {
-        Self {
-            records: default_baseline_records(),
-        }
+        Self { records: default_baseline_records() }
     }
 }
 
@@ -201,13 +199,10 @@ impl AssetId {
     /// Checks a name.
     pub fn new(id: impl Into<String>) -> Result<Self, AssetError> {
         let id = id.into();
-        let first_is_alphanumeric = id
-            .chars()
-            .next()
-            .is_some_and(|c| c.is_ascii_lowercase() || c.is_ascii_digit());
-        let rest_is_usable = id
-            .chars()
-            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_');
+        let first_is_alphanumeric =
+            id.chars().next().is_some_and(|c| c.is_ascii_lowercase() || c.is_ascii_digit());
+        let rest_is_usable =
+            id.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_');
         if first_is_alphanumeric && rest_is_usable && id.len() <= 64 {
             Ok(Self(id))
         } else {
@@ -261,16 +256,11 @@ impl AssetSpec {
         alarm_rules::validate(self.alarms.as_deref().unwrap_or_default(), &self.bands)?;
         operating_bin::validate(&self.operating_bins)?;
         if !(8..=10_000).contains(&self.baseline.records) {
-            return Err(field(
-                "baseline.records",
-                self.baseline.records,
-                "a number from 8 to 10000",
-            ));
+            return Err(field("baseline.records", self.baseline.records, "a number from 8 to 10000"));
         }
-        for (name, limit) in [
-            ("limits.warning_um", self.limits.warning_um),
-            ("limits.danger_um", self.limits.danger_um),
-        ] {
+        for (name, limit) in
+            [("limits.warning_um", self.limits.warning_um), ("limits.danger_um", self.limits.danger_um)]
+        {
             if let Some(limit) = limit
                 && !(limit > 0.0 && limit <= GREATEST_DEPTH_UM)
             {
@@ -280,11 +270,7 @@ impl AssetSpec {
         if let (Some(warning), Some(danger)) = (self.limits.warning_um, self.limits.danger_um)
             && warning > danger
         {
-            return Err(field(
-                "limits.warning_um",
-                warning,
-                "a depth at or below limits.danger_um",
-            ));
+            return Err(field("limits.warning_um", warning, "a depth at or below limits.danger_um"));
         }
         if let Some([low, high]) = self.envelope_band_hz
             && !(low >= 0.0 && low < high && high <= GREATEST_FREQUENCY_HZ)
@@ -303,11 +289,7 @@ impl AssetSpec {
             ));
         }
         if self.bands.len() > MAX_BANDS {
-            return Err(field(
-                "bands",
-                format!("a list of {}", self.bands.len()),
-                "at most 16 bands",
-            ));
+            return Err(field("bands", format!("a list of {}", self.bands.len()), "at most 16 bands"));
         }
         for (index, band) in self.bands.iter().enumerate() {
             if !band.is_usable()
@@ -329,17 +311,12 @@ impl AssetSpec {
 
     /// The name for people, or the one in addresses where there is none.
     pub fn name_or_id(&self) -> &str {
-        if self.name.is_empty() {
-            self.id.as_str()
-        } else {
-            &self.name
-        }
+        if self.name.is_empty() { self.id.as_str() } else { &self.name }
     }
 
     /// The band of the envelope spectrum, where it is given.
     pub fn given_envelope_band(&self) -> Option<EnvelopeBand> {
-        self.envelope_band_hz
-            .map(|band_hz| EnvelopeBand::given(band_hz, BandSource::Asset))
+        self.envelope_band_hz.map(|band_hz| EnvelopeBand::given(band_hz, BandSource::Asset))
     }
 
     /// Units of the samples of measuring points that have one of their own, by channel.
@@ -382,11 +359,7 @@ impl GearSpec {
     /// Checks teeth and speed against their limits; the numbers of the pair are left to [`PairSpec::check`].
     pub fn check_beside_pair(&self) -> Result<(), AssetError> {
         if self.teeth.iter().any(|z| !(4..=1000).contains(z)) {
-            return Err(field(
-                "gear.teeth",
-                format!("{:?}", self.teeth),
-                "two tooth numbers from 4 to 1000",
-            ));
+            return Err(field("gear.teeth", format!("{:?}", self.teeth), "two tooth numbers from 4 to 1000"));
         }
         if !(self.shaft_speed_hz > 0.0 && self.shaft_speed_hz <= 10_000.0) {
             return Err(field(
@@ -396,11 +369,7 @@ impl GearSpec {
             ));
         }
         if !(0.0..=0.5).contains(&self.speed_tolerance) {
-            return Err(field(
-                "gear.speed_tolerance",
-                self.speed_tolerance,
-                "a fraction from 0 to 0.5",
-            ));
+            return Err(field("gear.speed_tolerance", self.speed_tolerance, "a fraction from 0 to 0.5"));
         }
         Ok(())
     }
@@ -423,11 +392,7 @@ pub(super) fn field(
     value: impl fmt::Display,
     expected: impl Into<Cow<'static, str>>,
 ) -> AssetError {
-    AssetError::Field {
-        field,
-        value: value.to_string(),
-        expected: expected.into(),
-    }
+    AssetError::Field { field, value: value.to_string(), expected: expected.into() }
 }
 
 #[cfg(test)]
@@ -435,9 +400,7 @@ mod tests {
     use super::*;
 
     fn with_bands(bands: &str) -> Result<AssetSpec, AssetError> {
-        AssetSpec::from_toml(&format!(
-            "id = \"a\"\n{bands}\n[gear]\nteeth = [24, 36]\nshaft_speed_hz = 16.6"
-        ))
+        AssetSpec::from_toml(&format!("id = \"a\"\n{bands}\n[gear]\nteeth = [24, 36]\nshaft_speed_hz = 16.6"))
     }
 
     #[test]
@@ -467,18 +430,9 @@ mod tests {
             ("limits = { danger_um = 1e308 }", "limits.danger_um"),
             ("envelope_band_hz = [1.0, 1e308]", "envelope_band_hz"),
             ("bands = [{ name = \"a\", band_hz = [1, 1e308] }]", "bands"),
-            (
-                "points = [{ channel = \"a\", sensitivity = 1e308 }]",
-                "points.sensitivity",
-            ),
-            (
-                "operating_bins = [{ name = \"a\", torque_nm = [0, 1e308] }]",
-                "operating_bins.torque_nm",
-            ),
-            (
-                "alarms = [{ quantity = \"novelty\", warning = 1, hysteresis = 1e308 }]",
-                "alarms.hysteresis",
-            ),
+            ("points = [{ channel = \"a\", sensitivity = 1e308 }]", "points.sensitivity"),
+            ("operating_bins = [{ name = \"a\", torque_nm = [0, 1e308] }]", "operating_bins.torque_nm"),
+            ("alarms = [{ quantity = \"novelty\", warning = 1, hysteresis = 1e308 }]", "alarms.hysteresis"),
         ] {
             match with_bands(text) {
                 Err(AssetError::Field { field, expected, .. }) => {
@@ -505,10 +459,7 @@ mod tests {
             "{ name = \"a\", band_hz = [1, 10] }, { name = \"a\", band_hz = [1, 20] }",
         ] {
             let error = with_bands(&format!("bands = [{band}]")).unwrap_err();
-            assert!(
-                matches!(error, AssetError::Field { field: "bands", .. }),
-                "{error}"
-            );
+            assert!(matches!(error, AssetError::Field { field: "bands", .. }), "{error}");
         }
     }
 }

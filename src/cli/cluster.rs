@@ -72,10 +72,7 @@ mod with_cluster {
             &self,
             work: impl AsyncFnOnce(Cluster) -> Result<T, ClusterError>,
         ) -> Result<T, CliError> {
-            let serve = ServeArgs {
-                config: self.config.clone(),
-                ..ServeArgs::default()
-            };
+            let serve = ServeArgs { config: self.config.clone(), ..ServeArgs::default() };
             let settings = serve.resolve()?.cluster.ok_or(ServeError::NoClusterTable)?;
             let runtime = super::super::store_place::runtime()?;
             let done = runtime.block_on(async { work(Cluster::look_at(settings.nats).await?).await });
@@ -106,16 +103,10 @@ mod with_cluster {
             overview.workers.len()
         );
         if !overview.workers.is_empty() {
-            let longest = overview
-                .workers
-                .iter()
-                .map(|worker| worker.name.chars().count())
-                .max()
-                .unwrap_or_default();
-            text += &format!(
-                "\n{:longest$}  {:>8}  {:>7}  {:>12}\n",
-                "worker", "version", "in work", "stored"
-            );
+            let longest =
+                overview.workers.iter().map(|worker| worker.name.chars().count()).max().unwrap_or_default();
+            text +=
+                &format!("\n{:longest$}  {:>8}  {:>7}  {:>12}\n", "worker", "version", "in work", "stored");
             for worker in &overview.workers {
                 let in_work = format!("{}/{}", worker.in_work, worker.at_once);
                 text += &format!(

@@ -124,11 +124,7 @@ impl Target {
         match extension.as_deref() {
             Some("mcap") => Ok(Self::Mcap),
             Some("wav") => Ok(Self::Wav),
-            _ => Err(argument(
-                "OUT",
-                path.display(),
-                "a name that ends in .mcap or .wav",
-            )),
+            _ => Err(argument("OUT", path.display(), "a name that ends in .mcap or .wav")),
         }
     }
 }
@@ -140,14 +136,8 @@ fn write_mcap(
     source: &mut Source,
     file: &File,
 ) -> Result<String, ConvertError> {
-    let input = |source: RecordingError| ConvertError::Input {
-        path: args.input.clone(),
-        source,
-    };
-    let output = |source: RecordingError| ConvertError::Output {
-        path: args.output.clone(),
-        source,
-    };
+    let input = |source: RecordingError| ConvertError::Input { path: args.input.clone(), source };
+    let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
     let defaults = RecordDefaults {
         start_time: source.start_time.unwrap_or(args.start_time),
         unit: args.unit.clone(),
@@ -160,13 +150,8 @@ fn write_mcap(
         ..RecordDefaults::default()
     };
     let cut = args.record_seconds.map(Cut::Seconds);
-    let plan = CutPlan::new(
-        cut,
-        source.frames_at_most,
-        source.sample_rate_hz,
-        source.channels.len(),
-    )
-    .map_err(input)?;
+    let plan = CutPlan::new(cut, source.frames_at_most, source.sample_rate_hz, source.channels.len())
+        .map_err(input)?;
     let mut cutter = Cutter::new(source.channels.clone(), source.sample_rate_hz, &defaults, plan);
     let mut writer = McapWriter::new(BufWriter::new(file), McapOptions::default()).map_err(output)?;
     let mut frame = vec![0.0; source.channels.len()];
@@ -188,25 +173,16 @@ fn write_mcap(
     }
     let mut inner = writer.finish().map_err(output)?;
     inner.flush().map_err(|error| output(error.into()))?;
-    let note = plan.default_seconds.map_or(String::new(), |seconds| {
-        format!(" of {seconds} s (--record-seconds changes it)")
-    });
-    Ok(format!(
-        "{records} records{note}, channels {}",
-        source.channels.join(", ")
-    ))
+    let note = plan
+        .default_seconds
+        .map_or(String::new(), |seconds| format!(" of {seconds} s (--record-seconds changes it)"));
+    Ok(format!("{records} records{note}, channels {}", source.channels.join(", ")))
 }
 
 /// Writes all chosen channels side by side; says what was written.
 fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<String, ConvertError> {
-    let output = |source: RecordingError| ConvertError::Output {
-        path: args.output.clone(),
-        source,
-    };
-    let input = |source: RecordingError| ConvertError::Input {
-        path: args.input.clone(),
-        source,
-    };
+    let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
+    let input = |source: RecordingError| ConvertError::Input { path: args.input.clone(), source };
     let mut writer =
         WavWriter::new(BufWriter::new(file), source.channels.len(), source.sample_rate_hz).map_err(output)?;
     let mut frame = vec![0.0; source.channels.len()];
@@ -223,17 +199,10 @@ fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<Str
         frames += 1;
     }
     if frames == 0 {
-        return Err(input(RecordingError::field(
-            "the number of samples",
-            0,
-            "at least 1",
-        )));
+        return Err(input(RecordingError::field("the number of samples", 0, "at least 1")));
     }
     writer.finish().map_err(output)?;
-    Ok(format!(
-        "{frames} samples, channels {}",
-        source.channels.join(", ")
-    ))
+    Ok(format!("{frames} samples, channels {}", source.channels.join(", ")))
 }
 
 /// The output under a temporary name beside its own; removed again unless it is completed.
@@ -253,11 +222,7 @@ impl Partial {
             .truncate(true)
             .open(&path)
             .map_err(|error| failed(output, error))?;
-        Ok(Self {
-            path,
-            file,
-            complete: false,
-        })
+        Ok(Self { path, file, complete: false })
     }
 
     /// Gives it its name, once it is on the disk.
@@ -279,18 +244,11 @@ impl Drop for Partial {
 }
 
 fn failed(path: &Path, error: std::io::Error) -> ConvertError {
-    ConvertError::Output {
-        path: path.to_owned(),
-        source: error.into(),
-    }
+    ConvertError::Output { path: path.to_owned(), source: error.into() }
 }
 
 fn argument(argument: &'static str, value: impl ToString, expected: &'static str) -> ConvertError {
-    ConvertError::Argument {
-        argument,
-        value: value.to_string(),
-        expected,
-    }
+    ConvertError::Argument { argument, value: value.to_string(), expected }
 }
 
 #[cfg(test)]

@@ -70,24 +70,19 @@ mod with_cluster {
                 }
             }
             Action::Show { number } => {
-                let letter = args
-                    .place
-                    .with(async |cluster| cluster.dead_letter(*number).await)?;
+                let letter = args.place.with(async |cluster| cluster.dead_letter(*number).await)?;
                 match format {
                     Format::Table => print(&description(&letter)),
                     Format::Json => print(&format!("{:#}\n", json!(letter))),
                 }
             }
             Action::Retry(which) => {
-                let done = each(args, which, async |cluster, number| {
-                    cluster.retry_dead_letter(number).await
-                })?;
+                let done =
+                    each(args, which, async |cluster, number| cluster.retry_dead_letter(number).await)?;
                 said(format, "retried", &done)
             }
             Action::Drop(which) => {
-                let done = each(args, which, async |cluster, number| {
-                    cluster.drop_dead_letter(number).await
-                })?;
+                let done = each(args, which, async |cluster, number| cluster.drop_dead_letter(number).await)?;
                 said(format, "dropped", &done)
             }
         }
@@ -101,12 +96,7 @@ mod with_cluster {
     ) -> Result<Vec<u64>, CliError> {
         args.place.with(async |cluster| {
             let numbers = if which.all {
-                cluster
-                    .dead_letters()
-                    .await?
-                    .iter()
-                    .map(|letter| letter.number)
-                    .collect()
+                cluster.dead_letters().await?.iter().map(|letter| letter.number).collect()
             } else {
                 which.numbers.clone()
             };
@@ -125,25 +115,15 @@ mod with_cluster {
     }
 
     fn width() -> usize {
-        let said = std::env::var("COLUMNS")
-            .ok()
-            .and_then(|columns| columns.parse().ok());
+        let said = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
         said.unwrap_or(USUAL_WIDTH)
     }
 
     fn table(letters: &[DeadLetter], width: usize) -> String {
         let asset = |letter: &DeadLetter| {
-            letter
-                .record
-                .as_ref()
-                .map_or("-".to_owned(), |record| record.asset_id.to_string())
+            letter.record.as_ref().map_or("-".to_owned(), |record| record.asset_id.to_string())
         };
-        let longest = letters
-            .iter()
-            .map(|letter| asset(letter).len())
-            .max()
-            .unwrap_or_default()
-            .clamp(5, 24);
+        let longest = letters.iter().map(|letter| asset(letter).len()).max().unwrap_or_default().clamp(5, 24);
         let mut text = format!("{:>8}  {:20}  {:longest$}  reason\n", "number", "since", "asset");
         for letter in letters {
             let line = format!(

@@ -66,10 +66,8 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
     }
     let temporary = std::env::temp_dir().join(format!("flankwatch-demo-{}", std::process::id()));
     let data_dir = args.data_dir.clone().unwrap_or_else(|| temporary.clone());
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()
-        .map_err(CliError::io(&data_dir))?;
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(CliError::io(&data_dir))?;
     let ended = runtime.block_on(serve_and_replay(args, data_dir));
     runtime.shutdown_timeout(Duration::from_secs(1));
     if args.data_dir.is_none()
@@ -96,10 +94,7 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
     let outcome = match replay {
         Ok(false) => {
             output::print("the run is over; the dashboard stays until Ctrl-C\n")?;
-            asked_to_stop().await.map_err(|source| CliError::Io {
-                path: "signals".into(),
-                source,
-            })
+            asked_to_stop().await.map_err(|source| CliError::Io { path: "signals".into(), source })
         }
         Ok(true) => Ok(()),
         Err(error) => Err(error),
@@ -115,20 +110,11 @@ async fn start_anywhere(
     clock: Arc<dyn Clock>,
 ) -> Result<RunningService, CliError> {
     let usual = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
-    match start(
-        ServiceConfig::new(listen.unwrap_or(usual), &data_dir),
-        clock.clone(),
-    )
-    .await
-    {
+    match start(ServiceConfig::new(listen.unwrap_or(usual), &data_dir), clock.clone()).await {
         Err(StartError::Listen { source, .. })
             if listen.is_none() && source.kind() == ErrorKind::AddrInUse =>
         {
-            Ok(start(
-                ServiceConfig::new((Ipv4Addr::LOCALHOST, 0).into(), data_dir),
-                clock,
-            )
-            .await?)
+            Ok(start(ServiceConfig::new((Ipv4Addr::LOCALHOST, 0).into(), data_dir), clock).await?)
         }
         started => Ok(started?),
     }
@@ -155,10 +141,7 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
         sensor: SensorSpec::default(),
         points: Vec::new(),
         baseline: BaselineSpec::default(),
-        limits: WearLimits {
-            warning_um: Some(120.0),
-            danger_um: Some(200.0),
-        },
+        limits: WearLimits { warning_um: Some(120.0), danger_um: Some(200.0) },
         alarms: None,
         operating_bins: Vec::new(),
         envelope_band_hz: None,
@@ -191,24 +174,16 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
     for index in 0..args.records {
         due.tick().await;
         let run = run.clone();
-        let simulated = service
-            .workers
-            .run("simulate a record", move || run.record(index))
-            .await??;
-        let given = UploadMetadata {
-            reference_wear_um: Some(simulated.wear_um),
-            ..UploadMetadata::default()
-        };
+        let simulated = service.workers.run("simulate a record", move || run.record(index)).await??;
+        let given =
+            UploadMetadata { reference_wear_um: Some(simulated.wear_um), ..UploadMetadata::default() };
         let bytes = encode_block(&simulated.record, BlockEncoding::Protobuf).into();
         if index == args.records / 2 {
             let inspected = inspection(simulated.record.start_time(), simulated.wear_um);
             service.maintenance.add(&id, inspected).await?;
         }
         let ticket = service.workers.admit()?;
-        service
-            .pipeline
-            .accept(&id, RecordFormat::Protobuf, bytes, given, ticket)
-            .await?;
+        service.pipeline.accept(&id, RecordFormat::Protobuf, bytes, given, ticket).await?;
     }
     Ok(())
 }

@@ -113,10 +113,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
     }
     if !args.recorded.is_empty() {
         let ensemble = || kept_ensemble(&args.data_dir, &pair, args.members);
-        let trial = Trial {
-            gap: args.gap,
-            inspection_um: args.inspection_um,
-        };
+        let trial = Trial { gap: args.gap, inspection_um: args.inspection_um };
         return recorded_runs::run(
             &args.recorded,
             &pair,
@@ -126,22 +123,15 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             args.json,
         );
     }
-    let settings = EvaluationSettings {
-        runs: args.runs,
-        records: args.records,
-        states: args.states,
-        seed: args.seed,
-    };
+    let settings =
+        EvaluationSettings { runs: args.runs, records: args.records, states: args.states, seed: args.seed };
     let wanted =
         |case: &Case| args.cases.hold(case) && args.case.as_ref().is_none_or(|text| case.name.contains(text));
     let all = Case::all(&pair);
     let cases: Vec<Case> = all.iter().filter(|case| wanted(case)).cloned().collect();
     if cases.is_empty() {
-        let names: Vec<&str> = all
-            .iter()
-            .filter(|case| args.cases.hold(case))
-            .map(|case| case.name.as_str())
-            .collect();
+        let names: Vec<&str> =
+            all.iter().filter(|case| args.cases.hold(case)).map(|case| case.name.as_str()).collect();
         return Err(CliError::Argument(format!(
             "--case is {:?}, which no case's name holds, expected a part of one of: {}",
             args.case.as_deref().unwrap_or_default(),
@@ -186,17 +176,11 @@ fn header() -> String {
 fn row(score: &Score) -> String {
     let told = score.estimates > 0;
     let number = |value: f64, digits: usize| {
-        if told {
-            format!("{value:.digits$}")
-        } else {
-            "-".to_owned()
-        }
+        if told { format!("{value:.digits$}") } else { "-".to_owned() }
     };
     let named = score.named.as_ref();
-    let named = named.map_or_else(
-        || "-".to_owned(),
-        |(name, part)| format!("{name} ({:.0} %)", 100.0 * part),
-    );
+    let named =
+        named.map_or_else(|| "-".to_owned(), |(name, part)| format!("{name} ({:.0} %)", 100.0 * part));
     let part = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
     format!(
         "{:<24} {:>7} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8.4} {:>8} {:>9}  {}\n",
@@ -250,9 +234,7 @@ fn beside(scores: &[Score]) -> String {
 
 fn page(scores: &[Score], settings: &EvaluationSettings) -> String {
     let mut plot = Plot::new();
-    let ideal = Scatter::new(vec![0.0, 1.0], vec![0.0, 1.0])
-        .mode(Mode::Lines)
-        .name("ideal");
+    let ideal = Scatter::new(vec![0.0, 1.0], vec![0.0, 1.0]).mode(Mode::Lines).name("ideal");
     plot.add_trace(ideal.line(Line::new().color("#000000").width(1.0)));
     for score in scores.iter().filter(|score| score.rank_correlation.is_some()) {
         plot.add_trace(
@@ -264,18 +246,13 @@ fn page(scores: &[Score], settings: &EvaluationSettings) -> String {
     let axis = |title: &str| Axis::new().title(Title::with_text(title)).range(vec![0.0, 1.0]);
     plot.set_layout(
         Layout::new()
-            .title(Title::with_text(
-                "Calibration: how often the central interval holds the truth",
-            ))
+            .title(Title::with_text("Calibration: how often the central interval holds the truth"))
             .height(560)
             .x_axis(axis("nominal coverage"))
             .y_axis(axis("actual coverage")),
     );
     let mut widths = Plot::new();
-    let worn: Vec<&Score> = scores
-        .iter()
-        .filter(|score| score.rank_correlation.is_some())
-        .collect();
+    let worn: Vec<&Score> = scores.iter().filter(|score| score.rank_correlation.is_some()).collect();
     let names: Vec<String> = worn.iter().map(|score| score.case.clone()).collect();
     for (i, name) in ["median", "90 %", "99 %"].into_iter().enumerate() {
         let values: Vec<f64> = worn.iter().map(|score| score.error_quantiles_um[i]).collect();

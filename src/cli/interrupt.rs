@@ -18,9 +18,7 @@ pub(super) fn interrupted() -> Arc<AtomicBool> {
 }
 
 fn listen(flag: Arc<AtomicBool>) -> io::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let wait = move || {
         runtime.block_on(async {
             while tokio::signal::ctrl_c().await.is_ok() {
@@ -30,8 +28,5 @@ fn listen(flag: Arc<AtomicBool>) -> io::Result<()> {
             }
         });
     };
-    std::thread::Builder::new()
-        .name("interrupt".into())
-        .spawn(wait)
-        .map(|_| ())
+    std::thread::Builder::new().name("interrupt".into()).spawn(wait).map(|_| ())
 }

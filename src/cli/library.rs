@@ -118,11 +118,7 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     let control = BuildControl::with_progress(&progress).cancelled_by(&interrupted);
     let id = library::library_id(&pair, &grid);
     let built = match &args.out {
-        None => args
-            .shelf
-            .shelf()
-            .get_or_build(&pair, &grid, &control)
-            .map(|_| ()),
+        None => args.shelf.shelf().get_or_build(&pair, &grid, &control).map(|_| ()),
         Some(path) => match not_reusable(path, &id) {
             None => Ok(()),
             Some(reason) => {
@@ -138,10 +134,7 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     }
     built?;
     bar.finish_and_clear();
-    let place = args
-        .out
-        .clone()
-        .unwrap_or_else(|| args.shelf.data_dir.join("libraries"));
+    let place = args.out.clone().unwrap_or_else(|| args.shelf.data_dir.join("libraries"));
     output::print(&format!("library {id} in {}\n", place.display()))
 }
 
@@ -206,10 +199,8 @@ fn table(library: &Library) -> String {
     );
     let (grid, operation) = (&manifest.grid, &manifest.pair.operation);
     let axis = |factors: &[f64], nominal: f64| {
-        let values: Vec<String> = factors
-            .iter()
-            .map(|factor| format!("{}", (1e6 * factor * nominal).round() / 1e6))
-            .collect();
+        let values: Vec<String> =
+            factors.iter().map(|factor| format!("{}", (1e6 * factor * nominal).round() / 1e6)).collect();
         values.join(", ")
     };
     text += &format!(
@@ -225,12 +216,7 @@ fn table(library: &Library) -> String {
         "state", "wear_um", "rms_m_s2", "kurtosis", "omx_m_s2", "turns"
     );
     for state in library.states() {
-        let value = |name| {
-            state
-                .indicators
-                .get(name)
-                .map_or_else(|| "-".to_owned(), |x| format!("{x:.4}"))
-        };
+        let value = |name| state.indicators.get(name).map_or_else(|| "-".to_owned(), |x| format!("{x:.4}"));
         text += &format!(
             "{:>5} {:>9.1} {:>12} {:>10} {:>12} {:>12}\n",
             state.index,
@@ -238,9 +224,7 @@ fn table(library: &Library) -> String {
             value("rms"),
             value("kurtosis"),
             value("omx"),
-            state
-                .driving_turns
-                .map_or_else(|| "-".to_owned(), |turns| format!("{turns:.3e}"))
+            state.driving_turns.map_or_else(|| "-".to_owned(), |turns| format!("{turns:.3e}"))
         );
     }
     text

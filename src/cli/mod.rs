@@ -100,23 +100,17 @@ enum Command {
 
 /// What is logged: levels by module as `FLANKWATCH_LOG` says (`info,flankwatch::store=debug`).
 fn logged() -> Targets {
-    let asked = std::env::var("FLANKWATCH_LOG")
-        .ok()
-        .filter(|text| !text.is_empty());
-    let usual = || {
-        Targets::new()
-            .with_default(LevelFilter::WARN)
-            .with_target("flankwatch", LevelFilter::INFO)
-    };
+    let asked = std::env::var("FLANKWATCH_LOG").ok().filter(|text| !text.is_empty());
+    let usual =
+        || Targets::new().with_default(LevelFilter::WARN).with_target("flankwatch", LevelFilter::INFO);
     asked.and_then(|text| text.parse().ok()).unwrap_or_else(usual)
 }
 
 /// Runs the command line of this process.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    let lines = tracing_subscriber::fmt::layer()
-        .with_writer(io::stderr)
-        .with_ansi(io::stderr().is_terminal());
+    let lines =
+        tracing_subscriber::fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
     tracing_subscriber::registry().with(lines).with(logged()).init();
     let outcome = match &cli.command {
         Command::Demo(args) => demo::run(args),

@@ -152,16 +152,8 @@ mod tests {
     fn csv_has_the_stated_columns_from_the_nominal_start_of_contact_on() {
         let text = printed(&[], Format::Csv).unwrap();
         let mut lines = text.lines();
-        assert_eq!(
-            lines.next(),
-            Some("phi1_rad,phi2_rad,stiffness_n_per_m,uste_rad,pairs_in_contact")
-        );
-        let first: Vec<f64> = lines
-            .next()
-            .unwrap()
-            .split(',')
-            .map(|field| field.parse().unwrap())
-            .collect();
+        assert_eq!(lines.next(), Some("phi1_rad,phi2_rad,stiffness_n_per_m,uste_rad,pairs_in_contact"));
+        let first: Vec<f64> = lines.next().unwrap().split(',').map(|field| field.parse().unwrap()).collect();
         assert!((first[0] + 0.277_624_056).abs() < 1e-9);
         assert_eq!(first[4], 2.0);
         assert_eq!(lines.count(), 999);
@@ -169,16 +161,8 @@ mod tests {
 
     #[test]
     fn json_has_the_same_numbers() {
-        let arguments = [
-            "--wear-mm",
-            "0.1",
-            "--points",
-            "50",
-            "--torque-nm",
-            "500",
-            "--contact",
-            "threshold",
-        ];
+        let arguments =
+            ["--wear-mm", "0.1", "--points", "50", "--torque-nm", "500", "--contact", "threshold"];
         let rows: Vec<serde_json::Value> =
             serde_json::from_str(&printed(&arguments, Format::Json).unwrap()).unwrap();
         let csv = printed(&arguments, Format::Csv).unwrap();
@@ -197,13 +181,8 @@ mod tests {
         for (torque, reference) in [("1300", 6.973_874e8), ("130", 6.630_292e8)] {
             let arguments = ["--contact", "loaded", "--torque-nm", torque, "--points", "64"];
             let text = printed(&arguments, Format::Csv).unwrap();
-            let stiffness: f64 = text
-                .lines()
-                .nth(1)
-                .and_then(|line| line.split(',').nth(2))
-                .unwrap()
-                .parse()
-                .unwrap();
+            let stiffness: f64 =
+                text.lines().nth(1).and_then(|line| line.split(',').nth(2)).unwrap().parse().unwrap();
             assert!((stiffness / reference - 1.0).abs() < 0.02, "{torque} {stiffness}");
         }
     }
@@ -237,10 +216,8 @@ mod tests {
             .min_by(|a, b| (a[0] + 0.03).abs().total_cmp(&(b[0] + 0.03).abs()))
             .unwrap();
         // Unworn radii of curvature and the distance from the pitch point along the line of action, in mm.
-        let (angle, bases) = (
-            20.0_f64.to_radians(),
-            [24.0, 26.0].map(|z: f64| 3.0 * z * 20.0_f64.to_radians().cos()),
-        );
+        let (angle, bases) =
+            (20.0_f64.to_radians(), [24.0, 26.0].map(|z: f64| 3.0 * z * 20.0_f64.to_radians().cos()));
         let half_angle = std::f64::consts::PI / 48.0 + angle.tan() - angle;
         let first = bases[0] * (row[0] + angle + half_angle);
         let lengths = [first, (bases[0] + bases[1]) * angle.tan() - first];
@@ -253,11 +230,7 @@ mod tests {
         let lag_mm = row[3] * bases[1];
         assert!((lag_mm / lost - 1.0).abs() < 0.05, "{lag_mm} {lost}");
         assert!(rows("0").iter().all(|row| row[3].abs() < 1e-12));
-        assert!(
-            printed(&["--turns=-1"], Format::Csv)
-                .unwrap_err()
-                .contains("turns is -1")
-        );
+        assert!(printed(&["--turns=-1"], Format::Csv).unwrap_err().contains("turns is -1"));
         assert!(printed(&["--turns", "1e9"], Format::Csv).is_err());
         assert!(printed(&["--turns", "5", "--wear-mm", "0.1"], Format::Csv).is_err());
     }
@@ -265,30 +238,12 @@ mod tests {
     #[test]
     fn refusals_name_the_field_or_the_file() {
         assert!(
-            printed(&["--torque-nm", "0"], Format::Csv)
-                .unwrap_err()
-                .contains("operation.torque_nm is 0")
+            printed(&["--torque-nm", "0"], Format::Csv).unwrap_err().contains("operation.torque_nm is 0")
         );
-        assert!(
-            printed(&["--wear-mm", "NaN"], Format::Csv)
-                .unwrap_err()
-                .contains("wear depth in mm is NaN")
-        );
-        assert!(
-            printed(&["--points", "1"], Format::Csv)
-                .unwrap_err()
-                .contains("points is 1")
-        );
-        assert!(
-            printed(&["--pair", "no/such.toml"], Format::Csv)
-                .unwrap_err()
-                .contains("no/such.toml")
-        );
+        assert!(printed(&["--wear-mm", "NaN"], Format::Csv).unwrap_err().contains("wear depth in mm is NaN"));
+        assert!(printed(&["--points", "1"], Format::Csv).unwrap_err().contains("points is 1"));
+        assert!(printed(&["--pair", "no/such.toml"], Format::Csv).unwrap_err().contains("no/such.toml"));
         assert!(printed(&["--wear-mm", "0.1", "--profile", "x.csv"], Format::Csv).is_err());
-        assert!(
-            printed(&["--contact", "elastic"], Format::Csv)
-                .unwrap_err()
-                .contains("threshold")
-        );
+        assert!(printed(&["--contact", "elastic"], Format::Csv).unwrap_err().contains("threshold"));
     }
 }

@@ -50,9 +50,7 @@ pub(super) async fn start_api(
     settings: ClusterSettings,
 ) -> Result<RunningService, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
-    let store = open(settings.store)
-        .await
-        .map_err(crate::cluster::ClusterError::from)?;
+    let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
     let subscription = cluster.subscribe().await;
     let node = Node {
         store,
@@ -83,36 +81,22 @@ pub(super) async fn start_worker(
     health: Option<SocketAddr>,
 ) -> Result<Working, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
-    let store = open(settings.store)
-        .await
-        .map_err(crate::cluster::ClusterError::from)?;
+    let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
     let folders = ServiceFolders {
         libraries: config.data_dir.join("libraries"),
         recordings: config.data_dir.join("recordings"),
         uploads: config.data_dir.join("uploads"),
     };
     let role = Role::Worker(cluster.queue_of_worker());
-    let service = Service::new(
-        store,
-        folders,
-        &config.work,
-        config.grid,
-        Arc::new(SystemClock),
-        role,
-    )
-    .map_err(crate::cluster::ClusterError::from)?;
+    let service = Service::new(store, folders, &config.work, config.grid, Arc::new(SystemClock), role)
+        .map_err(crate::cluster::ClusterError::from)?;
     let health = match health {
         Some(address) => Some(HealthServer::start(address, service.clone()).await?),
         None => None,
     };
     let publishing = cluster.publish_events(&service);
     let worker = cluster.start_worker(service.clone(), settings.worker);
-    Ok(Working {
-        worker,
-        service,
-        publishing,
-        health,
-    })
+    Ok(Working { worker, service, publishing, health })
 }
 
 impl Working {

@@ -15,8 +15,5 @@ pub(super) fn read(path: Option<&Path>) -> Result<PairSpec, CliError> {
         return Ok(PairSpec::from_toml(SHEN2022)?);
     };
     let text = fs::read_to_string(path).map_err(CliError::io(path))?;
-    PairSpec::from_toml(&text).map_err(|source| CliError::Pair {
-        path: path.to_owned(),
-        source,
-    })
+    PairSpec::from_toml(&text).map_err(|source| CliError::Pair { path: path.to_owned(), source })
 }

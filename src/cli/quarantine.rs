@@ -48,17 +48,15 @@ pub(super) fn run(args: &QuarantineArgs) -> Result<(), CliError> {
             }
         }
         Action::Restore { names, all } => {
-            if let Some(name) = names
-                .iter()
-                .find(|name| !quarantined.iter().any(|one| one.name.starts_with(*name)))
+            if let Some(name) =
+                names.iter().find(|name| !quarantined.iter().any(|one| one.name.starts_with(*name)))
             {
                 return Err(CliError::Argument(format!(
                     "{name} is not in quarantine, expected a name that is listed"
                 )));
             }
-            let wanted = quarantined
-                .iter()
-                .filter(|one| *all || names.iter().any(|name| one.name.starts_with(name)));
+            let wanted =
+                quarantined.iter().filter(|one| *all || names.iter().any(|name| one.name.starts_with(name)));
             for one in wanted {
                 objects.release(one)?;
                 text += &format!("{}\n", one.name);

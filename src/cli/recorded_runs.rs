@@ -41,10 +41,7 @@ pub(super) fn run(
     answers: Option<&Path>,
     json: bool,
 ) -> Result<(), CliError> {
-    let runs: Vec<RecordedRun> = folders
-        .iter()
-        .map(|folder| read(folder, pair))
-        .collect::<Result<_, _>>()?;
+    let runs: Vec<RecordedRun> = folders.iter().map(|folder| read(folder, pair)).collect::<Result<_, _>>()?;
     let given: Option<Answers> = answers.map(read_answers).transpose()?;
     let mut scores = Vec::new();
     let followed: Vec<(String, Vec<Answer>)> = match &given {
@@ -54,9 +51,7 @@ pub(super) fn run(
             .collect::<Result<_, CliError>>()?,
         None => {
             let ensemble = ensemble()?;
-            runs.par_iter()
-                .map(|run| (run.name.clone(), follow(run, &ensemble, BASELINE, trial)))
-                .collect()
+            runs.par_iter().map(|run| (run.name.clone(), follow(run, &ensemble, BASELINE, trial))).collect()
         }
     };
     for ((name, answers), run) in followed.iter().zip(&runs) {
@@ -83,12 +78,7 @@ pub(super) fn run_members(ensemble: &Ensemble, count: usize, trial: Trial) -> Re
         .par_iter()
         .map(|(run, others)| {
             let inspected_at = trial.inspection_um.map(|_| run.records.len() / 2);
-            score_run(
-                &run.name,
-                &follow(run, others, BASELINE, trial),
-                BASELINE as usize,
-                inspected_at,
-            )
+            score_run(&run.name, &follow(run, others, BASELINE, trial), BASELINE as usize, inspected_at)
         })
         .collect();
     scores.iter().try_for_each(|score| output::print(&row(score)))?;
@@ -144,13 +134,9 @@ fn header() -> String {
 
 fn row(score: &RunScore) -> String {
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
-    let after = score
-        .error_after_um
-        .zip(score.width_after_um)
-        .map(|(error, width)| format!("{error:.1} {width:.1}"));
-    let last = score
-        .last
-        .map(|[median, low, high]| format!("{median:.0} [{low:.0}, {high:.0}]"));
+    let after =
+        score.error_after_um.zip(score.width_after_um).map(|(error, width)| format!("{error:.1} {width:.1}"));
+    let last = score.last.map(|[median, low, high]| format!("{median:.0} [{low:.0}, {high:.0}]"));
     format!(
         "{:<24} {:>9} {:>8} {:>8.3} {:>8} {:>7} {:>7.1} {:>+7.1} {:>7.1} {:>8} {:>12}  {}\n",
         score.run,
@@ -171,17 +157,13 @@ fn row(score: &RunScore) -> String {
 /// A folder's records in the order of their names, with the truth.
 fn read(folder: &Path, pair: &PairSpec) -> Result<RecordedRun, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", folder.display()));
-    let name = folder.file_name().map_or_else(
-        || folder.display().to_string(),
-        |name| name.to_string_lossy().into_owned(),
-    );
+    let name = folder
+        .file_name()
+        .map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into_owned());
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(|error| failed(error.to_string()))?
         .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| {
-            path.extension()
-                .is_some_and(|extension| extension.eq_ignore_ascii_case("wav"))
-        })
+        .filter(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("wav")))
         .collect();
     files.sort();
     let mut table = csv::Reader::from_path(folder.join("truth.csv"))
@@ -219,10 +201,8 @@ fn analyse(
     let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
     let mut file = RecordingFile::open(path, RecordDefaults::default(), None)
         .map_err(|error| failed(error.to_string()))?;
-    let recorded = file
-        .next()
-        .ok_or_else(|| failed("no record".into()))?
-        .map_err(|error| failed(error.to_string()))?;
+    let recorded =
+        file.next().ok_or_else(|| failed("no record".into()))?.map_err(|error| failed(error.to_string()))?;
     let mesh = MeshContext {
         teeth: pair.geometry.teeth[0],
         mate_teeth: pair.geometry.teeth[1],
@@ -242,24 +222,16 @@ fn analyse(
 fn read_answers(path: &Path) -> Result<Answers, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
-    serde_json::from_str(&text).map_err(|error| {
-        failed(format!(
-            "{error}, expected lists of [median, p05, p95] or null by run"
-        ))
-    })
+    serde_json::from_str(&text)
+        .map_err(|error| failed(format!("{error}, expected lists of [median, p05, p95] or null by run")))
 }
 
 /// Somebody else's answers to a run.
 fn foreign(run: &RecordedRun, given: &Answers) -> Result<Vec<Answer>, CliError> {
-    let answers = given
-        .get(&run.name)
-        .filter(|answers| answers.len() == run.records.len());
+    let answers = given.get(&run.name).filter(|answers| answers.len() == run.records.len());
     let answers = answers.ok_or_else(|| {
         let expected = run.records.len();
-        CliError::Argument(format!(
-            "--answers has no list of {expected} answers for the run {:?}",
-            run.name
-        ))
+        CliError::Argument(format!("--answers has no list of {expected} answers for the run {:?}", run.name))
     })?;
     let answer = |(record, (wear_um, observation)): (usize, (&Option<[f64; 3]>, &Observation))| Answer {
         record,

@@ -38,11 +38,7 @@ pub(super) fn recording_files(named: &[PathBuf]) -> Result<Vec<PathBuf>, CliErro
 }
 
 fn is_recording(file: &Path) -> bool {
-    let name = file
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .to_lowercase();
+    let name = file.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     ENDINGS.iter().any(|ending| name.ends_with(ending))
 }
 
@@ -59,14 +55,8 @@ mod tests {
         }
         fs::create_dir(path("empty")).unwrap();
         let found = recording_files(&[path("x.bin"), folder.path().to_owned()]).unwrap();
-        assert_eq!(
-            found,
-            [path("x.bin"), path("a.csv.gz"), path("b.CSV"), path("c.wav")]
-        );
+        assert_eq!(found, [path("x.bin"), path("a.csv.gz"), path("b.CSV"), path("c.wav")]);
         let error = recording_files(&[path("empty")]).unwrap_err().to_string();
-        assert!(
-            error.contains("no recording in") && error.contains(".csv.gz"),
-            "{error}"
-        );
+        assert!(error.contains("no recording in") && error.contains(".csv.gz"), "{error}");
     }
 }

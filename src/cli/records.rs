@@ -57,11 +57,7 @@ pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
     let agent: ureq::Agent = ureq::Agent::config_builder()
         .http_status_as_error(false)
         .timeout_global(Some(Duration::from_secs(600)))
-        .tls_config(
-            TlsConfig::builder()
-                .root_certs(trusted(args.ca.as_deref())?)
-                .build(),
-        )
+        .tls_config(TlsConfig::builder().root_certs(trusted(args.ca.as_deref())?).build())
         .build()
         .into();
     let server = args.url.trim_end_matches('/');
@@ -85,15 +81,9 @@ pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
         Change::Exclude => args.complete(agent.post(format!("{url}/exclude"))).send_empty(),
         Change::Include => args.complete(agent.post(format!("{url}/include"))).send_empty(),
     };
-    let failed = |reason: String| CliError::Server {
-        url: url.clone(),
-        reason,
-    };
+    let failed = |reason: String| CliError::Server { url: url.clone(), reason };
     let mut response = asked.map_err(|error| failed(error.to_string()))?;
-    let (status, body) = (
-        response.status(),
-        response.body_mut().read_to_string().unwrap_or_default(),
-    );
+    let (status, body) = (response.status(), response.body_mut().read_to_string().unwrap_or_default());
     if !status.is_success() {
         return Err(failed(format!("the server answered {}: {body}", status.as_u16())));
     }
@@ -119,11 +109,7 @@ impl RecordsArgs {
                 request = request.query(name, value);
             }
         }
-        match self
-            .token
-            .clone()
-            .or_else(|| std::env::var("FLANKWATCH_TOKEN").ok())
-        {
+        match self.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()) {
             Some(token) => request.header("authorization", format!("Bearer {token}")),
             None => request,
         }

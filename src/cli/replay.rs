@@ -67,28 +67,18 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
         agent: ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(120)))
-            .tls_config(
-                TlsConfig::builder()
-                    .root_certs(trusted(args.ca.as_deref())?)
-                    .build(),
-            )
+            .tls_config(TlsConfig::builder().root_certs(trusted(args.ca.as_deref())?).build())
             .build()
             .into(),
         url: format!("{}/v1/assets/{asset}/segments", args.url.trim_end_matches('/')),
-        token: args
-            .token
-            .clone()
-            .or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()),
+        token: args.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()),
         pace: args.pace,
         first: None,
         sent: 0,
     };
     let files = recording_files(&args.files)?;
-    let bytes: u64 = files
-        .iter()
-        .filter_map(|path| path.metadata().ok())
-        .map(|metadata| metadata.len())
-        .sum();
+    let bytes: u64 =
+        files.iter().filter_map(|path| path.metadata().ok()).map(|metadata| metadata.len()).sum();
     let bar = progress_bar(bytes, "bytes");
     let mut next_start = args.start_time;
     for path in &files {
@@ -111,9 +101,7 @@ pub(super) fn trusted(file: Option<&Path>) -> Result<RootCerts, CliError> {
     let certificates: Vec<_> = certificates.collect();
     if certificates.is_empty() {
         let path = file.display();
-        return Err(CliError::Argument(format!(
-            "--ca is {path}, expected a PEM file with a certificate"
-        )));
+        return Err(CliError::Argument(format!("--ca is {path}, expected a PEM file with a certificate")));
     }
     Ok(RootCerts::from(certificates))
 }
@@ -166,10 +154,7 @@ impl Sender {
     fn send(&mut self, recorded: &Recorded) -> Result<(), CliError> {
         let body = encode_block(&recorded.record, BlockEncoding::Protobuf);
         let mut wait = Duration::from_millis(250);
-        let failed = |reason: String| CliError::Server {
-            url: self.url.clone(),
-            reason,
-        };
+        let failed = |reason: String| CliError::Server { url: self.url.clone(), reason };
         let mut tries = 0;
         loop {
             tries += 1;

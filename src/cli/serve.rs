@@ -176,10 +176,7 @@ impl ServeArgs {
         let default_listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
         let mut config = ServiceConfig::new(
             self.listen.or(file.listen).unwrap_or(default_listen),
-            self.data_dir
-                .clone()
-                .or(file.data_dir)
-                .unwrap_or_else(|| PathBuf::from("flankwatch-data")),
+            self.data_dir.clone().or(file.data_dir).unwrap_or_else(|| PathBuf::from("flankwatch-data")),
         );
         config.replay_dir = self.replay_dir.clone().or(file.replay_dir);
         let certificate = self.tls_certificate.clone().or(file.tls_certificate);
@@ -190,11 +187,7 @@ impl ServeArgs {
             (None, Some(_)) => return Err(ServeError::Tls("tls_certificate")),
         };
         config.insecure_no_tokens = self.insecure_no_tokens || file.insecure_no_tokens;
-        config.host_names = if self.host_name.is_empty() {
-            file.host_names
-        } else {
-            self.host_name.clone()
-        };
+        config.host_names = if self.host_name.is_empty() { file.host_names } else { self.host_name.clone() };
         file.limits.apply(&mut config);
         config.work.quotas = RawQuotas {
             bytes: file.retention.raw_bytes,
@@ -205,9 +198,7 @@ impl ServeArgs {
         }
         #[cfg(not(feature = "cluster"))]
         if file.cluster.is_some() {
-            return Err(ServeError::WithoutCluster(
-                "the table cluster of the settings file",
-            ));
+            return Err(ServeError::WithoutCluster("the table cluster of the settings file"));
         }
         Ok(Resolved {
             #[cfg(feature = "cluster")]
@@ -221,14 +212,10 @@ impl ServeArgs {
 
 impl ConfigFile {
     fn read(path: &Path) -> Result<Self, ServeError> {
-        let text = fs::read_to_string(path).map_err(|source| ServeError::ConfigFile {
-            path: path.to_path_buf(),
-            source,
-        })?;
-        toml::from_str(&text).map_err(|source| ServeError::Config {
-            path: path.to_path_buf(),
-            source: Box::new(source),
-        })
+        let text = fs::read_to_string(path)
+            .map_err(|source| ServeError::ConfigFile { path: path.to_path_buf(), source })?;
+        toml::from_str(&text)
+            .map_err(|source| ServeError::Config { path: path.to_path_buf(), source: Box::new(source) })
     }
 }
 
@@ -241,53 +228,23 @@ impl LimitsTable {
         }
         set(&mut config.http.record_bytes, self.record_bytes);
         set(&mut config.http.recording_bytes, self.recording_bytes);
-        set(
-            &mut config.http.uploads_at_once,
-            self.uploads_at_once.map(|n| n.max(1)),
-        );
-        set(
-            &mut config.http.body_timeout,
-            self.body_timeout_s.map(Duration::from_secs),
-        );
-        set(
-            &mut config.http.body_idle,
-            self.body_idle_s.map(Duration::from_secs),
-        );
+        set(&mut config.http.uploads_at_once, self.uploads_at_once.map(|n| n.max(1)));
+        set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
+        set(&mut config.http.body_idle, self.body_idle_s.map(Duration::from_secs));
         set(&mut config.http.body_bytes_per_s, self.body_bytes_per_s);
-        set(
-            &mut config.http.request_timeout,
-            self.request_timeout_s.map(Duration::from_secs),
-        );
+        set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
         set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
         set(&mut config.http.connections, self.connections.map(|n| n.max(1)));
         // Less than this the HTTP library does not take.
-        set(
-            &mut config.http.header_bytes,
-            self.header_bytes.map(|n| n.max(8192)),
-        );
-        set(
-            &mut config.http.header_timeout,
-            self.header_timeout_s.map(Duration::from_secs),
-        );
-        set(
-            &mut config.http.write_timeout,
-            self.write_timeout_s.map(Duration::from_secs),
-        );
+        set(&mut config.http.header_bytes, self.header_bytes.map(|n| n.max(8192)));
+        set(&mut config.http.header_timeout, self.header_timeout_s.map(Duration::from_secs));
+        set(&mut config.http.write_timeout, self.write_timeout_s.map(Duration::from_secs));
         set(&mut config.http.requests_per_s, self.requests_per_s);
         set(&mut config.http.events_kept, self.events_kept);
-        set(
-            &mut config.work.start_time_ahead,
-            self.start_time_ahead_s.map(Duration::from_secs),
-        );
+        set(&mut config.work.start_time_ahead, self.start_time_ahead_s.map(Duration::from_secs));
         set(&mut config.work.bytes_at_once, self.bytes_at_once);
-        set(
-            &mut config.work.requests_at_once,
-            self.requests_at_once.map(|n| n.max(1)),
-        );
-        set(
-            &mut config.work.recordings_at_once,
-            self.recordings_at_once.map(|n| n.max(1)),
-        );
+        set(&mut config.work.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
+        set(&mut config.work.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));
         set(&mut config.work.workers, self.workers.map(|n| n.max(1)));
     }
 }
@@ -296,9 +253,7 @@ impl LimitsTable {
 pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
     let resolved = args.resolve()?;
     #[cfg(feature = "cluster")]
-    let mqtt = args
-        .mqtt
-        .resolve(resolved.mqtt, resolved.service.http.record_bytes)?;
+    let mqtt = args.mqtt.resolve(resolved.mqtt, resolved.service.http.record_bytes)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(async {
         #[cfg(feature = "cluster")]
@@ -314,9 +269,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
         #[cfg(not(feature = "cluster"))]
         let service = start(resolved.service, Arc::new(SystemClock)).await?;
         #[cfg(feature = "cluster")]
-        let mqtt = mqtt
-            .map(|settings| MqttFeed::start(settings, service.service().clone()))
-            .transpose()?;
+        let mqtt = mqtt.map(|settings| MqttFeed::start(settings, service.service().clone())).transpose()?;
         let mut out = std::io::stdout();
         writeln!(out, "listening on {}", service.url())?;
         out.flush()?;
@@ -370,10 +323,7 @@ mod tests {
         assert_eq!(config.listen.port(), 2);
         assert_eq!(config.data_dir, PathBuf::from("d"));
         assert_eq!((config.http.record_bytes, config.http.uploads_at_once), (1000, 3));
-        assert_eq!(
-            (config.work.quotas.bytes, config.work.quotas.bytes_per_asset),
-            (Some(5), None)
-        );
+        assert_eq!((config.work.quotas.bytes, config.work.quotas.bytes_per_asset), (Some(5), None));
     }
 
     #[test]
@@ -381,14 +331,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flankwatch.toml");
         fs::write(&path, "[limits]\nrecord_byte = 1\n").unwrap();
-        let args = ServeArgs {
-            config: Some(path),
-            ..ServeArgs::default()
-        };
+        let args = ServeArgs { config: Some(path), ..ServeArgs::default() };
         let error = args.resolve().map(|_| ()).unwrap_err().to_string();
-        assert!(
-            error.contains("record_byte") && error.contains("flankwatch.toml"),
-            "{error}"
-        );
+        assert!(error.contains("record_byte") && error.contains("flankwatch.toml"), "{error}");
     }
 }

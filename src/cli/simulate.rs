@@ -97,12 +97,7 @@ pub(super) fn run(args: &SimulateArgs) -> Result<(), CliError> {
         }
     }
     bar.finish_and_clear();
-    output::print(&format!(
-        "{} records of {} s in {}\n",
-        args.records,
-        args.seconds,
-        args.out.display()
-    ))
+    output::print(&format!("{} records of {} s in {}\n", args.records, args.seconds, args.out.display()))
 }
 
 /// Simulates every record in parallel batches and hands them on in order.
@@ -128,21 +123,14 @@ fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), C
     let file = File::create(&temporary).map_err(CliError::io(&temporary))?;
     // The noise of a vibration does not compress: zstd takes 7 % off, and twice as long to read back as the
     // SHA-256 of what it gives.
-    let options = McapOptions {
-        compression: McapCompression::None,
-    };
+    let options = McapOptions { compression: McapCompression::None };
     let mut writer =
         McapWriter::new(BufWriter::new(file), options).map_err(CliError::recording(&args.out))?;
     let mut truth = BTreeMap::new();
     for index in 0..args.records {
-        truth.insert(
-            run.start_time(index).as_nanosecond().to_string(),
-            run.wear_um(index).to_string(),
-        );
+        truth.insert(run.start_time(index).as_nanosecond().to_string(), run.wear_um(index).to_string());
     }
-    writer
-        .metadata("reference_wear", truth)
-        .map_err(CliError::recording(&args.out))?;
+    writer.metadata("reference_wear", truth).map_err(CliError::recording(&args.out))?;
     let pair = toml::to_string(&run.plan().pair)
         .map_err(|error| CliError::Argument(format!("the gear pair cannot be written: {error}")))?;
     writer
@@ -153,29 +141,19 @@ fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), C
         ("seed", args.seed.to_string()),
         ("snr_db", args.snr_db.to_string()),
     ];
-    let acquisition = acquisition
-        .into_iter()
-        .map(|(key, value)| (key.to_owned(), value))
-        .collect();
-    writer
-        .metadata("acquisition", acquisition)
-        .map_err(CliError::recording(&args.out))?;
+    let acquisition = acquisition.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+    writer.metadata("acquisition", acquisition).map_err(CliError::recording(&args.out))?;
     let topic = format!("/{}/{}/waveform", args.asset, run.plan().channel);
     for_each_record(run, |_, simulated| {
-        writer
-            .write(&topic, &simulated.record)
-            .map_err(CliError::recording(&args.out))?;
+        writer.write(&topic, &simulated.record).map_err(CliError::recording(&args.out))?;
         bar.inc(1);
         Ok(())
     })?;
     let file = writer.finish().map_err(CliError::recording(&args.out))?;
-    let file = file.into_inner().map_err(|error| CliError::Io {
-        path: temporary.clone(),
-        source: error.into_error(),
-    })?;
-    file.sync_all()
-        .and_then(|()| fs::rename(&temporary, &args.out))
-        .map_err(CliError::io(&args.out))
+    let file = file
+        .into_inner()
+        .map_err(|error| CliError::Io { path: temporary.clone(), source: error.into_error() })?;
+    file.sync_all().and_then(|()| fs::rename(&temporary, &args.out)).map_err(CliError::io(&args.out))
 }
 
 fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {

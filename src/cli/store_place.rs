@@ -40,10 +40,7 @@ impl StorePlace {
     /// The data folder.
     ///
     /// Error: the store is that of a cluster; `instead` says what is done there.
-    #[cfg_attr(
-        not(feature = "cluster"),
-        expect(unused_variables, reason = "there are no others")
-    )]
+    #[cfg_attr(not(feature = "cluster"), expect(unused_variables, reason = "there are no others"))]
     pub(super) fn folder(&self, instead: &str) -> Result<PathBuf, CliError> {
         match self.resolve()?.1 {
             StoreSettings::Folder(folder) => Ok(folder),

@@ -44,11 +44,8 @@ enum Action {
 }
 
 pub(super) fn run(args: &TokenArgs) -> Result<(), CliError> {
-    let serve = ServeArgs {
-        config: args.config.clone(),
-        data_dir: args.data_dir.clone(),
-        ..ServeArgs::default()
-    };
+    let serve =
+        ServeArgs { config: args.config.clone(), data_dir: args.data_dir.clone(), ..ServeArgs::default() };
     let resolved = serve.resolve()?;
     #[cfg(feature = "cluster")]
     if let Some(cluster) = resolved.cluster {
@@ -87,13 +84,7 @@ async fn in_cluster(action: &Action, settings: crate::store::SharedSettings) -> 
 
 fn listed(tokens: &[Token]) -> String {
     let line = |token: &Token| {
-        format!(
-            "{}  {:5}  {:.0}  {}\n",
-            token.id,
-            token.scope.name(),
-            token.created_at,
-            token.name
-        )
+        format!("{}  {:5}  {:.0}  {}\n", token.id, token.scope.name(), token.created_at, token.name)
     };
     tokens.iter().map(line).collect()
 }

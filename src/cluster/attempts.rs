@@ -33,11 +33,7 @@ impl Attempts {
         let Some(subject) = subject(connection, message) else {
             return Ok(Self::default());
         };
-        let stream = match connection
-            .jetstream
-            .get_stream_no_info(connection.attempts_stream())
-            .await
-        {
+        let stream = match connection.jetstream.get_stream_no_info(connection.attempts_stream()).await {
             Ok(stream) => stream,
             Err(error) => return Err(failed(error.into())),
         };
@@ -57,10 +53,8 @@ impl Attempts {
         let Some(subject) = subject(connection, message) else {
             return Ok(());
         };
-        let (known, delivery) = (
-            Self::of(connection, message).await?,
-            message.info().map_or(1, |info| info.delivered),
-        );
+        let (known, delivery) =
+            (Self::of(connection, message).await?, message.info().map_or(1, |info| info.delivered));
         let known = Self {
             excused: known.excused + i64::from(known.latest < delivery),
             latest: delivery,
@@ -70,9 +64,7 @@ impl Attempts {
             |error: async_nats::Error| ClusterError::jetstream("keep what is known of a record")(error);
         let payload = serde_json::to_vec(&known).map_err(|error| failed(error.into()))?;
         let sent = connection.jetstream.publish(subject, payload.into()).await;
-        sent.map_err(|error| failed(error.into()))?
-            .await
-            .map_err(|error| failed(error.into()))?;
+        sent.map_err(|error| failed(error.into()))?.await.map_err(|error| failed(error.into()))?;
         Ok(())
     }
 
@@ -82,10 +74,7 @@ impl Attempts {
             return;
         };
         let forgotten = async {
-            let stream = connection
-                .jetstream
-                .get_stream_no_info(connection.attempts_stream())
-                .await?;
+            let stream = connection.jetstream.get_stream_no_info(connection.attempts_stream()).await?;
             stream.purge().filter(subject).await?;
             Ok::<_, async_nats::Error>(())
         };
@@ -98,9 +87,5 @@ impl Attempts {
 /// Where what is known of a message of the queue is kept: under its place there.
 fn subject(connection: &Connection, message: &Message) -> Option<String> {
     let info = message.info().ok()?;
-    Some(format!(
-        "{}.{}",
-        connection.attempts_subject(),
-        info.stream_sequence
-    ))
+    Some(format!("{}.{}", connection.attempts_subject(), info.stream_sequence))
 }

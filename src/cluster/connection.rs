@@ -107,10 +107,7 @@ impl NatsSettings {
             NatsCredentials::Token(token) => options.token(token.clone()),
             NatsCredentials::File(path) => {
                 let read = options.credentials_file(path).await;
-                read.map_err(|source| ClusterError::File {
-                    path: path.clone(),
-                    source,
-                })?
+                read.map_err(|source| ClusterError::File { path: path.clone(), source })?
             }
         };
         if let Some(ca) = &self.ca {
@@ -133,19 +130,13 @@ impl Connection {
     /// one does.
     pub(super) async fn open(settings: NatsSettings) -> Result<Self, ClusterError> {
         let connected = settings.options().await?.connect(settings.urls.clone()).await;
-        let client = connected.map_err(|source| ClusterError::Connect {
-            urls: settings.urls.join(", "),
-            source,
-        })?;
+        let client =
+            connected.map_err(|source| ClusterError::Connect { urls: settings.urls.join(", "), source })?;
         let jetstream = ContextBuilder::new()
             .timeout(ANSWER_TIMEOUT)
             .max_ack_inflight(MAX_UNACKNOWLEDGED)
             .build(client.clone());
-        Ok(Self {
-            client,
-            jetstream,
-            settings,
-        })
+        Ok(Self { client, jetstream, settings })
     }
 
     /// Waits for the connection; where there is none soon, that is said.
@@ -221,13 +212,8 @@ impl Connection {
     /// Writes something small to JetStream, kept as a record is: where its disk is full, this fails too.
     pub(super) async fn check_writable(&self) -> Result<(), ClusterError> {
         let failed = || ClusterError::jetstream("write");
-        let sent = self
-            .jetstream
-            .publish(format!("{}.probe", self.attempts_subject()), "".into())
-            .await;
-        sent.map_err(|error| failed()(error.into()))?
-            .await
-            .map_err(|error| failed()(error.into()))?;
+        let sent = self.jetstream.publish(format!("{}.probe", self.attempts_subject()), "".into()).await;
+        sent.map_err(|error| failed()(error.into()))?.await.map_err(|error| failed()(error.into()))?;
         Ok(())
     }
 

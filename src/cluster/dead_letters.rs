@@ -39,11 +39,7 @@ pub(super) async fn put(
 
 /// A header's value ends with its line.
 fn one_line(reason: &str) -> String {
-    reason
-        .chars()
-        .map(|c| if c.is_control() { ' ' } else { c })
-        .take(1000)
-        .collect()
+    reason.chars().map(|c| if c.is_control() { ' ' } else { c }).take(1000).collect()
 }
 
 /// A record that could not be stored, as it is kept.
@@ -84,13 +80,8 @@ pub(super) async fn retry(connection: &Connection, number: u64) -> Result<(), Cl
     let stream = stream(connection).await?;
     let letter = message(&stream, number).await?;
     // Under no name: the queue may remember the record's as one that it had.
-    let sent = connection
-        .jetstream
-        .publish(connection.work_subject(), letter.payload)
-        .await;
-    sent.map_err(|error| failed()(error.into()))?
-        .await
-        .map_err(|error| failed()(error.into()))?;
+    let sent = connection.jetstream.publish(connection.work_subject(), letter.payload).await;
+    sent.map_err(|error| failed()(error.into()))?.await.map_err(|error| failed()(error.into()))?;
     delete(&stream, number).await
 }
 
@@ -125,19 +116,13 @@ async fn message(stream: &Stream, number: u64) -> Result<StreamMessage, ClusterE
 
 async fn delete(stream: &Stream, number: u64) -> Result<(), ClusterError> {
     let deleted = stream.delete_message(number).await;
-    deleted
-        .map(|_| ())
-        .map_err(|error| ClusterError::jetstream("remove a dead letter")(error.into()))
+    deleted.map(|_| ()).map_err(|error| ClusterError::jetstream("remove a dead letter")(error.into()))
 }
 
 fn letter_of(message: &StreamMessage) -> DeadLetter {
     DeadLetter {
         number: message.sequence,
-        reason: message
-            .headers
-            .get(REASON)
-            .map(ToString::to_string)
-            .unwrap_or_default(),
+        reason: message.headers.get(REASON).map(ToString::to_string).unwrap_or_default(),
         put_at: Timestamp::from_nanosecond(message.time.unix_timestamp_nanos()).unwrap_or_default(),
         message_bytes: message.payload.len(),
         record: message::decode(&message.payload).ok(),

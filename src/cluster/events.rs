@@ -81,10 +81,7 @@ async fn send(connection: &Connection, waiting: &mut VecDeque<LiveEvent>) -> Res
         let mut sent = Vec::new();
         for event in waiting.iter().take(SENT_AT_ONCE) {
             let payload = serde_json::to_vec(event).map_err(|error| failed()(error.into()))?;
-            let told = connection
-                .jetstream
-                .publish(connection.events_subject(), payload.into())
-                .await;
+            let told = connection.jetstream.publish(connection.events_subject(), payload.into()).await;
             sent.push(told.map_err(|error| failed()(error.into()))?);
         }
         for acknowledgement in sent {
@@ -112,33 +109,20 @@ pub(super) async fn subscribe(connection: Connection) -> Subscription {
     };
     let after = backlog.last().map_or(0, |event| event.number);
     tokio::spawn(go_on(connection, begun, after, sender));
-    Subscription {
-        run,
-        backlog,
-        receiver,
-    }
+    Subscription { run, backlog, receiver }
 }
 
 type Begun = (String, Vec<NumberedEvent>, Option<pull::Ordered>);
 
 async fn begin(connection: &Connection) -> Result<Begun, ClusterError> {
     let mut stream = events(connection).await?;
-    let info = stream
-        .info()
-        .await
-        .map_err(|error| ClusterError::jetstream("look at the events")(error.into()))?;
-    let (run, last, held) = (
-        format!("{:x}", info.created.unix_timestamp_nanos()),
-        info.state.last_sequence,
-        info.state.messages,
-    );
+    let info =
+        stream.info().await.map_err(|error| ClusterError::jetstream("look at the events")(error.into()))?;
+    let (run, last, held) =
+        (format!("{:x}", info.created.unix_timestamp_nanos()), info.state.last_sequence, info.state.messages);
     let mut told = follow(&stream, 0).await?;
     let mut backlog = Vec::new();
-    while held > 0
-        && backlog
-            .last()
-            .is_none_or(|event: &NumberedEvent| event.number < last)
-    {
+    while held > 0 && backlog.last().is_none_or(|event: &NumberedEvent| event.number < last) {
         match told.next().await {
             Some(Ok(message)) => backlog.extend(read(&message)),
             Some(Err(error)) => return Err(ClusterError::jetstream("read the events")(error.into())),
@@ -199,9 +183,7 @@ async fn follow(stream: &Stream, after: u64) -> Result<pull::Ordered, ClusterErr
         deliver_policy: if after == 0 {
             DeliverPolicy::All
         } else {
-            DeliverPolicy::ByStartSequence {
-                start_sequence: after + 1,
-            }
+            DeliverPolicy::ByStartSequence { start_sequence: after + 1 }
         },
         ..pull::OrderedConfig::default()
     };

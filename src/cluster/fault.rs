@@ -38,11 +38,8 @@ mod tests {
 
     #[test]
     fn only_what_is_proven_is_the_records_own() {
-        let own = ServiceError::Field {
-            field: "start_time",
-            value: "yesterday".to_owned(),
-            expected: "a time",
-        };
+        let own =
+            ServiceError::Field { field: "start_time", value: "yesterday".to_owned(), expected: "a time" };
         let queued_otherwise = ServiceError::QueuedOtherwise {
             found: SegmentId("a".to_owned()),
             expected: SegmentId("b".to_owned()),
@@ -56,18 +53,9 @@ mod tests {
             path: "scratch".into(),
             source: std::io::ErrorKind::StorageFull.into(),
         };
-        let bucket = StoreError::Bucket {
-            action: "read",
-            name: "raw/ab".to_owned(),
-            source: Box::new(away),
-        };
+        let bucket = StoreError::Bucket { action: "read", name: "raw/ab".to_owned(), source: Box::new(away) };
         let lost = StoreError::Database(sqlx::Error::Io(std::io::ErrorKind::ConnectionReset.into()));
-        for error in [
-            full,
-            bucket.into(),
-            lost.into(),
-            StoreError::Outdated("the channel").into(),
-        ] {
+        for error in [full, bucket.into(), lost.into(), StoreError::Outdated("the channel").into()] {
             assert_eq!(Fault::from(&error), Fault::Elsewhere, "{error}");
         }
         let missing = ServiceError::Store(StoreError::ObjectMissing("ab".to_owned()));

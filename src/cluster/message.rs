@@ -9,10 +9,7 @@ use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::service::QueuedRecord;
 use crate::signal::OperatingPoint;
 
-#[expect(
-    unreachable_pub,
-    reason = "generated from the schema, which says what each field is"
-)]
+#[expect(unreachable_pub, reason = "generated from the schema, which says what each field is")]
 mod generated {
     include!("message/work.rs");
 }

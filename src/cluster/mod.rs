@@ -120,10 +120,7 @@ impl Cluster {
     pub fn start_worker(&self, service: Arc<Service>, limits: WorkerLimits) -> RunningWorker {
         let (stop, stopped) = watch::channel(false);
         let worker = worker::Worker::new(self.connection.clone(), service, limits, stopped);
-        RunningWorker {
-            stop,
-            task: tokio::spawn(worker.run()),
-        }
+        RunningWorker { stop, task: tokio::spawn(worker.run()) }
     }
 }
 

@@ -18,11 +18,7 @@ const WORKERS_ANSWER: Duration = Duration::from_millis(300);
 pub(super) async fn look(connection: &Connection) -> Result<QueueOverview, ClusterError> {
     let (queue, dead_letters, workers) =
         tokio::join!(queue(connection), dead_letters(connection), workers(connection));
-    Ok(QueueOverview {
-        dead_letters: dead_letters?,
-        workers: workers?,
-        ..queue?
-    })
+    Ok(QueueOverview { dead_letters: dead_letters?, workers: workers?, ..queue? })
 }
 
 /// What waits, by what the stream holds and how far its consumer is.
@@ -44,33 +40,21 @@ async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
         Err(error) => return Err(failed()(error.into())),
     };
     // Messages up to the floor are acknowledged: what is still there of them is given to nobody.
-    let leftovers = if floor > 0 && state.first_sequence <= floor {
-        state.messages.saturating_sub(known)
-    } else {
-        0
-    };
+    let leftovers =
+        if floor > 0 && state.first_sequence <= floor { state.messages.saturating_sub(known) } else { 0 };
     let records = state.messages.saturating_sub(leftovers);
     let oldest_at = if records == 0 {
         None
     } else {
         let from = state.first_sequence.max(floor + 1);
-        match stream
-            .get_first_raw_message_by_subject(&connection.work_subject(), from)
-            .await
-        {
+        match stream.get_first_raw_message_by_subject(&connection.work_subject(), from).await {
             Ok(oldest) => Timestamp::from_nanosecond(oldest.time.unix_timestamp_nanos()).ok(),
             // It was done meanwhile.
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => None,
             Err(error) => return Err(failed()(error.into())),
         }
     };
-    Ok(QueueOverview {
-        records,
-        in_work,
-        oldest_at,
-        leftovers,
-        ..QueueOverview::default()
-    })
+    Ok(QueueOverview { records, in_work, oldest_at, leftovers, ..QueueOverview::default() })
 }
 
 async fn dead_letters(connection: &Connection) -> Result<u64, ClusterError> {
@@ -85,13 +69,8 @@ async fn workers(connection: &Connection) -> Result<Vec<WorkerOverview>, Cluster
     let failed = || ClusterError::jetstream("ask for workers");
     let client = &connection.client;
     let inbox = client.new_inbox();
-    let mut answers = client
-        .subscribe(inbox.clone())
-        .await
-        .map_err(|error| failed()(error.into()))?;
-    let asked = client
-        .publish_with_reply(connection.workers_subject(), inbox, "".into())
-        .await;
+    let mut answers = client.subscribe(inbox.clone()).await.map_err(|error| failed()(error.into()))?;
+    let asked = client.publish_with_reply(connection.workers_subject(), inbox, "".into()).await;
     asked.map_err(|error| failed()(error.into()))?;
     let mut workers = Vec::new();
     let collect = async {

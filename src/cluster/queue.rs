@@ -15,15 +15,10 @@ use super::{message, overview};
 use crate::asset::AssetId;
 use crate::service::{PartHealth, QueueOverview, QueuedRecord, ServiceError, WorkQueue};
 
-const FULL: ServiceError = ServiceError::Busy {
-    what: "the workers' queue is full",
-    retry_after_s: 5,
-};
+const FULL: ServiceError = ServiceError::Busy { what: "the workers' queue is full", retry_after_s: 5 };
 
-const AWAY: ServiceError = ServiceError::Busy {
-    what: "the workers' queue cannot be reached",
-    retry_after_s: 2,
-};
+const AWAY: ServiceError =
+    ServiceError::Busy { what: "the workers' queue cannot be reached", retry_after_s: 2 };
 
 /// How long the queue's server has to say that it works.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
@@ -49,14 +44,8 @@ impl Queue {
             value: error.to_string(),
             expected: "one that a message can hold",
         })?;
-        let message = PublishMessage::build()
-            .payload(payload)
-            .message_id(message_id(record));
-        let sent = self
-            .connection
-            .jetstream
-            .send_publish(self.connection.work_subject(), message)
-            .await;
+        let message = PublishMessage::build().payload(payload).message_id(message_id(record));
+        let sent = self.connection.jetstream.send_publish(self.connection.work_subject(), message).await;
         sent.map_err(|error| busy(&error))
     }
 }
@@ -160,10 +149,7 @@ impl WorkQueue for Queue {
                     looked.unwrap_or_else(|_| Some("does not answer".to_owned()))
                 }
             };
-            vec![PartHealth {
-                part: "queue_server",
-                fault,
-            }]
+            vec![PartHealth { part: "queue_server", fault }]
         })
     }
 }
@@ -198,12 +184,7 @@ impl Queue {
     async fn full_or_away(&self) -> Option<String> {
         match self.connection.work_state().await {
             // Where the stream is missing, making it says why it cannot be made.
-            Err(_) => self
-                .connection
-                .prepare()
-                .await
-                .err()
-                .map(|error| error.to_string()),
+            Err(_) => self.connection.prepare().await.err().map(|error| error.to_string()),
             Ok(state) => {
                 let settings = self.connection.settings();
                 let (most, most_bytes) = (settings.max_records, settings.max_bytes);
@@ -211,10 +192,7 @@ impl Queue {
                     return Some(format!("full: {} of {most} records wait", state.messages));
                 }
                 if self.fills && state.bytes.saturating_add(MESSAGE_BYTES) > most_bytes.unsigned_abs() {
-                    return Some(format!(
-                        "full: {} of {most_bytes} bytes of messages wait",
-                        state.bytes
-                    ));
+                    return Some(format!("full: {} of {most_bytes} bytes of messages wait", state.bytes));
                 }
                 let written = self.connection.check_writable().await;
                 written.err().map(|error| error.to_string())

@@ -96,16 +96,10 @@ impl ClusterTable {
     /// Error: [`ClusterError::Setting`] with the field, its value and what was expected.
     pub fn resolve(self, secrets: ClusterSecrets) -> Result<ClusterSettings, ClusterError> {
         let name = self.name.unwrap_or_else(|| "flankwatch".to_owned());
-        let is_usable = |name: &str| {
-            name.bytes()
-                .all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte))
-        };
+        let is_usable =
+            |name: &str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
         if name.is_empty() || name.len() > MAX_NAME || !is_usable(&name) {
-            return Err(wrong(
-                "cluster.name",
-                name,
-                "1 to 64 characters of a-z, A-Z, 0-9, - and _",
-            ));
+            return Err(wrong("cluster.name", name, "1 to 64 characters of a-z, A-Z, 0-9, - and _"));
         }
         let objects = self.objects.resolve(&secrets)?;
         let mut store = self.database.resolve(secrets.database_url, objects)?;
@@ -113,14 +107,8 @@ impl ClusterTable {
             // Younger ones may be those of records that wait in the queue.
             store.orphan_age = Duration::from_secs(at_least("cluster.objects.orphan_age_s", age, 3600)?);
         }
-        let nats = self
-            .nats
-            .resolve(name, secrets.nats_password, secrets.nats_token)?;
-        Ok(ClusterSettings {
-            store,
-            nats,
-            worker: self.worker.resolve()?,
-        })
+        let nats = self.nats.resolve(name, secrets.nats_password, secrets.nats_token)?;
+        Ok(ClusterSettings { store, nats, worker: self.worker.resolve()? })
     }
 }
 
@@ -169,10 +157,8 @@ impl NatsTable {
         if self.urls.is_empty() {
             return Err(wrong("cluster.nats.urls", "missing", expected));
         }
-        if let Some(url) = self
-            .urls
-            .iter()
-            .find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
+        if let Some(url) =
+            self.urls.iter().find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
         {
             return Err(wrong("cluster.nats.urls", url, expected));
         }
@@ -222,10 +208,9 @@ impl NatsTable {
 impl ObjectsTable {
     fn resolve(&self, secrets: &ClusterSecrets) -> Result<ObjectsSettings, ClusterError> {
         let credentials = match (&secrets.s3_access_key_id, &secrets.s3_secret_access_key) {
-            (Some(id), Some(secret)) => Some(BucketCredentials {
-                access_key_id: id.clone(),
-                secret_access_key: secret.clone(),
-            }),
+            (Some(id), Some(secret)) => {
+                Some(BucketCredentials { access_key_id: id.clone(), secret_access_key: secret.clone() })
+            }
             (None, None) => None,
             (Some(_), None) => {
                 return Err(wrong(
@@ -251,11 +236,9 @@ impl ObjectsTable {
                 prefix: self.prefix.clone().unwrap_or_default(),
             })),
             (None, Some(folder)) => Ok(ObjectsSettings::Folder(folder.clone())),
-            (None, None) => Err(wrong(
-                "cluster.objects",
-                "missing",
-                "a bucket, or a folder that every process reaches",
-            )),
+            (None, None) => {
+                Err(wrong("cluster.objects", "missing", "a bucket, or a folder that every process reaches"))
+            }
             (Some(_), Some(_)) => Err(wrong("cluster.objects", "a bucket and a folder", "one of both")),
         }
     }
@@ -282,11 +265,7 @@ fn at_least<T: PartialOrd + std::fmt::Display>(field: &str, value: T, least: T) 
 }
 
 fn wrong(field: &str, value: impl ToString, expected: &str) -> ClusterError {
-    ClusterError::Setting {
-        field: field.to_owned(),
-        value: value.to_string(),
-        expected: expected.to_owned(),
-    }
+    ClusterError::Setting { field: field.to_owned(), value: value.to_string(), expected: expected.to_owned() }
 }
 
 #[cfg(test)]
@@ -313,23 +292,13 @@ mod tests {
     }
 
     fn with_password() -> ClusterSecrets {
-        ClusterSecrets {
-            nats_password: Some("secret".into()),
-            ..ClusterSecrets::default()
-        }
+        ClusterSecrets { nats_password: Some("secret".into()), ..ClusterSecrets::default() }
     }
 
     #[test]
     fn a_whole_table_is_taken() {
         let settings = resolve(WHOLE, with_password()).unwrap();
-        assert_eq!(
-            (
-                settings.nats.urls.len(),
-                settings.nats.replicas,
-                settings.worker.at_once
-            ),
-            (2, 3, 3)
-        );
+        assert_eq!((settings.nats.urls.len(), settings.nats.replicas, settings.worker.at_once), (2, 3, 3));
         assert_eq!(settings.nats.name, "flankwatch");
         assert!(
             matches!(settings.store.objects, ObjectsSettings::Bucket(bucket) if bucket.bucket == "records")
@@ -338,14 +307,9 @@ mod tests {
 
     #[test]
     fn the_environment_goes_before_the_file() {
-        let secrets = ClusterSecrets {
-            database_url: Some("postgres://x:y@elsewhere/z".into()),
-            ..with_password()
-        };
-        assert_eq!(
-            resolve(WHOLE, secrets).unwrap().store.database_url,
-            "postgres://x:y@elsewhere/z"
-        );
+        let secrets =
+            ClusterSecrets { database_url: Some("postgres://x:y@elsewhere/z".into()), ..with_password() };
+        assert_eq!(resolve(WHOLE, secrets).unwrap().store.database_url, "postgres://x:y@elsewhere/z");
     }
 
     #[test]
@@ -360,22 +324,10 @@ mod tests {
                 WHOLE.replace("postgres://flankwatch@", "mysql://u:hidden@"),
                 vec!["cluster.database.url", "mysql"],
             ),
-            (
-                WHOLE.replace("nats://b", "http://b"),
-                vec!["cluster.nats.urls", "http://b:4222"],
-            ),
-            (
-                WHOLE.replace("replicas = 3", "replicas = 9"),
-                vec!["cluster.nats.replicas", "9", "1 to 5"],
-            ),
-            (
-                WHOLE.replace("at_once = 3", "at_once = 0"),
-                vec!["cluster.worker.at_once", "0", "at least 1"],
-            ),
-            (
-                without("bucket = \"records\""),
-                vec!["cluster.objects", "missing"],
-            ),
+            (WHOLE.replace("nats://b", "http://b"), vec!["cluster.nats.urls", "http://b:4222"]),
+            (WHOLE.replace("replicas = 3", "replicas = 9"), vec!["cluster.nats.replicas", "9", "1 to 5"]),
+            (WHOLE.replace("at_once = 3", "at_once = 0"), vec!["cluster.worker.at_once", "0", "at least 1"]),
+            (without("bucket = \"records\""), vec!["cluster.objects", "missing"]),
             (WHOLE.replace("at_once", "at_onec"), vec!["at_onec"]),
             (format!("name = \"a.b\"\n{WHOLE}"), vec!["cluster.name", "a.b"]),
         ] {

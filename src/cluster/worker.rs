@@ -45,10 +45,7 @@ pub struct WorkerLimits {
 
 impl Default for WorkerLimits {
     fn default() -> Self {
-        Self {
-            at_once: 8 * std::thread::available_parallelism().map_or(2, usize::from),
-            max_deliveries: 10,
-        }
+        Self { at_once: 8 * std::thread::available_parallelism().map_or(2, usize::from), max_deliveries: 10 }
     }
 }
 
@@ -83,13 +80,7 @@ impl Worker {
     ) -> Self {
         // More than that would be refused, and held.
         limits.at_once = limits.at_once.min(service.workers.queue().1).max(1);
-        Self {
-            connection,
-            service,
-            limits,
-            stop,
-            in_work: Arc::default(),
-        }
+        Self { connection, service, limits, stop, in_work: Arc::default() }
     }
 
     /// Works until it is told to stop, and then ends what it has begun.
@@ -124,11 +115,8 @@ impl Worker {
 
     /// Tells of this worker whoever asks.
     fn answer(&self) -> impl Future<Output = ()> + use<> {
-        let (service, in_work, at_once) = (
-            Arc::clone(&self.service),
-            Arc::clone(&self.in_work),
-            self.limits.at_once,
-        );
+        let (service, in_work, at_once) =
+            (Arc::clone(&self.service), Arc::clone(&self.in_work), self.limits.at_once);
         let name = overview::worker_name();
         overview::answer(self.connection.clone(), move || WorkerOverview {
             name: name.clone(),
@@ -143,11 +131,7 @@ impl Worker {
     async fn work(&self, turns: &Arc<Semaphore>) -> Result<(), ClusterError> {
         let failed = ClusterError::jetstream;
         self.connection.prepare().await?;
-        let stream = self
-            .connection
-            .jetstream
-            .get_stream(self.connection.work_stream())
-            .await;
+        let stream = self.connection.jetstream.get_stream(self.connection.work_stream()).await;
         let stream = stream.map_err(|error| failed("find the queue")(error.into()))?;
         let config = pull::Config {
             durable_name: Some(CONSUMER.to_owned()),
@@ -169,12 +153,7 @@ impl Worker {
             while let Ok(more) = Arc::clone(turns).try_acquire_owned() {
                 free.push(more);
             }
-            let asked = consumer
-                .batch()
-                .max_messages(free.len())
-                .expires(ASKED_FOR)
-                .messages()
-                .await;
+            let asked = consumer.batch().max_messages(free.len()).expires(ASKED_FOR).messages().await;
             let mut messages = asked.map_err(|error| failed("ask for records")(error.into()))?;
             while let Some(message) = messages.next().await {
                 let message = message.map_err(failed("take a record"))?;
@@ -236,10 +215,7 @@ impl Worker {
         // Before it lies there: who sees it there may send its record again at once.
         if let (Ok(record), Ok(info)) = (message::decode(&message.payload), message.info()) {
             let letter = i64::try_from(info.stream_sequence).unwrap_or(i64::MAX);
-            self.service
-                .store
-                .count_dead_letter(&record.id, letter, self.service.now())
-                .await?;
+            self.service.store.count_dead_letter(&record.id, letter, self.service.now()).await?;
         }
         dead_letters::put(&self.connection, message, reason).await
     }
@@ -328,12 +304,7 @@ impl Worker {
     /// be done from time to time.
     async fn follow_changes(self) {
         loop {
-            match self
-                .connection
-                .client
-                .subscribe(self.connection.changes_subject())
-                .await
-            {
+            match self.connection.client.subscribe(self.connection.changes_subject()).await {
                 Err(error) => tracing::warn!(%error, "failed to subscribe to changes: trying again"),
                 Ok(mut heard) => {
                     while let Some(changed) = heard.next().await {

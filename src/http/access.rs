@@ -68,9 +68,7 @@ impl TokenPlace {
 async fn off_thread<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, TokenError> + Send + 'static,
 ) -> Result<T, TokenError> {
-    tokio::task::spawn_blocking(work)
-        .await
-        .unwrap_or(Err(TokenError::Silent))
+    tokio::task::spawn_blocking(work).await.unwrap_or(Err(TokenError::Silent))
 }
 
 /// Whether requests need a token.
@@ -162,19 +160,14 @@ impl Access {
             return Err(Problem::new(StatusCode::FORBIDDEN, detail));
         }
         self.rate.check(&token.id, Instant::now()).map_err(|wait| {
-            let seconds = u32::try_from(wait.as_secs())
-                .unwrap_or(u32::MAX)
-                .saturating_add(1);
+            let seconds = u32::try_from(wait.as_secs()).unwrap_or(u32::MAX).saturating_add(1);
             Problem::new(
                 StatusCode::TOO_MANY_REQUESTS,
                 format!("too many requests with the token {}", token.id),
             )
             .retry_after(seconds)
         })?;
-        Ok(Some(Caller {
-            token: token.clone(),
-            presented: presented.to_owned(),
-        }))
+        Ok(Some(Caller { token: token.clone(), presented: presented.to_owned() }))
     }
 }
 
@@ -184,10 +177,7 @@ pub(super) fn unreadable(error: &TokenError) -> Problem {
     if error.is_unavailable() {
         return Problem::busy("the tokens cannot be read: the database is away", 5);
     }
-    Problem::new(
-        StatusCode::INTERNAL_SERVER_ERROR,
-        "the tokens cannot be read or kept, the log says why",
-    )
+    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the tokens cannot be read or kept, the log says why")
 }
 
 impl Access {
@@ -202,11 +192,7 @@ impl Access {
 
 /// The token of the `authorization` header.
 fn bearer(headers: &HeaderMap) -> Option<&str> {
-    let (scheme, token) = headers
-        .get(header::AUTHORIZATION)?
-        .to_str()
-        .ok()?
-        .split_once(' ')?;
+    let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
@@ -246,9 +232,7 @@ fn refuse_other_hosts(uri: &Uri, headers: &HeaderMap, host_names: &[String]) -> 
     let Some(host) = host_of(uri, headers) else {
         return Ok(());
     };
-    let name = host
-        .parse()
-        .map(|host: Authority| host.host().trim_end_matches('.').to_ascii_lowercase());
+    let name = host.parse().map(|host: Authority| host.host().trim_end_matches('.').to_ascii_lowercase());
     let is_own = name.is_ok_and(|name| {
         let is_address = name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok();
         is_address
@@ -274,11 +258,7 @@ fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result
         return Ok(());
     };
     let host = host_of(uri, headers);
-    let from = origin
-        .to_str()
-        .ok()
-        .and_then(|origin| origin.split_once("://"))
-        .map(|(_, host)| host);
+    let from = origin.to_str().ok().and_then(|origin| origin.split_once("://")).map(|(_, host)| host);
     if from.is_some() && from == host {
         return Ok(());
     }
@@ -288,10 +268,7 @@ fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result
 
 /// Lets a request through, or answers why not.
 pub(super) async fn guard(State(access): State<Arc<Access>>, mut request: Request, next: Next) -> Response {
-    match access
-        .check(request.method(), request.uri(), request.headers())
-        .await
-    {
+    match access.check(request.method(), request.uri(), request.headers()).await {
         Ok(caller) => {
             if let Some(caller) = caller {
                 request.extensions_mut().insert(caller);
@@ -301,9 +278,7 @@ pub(super) async fn guard(State(access): State<Arc<Access>>, mut request: Reques
         Err(problem) => {
             let mut response = problem.into_response();
             if response.status() == StatusCode::UNAUTHORIZED {
-                response
-                    .headers_mut()
-                    .insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+                response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
             }
             response
         }
@@ -355,19 +330,11 @@ mod tests {
         ] {
             let mut headers = HeaderMap::new();
             headers.insert(header::HOST, HeaderValue::from_static(host));
-            assert_eq!(
-                refuse_other_hosts(&uri, &headers, &names).is_ok(),
-                is_own,
-                "{host:?}"
-            );
+            assert_eq!(refuse_other_hosts(&uri, &headers, &names).is_ok(), is_own, "{host:?}");
         }
         assert!(
-            refuse_other_hosts(
-                &Uri::from_static("http://evil.example/v1"),
-                &HeaderMap::new(),
-                &names
-            )
-            .is_err()
+            refuse_other_hosts(&Uri::from_static("http://evil.example/v1"), &HeaderMap::new(), &names)
+                .is_err()
         );
     }
 
@@ -379,16 +346,9 @@ mod tests {
         assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_ok());
         headers.insert(header::ORIGIN, HeaderValue::from_static("http://127.0.0.1:8600"));
         assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_ok());
-        for origin in [
-            "http://evil.example",
-            "null",
-            "http://127.0.0.1:8600.evil.example",
-        ] {
+        for origin in ["http://evil.example", "null", "http://127.0.0.1:8600.evil.example"] {
             headers.insert(header::ORIGIN, HeaderValue::from_static(origin));
-            assert!(
-                refuse_other_pages(&Method::POST, &uri, &headers).is_err(),
-                "{origin}"
-            );
+            assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_err(), "{origin}");
             assert!(refuse_other_pages(&Method::GET, &uri, &headers).is_ok());
         }
     }

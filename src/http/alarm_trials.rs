@@ -87,27 +87,18 @@ pub(super) async fn try_rule(
     body: Body,
 ) -> Result<Json<AlarmTrial>, Problem> {
     let TrialRequest { rule, channel } = body::described(&app.limits, &headers, body).await?;
-    rule.validate()
-        .map_err(|error| Problem::content("rule", error, "a rule as in the asset's alarms"))?;
+    rule.validate().map_err(|error| Problem::content("rule", error, "a rule as in the asset's alarms"))?;
     if rule.quantity == AlarmQuantity::StaleS {
         let expected = "a quantity of records: time without one is told by the clock and cannot be tried";
         return Err(Problem::content("rule.quantity", "stale_s", expected));
     }
     let (asset, channel) = assets::asset_and_channel(&app, &asset, channel.as_deref()).await?;
-    let is_unknown = |name: &&str| {
-        !Indicators::names(&asset.spec.bands)
-            .iter()
-            .any(|known| known == name)
-    };
+    let is_unknown = |name: &&str| !Indicators::names(&asset.spec.bands).iter().any(|known| known == name);
     if let Some(unknown) = rule.quantity.indicator().filter(is_unknown) {
         let known = Indicators::names(&asset.spec.bands);
         let nearest = Indicators::nearest(unknown, known.iter().map(String::as_str)).join(", ");
         let expected = format!("the name of an indicator; the nearest are {nearest}");
-        return Err(Problem::content(
-            "rule.quantity.indicator",
-            format!("{unknown:?}"),
-            &expected,
-        ));
+        return Err(Problem::content("rule.quantity.indicator", format!("{unknown:?}"), &expected));
     }
     let Some(channel) = channel else {
         return Ok(Json(AlarmTrial::default()));
@@ -138,17 +129,11 @@ async fn fold(
         rules,
         events: events.into(),
         taken: 0,
-        trial: AlarmTrial {
-            channel: Some(channel.channel.clone()),
-            ..AlarmTrial::default()
-        },
+        trial: AlarmTrial { channel: Some(channel.channel.clone()), ..AlarmTrial::default() },
     };
     let mut after = None;
     loop {
-        let results = service
-            .store
-            .record_results(channel, after.as_ref(), AT_ONCE)
-            .await?;
+        let results = service.store.record_results(channel, after.as_ref(), AT_ONCE).await?;
         let Some(last) = results.last() else { break };
         after = Some(last.key.clone());
         let judge = move || {
@@ -157,11 +142,7 @@ async fn fold(
         };
         fold = service.workers.run("try an alarm rule", judge).await?;
     }
-    fold.trial.severity = fold
-        .panel
-        .alarms()
-        .first()
-        .and_then(crate::estimate::Alarm::severity);
+    fold.trial.severity = fold.panel.alarms().first().and_then(crate::estimate::Alarm::severity);
     Ok(fold.trial)
 }
 
@@ -179,11 +160,7 @@ impl Fold {
             return;
         }
         let [own, run] = &results.indicators;
-        let before = self
-            .panel
-            .alarms()
-            .first()
-            .and_then(crate::estimate::Alarm::severity);
+        let before = self.panel.alarms().first().and_then(crate::estimate::Alarm::severity);
         self.trial.records += 1;
         self.trial.readings += u64::from(self.rules[0].quantity.value(&results.wear, [own, run]).is_some());
         for (_, change) in self.panel.reading(&self.rules, time, &results.wear, [own, run]) {
@@ -207,11 +184,7 @@ impl AlarmTrial {
             _ => {}
         }
         if self.changes.len() < MAX_CHANGES {
-            self.changes.push(TrialChange {
-                time,
-                severity,
-                value,
-            });
+            self.changes.push(TrialChange { time, severity, value });
         }
     }
 }

@@ -136,12 +136,7 @@ pub(super) async fn list(
         let expected = "normal, unacknowledged, acknowledged, returned_unacknowledged or shelved";
         Problem::query("state", state, expected)
     };
-    let states = asked
-        .state
-        .as_deref()
-        .unwrap_or_default()
-        .split(',')
-        .map(str::trim);
+    let states = asked.state.as_deref().unwrap_or_default().split(',').map(str::trim);
     let states = states.filter(|state| !state.is_empty());
     let states = states.map(|state| AlarmState::from_name(state).ok_or_else(|| unknown_state(state)));
     let unknown_severity = |severity: &str| Problem::query("severity", severity, "warning or danger");
@@ -161,9 +156,7 @@ pub(super) async fn list(
     }
     let now = app.service.now();
     let alarms = store.alarms(&filter, now, limit + 1).await?;
-    let page = Page::new(alarms, limit, |alarm: &StoredAlarm| {
-        query::cursor_at(alarm.changed_at, &alarm.id)
-    });
+    let page = Page::new(alarms, limit, |alarm: &StoredAlarm| query::cursor_at(alarm.changed_at, &alarm.id));
     Ok(Json(page.map(|alarm| AlarmView::new(alarm, now))))
 }
 
@@ -300,11 +293,7 @@ pub(super) async fn comment(
 ) -> Result<Json<WholeAlarm>, Problem> {
     let SignedRemark { by, comment } = body::described(&app.limits, &headers, body).await?;
     if comment.trim().is_empty() {
-        return Err(Problem::content(
-            "comment",
-            format!("{comment:?}"),
-            "something said",
-        ));
+        return Err(Problem::content("comment", format!("{comment:?}"), "something said"));
     }
     act(&app, &id, AlarmAction::Comment, by, comment).await
 }
@@ -317,11 +306,7 @@ async fn act(
     comment: String,
 ) -> Result<Json<WholeAlarm>, Problem> {
     check_signature(&by, &comment)?;
-    let alarm = app
-        .service
-        .alarms
-        .act(id, OperatorAction { action, by, comment })
-        .await?;
+    let alarm = app.service.alarms.act(id, OperatorAction { action, by, comment }).await?;
     whole(app, alarm).await
 }
 
@@ -335,11 +320,7 @@ pub(super) fn check_signature(by: &str, comment: &str) -> Result<(), Problem> {
         ));
     }
     if comment.len() > MAX_COMMENT {
-        return Err(Problem::content(
-            "comment",
-            format!("{} bytes", comment.len()),
-            "at most 2000 bytes",
-        ));
+        return Err(Problem::content("comment", format!("{} bytes", comment.len()), "at most 2000 bytes"));
     }
     Ok(())
 }

@@ -87,9 +87,7 @@ pub(super) async fn orders(
         "compute an order spectrum",
         |analyzer, record, mesh| analyzer.order_spectrum(record, mesh, None),
     );
-    let spectrum = computed
-        .await?
-        .map_err(|absence| absent("spectrum over orders", absence))?;
+    let spectrum = computed.await?.map_err(|absence| absent("spectrum over orders", absence))?;
     let resolution_orders = spectrum.resolution_orders;
     let places = range.places(spectrum.amplitude.len(), resolution_orders);
     let mesh_amplitudes = mesh_amplitudes(&spectrum, teeth[0]);
@@ -103,10 +101,7 @@ pub(super) async fn orders(
         bandwidth_orders: spectrum.bandwidth_orders,
         resolution_orders,
         reduced: kept.len() < amplitude.len(),
-        order: kept
-            .iter()
-            .map(|n| (first + n) as f64 * resolution_orders)
-            .collect(),
+        order: kept.iter().map(|n| (first + n) as f64 * resolution_orders).collect(),
         amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
         mesh_amplitudes,
         teeth,
@@ -120,9 +115,7 @@ fn mesh_amplitudes(spectrum: &OrderSpectrum, teeth: u32) -> Vec<f64> {
     let place = |harmonic: u32| (f64::from(harmonic * teeth) / spectrum.resolution_orders).round() as usize;
     let around = |place: usize| spectrum.amplitude.get(place.checked_sub(1)?..=place + 1);
     let amplitudes = (1..=MESH_HARMONICS).map_while(|harmonic| around(place(harmonic)));
-    amplitudes
-        .map(|lines| lines.iter().copied().fold(0.0, f64::max))
-        .collect()
+    amplitudes.map(|lines| lines.iter().copied().fold(0.0, f64::max)).collect()
 }
 
 /// The average over whole turns of the driving shaft, and its parts.
@@ -190,13 +183,6 @@ pub(super) async fn turn(
 /// The problem that a record has no such curve.
 pub(super) fn absent(what: &str, absence: Absence) -> Problem {
     let reason = serde_json::to_value(absence).ok();
-    let reason = reason
-        .as_ref()
-        .and_then(|name| name.as_str())
-        .unwrap_or_default()
-        .replace('_', " ");
-    Problem::new(
-        StatusCode::UNPROCESSABLE_ENTITY,
-        format!("this record has no {what}: {reason}"),
-    )
+    let reason = reason.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('_', " ");
+    Problem::new(StatusCode::UNPROCESSABLE_ENTITY, format!("this record has no {what}: {reason}"))
 }

@@ -15,15 +15,8 @@ const MAX_ALARMS: u32 = 10_000;
 /// The state of each alarm.
 pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Problem> {
     let now = app.service.now();
-    let alarms = app
-        .service
-        .store
-        .alarms(&AlarmFilter::default(), now, MAX_ALARMS)
-        .await?;
-    let mut alarms: Vec<_> = alarms
-        .into_iter()
-        .map(|stored| (stored.quantity.to_string(), stored))
-        .collect();
+    let alarms = app.service.store.alarms(&AlarmFilter::default(), now, MAX_ALARMS).await?;
+    let mut alarms: Vec<_> = alarms.into_iter().map(|stored| (stored.quantity.to_string(), stored)).collect();
     alarms.sort_by(|(a, left), (b, right)| {
         (&left.asset_id, &left.channel, a).cmp(&(&right.asset_id, &right.channel, b))
     });
@@ -52,17 +45,12 @@ pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Prob
         "Whether the alarm is to be acknowledged, also where it is over.",
         &|stored| {
             let state = stored.alarm.standing();
-            u8::from(matches!(
-                state,
-                AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged
-            ))
+            u8::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged))
         },
     );
-    gauge(
-        "flankwatch_alarm_shelved",
-        "Whether the alarm is put aside.",
-        &|stored| u8::from(stored.alarm.state(now) == AlarmState::Shelved),
-    );
+    gauge("flankwatch_alarm_shelved", "Whether the alarm is put aside.", &|stored| {
+        u8::from(stored.alarm.state(now) == AlarmState::Shelved)
+    });
     Ok(())
 }
 
@@ -91,21 +79,12 @@ impl Latest {
             asset: segment.asset_id,
             channel: segment.channel,
             start_time: segment.start_time,
-            indicators: segment
-                .indicators
-                .values
-                .into_iter()
-                .filter(|(name, _)| is_wanted(name))
-                .collect(),
+            indicators: segment.indicators.values.into_iter().filter(|(name, _)| is_wanted(name)).collect(),
         }
     }
 
     fn labels<'a>(&'a self, name: &'a str, value: &'a str) -> [(&'a str, &'a str); 3] {
-        [
-            ("asset", self.asset.as_str()),
-            ("channel", &self.channel),
-            (name, value),
-        ]
+        [("asset", self.asset.as_str()), ("channel", &self.channel), (name, value)]
     }
 }
 
@@ -125,10 +104,8 @@ pub(super) async fn assets(
         after = Some(last.spec.id.to_string());
         let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
         let channels = store.channels_of(&ids).await?;
-        let segments: Vec<SegmentId> = channels
-            .into_iter()
-            .filter_map(|channel| channel.last_segment)
-            .collect();
+        let segments: Vec<SegmentId> =
+            channels.into_iter().filter_map(|channel| channel.last_segment).collect();
         let segments = store.segments_by_id(&segments).await?;
         latest.extend(segments.into_iter().map(|segment| Latest::of(segment, wanted)));
     }
@@ -141,19 +118,11 @@ pub(super) async fn assets(
     for record in &latest {
         for (quantile, value) in record.wear_um {
             if let Some(value) = value {
-                text.line(
-                    "flankwatch_wear_depth_um",
-                    &record.labels("quantile", quantile),
-                    value,
-                );
+                text.line("flankwatch_wear_depth_um", &record.labels("quantile", quantile), value);
             }
         }
     }
-    text.head(
-        "flankwatch_indicator",
-        "gauge",
-        "Condition indicators of the latest record, in its unit.",
-    );
+    text.head("flankwatch_indicator", "gauge", "Condition indicators of the latest record, in its unit.");
     for record in &latest {
         for (name, value) in &record.indicators {
             text.line("flankwatch_indicator", &record.labels("indicator", name), value);

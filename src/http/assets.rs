@@ -114,11 +114,7 @@ pub(super) async fn list(
     Parameters(asked): Parameters<PageParameters>,
 ) -> Result<Json<Page<AssetView>>, Problem> {
     let limit = query::limit(asked.limit)?;
-    let assets = app
-        .service
-        .store
-        .assets(asked.cursor.as_deref(), limit + 1)
-        .await?;
+    let assets = app.service.store.assets(asked.cursor.as_deref(), limit + 1).await?;
     let (assets, next_cursor) =
         Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
     let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
@@ -146,11 +142,7 @@ pub(super) async fn create(
     let spec = description(&app, &headers, body, &[]).await?;
     let asset = app.service.assets.create(&spec).await?;
     let location = format!("/v1/assets/{}", spec.id);
-    Ok((
-        StatusCode::CREATED,
-        [(header::LOCATION, location)],
-        tagged(&app, asset, None).await?,
-    ))
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], tagged(&app, asset, None).await?))
 }
 
 /// One asset
@@ -182,13 +174,7 @@ async fn tagged(app: &App, asset: Asset, asked: Option<&HeaderMap>) -> Result<Re
     if asked.is_some_and(|headers| etag::is_known(headers, &etag)) {
         return Ok(etag::not_modified(etag));
     }
-    Ok((
-        [
-            (header::CONTENT_TYPE, HeaderValue::from_static("application/json")),
-            (header::ETAG, etag),
-        ],
-        json,
-    )
+    Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json")), (header::ETAG, etag)], json)
         .into_response())
 }
 
@@ -216,17 +202,9 @@ pub(super) async fn replace(
 ) -> Result<Response, Problem> {
     let spec = description(&app, &headers, body, &ANSWERED).await?;
     if spec.id != id {
-        return Err(Problem::content(
-            "id",
-            &spec.id,
-            &format!("{id}, as in the address"),
-        ));
+        return Err(Problem::content("id", &spec.id, &format!("{id}, as in the address")));
     }
-    let asset = app
-        .service
-        .assets
-        .update(&spec, &etag::precondition(&headers))
-        .await?;
+    let asset = app.service.assets.update(&spec, &etag::precondition(&headers)).await?;
     tagged(&app, asset, None).await
 }
 
@@ -250,10 +228,7 @@ pub(super) async fn remove(
     AssetInPath(id): AssetInPath,
     headers: HeaderMap,
 ) -> Result<StatusCode, Problem> {
-    app.service
-        .assets
-        .delete(&id, &etag::precondition(&headers))
-        .await?;
+    app.service.assets.delete(&id, &etag::precondition(&headers)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -272,17 +247,10 @@ async fn description(
         Some("application/json") => {
             let bytes = body::read_description(headers, body, &app.limits).await?;
             let mut fields: Value = body::from_json(&bytes)?;
-            let had = fields.as_object_mut().map_or(0, |fields| {
-                left_out
-                    .iter()
-                    .filter(|name| fields.remove(**name).is_some())
-                    .count()
-            });
-            let bytes = if had > 0 {
-                fields.to_string().into_bytes().into()
-            } else {
-                bytes
-            };
+            let had = fields
+                .as_object_mut()
+                .map_or(0, |fields| left_out.iter().filter(|name| fields.remove(**name).is_some()).count());
+            let bytes = if had > 0 { fields.to_string().into_bytes().into() } else { bytes };
             let spec: AssetSpec = body::from_json(&bytes)?;
             spec.validate()?;
             Ok(spec)
@@ -307,12 +275,7 @@ async fn view(app: &App, asset: Asset) -> Result<AssetView, Problem> {
 async fn view_with(app: &App, asset: Asset, alarms: &[StoredAlarm]) -> Result<AssetView, Problem> {
     let mine = alarms.iter().filter(|alarm| alarm.asset_id == asset.spec.id);
     let summary = summary(app, &asset, AlarmCounts::of(mine, app.service.now())).await?;
-    Ok(AssetView {
-        spec: asset.spec,
-        created_at: asset.created_at,
-        updated_at: asset.updated_at,
-        summary,
-    })
+    Ok(AssetView { spec: asset.spec, created_at: asset.created_at, updated_at: asset.updated_at, summary })
 }
 
 async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summary, Problem> {
@@ -326,11 +289,7 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     if let Some(channel) = speaking {
         wear = store.latest_counted(channel).await?.map(|segment| segment.wear);
         // Where the description names no channel, one that sees what the others do not speaks for the asset.
-        for other in channels
-            .iter()
-            .skip(1)
-            .filter(|_| asset.spec.sensor.channel.is_none())
-        {
+        for other in channels.iter().skip(1).filter(|_| asset.spec.sensor.channel.is_none()) {
             let latest = store.latest_counted(other).await?.map(|segment| segment.wear);
             if urgency(latest.as_ref()) > urgency(wear.as_ref()) {
                 (speaking, wear) = (Some(other), latest);
@@ -344,27 +303,15 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
         recent_wear_um = store.wear_curve(channel).await?.to_vec();
     }
     let alarm_rules = asset.spec.alarm_rules();
-    let is_watched = alarm_rules
-        .iter()
-        .any(|rule| rule.quantity == AlarmQuantity::WearUm);
-    let unwatched = if is_watched {
-        WearLimits::default()
-    } else {
-        asset.spec.limits
-    };
+    let is_watched = alarm_rules.iter().any(|rule| rule.quantity == AlarmQuantity::WearUm);
+    let unwatched = if is_watched { WearLimits::default() } else { asset.spec.limits };
     Ok(Summary {
         category: Category::of(alarms, wear.as_ref(), unwatched, library_state),
         alarms,
         alarm_rules,
         segments: channels.iter().map(|channel| channel.segments).sum(),
-        first_start_time: channels
-            .iter()
-            .filter_map(|channel| channel.first_start_time)
-            .min(),
-        last_start_time: channels
-            .iter()
-            .filter_map(|channel| channel.last_start_time)
-            .max(),
+        first_start_time: channels.iter().filter_map(|channel| channel.first_start_time).min(),
+        last_start_time: channels.iter().filter_map(|channel| channel.last_start_time).max(),
         library_id,
         library_state,
         library_error: simulation.error,
@@ -403,9 +350,7 @@ pub(super) async fn asset_and_channel(
     if channel.is_none()
         && let Some(asked) = asked
     {
-        return Err(Problem::not_found(format!(
-            "asset {id} has no records of channel {asked:?}"
-        )));
+        return Err(Problem::not_found(format!("asset {id} has no records of channel {asked:?}")));
     }
     Ok((asset, channel))
 }

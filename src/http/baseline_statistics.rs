@@ -71,33 +71,18 @@ pub(super) async fn show(
     AssetInPath(asset): AssetInPath,
     Parameters(asked): Parameters<BaselineParameters>,
 ) -> Result<Json<BaselineView>, Problem> {
-    let names: Vec<String> = asked
-        .names
-        .split(',')
-        .map(|name| name.trim().to_owned())
-        .collect();
+    let names: Vec<String> = asked.names.split(',').map(|name| name.trim().to_owned()).collect();
     if names.len() > 64 {
-        return Err(Problem::query(
-            "names",
-            format!("{} names", names.len()),
-            "at most 64 names",
-        ));
+        return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
     }
     let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
     let store = &app.service.store;
     let (trend, since) = match &channel {
-        Some(channel) => (
-            Some(store.trend(channel).await?),
-            begun(&app, &asset.spec.id).await?,
-        ),
+        Some(channel) => (Some(store.trend(channel).await?), begun(&app, &asset.spec.id).await?),
         None => (None, None),
     };
     let none = Default::default();
-    indicators::check_names(
-        &names,
-        trend.as_ref().map_or(&none, |trend| &trend.indicators),
-        &asset.spec,
-    )?;
+    indicators::check_names(&names, trend.as_ref().map_or(&none, |trend| &trend.indicators), &asset.spec)?;
     let (Some(channel), Some(trend)) = (channel, trend) else {
         return Ok(Json(BaselineView::default()));
     };
@@ -127,10 +112,7 @@ pub(super) async fn show(
 /// When the latest baseline began by what people told; none where they told of nothing.
 async fn begun(app: &App, asset: &AssetId) -> Result<Option<Timestamp>, Problem> {
     let events = app.service.store.maintenance(asset).await?;
-    let begins = events
-        .iter()
-        .rev()
-        .find(|event| event.kind != MaintenanceKind::Inspected);
+    let begins = events.iter().rev().find(|event| event.kind != MaintenanceKind::Inspected);
     Ok(begins.map(|event| event.time))
 }
 
@@ -144,11 +126,8 @@ fn latest_baseline(trend: &Trend, since: Option<Timestamp>) -> Vec<usize> {
     };
     let compared = [Estimated, NoLibrary, NotIdentifiable, OutsideLibrary];
     let before = all.start..=last;
-    let mut positions: Vec<usize> = before
-        .rev()
-        .take_while(|n| !compared.contains(&trend.wear[*n].status))
-        .filter(is_baseline)
-        .collect();
+    let mut positions: Vec<usize> =
+        before.rev().take_while(|n| !compared.contains(&trend.wear[*n].status)).filter(is_baseline).collect();
     positions.reverse();
     positions
 }
@@ -162,9 +141,7 @@ fn scatter(values: impl Iterator<Item = f64> + Clone) -> (u64, Option<f64>, Opti
     (
         count as u64,
         (count > 0).then_some(mean).filter(|mean| mean.is_finite()),
-        (count > 1)
-            .then_some(deviation)
-            .filter(|deviation| deviation.is_finite()),
+        (count > 1).then_some(deviation).filter(|deviation| deviation.is_finite()),
     )
 }
 
@@ -174,10 +151,7 @@ mod tests {
 
     #[test]
     fn scatter_is_that_of_a_sample() {
-        assert_eq!(
-            scatter([2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0].into_iter()).1,
-            Some(5.0)
-        );
+        assert_eq!(scatter([2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0].into_iter()).1, Some(5.0));
         let deviation = scatter([1.0, 3.0].into_iter()).2.unwrap();
         assert!((deviation - std::f64::consts::SQRT_2).abs() < 1e-12);
         assert_eq!(scatter([1.5].into_iter()), (1, Some(1.5), None));

@@ -22,23 +22,13 @@ use crate::service::ServiceError;
 /// The media type of a body without its parameters, in lower case; none where the client does not say.
 pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
     let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
-    Some(
-        value
-            .split(';')
-            .next()
-            .unwrap_or_default()
-            .trim()
-            .to_ascii_lowercase(),
-    )
+    Some(value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
 }
 
 /// The problem of a body that is of none of the `expected` media types, or of a coding of its content.
 pub(super) fn unsupported(found: Option<&str>, expected: &str) -> Problem {
     let found = found.unwrap_or("missing");
-    Problem::new(
-        StatusCode::UNSUPPORTED_MEDIA_TYPE,
-        format!("content-type is {found}, expected {expected}"),
-    )
+    Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, format!("content-type is {found}, expected {expected}"))
 }
 
 /// The bytes of a request's body as they come: no more than allowed, none after the time that a body may
@@ -74,10 +64,7 @@ impl BodySource {
         let until = self.deadline.min(Instant::now() + self.idle);
         let Ok(next) = tokio::time::timeout_at(until.into(), next_piece(&mut self.body)).await else {
             return Err(slow(if until == self.deadline {
-                format!(
-                    "the body took longer than {} s",
-                    (self.deadline - self.began).as_secs()
-                )
+                format!("the body took longer than {} s", (self.deadline - self.began).as_secs())
             } else {
                 format!("nothing of the body came for {} s", self.idle.as_secs())
             }));
@@ -89,10 +76,7 @@ impl BodySource {
         }
         let elapsed = self.began.elapsed();
         if elapsed > self.idle && self.bytes < elapsed.as_secs() * self.bytes_per_s {
-            return Err(slow(format!(
-                "the body came with less than {} bytes a second",
-                self.bytes_per_s
-            )));
+            return Err(slow(format!("the body came with less than {} bytes a second", self.bytes_per_s)));
         }
         Ok(Some(piece))
     }
@@ -230,11 +214,7 @@ impl SpooledBody {
         let mut body = DecodedBody::new(headers, body, limits.recording_bytes, limits)?;
         let mut spooled = Self::at(folder.join(COUNTER.fetch_add(1, Ordering::Relaxed).to_string()));
         let failed = |source| {
-            Problem::from(ServiceError::File {
-                action: "write",
-                path: folder.to_path_buf(),
-                source,
-            })
+            Problem::from(ServiceError::File { action: "write", path: folder.to_path_buf(), source })
         };
         let file = tokio::fs::File::create(&spooled.path).await.map_err(failed)?;
         let mut file = tokio::io::BufWriter::with_capacity(1 << 20, file);
@@ -262,10 +242,7 @@ impl SpooledBody {
 
     /// A file that is there already.
     pub(super) fn at(path: PathBuf) -> Self {
-        Self {
-            path,
-            sha256: Vec::new(),
-        }
+        Self { path, sha256: Vec::new() }
     }
 
     /// SHA-256 of what was received.

@@ -50,10 +50,8 @@ impl AlarmCounts {
             }
             counts.danger += u32::from(alarm.severity() == Some(Severity::Danger));
             counts.warning += u32::from(alarm.severity() == Some(Severity::Warning));
-            counts.unacknowledged += u32::from(matches!(
-                state,
-                AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged
-            ));
+            counts.unacknowledged +=
+                u32::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged));
         }
         counts
     }
@@ -69,9 +67,7 @@ impl Category {
         library_state: &str,
     ) -> Self {
         let beyond = |limit: Option<f64>| {
-            limit
-                .zip(wear.and_then(|wear| wear.median_um))
-                .is_some_and(|(limit, um)| um >= limit)
+            limit.zip(wear.and_then(|wear| wear.median_um)).is_some_and(|(limit, um)| um >= limit)
         };
         let status = wear.map(|wear| wear.status);
         if alarms.danger > 0 || beyond(limits.danger_um) || status == Some(WearStatus::SensorFault) {
@@ -109,49 +105,21 @@ mod tests {
 
     fn wear(status: WearStatus, median_um: Option<f64>) -> WearEstimate {
         let baseline = BaselineProgress { have: 8, need: 8 };
-        WearEstimate {
-            median_um,
-            ..WearEstimate::without_number(status, String::new(), baseline)
-        }
+        WearEstimate { median_um, ..WearEstimate::without_number(status, String::new(), baseline) }
     }
 
     #[test]
     fn the_category_follows_the_alarms_before_the_status() {
-        let raised = |danger, warning| AlarmCounts {
-            danger,
-            warning,
-            ..AlarmCounts::default()
-        };
-        let limits = WearLimits {
-            warning_um: Some(100.0),
-            danger_um: Some(200.0),
-        };
+        let raised = |danger, warning| AlarmCounts { danger, warning, ..AlarmCounts::default() };
+        let limits = WearLimits { warning_um: Some(100.0), danger_um: Some(200.0) };
         let none = WearLimits::default();
         let estimated = wear(WearStatus::Estimated, Some(150.0));
         for (alarms, wear, limits, library, category) in [
             (raised(1, 1), Some(&estimated), none, "ready", Category::Failure),
-            (
-                raised(0, 1),
-                Some(&estimated),
-                none,
-                "ready",
-                Category::MaintenanceRequired,
-            ),
-            (
-                raised(0, 0),
-                Some(&estimated),
-                limits,
-                "ready",
-                Category::MaintenanceRequired,
-            ),
+            (raised(0, 1), Some(&estimated), none, "ready", Category::MaintenanceRequired),
+            (raised(0, 0), Some(&estimated), limits, "ready", Category::MaintenanceRequired),
             (raised(0, 0), Some(&estimated), none, "ready", Category::Normal),
-            (
-                raised(0, 0),
-                Some(&wear(WearStatus::SensorFault, None)),
-                none,
-                "ready",
-                Category::Failure,
-            ),
+            (raised(0, 0), Some(&wear(WearStatus::SensorFault, None)), none, "ready", Category::Failure),
             (
                 raised(0, 0),
                 Some(&wear(WearStatus::OutsideLibrary, None)),
@@ -166,22 +134,12 @@ mod tests {
                 "ready",
                 Category::CheckFunction,
             ),
-            (
-                raised(0, 0),
-                Some(&wear(WearStatus::NoLibrary, None)),
-                none,
-                "none",
-                Category::None,
-            ),
+            (raised(0, 0), Some(&wear(WearStatus::NoLibrary, None)), none, "none", Category::None),
             (raised(0, 0), None, none, "building", Category::CheckFunction),
             (raised(0, 0), None, none, "failed", Category::OutOfSpecification),
             (raised(0, 0), None, none, "none", Category::None),
         ] {
-            assert_eq!(
-                Category::of(alarms, wear, limits, library),
-                category,
-                "{alarms:?} {wear:?}"
-            );
+            assert_eq!(Category::of(alarms, wear, limits, library), category, "{alarms:?} {wear:?}");
         }
     }
 }

@@ -70,16 +70,12 @@ pub(super) async fn cepstrum(
     let computed =
         app.service
             .records
-            .analyse_stored(&segment, "compute a cepstrum", |analyzer, record, _| {
-                analyzer.cepstrum(record)
-            });
+            .analyse_stored(&segment, "compute a cepstrum", |analyzer, record, _| analyzer.cepstrum(record));
     let cepstrum = computed.await?.map_err(|absence| absent("cepstrum", absence))?;
     let resolution_s = cepstrum.resolution_s;
     // The value at zero is the mean level of the spectrum and dwarfs the others.
     let first = 1.min(cepstrum.value.len());
-    let end = ((max_s / resolution_s).floor() as usize)
-        .saturating_add(1)
-        .clamp(first, cepstrum.value.len());
+    let end = ((max_s / resolution_s).floor() as usize).saturating_add(1).clamp(first, cepstrum.value.len());
     let value = &cepstrum.value[first..end];
     let kept = reduction::extremes(&[value], value.len(), most);
     Ok(Json(CepstrumView {

@@ -34,10 +34,7 @@ impl Chosen {
     pub(super) fn only(self, holds: impl Fn(usize) -> bool) -> Self {
         let all = 0..self.len();
         let some = all.map(|n| self.position(n)).filter(|n| holds(*n)).collect();
-        Self {
-            range: self.range,
-            some: Some(some),
-        }
+        Self { range: self.range, some: Some(some) }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -62,27 +59,16 @@ impl Chosen {
 pub(super) fn asked_bin(spec: &AssetSpec, name: Option<&str>) -> Result<Option<OperatingBin>, Problem> {
     let Some(name) = name else { return Ok(None) };
     let bin = spec.operating_bins.iter().find(|bin| bin.name == name);
-    let unknown = || {
-        Problem::query(
-            "operating_bin",
-            name,
-            "the name of one of the asset's operating_bins",
-        )
-    };
+    let unknown = || Problem::query("operating_bin", name, "the name of one of the asset's operating_bins");
     bin.cloned().map(Some).ok_or_else(unknown)
 }
 
 /// The bin that a record of a trend lies in; none where it lies in none.
 pub(super) fn bin_of<'a>(bins: &'a [OperatingBin], trend: &Trend, position: usize) -> Option<&'a str> {
-    bins.iter()
-        .find(|bin| holds(bin, trend, position))
-        .map(|bin| bin.name.as_str())
+    bins.iter().find(|bin| holds(bin, trend, position)).map(|bin| bin.name.as_str())
 }
 
 fn holds(bin: &OperatingBin, trend: &Trend, position: usize) -> bool {
     let known = |value: f64| value.is_finite().then_some(value);
-    bin.holds(
-        known(trend.shaft_speed_hz[position]),
-        known(trend.torque_nm[position]),
-    )
+    bin.holds(known(trend.shaft_speed_hz[position]), known(trend.torque_nm[position]))
 }

@@ -53,10 +53,7 @@ pub struct TlsFiles {
 impl TlsFiles {
     /// Reads both files.
     pub(super) fn load(&self) -> Result<TlsAcceptor, StartError> {
-        let tls = |path: &Path, reason: String| StartError::Tls {
-            path: path.to_path_buf(),
-            reason,
-        };
+        let tls = |path: &Path, reason: String| StartError::Tls { path: path.to_path_buf(), reason };
         let certificates: Result<Vec<_>, _> =
             CertificateDer::pem_file_iter(&self.certificate).and_then(Iterator::collect);
         let certificates = certificates.map_err(|error| tls(&self.certificate, error.to_string()))?;
@@ -103,17 +100,10 @@ pub(super) async fn serve(
                 continue;
             }
         };
-        let (router, tls, limits, watcher) = (
-            router.clone(),
-            tls.clone(),
-            Arc::clone(&limits),
-            graceful.watcher(),
-        );
+        let (router, tls, limits, watcher) =
+            (router.clone(), tls.clone(), Arc::clone(&limits), graceful.watcher());
         let place = places.take(Client::Address(Some(from)));
-        let peer = Peer {
-            address: from,
-            is_in_reserve: place.is_none(),
-        };
+        let peer = Peer { address: from, is_in_reserve: place.is_none() };
         // A connection that has a place leaves the reserve to others.
         let reserved = place.is_none().then_some(reserved);
         tokio::spawn(async move {
@@ -143,31 +133,22 @@ struct Peer {
 
 impl Peer {
     fn header_timeout(self, limits: &HttpLimits) -> Duration {
-        if self.is_in_reserve {
-            limits.header_timeout.min(RESERVE_TIMEOUT)
-        } else {
-            limits.header_timeout
-        }
+        if self.is_in_reserve { limits.header_timeout.min(RESERVE_TIMEOUT) } else { limits.header_timeout }
     }
 
     /// Why a request is not answered here.
     fn refusal(self, path: &str) -> Option<Response> {
         let is_refused = self.is_in_reserve && !matches!(path, "/healthz" | "/readyz");
         is_refused.then(|| {
-            Problem::busy(
-                "all connections that one client or all together may have are taken",
-                1,
-            )
-            .into_response()
+            Problem::busy("all connections that one client or all together may have are taken", 1)
+                .into_response()
         })
     }
 }
 
 /// Has the connection end after an answer.
 pub(super) fn closing(mut response: Response) -> Response {
-    response
-        .headers_mut()
-        .insert(header::CONNECTION, HeaderValue::from_static("close"));
+    response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     response
 }
 
@@ -193,11 +174,7 @@ async fn talk(
                 (None, Some(answered)) => answered.await?,
                 (None, None) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
             };
-            Ok::<_, Infallible>(if peer.is_in_reserve {
-                closing(response)
-            } else {
-                response
-            })
+            Ok::<_, Infallible>(if peer.is_in_reserve { closing(response) } else { response })
         }
     };
     let connection = http1::Builder::new()

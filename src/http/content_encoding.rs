@@ -32,11 +32,7 @@ impl ContentEncoding {
         let Some(coding) = headers.get(header::CONTENT_ENCODING) else {
             return Ok(Self::Identity);
         };
-        match coding
-            .to_str()
-            .map(|coding| coding.trim().to_ascii_lowercase())
-            .as_deref()
-        {
+        match coding.to_str().map(|coding| coding.trim().to_ascii_lowercase()).as_deref() {
             Ok("identity" | "") => Ok(Self::Identity),
             Ok("gzip" | "x-gzip") => Ok(Self::Gzip(Box::new(GzDecoder::new(Vec::new())))),
             Ok("zstd") => {
@@ -102,10 +98,7 @@ impl ContentEncoding {
 }
 
 fn broken(error: io::Error) -> Problem {
-    Problem::new(
-        StatusCode::BAD_REQUEST,
-        format!("the body is not what content-encoding says: {error}"),
-    )
+    Problem::new(StatusCode::BAD_REQUEST, format!("the body is not what content-encoding says: {error}"))
 }
 
 #[cfg(test)]
@@ -133,23 +126,12 @@ mod tests {
 
     #[test]
     fn what_was_coded_comes_out_and_what_is_cut_off_is_refused() {
-        let mut bytes: Vec<u8> = (0..300_000_u32)
-            .flat_map(|n| n.wrapping_mul(n).to_le_bytes())
-            .collect();
+        let mut bytes: Vec<u8> = (0..300_000_u32).flat_map(|n| n.wrapping_mul(n).to_le_bytes()).collect();
         bytes.resize(bytes.len() + 500_000, 0);
-        for (coding, coded) in [
-            ("gzip", gzip(&bytes)),
-            ("zstd", zstd::bulk::compress(&bytes, 3).unwrap()),
-        ] {
+        for (coding, coded) in [("gzip", gzip(&bytes)), ("zstd", zstd::bulk::compress(&bytes, 3).unwrap())] {
             assert!(decode(coding, &coded).unwrap() == bytes, "{coding}");
-            assert!(
-                decode(coding, &coded[..coded.len() - 5]).is_err(),
-                "{coding} cut off"
-            );
-            assert!(
-                decode(coding, b"something else entirely").is_err(),
-                "{coding} broken"
-            );
+            assert!(decode(coding, &coded[..coded.len() - 5]).is_err(), "{coding} cut off");
+            assert!(decode(coding, b"something else entirely").is_err(), "{coding} broken");
         }
         assert!(decode("br", b"").is_err());
         assert_eq!(decode("identity", b"abc").unwrap(), b"abc");

@@ -160,14 +160,8 @@ impl Compressed {
     fn new(bytes: &[u8]) -> Self {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
         // Writing to a vector cannot fail; were it to, the file would be empty and the browser would say so.
-        let gzip = encoder
-            .write_all(bytes)
-            .and_then(|()| encoder.finish())
-            .unwrap_or_default();
-        Self {
-            gzip,
-            etag: etag::of_bytes(&[bytes]),
-        }
+        let gzip = encoder.write_all(bytes).and_then(|()| encoder.finish()).unwrap_or_default();
+        Self { gzip, etag: etag::of_bytes(&[bytes]) }
     }
 
     fn decompressed(&self) -> Vec<u8> {
@@ -194,10 +188,7 @@ pub(super) async fn file(path: Result<Path<String>, PathRejection>, headers: Hea
     if name == PLOTLY_NAME {
         return send_plotly(&headers).await;
     }
-    match FILES
-        .iter()
-        .find(|file| file.name == name && name != "index.html")
-    {
+    match FILES.iter().find(|file| file.name == name && name != "index.html") {
         Some(file) => send(&headers, file),
         None => Problem::not_found(format!("there is no file {name:?}")).into_response(),
     }
@@ -208,17 +199,11 @@ fn send(headers: &HeaderMap, file: &'static StaticFile) -> Response {
     // Revalidated each time: a new version of the program may bring a new file under the same name.
     let caching = HeaderValue::from_static("no-cache");
     if is_known(headers, &etag) {
-        return (
-            StatusCode::NOT_MODIFIED,
-            [(header::ETAG, etag), (header::CACHE_CONTROL, caching)],
-        )
+        return (StatusCode::NOT_MODIFIED, [(header::ETAG, etag), (header::CACHE_CONTROL, caching)])
             .into_response();
     }
     let fields = [
-        (
-            header::CONTENT_TYPE,
-            HeaderValue::from_static(content_type(file.name)),
-        ),
+        (header::CONTENT_TYPE, HeaderValue::from_static(content_type(file.name))),
         (header::ETAG, etag),
         (header::CACHE_CONTROL, caching),
     ];
@@ -231,17 +216,11 @@ async fn send_plotly(headers: &HeaderMap) -> Response {
     };
     let caching = HeaderValue::from_static("public, max-age=86400");
     if is_known(headers, &script.etag) {
-        let fields = [
-            (header::ETAG, script.etag.clone()),
-            (header::CACHE_CONTROL, caching),
-        ];
+        let fields = [(header::ETAG, script.etag.clone()), (header::CACHE_CONTROL, caching)];
         return (StatusCode::NOT_MODIFIED, fields).into_response();
     }
     let fields = [
-        (
-            header::CONTENT_TYPE,
-            HeaderValue::from_static(content_type(PLOTLY_NAME)),
-        ),
+        (header::CONTENT_TYPE, HeaderValue::from_static(content_type(PLOTLY_NAME))),
         (header::ETAG, script.etag.clone()),
         (header::CACHE_CONTROL, caching),
         (header::VARY, HeaderValue::from_static("accept-encoding")),
@@ -249,18 +228,9 @@ async fn send_plotly(headers: &HeaderMap) -> Response {
     let takes_gzip = headers
         .get(header::ACCEPT_ENCODING)
         .and_then(|value| value.to_str().ok())
-        .is_some_and(|value| {
-            value
-                .split(',')
-                .any(|coding| coding.trim().split(';').next() == Some("gzip"))
-        });
+        .is_some_and(|value| value.split(',').any(|coding| coding.trim().split(';').next() == Some("gzip")));
     if takes_gzip {
-        (
-            fields,
-            [(header::CONTENT_ENCODING, "gzip")],
-            script.gzip.as_slice(),
-        )
-            .into_response()
+        (fields, [(header::CONTENT_ENCODING, "gzip")], script.gzip.as_slice()).into_response()
     } else {
         match tokio::task::spawn_blocking(|| PLOTLY.decompressed()).await {
             Ok(bytes) => (fields, bytes).into_response(),
@@ -287,9 +257,6 @@ mod tests {
 
     #[test]
     fn what_is_compressed_comes_out_again() {
-        assert_eq!(
-            Compressed::new(b"function f() {}").decompressed(),
-            b"function f() {}"
-        );
+        assert_eq!(Compressed::new(b"function f() {}").decompressed(), b"function f() {}");
     }
 }

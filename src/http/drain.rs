@@ -79,18 +79,10 @@ pub(super) async fn layer(request: Request, next: Next) -> Response {
     }
     let is_begun = Arc::new(AtomicBool::new(false));
     let waits = request.headers().contains_key(header::EXPECT);
-    let request = request.map(|body| {
-        Body::new(WholeBody {
-            body,
-            is_begun: Arc::clone(&is_begun),
-            waits,
-        })
-    });
+    let request = request.map(|body| Body::new(WholeBody { body, is_begun: Arc::clone(&is_begun), waits }));
     let mut response = next.run(request).await;
     if waits && !is_begun.load(Ordering::Relaxed) {
-        response
-            .headers_mut()
-            .insert(header::CONNECTION, HeaderValue::from_static("close"));
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
     response
 }

@@ -34,18 +34,9 @@ pub(super) fn of_channel(
     let (channel_no, revision) = channel.map_or((0, 0), ChannelSummary::version);
     let updated_at = asset.updated_at.as_nanosecond().to_le_bytes();
     let address = uri.path_and_query().map_or("", |address| address.as_str());
-    let accept = headers
-        .get(header::ACCEPT)
-        .map_or(&b""[..], HeaderValue::as_bytes);
+    let accept = headers.get(header::ACCEPT).map_or(&b""[..], HeaderValue::as_bytes);
     let version = env!("CARGO_PKG_VERSION").as_bytes();
-    of_bytes(&[
-        version,
-        &number(channel_no),
-        &number(revision),
-        &updated_at,
-        address.as_bytes(),
-        accept,
-    ])
+    of_bytes(&[version, &number(channel_no), &number(revision), &updated_at, address.as_bytes(), accept])
 }
 
 /// The entity tag of an asset: that of its description, and behind it that of the whole answer.
@@ -61,31 +52,17 @@ pub(super) fn of_asset(asset: &Asset, body: &[u8]) -> Result<HeaderValue, Proble
 /// changes with every record.
 pub(super) fn precondition(headers: &HeaderMap) -> Precondition {
     let tags = |name: HeaderName| {
-        let given: Vec<&str> = headers
-            .get_all(name)
-            .iter()
-            .filter_map(|value| value.to_str().ok())
-            .collect();
-        (!given.is_empty()).then(|| {
-            given
-                .iter()
-                .flat_map(|list| list.split(','))
-                .map(description_in)
-                .collect()
-        })
+        let given: Vec<&str> = headers.get_all(name).iter().filter_map(|value| value.to_str().ok()).collect();
+        (!given.is_empty())
+            .then(|| given.iter().flat_map(|list| list.split(',')).map(description_in).collect())
     };
-    Precondition {
-        matches: tags(header::IF_MATCH),
-        matches_none: tags(header::IF_NONE_MATCH),
-    }
+    Precondition { matches: tags(header::IF_MATCH), matches_none: tags(header::IF_NONE_MATCH) }
 }
 
 /// The part of an asset's tag that is its description's.
 fn description_in(tag: &str) -> String {
     let tag = tag.trim().trim_start_matches("W/").trim_matches('"');
-    tag.split_once('-')
-        .map_or(tag, |(description, _)| description)
-        .to_owned()
+    tag.split_once('-').map_or(tag, |(description, _)| description).to_owned()
 }
 
 /// Whether the client has what has this tag.

@@ -70,11 +70,7 @@ impl EventRing {
 
     /// Shows what all nodes show; `history` notes the recomputations of other processes.
     pub(super) fn share(shared: SharedEvents, history: Arc<History>, capacity: usize) -> Arc<Self> {
-        let SharedEvents {
-            run,
-            backlog,
-            mut receiver,
-        } = shared;
+        let SharedEvents { run, backlog, mut receiver } = shared;
         let events = Arc::new(Self {
             run,
             capacity: capacity.max(1),
@@ -129,10 +125,7 @@ impl EventRing {
     /// is none yet.
     pub(super) fn next(&self, position: &mut u64, asset: Option<&AssetId>) -> Next {
         let entries = self.lock();
-        let oldest = entries
-            .events
-            .front()
-            .map_or(entries.last_number + 1, |event| event.number);
+        let oldest = entries.events.front().map_or(entries.last_number + 1, |event| event.number);
         if *position + 1 < oldest {
             let gone = oldest - 1 - *position;
             *position = oldest - 1;
@@ -145,9 +138,7 @@ impl EventRing {
         };
         let found = entries.events.iter().skip(from).find(is_wanted).cloned();
         // A client may have seen more at another node than has come here yet.
-        *position = found
-            .as_ref()
-            .map_or(entries.last_number.max(*position), |event| event.number);
+        *position = found.as_ref().map_or(entries.last_number.max(*position), |event| event.number);
         found.map_or(Next::Nothing, Next::Event)
     }
 
@@ -197,11 +188,7 @@ mod tests {
         let events = EventRing::follow(receiver, "r".into(), 3);
         let (a, b) = (AssetId::new("a").unwrap(), AssetId::new("b").unwrap());
         for n in 0..5 {
-            events.add(LiveEvent::AssetChanged(if n % 2 == 0 {
-                a.clone()
-            } else {
-                b.clone()
-            }));
+            events.add(LiveEvent::AssetChanged(if n % 2 == 0 { a.clone() } else { b.clone() }));
         }
         let mut position = 0;
         assert!(matches!(events.next(&mut position, None), Next::Lost(2)));

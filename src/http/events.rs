@@ -47,10 +47,9 @@ fn named(event: &LiveEvent) -> (&'static str, Value) {
     match event {
         LiveEvent::AssetChanged(id) => ("asset", json!({ "asset_id": id, "change": "changed" })),
         LiveEvent::AssetRemoved(id) => ("asset", json!({ "asset_id": id, "change": "removed" })),
-        LiveEvent::Indicators(place, indicators) => (
-            "indicators",
-            of_segment(place, "indicators", json!(indicators.values)),
-        ),
+        LiveEvent::Indicators(place, indicators) => {
+            ("indicators", of_segment(place, "indicators", json!(indicators.values)))
+        }
         LiveEvent::Wear(place, wear) => ("wear", of_segment(place, "wear", json!(wear))),
         LiveEvent::HistoryFolded { asset, channel } => {
             ("history", json!({ "asset_id": asset, "channel": channel }))
@@ -59,22 +58,12 @@ fn named(event: &LiveEvent) -> (&'static str, Value) {
         LiveEvent::AlarmChanged(notice) => {
             let AlarmNotice { alarm, change } = &**notice;
             let view = AlarmView::new(alarm.clone(), change.time);
-            (
-                "alarm",
-                json!({ "asset_id": alarm.asset_id, "alarm": view, "change": change }),
-            )
+            ("alarm", json!({ "asset_id": alarm.asset_id, "alarm": view, "change": change }))
         }
-        LiveEvent::MaintenanceChanged {
-            asset,
-            event,
-            is_removed,
-        } => {
+        LiveEvent::MaintenanceChanged { asset, event, is_removed } => {
             let change = if *is_removed { "removed" } else { "added" };
             let event = EventView::new(asset.clone(), event.clone());
-            (
-                "maintenance",
-                json!({ "asset_id": asset, "event": event, "change": change }),
-            )
+            ("maintenance", json!({ "asset_id": asset, "event": event, "change": change }))
         }
         LiveEvent::ReplayChanged(replay) => ("replay", json!(replay)),
         LiveEvent::Lost(count) => ("lost", json!({ "events": count })),
@@ -83,10 +72,7 @@ fn named(event: &LiveEvent) -> (&'static str, Value) {
 
 fn server_event(events: &EventRing, NumberedEvent { number, event }: &NumberedEvent) -> Event {
     let (name, data) = named(event);
-    Event::default()
-        .event(name)
-        .id(events.id(*number))
-        .data(data.to_string())
+    Event::default().event(name).id(events.id(*number)).data(data.to_string())
 }
 
 /// One event as it comes over the stream.
@@ -141,28 +127,17 @@ pub(super) async fn stream(
     let Some(share) = app.event_streams.take(client) else {
         // The connection would only wait; others need its place.
         return Ok(closing(
-            Problem::busy(
-                "too many event streams are open, of this client or of all together",
-                30,
-            )
-            .into_response(),
+            Problem::busy("too many event streams are open, of this client or of all together", 30)
+                .into_response(),
         ));
     };
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
-    let follower = Follower::new(
-        app,
-        asked.asset,
-        caller.map(|Extension(caller)| caller),
-        last,
-        share,
-    );
+    let follower = Follower::new(app, asked.asset, caller.map(|Extension(caller)| caller), last, share);
     let stream = unfold(follower, async |mut follower| {
         let event = follower.next().await?;
         Some((Ok::<_, Infallible>(event), follower))
     });
-    Ok(Sse::new(stream)
-        .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
-        .into_response())
+    Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 
 /// Who follows what happens.
@@ -209,10 +184,7 @@ impl Follower {
         let events = Arc::clone(&self.app.events);
         if std::mem::take(&mut self.is_restarted) {
             return Some(
-                Event::default()
-                    .event("lost")
-                    .id(events.id(self.position))
-                    .data("{\"events\":null}"),
+                Event::default().event("lost").id(events.id(self.position)).data("{\"events\":null}"),
             );
         }
         loop {

@@ -102,10 +102,6 @@ async fn set_range(
     is_excluded: bool,
 ) -> Result<Json<Changed>, Problem> {
     let ranges = asked.ranges(app, asset, "a time here or in to, or ids").await?;
-    let changed = app
-        .service
-        .exclusions
-        .set_each(asset, &ranges, is_excluded)
-        .await?;
+    let changed = app.service.exclusions.set_each(asset, &ranges, is_excluded).await?;
     Ok(Json(Changed { changed }))
 }

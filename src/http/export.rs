@@ -104,18 +104,13 @@ async fn written(
     let spec = store.asset(asset).await?.spec;
     let channels = store.channels(asset).await?;
     let is_wanted = |name: &str| asked.channel.as_ref().is_none_or(|channel| channel == name);
-    let segments: u64 = channels
-        .iter()
-        .filter(|channel| is_wanted(&channel.channel))
-        .map(|channel| channel.segments)
-        .sum();
+    let segments: u64 =
+        channels.iter().filter(|channel| is_wanted(&channel.channel)).map(|channel| channel.segments).sum();
     let (file, spooled) = new_file(folder)?;
     let mut writer =
         HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(ServiceError::from)?;
     let wanted = channels.iter().filter(|channel| is_wanted(&channel.channel));
-    let latest: Vec<_> = wanted
-        .filter_map(|channel| channel.last_segment.clone())
-        .collect();
+    let latest: Vec<_> = wanted.filter_map(|channel| channel.last_segment.clone()).collect();
     for (name, entries) in provenance::metadata(&spec, &store.segments_by_id(&latest).await?) {
         writer.metadata(name, entries).map_err(ServiceError::from)?;
     }
@@ -135,20 +130,13 @@ async fn written(
     loop {
         let page = store.segments(asset, &filter, PAGE).await?;
         let Some(last) = page.last() else { break };
-        filter.after = Some(SegmentKey {
-            start_time: last.start_time,
-            id: last.id.clone(),
-        });
+        filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
         let mut with_spectra = Vec::with_capacity(page.len());
         for segment in page {
             // Every k-th record, so that there are about as many as were asked for.
             let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
             number += 1;
-            let spectrum = if is_chosen {
-                spectrum_of(app, &segment).await?
-            } else {
-                None
-            };
+            let spectrum = if is_chosen { spectrum_of(app, &segment).await? } else { None };
             with_spectra.push((segment, spectrum));
         }
         let written = app.service.workers.run("write a history", move || {
@@ -168,16 +156,11 @@ async fn written(
         Ok::<_, RecordingError>(writer)
     });
     let writer = written.await?.map_err(ServiceError::from)?;
-    let finished = app
-        .service
-        .workers
-        .run("write a history", move || writer.finish().map(drop));
+    let finished = app.service.workers.run("write a history", move || writer.finish().map(drop));
     finished.await?.map_err(ServiceError::from)?;
     let name = format!("attachment; filename=\"{asset}.mcap\"");
-    let fields = [
-        (header::CONTENT_TYPE, "application/mcap".to_string()),
-        (header::CONTENT_DISPOSITION, name),
-    ];
+    let fields =
+        [(header::CONTENT_TYPE, "application/mcap".to_string()), (header::CONTENT_DISPOSITION, name)];
     Ok((fields, stream(spooled).await?).into_response())
 }
 
@@ -207,20 +190,16 @@ async fn alarm_changes(
     asked: &ExportParameters,
 ) -> Result<Vec<(String, AlarmState)>, Problem> {
     let store = &app.service.store;
-    let filter = AlarmFilter {
-        asset: Some(asset.clone()),
-        channel: asked.channel.clone(),
-        ..AlarmFilter::default()
-    };
+    let filter =
+        AlarmFilter { asset: Some(asset.clone()), channel: asked.channel.clone(), ..AlarmFilter::default() };
     let mut changes = Vec::new();
     for alarm in store.alarms(&filter, app.service.now(), u32::MAX).await? {
         let (history, _) = store.alarm_history(&alarm.id, u32::MAX).await?;
         let is_asked = |time: Timestamp| {
             asked.from.is_none_or(|from| from <= time) && asked.to.is_none_or(|to| time < to)
         };
-        let told = history
-            .into_iter()
-            .filter(|entry| entry.withdrawn_at.is_none() && is_asked(entry.change.time));
+        let told =
+            history.into_iter().filter(|entry| entry.withdrawn_at.is_none() && is_asked(entry.change.time));
         changes.extend(told.map(|StoredAlarmChange { change, .. }| {
             let message = AlarmState {
                 start_time_ns: nanoseconds(change.time),
@@ -274,11 +253,8 @@ fn nanoseconds(time: Timestamp) -> i64 {
 /// A new file in a folder that others may write to as well: its name cannot be guessed, and nobody else reads
 /// it.
 fn new_file(folder: &Path) -> Result<(File, SpooledBody), ServiceError> {
-    let failed = |source: std::io::Error| ServiceError::File {
-        action: "write",
-        path: folder.to_path_buf(),
-        source,
-    };
+    let failed =
+        |source: std::io::Error| ServiceError::File { action: "write", path: folder.to_path_buf(), source };
     let mut unguessable = [0; 16];
     getrandom::fill(&mut unguessable).map_err(|error| failed(std::io::Error::other(error.to_string())))?;
     let path = folder.join(format!("flankwatch-export-{}", hex::encode(unguessable)));

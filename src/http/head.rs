@@ -36,10 +36,7 @@ fn check(request: &Request, most: usize) -> Result<(), Problem> {
 
 /// The bytes of a request's line and its fields.
 fn head_bytes(request: &Request) -> usize {
-    let path = request
-        .uri()
-        .path_and_query()
-        .map_or(1, |path| path.as_str().len());
+    let path = request.uri().path_and_query().map_or(1, |path| path.as_str().len());
     let line = request.method().as_str().len() + path + "  HTTP/1.1\r\n".len();
     let fields = request.headers().iter();
     let fields = fields.map(|(name, value)| name.as_str().len() + value.len() + ": \r\n".len());
@@ -71,11 +68,7 @@ mod tests {
             (Version::HTTP_11, &[own, own][..]),
             (Version::HTTP_10, &[own, other][..]),
         ] {
-            assert_eq!(
-                status(version, fields),
-                Some(StatusCode::BAD_REQUEST),
-                "{fields:?}"
-            );
+            assert_eq!(status(version, fields), Some(StatusCode::BAD_REQUEST), "{fields:?}");
         }
     }
 
@@ -83,16 +76,9 @@ mod tests {
     fn a_head_has_a_greatest_length() {
         // `GET /v1/assets HTTP/1.1`, the host, and what `x: ` and line ends take.
         let rest = 1000 - 25 - 17 - 5 - 2;
-        let fields = |length: usize| {
-            status(
-                Version::HTTP_11,
-                &[("host", "localhost"), ("x", &"a".repeat(length))],
-            )
-        };
+        let fields =
+            |length: usize| status(Version::HTTP_11, &[("host", "localhost"), ("x", &"a".repeat(length))]);
         assert_eq!(fields(rest), None);
-        assert_eq!(
-            fields(rest + 1),
-            Some(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE)
-        );
+        assert_eq!(fields(rest + 1), Some(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE));
     }
 }

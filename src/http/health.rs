@@ -104,10 +104,7 @@ struct Queue {
 /// Whether the process lives
 #[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, body = Alive)))]
 pub(super) async fn alive() -> Json<Alive> {
-    Json(Alive {
-        status: "ok",
-        version: env!("CARGO_PKG_VERSION"),
-    })
+    Json(Alive { status: "ok", version: env!("CARGO_PKG_VERSION") })
 }
 
 /// Whether the service can be read, or can take records
@@ -160,9 +157,7 @@ async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose)
         return Json(ready).into_response();
     }
     let mut response = (StatusCode::SERVICE_UNAVAILABLE, Json(ready)).into_response();
-    response
-        .headers_mut()
-        .insert(header::RETRY_AFTER, HeaderValue::from(5));
+    response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(5));
     response
 }
 
@@ -192,11 +187,7 @@ impl HealthServer {
             .route("/healthz", get(alive))
             .route("/readyz", get(ready_of_worker))
             .route("/metrics", get(metrics_of_worker))
-            .with_state(Watched {
-                service,
-                write_probe: Arc::default(),
-                queue: Arc::default(),
-            });
+            .with_state(Watched { service, write_probe: Arc::default(), queue: Arc::default() });
         let task = tokio::spawn(async move {
             if let Err(error) = axum::serve(listener, router).await {
                 tracing::error!(%error, "the health server stopped");

@@ -86,11 +86,7 @@ pub(super) async fn trend(
         names.map(str::to_owned).collect()
     });
     if let Some(names) = names.as_ref().filter(|names| names.len() > 64) {
-        return Err(Problem::query(
-            "names",
-            format!("{} names", names.len()),
-            "at most 64 names",
-        ));
+        return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
     }
     let check = |known: &BTreeMap<String, Vec<f64>>| {
         check_names(names.as_deref().unwrap_or_default(), known, &asset.spec)
@@ -124,9 +120,7 @@ pub(super) fn check_names(
     let Some(unknown) = names.iter().find(|name| !is_known(name)) else {
         return Ok(());
     };
-    let all = known
-        .iter()
-        .chain(recorded.keys().filter(|name| !known.contains(name)));
+    let all = known.iter().chain(recorded.keys().filter(|name| !known.contains(name)));
     let nearest = Indicators::nearest(unknown, all.map(String::as_str)).join(", ");
     let expected = format!("names of indicators; the nearest are {nearest}");
     Err(Problem::query("names", format!("{unknown:?}"), &expected))

@@ -85,22 +85,11 @@ pub(super) async fn list(
 ) -> Result<Json<Page<TokenView>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let after = query::place_cursor(asked.cursor.as_deref())?;
-    let known = app
-        .access
-        .managed_tokens()?
-        .list()
-        .await
-        .map_err(|error| unreadable(&error))?;
+    let known = app.access.managed_tokens()?.list().await.map_err(|error| unreadable(&error))?;
     let mut tokens = known.map(|tokens| tokens.to_vec()).unwrap_or_default();
     tokens.sort_by(|a, b| place(a).cmp(&place(b)));
-    tokens.retain(|token| {
-        after
-            .as_ref()
-            .is_none_or(|(time, id)| place(token) > (*time, id.as_str()))
-    });
-    let page = Page::new(tokens, limit, |token: &Token| {
-        query::cursor_at(token.created_at, &token.id)
-    });
+    tokens.retain(|token| after.as_ref().is_none_or(|(time, id)| place(token) > (*time, id.as_str())));
+    let page = Page::new(tokens, limit, |token: &Token| query::cursor_at(token.created_at, &token.id));
     Ok(Json(page.map(|token| TokenView::from(&token))))
 }
 
@@ -155,22 +144,9 @@ pub(super) async fn create(
     }
     let issued = place.issue(name, scope, app.service.now()).await;
     let (token, kept) = issued.map_err(|error| unreadable(&error))?;
-    tracing::info!(
-        token = kept.id,
-        scope = scope.name(),
-        by = by(caller.as_deref()),
-        "made a token"
-    );
-    let answer = NewToken {
-        kept: TokenView::from(&kept),
-        token,
-    };
-    Ok((
-        StatusCode::CREATED,
-        [(header::CACHE_CONTROL, "no-store")],
-        Json(answer),
-    )
-        .into_response())
+    tracing::info!(token = kept.id, scope = scope.name(), by = by(caller.as_deref()), "made a token");
+    let answer = NewToken { kept: TokenView::from(&kept), token };
+    Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response())
 }
 
 /// Revoke a token

@@ -105,10 +105,7 @@ pub(super) async fn show(
     NameInPath(id): NameInPath,
 ) -> Result<Json<LibraryView>, Problem> {
     let library = find(&app, &id).await?;
-    Ok(Json(LibraryView {
-        row: LibraryRow::from(library.manifest()),
-        pair: library.pair().clone(),
-    }))
+    Ok(Json(LibraryView { row: LibraryRow::from(library.manifest()), pair: library.pair().clone() }))
 }
 
 /// One wear state of a library.
@@ -152,10 +149,7 @@ pub(super) async fn state(
 ) -> Result<Json<StateView>, Problem> {
     let Path((id, index)) = path.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
     let library = find(&app, &id).await?;
-    let state = index
-        .parse::<usize>()
-        .ok()
-        .and_then(|index| library.states().get(index));
+    let state = index.parse::<usize>().ok().and_then(|index| library.states().get(index));
     let state = state.ok_or_else(|| {
         let last = library.states().len().saturating_sub(1);
         Problem::not_found(format!("library {id} has no state {index}, only 0 to {last}"))
@@ -178,10 +172,7 @@ pub(super) async fn state(
 pub(super) async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
     let unknown = || Problem::not_found(format!("there is no library {id:?}"));
     // It becomes a file's name.
-    if !id
-        .bytes()
-        .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_')
-    {
+    if !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_') {
         return Err(unknown());
     }
     let (shelf, name) = (app.service.simulations.shelf(), id.to_string());

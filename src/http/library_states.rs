@@ -55,9 +55,7 @@ impl From<&LibraryState> for StateRow {
 fn extent(values: &[f64]) -> [f64; 2] {
     values
         .iter()
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
-            [low.min(*value), high.max(*value)]
-        })
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(*value), high.max(*value)])
 }
 
 /// Wear states of a library
@@ -136,24 +134,12 @@ pub(super) async fn flank(
     let (spec, wear_um) = (library.pair().clone(), asked.wear_um);
     let most = library.max_wear_um();
     if !(0.0..=most).contains(&wear_um) {
-        return Err(Problem::query(
-            "wear_um",
-            wear_um,
-            &format!("a depth from 0 to {most} µm"),
-        ));
+        return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {most} µm")));
     }
     let _ticket = app.service.workers.admit_answer()?;
-    let gears = app
-        .service
-        .workers
-        .run("work out flanks", move || flanks(&spec, wear_um))
-        .await?;
+    let gears = app.service.workers.run("work out flanks", move || flanks(&spec, wear_um)).await?;
     let gears = gears.map_err(|error| {
-        Problem::query(
-            "wear_um",
-            wear_um,
-            &format!("a depth that the teeth allow: {error}"),
-        )
+        Problem::query("wear_um", wear_um, &format!("a depth that the teeth allow: {error}"))
     })?;
     Ok(Json(FlankView { wear_um, gears }))
 }
@@ -161,15 +147,11 @@ pub(super) async fn flank(
 fn flanks(spec: &PairSpec, wear_um: f64) -> Result<Vec<FlankRow>, GearError> {
     let pair = spec.resolve()?;
     let wear = FlankWear::from_shape(&pair, wear_um * 1e-3)?;
-    Ok((0..2)
-        .map(|index| row(&pair.gears[index], &wear, index))
-        .collect())
+    Ok((0..2).map(|index| row(&pair.gears[index], &wear, index)).collect())
 }
 
 fn row(gear: &Gear, wear: &FlankWear, index: usize) -> FlankRow {
-    let points: Vec<_> = Flank::new(gear, wear, index)
-        .active_points(FLANK_STRETCHES)
-        .collect();
+    let points: Vec<_> = Flank::new(gear, wear, index).active_points(FLANK_STRETCHES).collect();
     FlankRow {
         teeth: gear.teeth,
         root_radius_mm: gear.root_radius_mm,

@@ -17,19 +17,12 @@ pub(super) struct LineRange {
 impl LineRange {
     /// The range that the parameters of these names say; without them the whole spectrum.
     pub(super) fn new(names: [&str; 2], from: Option<f64>, to: Option<f64>) -> Result<Self, Problem> {
-        let range = Self {
-            from: from.unwrap_or(0.0),
-            to: to.unwrap_or(f64::INFINITY),
-        };
+        let range = Self { from: from.unwrap_or(0.0), to: to.unwrap_or(f64::INFINITY) };
         if range.from >= 0.0 && range.from.is_finite() && range.to > range.from {
             return Ok(range);
         }
         let expected = format!("{} at least 0 and below {}", names[0], names[1]);
-        Err(Problem::query(
-            &names.join(", "),
-            format!("{} to {}", range.from, range.to),
-            &expected,
-        ))
+        Err(Problem::query(&names.join(", "), format!("{} to {}", range.from, range.to), &expected))
     }
 
     /// Places of its lines among `lines` of them that stand `resolution` apart from 0 on.
@@ -46,9 +39,7 @@ mod tests {
     use super::*;
 
     fn places(from: Option<f64>, to: Option<f64>) -> Range<usize> {
-        LineRange::new(["from_hz", "to_hz"], from, to)
-            .unwrap()
-            .places(1001, 0.1)
+        LineRange::new(["from_hz", "to_hz"], from, to).unwrap().places(1001, 0.1)
     }
 
     #[test]
@@ -70,10 +61,7 @@ mod tests {
             (0.0, f64::NAN),
             (f64::INFINITY, f64::INFINITY),
         ] {
-            assert!(
-                LineRange::new(["from_hz", "to_hz"], Some(from), Some(to)).is_err(),
-                "{from} to {to}"
-            );
+            assert!(LineRange::new(["from_hz", "to_hz"], Some(from), Some(to)).is_err(), "{from} to {to}");
         }
     }
 }

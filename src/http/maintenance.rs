@@ -82,26 +82,13 @@ pub(super) async fn add(
     headers: HeaderMap,
     body: Body,
 ) -> Result<impl IntoResponse, Problem> {
-    let Done {
-        time,
-        kind,
-        by,
-        comment,
-        inspection,
-        until,
-    } = body::described(&app.limits, &headers, body).await?;
+    let Done { time, kind, by, comment, inspection, until } =
+        body::described(&app.limits, &headers, body).await?;
     check_signature(&by, &comment)?;
     let time = time.unwrap_or_else(|| app.service.now());
     check_inspection(kind, inspection.as_ref())?;
     check_until(kind, time, until)?;
-    let event = MaintenanceEvent {
-        time,
-        kind,
-        by,
-        comment,
-        inspection,
-        until,
-    };
+    let event = MaintenanceEvent { time, kind, by, comment, inspection, until };
     let stored = app.service.maintenance.add(&asset, event).await?;
     let location = format!("/v1/assets/{asset}/maintenance/{}", stored.id);
     let view = EventView::new(asset, stored);
@@ -127,12 +114,9 @@ pub(super) async fn list(
     let after = query::place_cursor(asked.cursor.as_deref())?;
     let store = &app.service.store;
     store.asset(&asset).await?;
-    let events = store
-        .latest_maintenance(&asset, after.as_ref(), limit + 1)
-        .await?;
-    let page = Page::new(events, limit, |stored: &StoredEvent| {
-        query::cursor_at(stored.event.time, &stored.id)
-    });
+    let events = store.latest_maintenance(&asset, after.as_ref(), limit + 1).await?;
+    let page =
+        Page::new(events, limit, |stored: &StoredEvent| query::cursor_at(stored.event.time, &stored.id));
     Ok(Json(page.map(|stored| EventView::new(asset.clone(), stored))))
 }
 
@@ -186,9 +170,9 @@ fn check_until(kind: MaintenanceKind, time: Timestamp, until: Option<Timestamp>)
             refused(format!("until is {until}, expected a time after {time}"))
         }
         (MaintenanceKind::BaselineChosen, Some(_)) | (_, None) => Ok(()),
-        (_, Some(until)) => refused(format!(
-            "until is {until}, expected it only for the kind baseline_chosen"
-        )),
+        (_, Some(until)) => {
+            refused(format!("until is {until}, expected it only for the kind baseline_chosen"))
+        }
     }
 }
 

@@ -70,13 +70,9 @@ pub(super) async fn show(
 ) -> Result<Json<MatchView>, Problem> {
     let segment = segments::find(&app, &id).await?;
     let wear = &segment.wear;
-    let (Some(library_id), Some(state), Some(median), Some(low), Some(high)) = (
-        &wear.library_id,
-        &wear.best_state,
-        wear.median_um,
-        wear.p05_um,
-        wear.p95_um,
-    ) else {
+    let (Some(library_id), Some(state), Some(median), Some(low), Some(high)) =
+        (&wear.library_id, &wear.best_state, wear.median_um, wear.p05_um, wear.p95_um)
+    else {
         return Err(Problem::not_found(format!(
             "there is nothing to match this record with: {}",
             wear.reason
@@ -111,11 +107,7 @@ pub(super) async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment
         order: Order::Asc,
     };
     let need = segment.wear.baseline.need.min(1000);
-    Ok(app
-        .service
-        .store
-        .segments(&segment.asset_id, &filter, need)
-        .await?)
+    Ok(app.service.store.segments(&segment.asset_id, &filter, need).await?)
 }
 
 fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f64; 3]) -> Vec<FeatureRow> {
@@ -123,16 +115,12 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
     let depths: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
     let measured = segment.features.values.iter();
     let row = |(name, value): (&String, &f64)| {
-        let healthy: Option<Vec<f64>> = baseline
-            .iter()
-            .map(|record| record.features.values.get(name).copied())
-            .collect();
+        let healthy: Option<Vec<f64>> =
+            baseline.iter().map(|record| record.features.values.get(name).copied()).collect();
         let healthy = healthy.filter(|values| !values.is_empty())?;
         let (mean, deviation) = moments(&healthy);
-        let noise: Vec<f64> = baseline
-            .iter()
-            .filter_map(|record| record.features.background.get(name).copied())
-            .collect();
+        let noise: Vec<f64> =
+            baseline.iter().filter_map(|record| record.features.background.get(name).copied()).collect();
         let curve = curves.get(name.as_str());
         let change = |um: f64| curve.map(|curve| DB_PER_NEPER * (interpolate(&depths, curve, um) - curve[0]));
         Some(FeatureRow {
@@ -144,9 +132,7 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
                 let within = depths.iter().filter(|um| (wear_um[0]..=wear_um[2]).contains(*um));
                 within
                     .filter_map(|um| change(*um))
-                    .fold([first.min(last), first.max(last)], |[low, high], db| {
-                        [low.min(db), high.max(db)]
-                    })
+                    .fold([first.min(last), first.max(last)], |[low, high], db| [low.min(db), high.max(db)])
             }),
             above_noise: noise.is_empty() || mean >= moments(&noise).0 + MIN_LINE_TO_BACKGROUND.ln(),
         })
@@ -158,17 +144,12 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
 fn moments(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (
-        mean,
-        (squares / values.len().saturating_sub(1).max(1) as f64).sqrt(),
-    )
+    (mean, (squares / values.len().saturating_sub(1).max(1) as f64).sqrt())
 }
 
 /// Linear between rising nodes, held at the ends.
 fn interpolate(nodes: &[f64], values: &[f64], x: f64) -> f64 {
-    let upper = nodes
-        .partition_point(|node| *node <= x)
-        .clamp(1, nodes.len().max(2) - 1);
+    let upper = nodes.partition_point(|node| *node <= x).clamp(1, nodes.len().max(2) - 1);
     let part = (x - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]);
     values[upper - 1] + part.clamp(0.0, 1.0) * (values[upper] - values[upper - 1])
 }
@@ -180,10 +161,7 @@ mod tests {
     #[test]
     fn between_states_the_library_is_linear_and_beyond_them_held() {
         let at = |x| interpolate(&[0.0, 5.0, 10.0], &[1.0, 2.0, 0.0], x);
-        assert_eq!(
-            [-1.0, 0.0, 2.5, 5.0, 7.5, 10.0, 99.0].map(at),
-            [1.0, 1.0, 1.5, 2.0, 1.0, 0.0, 0.0]
-        );
+        assert_eq!([-1.0, 0.0, 2.5, 5.0, 7.5, 10.0, 99.0].map(at), [1.0, 1.0, 1.5, 2.0, 1.0, 0.0, 0.0]);
     }
 
     #[test]

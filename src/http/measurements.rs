@@ -9,20 +9,11 @@ use axum::http::{Method, StatusCode};
 use super::metrics_text::MetricsText;
 
 /// Upper bounds of the latency histogram in seconds.
-const BOUNDS_S: [f64; 12] = [
-    0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0,
-];
+const BOUNDS_S: [f64; 12] = [0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0];
 
 /// Methods that are told apart.
-const KNOWN_METHODS: [Method; 7] = [
-    Method::GET,
-    Method::HEAD,
-    Method::POST,
-    Method::PUT,
-    Method::PATCH,
-    Method::DELETE,
-    Method::OPTIONS,
-];
+const KNOWN_METHODS: [Method; 7] =
+    [Method::GET, Method::HEAD, Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::OPTIONS];
 
 /// What the API measures of itself, by method and route.
 #[derive(Debug, Default)]
@@ -45,11 +36,7 @@ impl Measurements {
     pub(super) fn request(&self, method: &Method, route: Option<&str>, took: Duration, status: StatusCode) {
         let took_s = took.as_secs_f64();
         // A client may name any method and any path; each of those would be a series of its own for ever.
-        let method = if KNOWN_METHODS.contains(method) {
-            method.as_str()
-        } else {
-            "other"
-        };
+        let method = if KNOWN_METHODS.contains(method) { method.as_str() } else { "other" };
         let route = route.unwrap_or("unmatched");
         let mut by_route = self.by_route.lock().unwrap_or_else(PoisonError::into_inner);
         let measured = by_route.entry((method.to_owned(), route.to_owned())).or_default();
@@ -60,11 +47,7 @@ impl Measurements {
 
     /// Writes what was measured.
     pub(super) fn write(&self, text: &mut MetricsText) {
-        let by_route = &self
-            .by_route
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
+        let by_route = &self.by_route.lock().unwrap_or_else(PoisonError::into_inner).clone();
         text.head(
             "flankwatch_requests_total",
             "counter",
@@ -81,22 +64,14 @@ impl Measurements {
             }
         }
         let name = "flankwatch_request_duration_seconds";
-        text.head(
-            name,
-            "histogram",
-            "Time from the head of a request to the head of its answer.",
-        );
+        text.head(name, "histogram", "Time from the head of a request to the head of its answer.");
         for ((method, route), measured) in by_route {
             let labels = [("method", method.as_str()), ("route", route.as_str())];
             let mut count = 0;
             let bounds = BOUNDS_S.iter().map(f64::to_string).chain(["+Inf".to_string()]);
             for (bound, bucket) in bounds.zip(&measured.latency) {
                 count += bucket;
-                text.line(
-                    &format!("{name}_bucket"),
-                    &[labels[0], labels[1], ("le", &bound)],
-                    count,
-                );
+                text.line(&format!("{name}_bucket"), &[labels[0], labels[1], ("le", &bound)], count);
             }
             text.line(&format!("{name}_sum"), &labels, measured.latency_sum_s);
             text.line(&format!("{name}_count"), &labels, count);

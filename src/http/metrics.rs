@@ -35,10 +35,8 @@ pub(super) async fn show(
     State(app): State<App>,
     Parameters(asked): Parameters<MetricsParameters>,
 ) -> Result<impl IntoResponse, Problem> {
-    let wanted: Option<Vec<&str>> = asked
-        .indicators
-        .as_deref()
-        .map(|names| names.split(',').map(str::trim).collect());
+    let wanted: Option<Vec<&str>> =
+        asked.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
     let mut text = MetricsText::default();
     process(&app.service, &mut text).await?;
     app.measurements.write(&mut text);
@@ -66,11 +64,7 @@ fn page(text: MetricsText) -> impl IntoResponse + use<> {
 
 async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Problem> {
     text.head("flankwatch_build_info", "gauge", "The running version.");
-    text.line(
-        "flankwatch_build_info",
-        &[("version", env!("CARGO_PKG_VERSION"))],
-        1,
-    );
+    text.line("flankwatch_build_info", &[("version", env!("CARGO_PKG_VERSION"))], 1);
     let segments = service.store.segment_count().await?;
     text.single("flankwatch_segments", "gauge", "Segments in the store.", segments);
     let tally = &service.tally;
@@ -89,12 +83,7 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
         text.line("flankwatch_records_total", &[("outcome", outcome)], count);
     }
     let (used, most) = service.workers.queue();
-    text.single(
-        "flankwatch_ingest_queue_used",
-        "gauge",
-        "Uploads being processed or waiting.",
-        used,
-    );
+    text.single("flankwatch_ingest_queue_used", "gauge", "Uploads being processed or waiting.", used);
     text.single(
         "flankwatch_ingest_queue_limit",
         "gauge",
@@ -127,30 +116,14 @@ fn feeds(service: &Service, text: &mut MetricsText) {
             text.line("flankwatch_feed_messages_total", &labels, feed.counted(count));
         }
     }
-    text.head(
-        "flankwatch_feed_reconnects_total",
-        "counter",
-        "Connections of a feed after its first.",
-    );
+    text.head("flankwatch_feed_reconnects_total", "counter", "Connections of a feed after its first.");
     for feed in &feeds {
         let count = feed.counted(FeedCount::Reconnected);
-        text.line(
-            "flankwatch_feed_reconnects_total",
-            &[("feed", feed.name())],
-            count,
-        );
+        text.line("flankwatch_feed_reconnects_total", &[("feed", feed.name())], count);
     }
-    text.head(
-        "flankwatch_feed_connected",
-        "gauge",
-        "Whether a feed's connection stands.",
-    );
+    text.head("flankwatch_feed_connected", "gauge", "Whether a feed's connection stands.");
     for feed in &feeds {
-        text.line(
-            "flankwatch_feed_connected",
-            &[("feed", feed.name())],
-            u8::from(feed.is_connected()),
-        );
+        text.line("flankwatch_feed_connected", &[("feed", feed.name())], u8::from(feed.is_connected()));
     }
     text.head(
         "flankwatch_feed_messages_held",
@@ -158,10 +131,6 @@ fn feeds(service: &Service, text: &mut MetricsText) {
         "Messages of a feed that cannot be taken now and wait, unacknowledged.",
     );
     for feed in &feeds {
-        text.line(
-            "flankwatch_feed_messages_held",
-            &[("feed", feed.name())],
-            feed.held(),
-        );
+        text.line("flankwatch_feed_messages_held", &[("feed", feed.name())], feed.held());
     }
 }

@@ -15,18 +15,11 @@ impl MetricsText {
         let labels: Vec<String> = labels
             .iter()
             .map(|(name, value)| {
-                let value = value
-                    .replace('\\', "\\\\")
-                    .replace('"', "\\\"")
-                    .replace('\n', "\\n");
+                let value = value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
                 format!("{name}=\"{value}\"")
             })
             .collect();
-        let labels = if labels.is_empty() {
-            String::new()
-        } else {
-            format!("{{{}}}", labels.join(","))
-        };
+        let labels = if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
         let _ = writeln!(self.0, "{name}{labels} {value}");
     }
 

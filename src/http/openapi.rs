@@ -31,10 +31,7 @@ const ABOUT: &str = "Vibration records in, condition indicators and wear depth w
 const ALWAYS: &[(&str, &str)] = &[
     ("400", "A parameter cannot be used"),
     ("401", "A token is needed"),
-    (
-        "403",
-        "The token's scope does not reach so far, or the request comes from a page of another host",
-    ),
+    ("403", "The token's scope does not reach so far, or the request comes from a page of another host"),
     ("429", "Too many requests with this token"),
     ("500", "A fault of the service"),
     ("503", "Not now: the queue is full or the request took too long"),
@@ -50,15 +47,7 @@ const WITH_BODY: &[(&str, &str)] = &[
 
 /// Of operations that read a record's raw bytes.
 const FROM_RAW: &[(&str, &str)] = &[("410", "The raw recording was given up for the quota")];
-const READ_RAW: [&str; 7] = [
-    "/raw",
-    "/waveform",
-    "/spectrum",
-    "/envelope",
-    "/orders",
-    "/turn",
-    "/cepstrum",
-];
+const READ_RAW: [&str; 7] = ["/raw", "/waveform", "/spectrum", "/envelope", "/orders", "/turn", "/cepstrum"];
 
 /// Of operations without a body that write a file.
 const WITH_FILE: &[(&str, &str)] = &[("507", "There is no room")];
@@ -126,17 +115,11 @@ fn add_problems(path: &str, operation: &mut Value) {
 /// A schema that others take in whole cannot refuse their members: it is written out there without that rule.
 fn open_what_is_flattened(part: &mut Value, schemas: &Value) {
     match part {
-        Value::Array(parts) => parts
-            .iter_mut()
-            .for_each(|part| open_what_is_flattened(part, schemas)),
+        Value::Array(parts) => parts.iter_mut().for_each(|part| open_what_is_flattened(part, schemas)),
         Value::Object(members) => {
             for (name, member) in members {
                 if name == "allOf" {
-                    member
-                        .as_array_mut()
-                        .into_iter()
-                        .flatten()
-                        .for_each(|part| write_out(part, schemas));
+                    member.as_array_mut().into_iter().flatten().for_each(|part| write_out(part, schemas));
                 }
                 open_what_is_flattened(member, schemas);
             }
@@ -146,10 +129,7 @@ fn open_what_is_flattened(part: &mut Value, schemas: &Value) {
 }
 
 fn write_out(part: &mut Value, schemas: &Value) {
-    let name = part
-        .get("$ref")
-        .and_then(Value::as_str)
-        .and_then(|text| text.rsplit('/').next());
+    let name = part.get("$ref").and_then(Value::as_str).and_then(|text| text.rsplit('/').next());
     let Some(named) = name.and_then(|name| schemas.get(name)) else {
         return;
     };
@@ -171,27 +151,15 @@ pub(super) fn routes<S: Clone + Send + Sync + 'static>(document: &Value) -> Rout
         title: None,
     });
     Router::new()
-        .route(
-            "/openapi.json",
-            get(move || async move { typed("application/json", text) }),
-        )
+        .route("/openapi.json", get(move || async move { typed("application/json", text) }))
         .route("/docs", get(|| async { Html(PAGE) }))
         .route(
             "/docs/docs.js",
-            get(|| async {
-                typed(
-                    "text/javascript; charset=utf-8",
-                    Bytes::from_static(SCRIPT.as_bytes()),
-                )
-            }),
+            get(|| async { typed("text/javascript; charset=utf-8", Bytes::from_static(SCRIPT.as_bytes())) }),
         )
         .merge(ui.with_state(()))
 }
 
 fn typed(media_type: &'static str, bytes: Bytes) -> Response {
-    (
-        [(header::CONTENT_TYPE, HeaderValue::from_static(media_type))],
-        bytes,
-    )
-        .into_response()
+    ([(header::CONTENT_TYPE, HeaderValue::from_static(media_type))], bytes).into_response()
 }

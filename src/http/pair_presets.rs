@@ -10,19 +10,10 @@ use crate::gear::PairSpec;
 
 /// Names and pair files.
 const PRESETS: [(&str, &str); 4] = [
-    (
-        "steel-module-1",
-        include_str!("../../fixtures/pairs/steel-module-1.toml"),
-    ),
+    ("steel-module-1", include_str!("../../fixtures/pairs/steel-module-1.toml")),
     ("shen2022", include_str!("../../fixtures/pairs/shen2022.toml")),
-    (
-        "steel-module-12",
-        include_str!("../../fixtures/pairs/steel-module-12.toml"),
-    ),
-    (
-        "plastic-module-0.5",
-        include_str!("../../fixtures/pairs/plastic-module-0.5.toml"),
-    ),
+    ("steel-module-12", include_str!("../../fixtures/pairs/steel-module-12.toml")),
+    ("plastic-module-0.5", include_str!("../../fixtures/pairs/plastic-module-0.5.toml")),
 ];
 
 /// A described gear pair.
@@ -44,12 +35,7 @@ pub(super) struct PairPreset {
     responses((status = 200, body = Page<PairPreset>)),
 )]
 pub(super) async fn list() -> Result<Json<Page<PairPreset>>, Problem> {
-    let preset = |(name, text)| {
-        Ok(PairPreset {
-            name,
-            pair: PairSpec::from_toml(text)?,
-        })
-    };
+    let preset = |(name, text)| Ok(PairPreset { name, pair: PairSpec::from_toml(text)? });
     let items: Result<_, crate::gear::GearError> = PRESETS.into_iter().map(preset).collect();
     let items = items.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
     Ok(Json(Page::from_parts(items, None)))

@@ -22,12 +22,7 @@ pub(super) struct PieceReader {
 impl PieceReader {
     /// Reads these pieces of an upload.
     pub(super) fn new(store: Store, upload: String, pieces: Vec<UploadPiece>) -> Self {
-        Self {
-            store,
-            upload,
-            pieces: pieces.into(),
-            current: Cursor::default(),
-        }
+        Self { store, upload, pieces: pieces.into(), current: Cursor::default() }
     }
 
     fn piece(&self, name: &str) -> Result<Bytes, StoreError> {

@@ -78,12 +78,7 @@ pub(super) async fn preview(
     let answer = app.service.workers.run("preview a gear pair", move || {
         let mut refusals = refusals_beside_pair(&request.gear);
         let Some(pair) = &request.gear.pair else {
-            return Preview {
-                refusals,
-                geometry: None,
-                max_wear_um: None,
-                model: None,
-            };
+            return Preview { refusals, geometry: None, max_wear_um: None, model: None };
         };
         let assessment = pair.assess();
         refusals.extend(assessment.refusals.iter().map(Refusal::of_pair));
@@ -102,19 +97,14 @@ pub(super) async fn preview(
             conditions.wear_um = 0.0;
         }
         let model = if refusals.is_empty() {
-            models
-                .view(pair, &conditions)
-                .map_err(|refusal| refusals.push(refusal))
-                .ok()
+            models.view(pair, &conditions).map_err(|refusal| refusals.push(refusal)).ok()
         } else {
             None
         };
         Preview {
             refusals,
             max_wear_um: assessment.pair.is_some().then_some(max_wear_um),
-            geometry: assessment
-                .pair
-                .and_then(|drafted| GeometryView::of(&drafted, assessment.measures)),
+            geometry: assessment.pair.and_then(|drafted| GeometryView::of(&drafted, assessment.measures)),
             model,
         }
     });
@@ -129,11 +119,7 @@ fn max_wear_um(pair: &PairSpec) -> f64 {
 /// What an asset with this mesh is refused for, its pair's own numbers apart.
 fn refusals_beside_pair(gear: &GearSpec) -> Vec<Refusal> {
     let refusal = |error| match error {
-        AssetError::Field {
-            field,
-            value,
-            expected,
-        } => Refusal::of_field(field, value, expected),
+        AssetError::Field { field, value, expected } => Refusal::of_field(field, value, expected),
         other => Refusal::in_words(&other),
     };
     [gear.check_beside_pair(), gear.check_pair_teeth()]

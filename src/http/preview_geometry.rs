@@ -54,9 +54,8 @@ impl GeometryView {
     /// None where the numbers give no drawing: a tooth without a flank.
     pub(super) fn of(pair: &GearPair, measures: Vec<GeometryMeasure>) -> Option<Self> {
         let gears: Vec<GearView> = (0..2).map(|i| GearView::of(pair, i)).collect();
-        let is_drawn = gears
-            .iter()
-            .all(|gear| gear.profile_mm.iter().flatten().all(|place| place.is_finite()));
+        let is_drawn =
+            gears.iter().all(|gear| gear.profile_mm.iter().flatten().all(|place| place.is_finite()));
         let is_measured = measures.iter().all(|measure| measure.value.is_finite());
         (is_drawn && is_measured).then(|| Self {
             centre_distance_mm: pair.centre_distance_mm,

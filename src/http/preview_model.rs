@@ -167,9 +167,7 @@ impl PairModel {
         let pair = spec.check()?;
         let loaded = spec.dynamics.contact == ContactRule::Loaded;
         Ok(Self {
-            bodies: loaded
-                .then(|| ElasticBodies::new(&pair, &FlankWear::none()))
-                .transpose()?,
+            bodies: loaded.then(|| ElasticBodies::new(&pair, &FlankWear::none())).transpose()?,
             spec: spec.clone(),
             pair,
             course: OnceLock::new(),
@@ -181,17 +179,10 @@ impl PairModel {
         let (wear, wear_um) = self.wear(conditions.wear_um)?;
         let pair = self.running(conditions)?;
         let unworn = self.unworn(&pair, conditions)?;
-        let worn = if wear_um > 0.0 {
-            Arc::new(self.state(&pair, &wear, conditions)?)
-        } else {
-            Arc::clone(&unworn)
-        };
+        let worn =
+            if wear_um > 0.0 { Arc::new(self.state(&pair, &wear, conditions)?) } else { Arc::clone(&unworn) };
         let mesh_hz = conditions.shaft_speed_hz * f64::from(pair.gears[0].teeth);
-        let pairs = unworn
-            .vibration
-            .harmonics()
-            .iter()
-            .zip(worn.vibration.harmonics());
+        let pairs = unworn.vibration.harmonics().iter().zip(worn.vibration.harmonics());
         let harmonics = (1..).zip(pairs).map(|(harmonic, (before, after))| HarmonicView {
             harmonic,
             frequency_hz: mesh_hz * f64::from(harmonic),
@@ -222,9 +213,7 @@ impl PairModel {
         }
         let step_um = self.spec.usual_wear_um() / ARCHARD_STEPS as f64;
         let course = self.course.get_or_init(|| {
-            let depths: Vec<f64> = (0..=ARCHARD_STEPS)
-                .map(|step| step as f64 * step_um * 1e-3)
-                .collect();
+            let depths: Vec<f64> = (0..=ARCHARD_STEPS).map(|step| step as f64 * step_um * 1e-3).collect();
             FlankWear::from_shape_coarsely_at(&self.pair, &depths)
                 .map_err(|error| Refusal::of_conditions(&error))
         });
@@ -246,10 +235,7 @@ impl PairModel {
     }
 
     fn unworn(&self, pair: &GearPair, conditions: &Conditions) -> Result<Arc<StateView>, Refusal> {
-        let key = [
-            conditions.torque_nm.to_bits(),
-            conditions.shaft_speed_hz.to_bits(),
-        ];
+        let key = [conditions.torque_nm.to_bits(), conditions.shaft_speed_hz.to_bits()];
         let lock = || self.unworn.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = latest(&mut lock(), &key) {
             return Ok(known);
@@ -281,9 +267,8 @@ impl PairModel {
 
 impl FlankView {
     fn of(pair: &GearPair, wear: &FlankWear, index: usize) -> Self {
-        let points: Vec<_> = Flank::new(&pair.gears[index], wear, index)
-            .active_points(FLANK_STRETCHES)
-            .collect();
+        let points: Vec<_> =
+            Flank::new(&pair.gears[index], wear, index).active_points(FLANK_STRETCHES).collect();
         Self {
             x_mm: points.iter().map(|point| point.x_mm as f32).collect(),
             y_mm: points.iter().map(|point| point.y_mm as f32).collect(),

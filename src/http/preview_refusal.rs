@@ -39,11 +39,9 @@ impl Refusal {
     /// A refusal of the pair's own fields.
     pub(super) fn of_pair(error: &GearError) -> Self {
         match error {
-            GearError::Field {
-                field,
-                value,
-                expected,
-            } => Self::of_field(format!("gear.pair.{field}"), value, expected),
+            GearError::Field { field, value, expected } => {
+                Self::of_field(format!("gear.pair.{field}"), value, expected)
+            }
             other => Self::in_words(other),
         }
     }
@@ -51,11 +49,7 @@ impl Refusal {
     /// A refusal of the conditions, whose torque and speed stand in the place of the pair's.
     pub(super) fn of_conditions(error: &GearError) -> Self {
         match error {
-            GearError::Field {
-                field,
-                value,
-                expected,
-            } => {
+            GearError::Field { field, value, expected } => {
                 let name = match *field {
                     "operation.torque_nm" | "operation.output_torque_nm" | "torque_nm" => "torque_nm",
                     "operation.shaft_speed_hz" | "shaft_speed_hz" => "shaft_speed_hz",
@@ -69,11 +63,6 @@ impl Refusal {
     }
 
     pub(super) fn in_words(error: &impl ToString) -> Self {
-        Self {
-            detail: error.to_string(),
-            field: None,
-            value: None,
-            expected: None,
-        }
+        Self { detail: error.to_string(), field: None, value: None, expected: None }
     }
 }

@@ -65,17 +65,9 @@ impl VibrationPlan {
         let settings = RunSettings {
             shaft_speed_hz,
             torque_nm,
-            ..RunSettings::nominal(
-                pair,
-                mesh_hz * SAMPLES_PER_PERIOD as f64,
-                periods as f64 / mesh_hz,
-            )
+            ..RunSettings::nominal(pair, mesh_hz * SAMPLES_PER_PERIOD as f64, periods as f64 / mesh_hz)
         };
-        Self {
-            periods,
-            teeth,
-            settings,
-        }
+        Self { periods, teeth, settings }
     }
 
     pub(super) fn simulate(&self, pair: &GearPair, cycle: &MeshCycle) -> Result<Vibration, GearError> {
@@ -93,23 +85,14 @@ impl VibrationPlan {
             acceleration_m_per_s2,
             rms_m_per_s2,
             order_step: self.teeth as f64 / self.periods as f64,
-            spectrum_m_per_s2: amplitudes[..=last]
-                .iter()
-                .map(|amplitude| *amplitude as f32)
-                .collect(),
-            harmonics: (1..=HARMONICS)
-                .map(|harmonic| amplitudes[harmonic * self.periods])
-                .collect(),
+            spectrum_m_per_s2: amplitudes[..=last].iter().map(|amplitude| *amplitude as f32).collect(),
+            harmonics: (1..=HARMONICS).map(|harmonic| amplitudes[harmonic * self.periods]).collect(),
         })
     }
 
     fn shown_samples(&self) -> usize {
         let turn = self.teeth * SAMPLES_PER_PERIOD;
-        let whole = if turn <= SHOWN_SAMPLES {
-            turn
-        } else {
-            SAMPLES_PER_PERIOD
-        };
+        let whole = if turn <= SHOWN_SAMPLES { turn } else { SAMPLES_PER_PERIOD };
         let all = self.periods * SAMPLES_PER_PERIOD;
         (SHOWN_SAMPLES / whole).min(all / whole).min(2 * turn / whole) * whole
     }
@@ -141,25 +124,18 @@ mod tests {
 
     #[test]
     fn work_is_bounded_whatever_the_teeth() {
-        for (teeth, periods, shown) in [
-            ([24, 26], 96, 2 * 24 * 64),
-            ([100, 30], 200, 4096),
-            ([1000, 30], 256, 4096),
-        ] {
+        for (teeth, periods, shown) in
+            [([24, 26], 96, 2 * 24 * 64), ([100, 30], 200, 4096), ([1000, 30], 256, 4096)]
+        {
             let plan = VibrationPlan::new(&pair(teeth), 100.0, 10.0);
-            assert_eq!(
-                (plan.periods, plan.shown_samples()),
-                (periods, shown),
-                "{teeth:?}"
-            );
+            assert_eq!((plan.periods, plan.shown_samples()), (periods, shown), "{teeth:?}");
         }
     }
 
     #[test]
     fn a_sine_has_its_amplitude_at_its_bin() {
-        let mut samples: Vec<f64> = (0..640)
-            .map(|n| 3.0 * (std::f64::consts::TAU * f64::from(n) / 64.0).sin())
-            .collect();
+        let mut samples: Vec<f64> =
+            (0..640).map(|n| 3.0 * (std::f64::consts::TAU * f64::from(n) / 64.0).sin()).collect();
         let found = amplitudes(&mut samples);
         assert!((found[10] - 3.0).abs() < 1e-9 && found[11] < 1e-9);
     }

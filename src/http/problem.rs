@@ -140,9 +140,7 @@ impl Problem {
     /// expected.
     pub(super) fn naming_field_in(mut self, message: &str) -> Self {
         if let Some((field, rest)) = message.split_once(" is ")
-            && field
-                .chars()
-                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '_'))
+            && field.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '_'))
             && let Some((value, expected)) = rest.split_once(", expected ")
         {
             // Where it stands comes after it.
@@ -171,9 +169,7 @@ impl IntoResponse for Problem {
         let mut response = (self.0.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
         let is_no_room = self.is_no_room();
         if let Some(seconds) = self.0.retry_after_s.or(is_no_room.then_some(NO_ROOM_RETRY_S)) {
-            response
-                .headers_mut()
-                .insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
         }
         if let Some(damage) = damage {
             response.extensions_mut().insert(damage);
@@ -225,11 +221,7 @@ impl From<ServiceError> for Problem {
             }
             ServiceError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),
             ServiceError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            ServiceError::Field {
-                field,
-                value,
-                expected,
-            } => Self::content(field, value, expected),
+            ServiceError::Field { field, value, expected } => Self::content(field, value, expected),
             ServiceError::ReplayFile { ref file, .. } => {
                 let mut problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
                 problem.0.field = Some("file".to_string());
@@ -256,21 +248,15 @@ impl From<ServiceError> for Problem {
 impl From<AssetError> for Problem {
     fn from(error: AssetError) -> Self {
         match &error {
-            AssetError::Field {
-                field,
-                value,
-                expected,
-            } => Self::content(field, value, expected),
+            AssetError::Field { field, value, expected } => Self::content(field, value, expected),
             AssetError::Id(id) => Self::content(
                 "id",
                 id,
                 "1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit",
             ),
-            AssetError::Pair(crate::gear::GearError::Field {
-                field,
-                value,
-                expected,
-            }) => Self::content(&format!("gear.pair.{field}"), value, expected),
+            AssetError::Pair(crate::gear::GearError::Field { field, value, expected }) => {
+                Self::content(&format!("gear.pair.{field}"), value, expected)
+            }
             AssetError::Toml(source) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
                 .naming_field_in(source.message()),
             AssetError::Pair(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),

@@ -45,11 +45,7 @@ fn flat(value: &impl Serialize) -> BTreeMap<String, String> {
             Value::Null => {}
             Value::Object(members) => {
                 for (member, value) in members {
-                    let name = if name.is_empty() {
-                        member.clone()
-                    } else {
-                        format!("{name}.{member}")
-                    };
+                    let name = if name.is_empty() { member.clone() } else { format!("{name}.{member}") };
                     add(&name, value, entries);
                 }
             }
@@ -84,14 +80,8 @@ mod tests {
         assert_eq!(names, ["asset", "sensor", "sensor", "gear_pair"]);
         let entry = |record: usize, name: &str| all[record].1.get(name).map(String::as_str);
         assert_eq!(entry(0, "location.site"), Some("mill"));
-        assert_eq!(
-            (entry(1, "serial"), entry(1, "calibrated_on")),
-            (Some("7"), Some("2026-01-31"))
-        );
+        assert_eq!((entry(1, "serial"), entry(1, "calibrated_on")), (Some("7"), Some("2026-01-31")));
         assert_eq!((entry(2, "channel"), entry(2, "unit")), (Some("out"), None));
-        assert_eq!(
-            (entry(3, "teeth"), entry(3, "shaft_speed_hz")),
-            (Some("[24,36]"), Some("16.6"))
-        );
+        assert_eq!((entry(3, "teeth"), entry(3, "shaft_speed_hz")), (Some("[24,36]"), Some("16.6")));
     }
 }

@@ -112,10 +112,7 @@ impl<T> Page<T> {
 
     /// A page with every item rendered.
     pub(super) fn map<U>(self, render: impl FnMut(T) -> U) -> Page<U> {
-        Page {
-            items: self.items.into_iter().map(render).collect(),
-            next_cursor: self.next_cursor,
-        }
+        Page { items: self.items.into_iter().map(render).collect(), next_cursor: self.next_cursor }
     }
 
     /// The items and the cursor of the next page.
@@ -149,23 +146,15 @@ pub(super) fn place_cursor(cursor: Option<&str>) -> Result<Option<(Timestamp, St
     let Some(cursor) = cursor else { return Ok(None) };
     let place = cursor.split_once('.').and_then(|(nanoseconds, id)| {
         let nanoseconds: i64 = nanoseconds.parse().ok()?;
-        Some((
-            Timestamp::from_nanosecond(nanoseconds.into()).ok()?,
-            id.to_string(),
-        ))
+        Some((Timestamp::from_nanosecond(nanoseconds.into()).ok()?, id.to_string()))
     });
-    place
-        .map(Some)
-        .ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))
+    place.map(Some).ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))
 }
 
 /// The place in a list of segments that a cursor stands for.
 pub(super) fn segment_cursor(cursor: Option<&str>) -> Result<Option<SegmentKey>, Problem> {
     let place = place_cursor(cursor)?;
-    Ok(place.map(|(start_time, id)| SegmentKey {
-        start_time,
-        id: SegmentId(id),
-    }))
+    Ok(place.map(|(start_time, id)| SegmentKey { start_time, id: SegmentId(id) }))
 }
 
 /// The cursor of a place in a list of segments.

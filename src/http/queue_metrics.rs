@@ -28,11 +28,7 @@ impl QueueWatch {
             return;
         };
         // Its times are those of the queue's server: this process's clock may be another.
-        let now = service
-            .store
-            .now(service.now())
-            .await
-            .unwrap_or_else(|_| service.now());
+        let now = service.store.now(service.now()).await.unwrap_or_else(|_| service.now());
         write(&overview, now, text);
     }
 
@@ -65,9 +61,7 @@ pub fn queue_metrics(overview: &QueueOverview, now: Timestamp) -> String {
 }
 
 fn write(overview: &QueueOverview, now: Timestamp, text: &mut MetricsText) {
-    let oldest_age_s = overview
-        .oldest_at
-        .map_or(0.0, |at| now.duration_since(at).as_secs_f64().max(0.0));
+    let oldest_age_s = overview.oldest_at.map_or(0.0, |at| now.duration_since(at).as_secs_f64().max(0.0));
     text.single(
         "flankwatch_queue_records",
         "gauge",
@@ -98,10 +92,5 @@ fn write(overview: &QueueOverview, now: Timestamp, text: &mut MetricsText) {
         "Records that could not be stored, kept until somebody retries or drops them.",
         overview.dead_letters,
     );
-    text.single(
-        "flankwatch_workers_alive",
-        "gauge",
-        "Workers that answer.",
-        overview.workers.len(),
-    );
+    text.single("flankwatch_workers_alive", "gauge", "Workers that answer.", overview.workers.len());
 }

@@ -17,10 +17,7 @@ pub(super) struct RateLimiter {
 
 impl RateLimiter {
     pub(super) fn per_second(requests: NonZeroU32) -> Self {
-        Self {
-            interval: BURST / requests.get(),
-            due: Mutex::default(),
-        }
+        Self { interval: BURST / requests.get(), due: Mutex::default() }
     }
 
     /// Counts a request at `now`.

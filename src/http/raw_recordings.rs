@@ -55,9 +55,7 @@ fn form_of(media_type: &str) -> (&'static str, &'static str) {
 fn file_name(segment: &Segment) -> String {
     let name = format!("{}-{}-{}", segment.asset_id, segment.channel, segment.start_time);
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || ".-_".contains(letter);
-    name.chars()
-        .map(|letter| if is_plain(letter) { letter } else { '-' })
-        .collect()
+    name.chars().map(|letter| if is_plain(letter) { letter } else { '-' }).collect()
 }
 
 #[cfg(test)]

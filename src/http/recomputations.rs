@@ -48,7 +48,5 @@ pub(super) async fn list(
         None => None,
     };
     let shown = app.service.history.recomputations(asset.as_ref());
-    Ok(Json(RecomputationList {
-        items: shown.iter().map(|shown| Recomputation::clone(shown)).collect(),
-    }))
+    Ok(Json(RecomputationList { items: shown.iter().map(|shown| Recomputation::clone(shown)).collect() }))
 }

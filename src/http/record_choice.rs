@@ -56,11 +56,7 @@ impl RecordChoice {
     ) -> Result<Vec<Segment>, StoreError> {
         let mut keys: Vec<SegmentKey> = Vec::new();
         for channel in store.channels(asset).await? {
-            if filter
-                .channel
-                .as_ref()
-                .is_some_and(|name| *name != channel.channel)
-            {
+            if filter.channel.as_ref().is_some_and(|name| *name != channel.channel) {
                 continue;
             }
             let trend = store.trend(&channel).await?;
@@ -87,21 +83,15 @@ impl RecordChoice {
         keys.truncate(limit);
         let ids: Vec<SegmentId> = keys.into_iter().map(|key| key.id).collect();
         let found = store.segments_by_id(&ids).await?;
-        let mut found: HashMap<SegmentId, Segment> = found
-            .into_iter()
-            .map(|segment| (segment.id.clone(), segment))
-            .collect();
+        let mut found: HashMap<SegmentId, Segment> =
+            found.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
         Ok(ids.iter().filter_map(|id| found.remove(id)).collect())
     }
 }
 
 /// The statuses that a client asks for.
 pub(super) fn asked_statuses(asked: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
-    let names = asked
-        .unwrap_or_default()
-        .split(',')
-        .map(str::trim)
-        .filter(|name| !name.is_empty());
+    let names = asked.unwrap_or_default().split(',').map(str::trim).filter(|name| !name.is_empty());
     let status = |name: &str| {
         serde_json::from_value(Value::from(name)).map_err(|_| Problem::query("status", name, STATUSES))
     };
@@ -113,21 +103,12 @@ pub(super) async fn named(store: &Store, asset: &AssetId, ids: &str) -> Result<V
     store.asset(asset).await?;
     let ids: Vec<SegmentId> = ids.split(',').map(|id| SegmentId(id.trim().to_owned())).collect();
     if ids.len() > MAX_NAMED {
-        return Err(Problem::query(
-            "ids",
-            format!("{} identifiers", ids.len()),
-            "at most 200 identifiers",
-        ));
+        return Err(Problem::query("ids", format!("{} identifiers", ids.len()), "at most 200 identifiers"));
     }
     let mut found = store.segments_by_id(&ids).await?;
     found.retain(|segment| segment.asset_id == *asset);
-    if let Some(unknown) = ids
-        .iter()
-        .find(|id| !found.iter().any(|segment| segment.id == **id))
-    {
-        return Err(Problem::not_found(format!(
-            "asset {asset} has no segment {unknown}"
-        )));
+    if let Some(unknown) = ids.iter().find(|id| !found.iter().any(|segment| segment.id == **id)) {
+        return Err(Problem::not_found(format!("asset {asset} has no segment {unknown}")));
     }
     Ok(found.iter().map(RecordRange::of).collect())
 }
@@ -181,11 +162,7 @@ pub(super) async fn count(
     };
     let mut count = RecordCount::default();
     for channel in store.channels(&asset).await? {
-        if asked
-            .channel
-            .as_ref()
-            .is_some_and(|name| *name != channel.channel)
-        {
+        if asked.channel.as_ref().is_some_and(|name| *name != channel.channel) {
             continue;
         }
         let trend = store.trend(&channel).await?;
@@ -193,16 +170,9 @@ pub(super) async fn count(
         let Some(last) = chosen.len().checked_sub(1) else {
             continue;
         };
-        let (first, last) = (
-            trend.start_time[chosen.position(0)],
-            trend.start_time[chosen.position(last)],
-        );
+        let (first, last) = (trend.start_time[chosen.position(0)], trend.start_time[chosen.position(last)]);
         count.records += chosen.len() as u64;
-        count.first_start_time = Some(
-            count
-                .first_start_time
-                .map_or(first, |earliest| earliest.min(first)),
-        );
+        count.first_start_time = Some(count.first_start_time.map_or(first, |earliest| earliest.min(first)));
         count.last_start_time = count.last_start_time.max(Some(last));
     }
     Ok(Json(count))

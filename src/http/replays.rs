@@ -32,11 +32,7 @@ pub(super) async fn start(
     let request: ReplayRequest = body::described(&app.limits, &headers, body).await?;
     let replay = app.service.replays.start(request).await?;
     let location = format!("/v1/replays/{}", replay.id);
-    Ok((
-        StatusCode::ACCEPTED,
-        [(header::LOCATION, location)],
-        Json(Replay::clone(&replay)),
-    ))
+    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
 }
 
 /// Replays
@@ -63,11 +59,8 @@ pub(super) async fn list(
                 .ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))?
         }
     };
-    let shown: Vec<Replay> = all[start..]
-        .iter()
-        .take(limit as usize + 1)
-        .map(|replay| Replay::clone(replay))
-        .collect();
+    let shown: Vec<Replay> =
+        all[start..].iter().take(limit as usize + 1).map(|replay| Replay::clone(replay)).collect();
     Ok(Json(Page::new(shown, limit, |replay| replay.id.clone())))
 }
 

@@ -63,10 +63,8 @@ pub(super) async fn show(
         chosen.extend(early..all);
         let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[*n].clone()).collect();
         let segments = app.service.store.segments_by_id(&ids).await?;
-        let mut segments: HashMap<SegmentId, Segment> = segments
-            .into_iter()
-            .map(|segment| (segment.id.clone(), segment))
-            .collect();
+        let mut segments: HashMap<SegmentId, Segment> =
+            segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
         let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
         if let Some(last) = segments.last() {
             let _ticket = app.service.workers.admit_answer()?;
@@ -78,11 +76,7 @@ pub(super) async fn show(
         report.all_records = Some(all);
         report.records = segments.into_iter().map(ReportedRecord::from).collect();
     }
-    let html = app
-        .service
-        .workers
-        .run("write a report", move || report.html())
-        .await?;
+    let html = app.service.workers.run("write a report", move || report.html()).await?;
     Ok(Html(html))
 }
 
@@ -118,10 +112,7 @@ fn facts(spec: &AssetSpec) -> Vec<(String, String)> {
     let [driving, driven] = spec.gear.teeth;
     let mut facts = vec![
         ("Gears".to_owned(), format!("{driving} / {driven} teeth")),
-        (
-            "Nominal speed of the driving shaft".to_owned(),
-            format!("{} Hz", spec.gear.shaft_speed_hz),
-        ),
+        ("Nominal speed of the driving shaft".to_owned(), format!("{} Hz", spec.gear.shaft_speed_hz)),
     ];
     if let Some(pair) = &spec.gear.pair {
         facts.push(("Gear pair".to_owned(), pair.name.clone()));

@@ -49,12 +49,7 @@ pub(super) fn all() -> Vec<(&'static str, &'static str, &'static str, Value)> {
             JSON,
             json!({ "rule": { "quantity": { "indicator": "rms" }, "warning": 2.0, "danger": 4.0 } }),
         ),
-        (
-            "/v1/tokens",
-            "post",
-            JSON,
-            json!({ "name": "front desk", "scope": "admin" }),
-        ),
+        ("/v1/tokens", "post", JSON, json!({ "name": "front desk", "scope": "admin" })),
         ("/v1/alarms/{alarm}/acknowledge", "post", JSON, remark.clone()),
         ("/v1/alarms/{alarm}/comment", "post", JSON, remark.clone()),
         (
@@ -63,12 +58,7 @@ pub(super) fn all() -> Vec<(&'static str, &'static str, &'static str, Value)> {
             JSON,
             json!({ "by": "Ada", "until": "2200-01-01T00:00:00Z", "comment": "until the stop" }),
         ),
-        (
-            "/v1/alarms/{alarm}/unshelve",
-            "post",
-            JSON,
-            json!({ "by": "Ada" }),
-        ),
+        ("/v1/alarms/{alarm}/unshelve", "post", JSON, json!({ "by": "Ada" })),
         (
             "/v1/preview",
             "post",
@@ -85,11 +75,6 @@ pub(super) fn all() -> Vec<(&'static str, &'static str, &'static str, Value)> {
                 "wear_um": 20.0,
             }),
         ),
-        (
-            "/v1/replays",
-            "post",
-            JSON,
-            json!({ "asset": "gearbox-1", "file": "run.mcap", "pace": "max" }),
-        ),
+        ("/v1/replays", "post", JSON, json!({ "asset": "gearbox-1", "file": "run.mcap", "pace": "max" })),
     ]
 }

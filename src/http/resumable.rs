@@ -81,18 +81,10 @@ pub(super) async fn begin(
     };
     // One client leaves a quarter to the others.
     let most = app.limits.uploads_at_once;
-    if app
-        .service
-        .store
-        .begin_resumable(&new, most, most - most / 4)
-        .await?
-    {
+    if app.service.store.begin_resumable(&new, most, most - most / 4).await? {
         find(app, &new.id).await
     } else {
-        Err(Problem::busy(
-            "too many uploads are under way, of this client or of all together",
-            60,
-        ))
+        Err(Problem::busy("too many uploads are under way, of this client or of all together", 60))
     }
 }
 
@@ -123,26 +115,15 @@ pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<Re
 pub(super) async fn give_up(app: &App, id: &str) -> Result<(), Problem> {
     find(app, id).await?;
     let waits = app.reading_waits.give_up(id);
-    match app
-        .service
-        .store
-        .give_up_resumable(id, waits, app.service.now())
-        .await
-    {
+    match app.service.store.give_up_resumable(id, waits, app.service.now()).await {
         Ok(true) => {}
         Ok(false) => {
-            return Err(Problem::new(
-                StatusCode::CONFLICT,
-                "the upload is being written to or read",
-            ));
+            return Err(Problem::new(StatusCode::CONFLICT, "the upload is being written to or read"));
         }
         Err(error) if error.is_full() => {
             // There is room once its pieces are gone.
             app.service.uploads.remove(vec![id.to_owned()]).await?;
-            app.service
-                .store
-                .give_up_resumable(id, waits, app.service.now())
-                .await?;
+            app.service.store.give_up_resumable(id, waits, app.service.now()).await?;
         }
         Err(error) => return Err(error.into()),
     }
@@ -155,12 +136,7 @@ async fn watch(app: App) {
     while !app.service.store.is_closed() {
         let look = async {
             app.service.uploads.expire().await?;
-            for id in app
-                .service
-                .store
-                .unread_uploads(app.service.now(), MAX_TAKEN_ON)
-                .await?
-            {
+            for id in app.service.store.unread_uploads(app.service.now(), MAX_TAKEN_ON).await? {
                 take_on(&app, &id).await?;
             }
             Ok::<_, Problem>(())
@@ -207,16 +183,10 @@ async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<R
 /// Stores a piece, and counts it.
 async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) -> Result<(), Problem> {
     let (store, id, count) = (app.service.store.clone(), upload.id.clone(), bytes.len() as u64);
-    let object = blocking("store an upload", move || {
-        store.objects().put_piece(&id, bytes.into())
-    })
-    .await??;
+    let object = blocking("store an upload", move || store.objects().put_piece(&id, bytes.into())).await??;
     let (store, expires_at) = (&app.service.store, kept_until(app).await?);
     let piece = UploadPiece { bytes: count, object };
-    if store
-        .add_piece(&upload.id, upload.offset, &piece, expires_at)
-        .await?
-    {
+    if store.add_piece(&upload.id, upload.offset, &piece, expires_at).await? {
         upload.offset += count;
         upload.expires_at = expires_at;
         return Ok(());
@@ -226,10 +196,7 @@ async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) ->
         app.service.uploads.remove(vec![upload.id.clone()]).await?;
         return Err(unknown(&upload.id));
     }
-    Err(Problem::new(
-        StatusCode::CONFLICT,
-        "the upload was gone on with by another request",
-    ))
+    Err(Problem::new(StatusCode::CONFLICT, "the upload was gone on with by another request"))
 }
 
 /// Reads an upload that is whole in the background, where nobody else does.
@@ -247,12 +214,7 @@ async fn read_and_end(app: App, upload: ResumableUpload) {
     let alive = async {
         loop {
             tokio::time::sleep(ALIVE_INTERVAL).await;
-            if let Err(error) = app
-                .service
-                .store
-                .go_on_reading(&upload.id, app.service.now())
-                .await
-            {
+            if let Err(error) = app.service.store.go_on_reading(&upload.id, app.service.now()).await {
                 tracing::debug!(upload = upload.id, %error, "failed to say that an upload is being read");
             }
         }
@@ -319,10 +281,7 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
     let pieces = app.service.store.upload_pieces(&upload.id).await?;
     let bytes: u64 = pieces.iter().map(|piece| piece.bytes).sum();
     if bytes != upload.length {
-        let detail = format!(
-            "{bytes} bytes of the upload are stored, expected {}",
-            upload.length
-        );
+        let detail = format!("{bytes} bytes of the upload are stored, expected {}", upload.length);
         return Err(Problem::new(StatusCode::INTERNAL_SERVER_ERROR, detail));
     }
     let reader = PieceReader::new(app.service.store.clone(), upload.id.clone(), pieces);
@@ -342,19 +301,11 @@ async fn end(
         Err(problem) => Err(problem.detail()),
     };
     let expires_at = kept_until(app).await?;
-    match app
-        .service
-        .store
-        .finish_reading(&upload.id, result, expires_at)
-        .await
-    {
+    match app.service.store.finish_reading(&upload.id, result, expires_at).await {
         Err(error) if error.is_full() => {
             // There is room once its pieces are gone: all of it is read.
             app.service.uploads.remove(vec![upload.id.clone()]).await?;
-            app.service
-                .store
-                .finish_reading(&upload.id, result, expires_at)
-                .await?;
+            app.service.store.finish_reading(&upload.id, result, expires_at).await?;
         }
         done => done?,
     }

@@ -73,10 +73,7 @@ impl ResumableUpload {
         if self.state == UploadState::Receiving && self.offset == at {
             return Ok(());
         }
-        let detail = format!(
-            "upload-offset is {at}, expected {} of {}",
-            self.offset, self.length
-        );
+        let detail = format!("upload-offset is {at}, expected {} of {}", self.offset, self.length);
         Err(Problem::new(StatusCode::CONFLICT, detail))
     }
 }

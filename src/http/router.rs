@@ -86,9 +86,7 @@ fn operations() -> OpenApiRouter<App> {
 pub(super) fn router(app: App) -> Router {
     let (api, description) = operations().split_for_parts();
     let description = openapi::document(description);
-    let site = Router::new()
-        .route("/", get(dashboard::index))
-        .route("/static/{file}", get(dashboard::file));
+    let site = Router::new().route("/", get(dashboard::index)).route("/static/{file}", get(dashboard::file));
     api.merge(site)
         .merge(openapi::routes(&description))
         .fallback(no_such_path)
@@ -104,18 +102,9 @@ pub(super) fn router(app: App) -> Router {
         .layer(set(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
         .layer(set(header::REFERRER_POLICY, "no-referrer"))
         .layer(set(header::X_FRAME_OPTIONS, "DENY"))
-        .layer(set(
-            HeaderName::from_static("cross-origin-resource-policy"),
-            "same-origin",
-        ))
-        .layer(set(
-            HeaderName::from_static("cross-origin-opener-policy"),
-            "same-origin",
-        ))
-        .layer(set(
-            HeaderName::from_static("permissions-policy"),
-            "camera=(), microphone=(), geolocation=()",
-        ))
+        .layer(set(HeaderName::from_static("cross-origin-resource-policy"), "same-origin"))
+        .layer(set(HeaderName::from_static("cross-origin-opener-policy"), "same-origin"))
+        .layer(set(HeaderName::from_static("permissions-policy"), "camera=(), microphone=(), geolocation=()"))
         .layer(from_fn_with_state(app.clone(), traffic::measure))
         .layer(from_fn(traffic::trace))
         .layer(from_fn(drain::layer))
@@ -133,9 +122,6 @@ async fn no_such_path(uri: Uri) -> Problem {
 async fn no_such_method(method: Method, uri: Uri) -> Problem {
     Problem::new(
         StatusCode::METHOD_NOT_ALLOWED,
-        format!(
-            "{} does not take {method}, the allow header says what it takes",
-            uri.path()
-        ),
+        format!("{} does not take {method}, the allow header says what it takes", uri.path()),
     )
 }

@@ -99,10 +99,7 @@ impl From<Segment> for SegmentRow {
             excluded: segment.excluded,
             basis: segment.basis,
             indicators: segment.indicators,
-            wear: WearEstimate {
-                posterior: None,
-                ..segment.wear
-            },
+            wear: WearEstimate { posterior: None, ..segment.wear },
         }
     }
 }
@@ -136,17 +133,10 @@ pub(super) async fn list(
     };
     let segments = match choice.is_all() {
         true => store.segments(&asset, &filter, limit + 1).await?,
-        false => {
-            choice
-                .segments(store, &asset, &filter, limit as usize + 1)
-                .await?
-        }
+        false => choice.segments(store, &asset, &filter, limit as usize + 1).await?,
     };
     let page = Page::new(segments, limit, |segment: &Segment| {
-        query::cursor_of(&SegmentKey {
-            start_time: segment.start_time,
-            id: segment.id.clone(),
-        })
+        query::cursor_of(&SegmentKey { start_time: segment.start_time, id: segment.id.clone() })
     });
     Ok(Json(page.map(SegmentRow::from)))
 }
@@ -213,23 +203,14 @@ impl RangeParameters {
     ) -> Result<Vec<RecordRange>, Problem> {
         if let Some(ids) = &self.ids {
             if self.channel.is_some() || self.from.is_some() || self.to.is_some() {
-                return Err(Problem::query(
-                    "ids",
-                    "given",
-                    "either ids, or channel, from and to",
-                ));
+                return Err(Problem::query("ids", "given", "either ids, or channel, from and to"));
             }
             return record_choice::named(&app.service.store, asset, ids).await;
         }
         if self.from.is_none() && self.to.is_none() {
             return Err(Problem::query("from", "missing", all));
         }
-        Ok(vec![RecordRange {
-            channel: self.channel,
-            from: self.from,
-            to: self.to,
-            raw_sha256: None,
-        }])
+        Ok(vec![RecordRange { channel: self.channel, from: self.from, to: self.to, raw_sha256: None }])
     }
 }
 

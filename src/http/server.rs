@@ -140,41 +140,24 @@ async fn start_as(
     let (store, role, shared) = match node {
         Some(Node { store, queue, events }) => (store, Role::ApiNode(queue), Some(events)),
         None => {
-            let settings = config
-                .store
-                .clone()
-                .unwrap_or_else(|| config.data_dir.as_path().into());
+            let settings = config.store.clone().unwrap_or_else(|| config.data_dir.as_path().into());
             let opened = Store::open(&settings).await;
-            let store = opened.map_err(|source| StartError::DataDir {
-                path: config.data_dir.clone(),
-                source,
-            })?;
+            let store =
+                opened.map_err(|source| StartError::DataDir { path: config.data_dir.clone(), source })?;
             (store, Role::Standalone, None)
         }
     };
     let listener = TcpListener::bind(config.listen).await;
-    let listen_error = |source| StartError::Listen {
-        address: config.listen,
-        source,
-    };
+    let listen_error = |source| StartError::Listen { address: config.listen, source };
     let listener = listener.map_err(listen_error)?;
     let address = listener.local_addr().map_err(listen_error)?;
     let folders = ServiceFolders {
         libraries: config.data_dir.join("libraries"),
-        recordings: config
-            .replay_dir
-            .unwrap_or_else(|| config.data_dir.join("recordings")),
+        recordings: config.replay_dir.unwrap_or_else(|| config.data_dir.join("recordings")),
         uploads: config.data_dir.join("uploads"),
     };
     let uploads = folders.uploads.clone();
-    let service = Service::new(
-        store,
-        folders,
-        &config.work,
-        config.grid,
-        Arc::clone(&clock),
-        role,
-    )?;
+    let service = Service::new(store, folders, &config.work, config.grid, Arc::clone(&clock), role)?;
     let events = match shared {
         Some(shared) => EventRing::share(shared, Arc::clone(&service.history), config.http.events_kept),
         None => {
@@ -187,9 +170,7 @@ async fn start_as(
     let policy = if config.insecure_no_tokens {
         AuthPolicy::Disabled
     } else if is_loopback {
-        AuthPolicy::WhenConfigured {
-            host_names: config.host_names,
-        }
+        AuthPolicy::WhenConfigured { host_names: config.host_names }
     } else {
         AuthPolicy::Required
     };
@@ -213,15 +194,7 @@ async fn start_as(
     let (stop, stopped) = oneshot::channel();
     let is_tls = tls.is_some();
     let server = connections::serve(listener, router(app), tls, limits, stopped);
-    Ok(RunningService {
-        address,
-        service,
-        grace,
-        stop,
-        is_tls,
-        events,
-        server: tokio::spawn(server),
-    })
+    Ok(RunningService { address, service, grace, stop, is_tls, events, server: tokio::spawn(server) })
 }
 
 impl RunningService {
@@ -268,10 +241,7 @@ impl RunningService {
         };
         // A connection that works on something long is not waited for: the database repairs itself at the
         // next start.
-        if tokio::time::timeout(CLOSING, self.service.store.close())
-            .await
-            .is_err()
-        {
+        if tokio::time::timeout(CLOSING, self.service.store.close()).await.is_err() {
             tracing::warn!("failed to close the database in time");
         }
         ended

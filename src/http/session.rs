@@ -26,13 +26,8 @@ pub(super) struct Caller {
 
 /// The token of a session's cookie.
 pub(super) fn token_in_cookie(headers: &HeaderMap) -> Option<&str> {
-    let cookies = headers
-        .get_all(header::COOKIE)
-        .iter()
-        .filter_map(|value| value.to_str().ok());
-    let mut pairs = cookies
-        .flat_map(|value| value.split(';'))
-        .filter_map(|pair| pair.trim().split_once('='));
+    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut pairs = cookies.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
     pairs.find(|(name, _)| *name == COOKIE).map(|(_, value)| value)
 }
 
@@ -101,9 +96,8 @@ pub(super) async fn begin(
         return Ok(Json(view).into_response());
     };
     // As the browser sees the service, also behind a proxy that ends TLS.
-    let is_secure = headers
-        .get(header::ORIGIN)
-        .is_some_and(|origin| origin.as_bytes().starts_with(b"https://"));
+    let is_secure =
+        headers.get(header::ORIGIN).is_some_and(|origin| origin.as_bytes().starts_with(b"https://"));
     let cookie = cookie(&caller.presented, is_secure, "")
         .map_err(|_| Problem::query("authorization", "a token", "printable characters"))?;
     Ok(([(header::SET_COOKIE, cookie)], Json(view)).into_response())
@@ -137,10 +131,7 @@ mod tests {
     #[test]
     fn the_session_is_found_among_other_cookies() {
         let found = |value| token_in_cookie(&headers(&[("cookie", value)])).map(str::to_owned);
-        assert_eq!(
-            found("a=1; flankwatch_session=fwt_1_2; b=3").as_deref(),
-            Some("fwt_1_2")
-        );
+        assert_eq!(found("a=1; flankwatch_session=fwt_1_2; b=3").as_deref(), Some("fwt_1_2"));
         assert_eq!(found("xflankwatch_session=fwt_1_2; flankwatch_sessions=1"), None);
         assert_eq!(token_in_cookie(&HeaderMap::new()), None);
     }
@@ -152,26 +143,14 @@ mod tests {
         assert!(!is_refused(&[("origin", "http://wear.example")]));
         assert!(is_refused(&[]));
         for site in ["same-site", "cross-site", "none"] {
-            assert!(
-                is_refused(&[("sec-fetch-site", site), ("origin", "http://wear.example")]),
-                "{site}"
-            );
+            assert!(is_refused(&[("sec-fetch-site", site), ("origin", "http://wear.example")]), "{site}");
         }
     }
 
     #[test]
     fn a_cookie_is_for_no_script_and_no_other_site() {
-        let text = |secure| {
-            cookie("fwt_1_2", secure, "")
-                .unwrap()
-                .to_str()
-                .unwrap()
-                .to_owned()
-        };
-        assert_eq!(
-            text(false),
-            "flankwatch_session=fwt_1_2; Path=/; HttpOnly; SameSite=Strict"
-        );
+        let text = |secure| cookie("fwt_1_2", secure, "").unwrap().to_str().unwrap().to_owned();
+        assert_eq!(text(false), "flankwatch_session=fwt_1_2; Path=/; HttpOnly; SameSite=Strict");
         assert!(text(true).ends_with("; Secure"));
     }
 }

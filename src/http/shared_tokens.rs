@@ -41,11 +41,7 @@ struct Known {
 impl SharedTokens {
     /// The tokens of a store; there need not be any.
     pub fn of(store: Store) -> Self {
-        Self {
-            store,
-            known: Mutex::default(),
-            asking: tokio::sync::Mutex::default(),
-        }
+        Self { store, known: Mutex::default(), asking: tokio::sync::Mutex::default() }
     }
 
     /// All tokens, as they were a moment ago; none where there never were any.
@@ -64,11 +60,7 @@ impl SharedTokens {
         match asked {
             Ok(tokens) => {
                 let now = Instant::now();
-                *known = Some(Known {
-                    tokens: tokens.clone(),
-                    read_at: now,
-                    tried_at: now,
-                });
+                *known = Some(Known { tokens: tokens.clone(), read_at: now, tried_at: now });
                 Ok(tokens)
             }
             Err(error) => match known.as_mut() {
@@ -99,10 +91,7 @@ impl SharedTokens {
         let Some(stored) = self.store.tokens().await? else {
             return Ok(None);
         };
-        let tokens: Vec<Token> = stored
-            .into_iter()
-            .map(Token::try_from)
-            .collect::<Result<_, _>>()?;
+        let tokens: Vec<Token> = stored.into_iter().map(Token::try_from).collect::<Result<_, _>>()?;
         Ok(Some(Arc::new(tokens)))
     }
 
@@ -164,10 +153,8 @@ impl TryFrom<StoredToken> for Token {
     type Error = TokenError;
 
     fn try_from(stored: StoredToken) -> Result<Self, TokenError> {
-        let scope = Scope::from_str(&stored.scope).map_err(|reason| TokenError::Stored {
-            id: stored.id.clone(),
-            reason,
-        })?;
+        let scope = Scope::from_str(&stored.scope)
+            .map_err(|reason| TokenError::Stored { id: stored.id.clone(), reason })?;
         Ok(Self {
             id: stored.id,
             name: stored.name,

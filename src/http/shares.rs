@@ -42,9 +42,7 @@ impl<S: Sync> FromRequestParts<S> for Client {
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
         let caller = parts.extensions.get::<Caller>();
         let address = parts.extensions.get::<PeerAddress>().map(|address| address.0);
-        Ok(caller.map_or(Self::Address(address), |caller| {
-            Self::Token(caller.token.id.clone())
-        }))
+        Ok(caller.map_or(Self::Address(address), |caller| Self::Token(caller.token.id.clone())))
     }
 }
 
@@ -71,11 +69,7 @@ pub(super) struct Share {
 
 impl Shares {
     pub(super) fn new(most: usize, most_of_client: usize) -> Self {
-        Self {
-            most: most.max(1),
-            most_of_client: most_of_client.max(1),
-            taken: Arc::default(),
-        }
+        Self { most: most.max(1), most_of_client: most_of_client.max(1), taken: Arc::default() }
     }
 
     /// A place for a client; none where all are taken, or its own are.
@@ -117,10 +111,7 @@ mod tests {
     fn one_client_leaves_places_to_the_others() {
         let shares = Shares::new(3, 2);
         let (one, other) = (Client::Token("one".to_owned()), Client::Address(None));
-        let mut held = vec![
-            shares.take(one.clone()).unwrap(),
-            shares.take(one.clone()).unwrap(),
-        ];
+        let mut held = vec![shares.take(one.clone()).unwrap(), shares.take(one.clone()).unwrap()];
         assert!(shares.take(one.clone()).is_none(), "its own are taken");
         held.push(shares.take(other.clone()).unwrap());
         assert!(shares.take(other.clone()).is_none(), "all are taken");

@@ -28,17 +28,13 @@ pub(super) fn number(value: Option<f64>) -> String {
 
 /// Whether the client asks for CSV before JSON.
 pub(super) fn wants_csv(headers: &HeaderMap) -> bool {
-    let accept = headers
-        .get(header::ACCEPT)
-        .and_then(|value| value.to_str().ok())
-        .unwrap_or_default();
+    let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let quality = |wanted: &str| {
         let ranges = accept.split(',').filter_map(|range| {
             let mut parts = range.split(';').map(str::trim);
             let is_wanted = parts.next()?.eq_ignore_ascii_case(wanted);
-            let quality = parts
-                .find_map(|part| part.strip_prefix("q="))
-                .map_or(1.0, |q| q.parse().unwrap_or(0.0));
+            let quality =
+                parts.find_map(|part| part.strip_prefix("q=")).map_or(1.0, |q| q.parse().unwrap_or(0.0));
             is_wanted.then_some(quality)
         });
         ranges.fold(0.0_f64, f64::max)
@@ -53,18 +49,12 @@ pub(super) fn answer<T: Serialize>(
     view: T,
     write: impl FnOnce(&T, &mut Table) -> Result<(), csv::Error>,
 ) -> Result<Response, Problem> {
-    let fields = [
-        (header::ETAG, mark),
-        (header::VARY, HeaderValue::from_static("accept")),
-    ];
+    let fields = [(header::ETAG, mark), (header::VARY, HeaderValue::from_static("accept"))];
     if !wants_csv {
         return Ok((fields, Json(view)).into_response());
     }
     let fault = |error: String| {
-        Problem::new(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            format!("the table cannot be written: {error}"),
-        )
+        Problem::new(StatusCode::INTERNAL_SERVER_ERROR, format!("the table cannot be written: {error}"))
     };
     let mut table = Table(csv::Writer::from_writer(Vec::new()));
     write(&view, &mut table).map_err(|error| fault(error.to_string()))?;

@@ -143,22 +143,12 @@ struct Read {
 impl Tokens {
     /// The tokens of a data folder; there need not be any.
     pub fn of(data_dir: &Path) -> Self {
-        Self {
-            path: data_dir.join("tokens.json"),
-            read: Mutex::new(None),
-            writing: Mutex::new(()),
-        }
+        Self { path: data_dir.join("tokens.json"), read: Mutex::new(None), writing: Mutex::new(()) }
     }
 
     /// All tokens; none where there never were any.
     pub fn list(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
-        let file = |action| {
-            move |source| TokenError::File {
-                action,
-                path: self.path.clone(),
-                source,
-            }
-        };
+        let file = |action| move |source| TokenError::File { action, path: self.path.clone(), source };
         let changed = match fs::metadata(&self.path) {
             Ok(metadata) => (metadata.modified().ok(), metadata.len()),
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -171,15 +161,10 @@ impl Tokens {
             return Ok(Some(Arc::clone(&read.tokens)));
         }
         let text = fs::read(&self.path).map_err(file("read"))?;
-        let tokens: Vec<Token> = serde_json::from_slice(&text).map_err(|source| TokenError::Content {
-            path: self.path.clone(),
-            source,
-        })?;
+        let tokens: Vec<Token> = serde_json::from_slice(&text)
+            .map_err(|source| TokenError::Content { path: self.path.clone(), source })?;
         let tokens = Arc::new(tokens);
-        *read = Some(Read {
-            changed,
-            tokens: Arc::clone(&tokens),
-        });
+        *read = Some(Read { changed, tokens: Arc::clone(&tokens) });
         Ok(Some(tokens))
     }
 
@@ -216,19 +201,13 @@ impl Tokens {
     }
 
     fn keep(&self, tokens: &[Token]) -> Result<(), TokenError> {
-        let file = |source| TokenError::File {
-            action: "write",
-            path: self.path.clone(),
-            source,
-        };
+        let file = |source| TokenError::File { action: "write", path: self.path.clone(), source };
         if let Some(folder) = self.path.parent() {
             fs::create_dir_all(folder).map_err(file)?;
         }
         let next = self.path.with_extension("new");
-        let text = serde_json::to_vec_pretty(tokens).map_err(|source| TokenError::Content {
-            path: self.path.clone(),
-            source,
-        })?;
+        let text = serde_json::to_vec_pretty(tokens)
+            .map_err(|source| TokenError::Content { path: self.path.clone(), source })?;
         let mut options = fs::OpenOptions::new();
         options.write(true).create(true).truncate(true);
         #[cfg(unix)]
@@ -278,12 +257,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let tokens = Tokens::of(folder.path());
         assert!(tokens.list().unwrap().is_none());
-        let first = tokens
-            .create("press line", Scope::Write, Timestamp::UNIX_EPOCH)
-            .unwrap();
-        let second = tokens
-            .create("display", Scope::Read, Timestamp::UNIX_EPOCH)
-            .unwrap();
+        let first = tokens.create("press line", Scope::Write, Timestamp::UNIX_EPOCH).unwrap();
+        let second = tokens.create("display", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
         let kept = tokens.list().unwrap().unwrap();
         assert_eq!(find(&kept, &first).unwrap().scope, Scope::Write);
         assert_eq!(find(&kept, &second).unwrap().name, "display");
@@ -305,13 +280,8 @@ mod tests {
     fn only_the_owner_reads_the_file() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
-        Tokens::of(folder.path())
-            .create("a", Scope::Read, Timestamp::UNIX_EPOCH)
-            .unwrap();
-        let mode = fs::metadata(folder.path().join("tokens.json"))
-            .unwrap()
-            .permissions()
-            .mode();
+        Tokens::of(folder.path()).create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+        let mode = fs::metadata(folder.path().join("tokens.json")).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
     }
 }

@@ -43,11 +43,8 @@ pub(super) async fn time_out(State(app): State<App>, request: Request, next: Nex
 /// Answers for a handler that panicked: a fault of the program.
 pub(super) fn panicked(_: Box<dyn std::any::Any + Send>) -> Response {
     // The panic's own message has gone to standard error.
-    Problem::new(
-        StatusCode::INTERNAL_SERVER_ERROR,
-        "the service made a mistake; its log says where",
-    )
-    .into_response()
+    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the service made a mistake; its log says where")
+        .into_response()
 }
 
 /// Measures how long a request takes, from its head to the head of its answer, whoever answers it.
@@ -61,7 +58,6 @@ pub(super) async fn measure(
     let method = request.method().clone();
     let response = next.run(request).await;
     let route = path.as_ref().map(MatchedPath::as_str);
-    app.measurements
-        .request(&method, route, began.elapsed(), response.status());
+    app.measurements.request(&method, route, began.elapsed(), response.status());
     response
 }

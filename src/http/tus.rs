@@ -70,9 +70,7 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
     });
     let digits: Vec<u8> = digits.collect::<Option<_>>()?;
     let bytes = digits.chunks(4).flat_map(|chunk| {
-        let word = (0..4).fold(0_u32, |word, n| {
-            word << 6 | u32::from(chunk.get(n).copied().unwrap_or(0))
-        });
+        let word = (0..4).fold(0_u32, |word, n| word << 6 | u32::from(chunk.get(n).copied().unwrap_or(0)));
         word.to_be_bytes().into_iter().skip(1).take(chunk.len() * 6 / 8)
     });
     Some(bytes.collect())
@@ -81,15 +79,8 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
 fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, String)]) -> Response {
     let mut response = status.into_response();
     // RFC 9110's date, as the protocol asks.
-    let expires = upload
-        .expires_at
-        .strftime("%a, %d %b %Y %H:%M:%S GMT")
-        .to_string();
-    let fields = [
-        (RESUMABLE, VERSION.to_string()),
-        (OFFSET, upload.offset.to_string()),
-        (EXPIRES, expires),
-    ];
+    let expires = upload.expires_at.strftime("%a, %d %b %Y %H:%M:%S GMT").to_string();
+    let fields = [(RESUMABLE, VERSION.to_string()), (OFFSET, upload.offset.to_string()), (EXPIRES, expires)];
     for (name, value) in fields.iter().chain(more) {
         if let Ok(value) = HeaderValue::from_str(value) {
             response.headers_mut().insert(name, value);
@@ -141,11 +132,7 @@ pub(super) async fn create(
     app.service.store.asset(&asset).await?;
     let upload = resumable::begin(&app, &client, asset, length).await?;
     let location = format!("/v1/uploads/{}", upload.id);
-    Ok(answer(
-        StatusCode::CREATED,
-        &upload,
-        &[(header::LOCATION, location)],
-    ))
+    Ok(answer(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))
 }
 
 /// What of tus is there
@@ -154,14 +141,8 @@ pub(super) async fn options(State(app): State<App>) -> Response {
     let fields = [
         (RESUMABLE, VERSION.to_string()),
         (HeaderName::from_static("tus-version"), VERSION.to_string()),
-        (
-            HeaderName::from_static("tus-extension"),
-            "creation,termination,expiration".to_string(),
-        ),
-        (
-            HeaderName::from_static("tus-max-size"),
-            app.limits.recording_bytes.to_string(),
-        ),
+        (HeaderName::from_static("tus-extension"), "creation,termination,expiration".to_string()),
+        (HeaderName::from_static("tus-max-size"), app.limits.recording_bytes.to_string()),
     ];
     (StatusCode::NO_CONTENT, fields.map(|(name, value)| (name, value))).into_response()
 }
@@ -176,10 +157,7 @@ pub(super) async fn options(State(app): State<App>) -> Response {
 )]
 pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
     let upload = resumable::find(&app, &id).await?;
-    let more = [
-        (LENGTH, upload.length.to_string()),
-        (header::CACHE_CONTROL, "no-store".to_string()),
-    ];
+    let more = [(LENGTH, upload.length.to_string()), (header::CACHE_CONTROL, "no-store".to_string())];
     Ok(answer(StatusCode::OK, &upload, &more))
 }
 
@@ -253,19 +231,11 @@ mod tests {
     #[test]
     fn metadata_is_read_from_base64() {
         let mut headers = HeaderMap::new();
-        headers.insert(
-            METADATA,
-            HeaderValue::from_static("filename cnVuLm1jYXA=,asset cHVtcA=="),
-        );
+        headers.insert(METADATA, HeaderValue::from_static("filename cnVuLm1jYXA=,asset cHVtcA=="));
         assert_eq!(metadata(&headers, "asset").as_deref(), Some("pump"));
         assert_eq!(metadata(&headers, "filename").as_deref(), Some("run.mcap"));
         assert!(metadata(&headers, "none").is_none());
-        for (text, bytes) in [
-            ("", &b""[..]),
-            ("AA==", b"\0"),
-            ("/+8=", b"\xff\xef"),
-            ("QUJD", b"ABC"),
-        ] {
+        for (text, bytes) in [("", &b""[..]), ("AA==", b"\0"), ("/+8=", b"\xff\xef"), ("QUJD", b"ABC")] {
             assert_eq!(from_base64(text).as_deref(), Some(bytes), "{text}");
         }
         assert!(from_base64("a b").is_none());

@@ -107,10 +107,9 @@ impl From<Accepted> for TakenRecord {
     fn from(accepted: Accepted) -> Self {
         match accepted {
             Accepted::Stored(segment) | Accepted::Repeated(segment) => Self::Stored(segment),
-            Accepted::Queued(record) => Self::Queued(Box::new(HandedOver {
-                state: "queued",
-                record: *record,
-            })),
+            Accepted::Queued(record) => {
+                Self::Queued(Box::new(HandedOver { state: "queued", record: *record }))
+            }
         }
     }
 }
@@ -185,12 +184,7 @@ pub(super) async fn upload(
     app.service.store.asset(&asset).await?;
     let key = key(&headers)?;
     let media_type = body::media_type(&headers);
-    let upload = Upload {
-        app: &app,
-        asset: &asset,
-        asked,
-        key,
-    };
+    let upload = Upload { app: &app, asset: &asset, asked, key };
     upload.answer(media_type.as_deref(), &headers, body).await
 }
 
@@ -222,9 +216,7 @@ impl Upload<'_> {
         let mut response = (StatusCode::CREATED, Json(&answer)).into_response();
         if matches!(answer, Answered::Before(_)) {
             let name = HeaderName::from_static("idempotency-replayed");
-            response
-                .headers_mut()
-                .insert(name, HeaderValue::from_static("true"));
+            response.headers_mut().insert(name, HeaderValue::from_static("true"));
         }
         Ok(response)
     }
@@ -255,10 +247,7 @@ impl Upload<'_> {
         }
         let (service, asset) = (app.service.clone(), self.asset.clone());
         let work = async move {
-            let accepted = service
-                .pipeline
-                .accept(&asset, format, bytes, metadata, ticket)
-                .await?;
+            let accepted = service.pipeline.accept(&asset, format, bytes, metadata, ticket).await?;
             let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
             Ok(match segments.pop() {
                 Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
@@ -327,16 +316,11 @@ impl Upload<'_> {
         hash.update(content);
         let digest: String = hex::encode(hash.finalize());
         let first = &self.app.service.store;
-        let first = first
-            .begin_upload(self.asset, key, &digest, self.app.service.now())
-            .await?;
+        let first = first.begin_upload(self.asset, key, &digest, self.app.service.now()).await?;
         if first.request_sha256 == digest {
             return Ok(first);
         }
-        let detail = format!(
-            "idempotency-key {key:?} was used for another upload at {}",
-            first.received_at
-        );
+        let detail = format!("idempotency-key {key:?} was used for another upload at {}", first.received_at);
         Err(Problem::new(StatusCode::CONFLICT, detail))
     }
 
@@ -345,20 +329,15 @@ impl Upload<'_> {
         if media_type != Some(BARE) {
             let format = media_type.and_then(RecordFormat::from_media_type);
             return match format {
-                Some(RecordFormat::Csv { .. }) => Ok(RecordFormat::Csv {
-                    sample_rate_hz: asked.sample_rate_hz,
-                }),
+                Some(RecordFormat::Csv { .. }) => {
+                    Ok(RecordFormat::Csv { sample_rate_hz: asked.sample_rate_hz })
+                }
                 Some(format) => Ok(format),
                 None => Err(body::unsupported(media_type, EXPECTED)),
             };
         }
-        let missing = |field| {
-            Problem::query(
-                field,
-                "missing",
-                "its value: bare samples do not say it themselves",
-            )
-        };
+        let missing =
+            |field| Problem::query(field, "missing", "its value: bare samples do not say it themselves");
         let sample = asked.sample.as_deref().ok_or_else(|| missing("sample"))?;
         let rate = asked.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
         let layout = sample
@@ -390,9 +369,7 @@ impl Upload<'_> {
 
 /// What was answered to an upload before.
 fn answer_before(first: &KeyedUpload) -> Option<Answered> {
-    serde_json::from_str(first.answer.as_deref()?)
-        .ok()
-        .map(Answered::Before)
+    serde_json::from_str(first.answer.as_deref()?).ok().map(Answered::Before)
 }
 
 /// Reads an MCAP recording into an asset.
@@ -405,19 +382,10 @@ pub(super) async fn take_recording<R: Read + Send + 'static>(
     let segments = std::mem::take(&mut summary.segments);
     let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
     let wear = match channel {
-        Some(channel) => app
-            .service
-            .store
-            .latest_counted(&channel)
-            .await?
-            .map(|segment| segment.wear),
+        Some(channel) => app.service.store.latest_counted(&channel).await?.map(|segment| segment.wear),
         None => None,
     };
-    Ok(UploadAnswer::Recording(Box::new(RecordingAnswer {
-        summary,
-        segments,
-        wear,
-    })))
+    Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, segments, wear })))
 }
 
 impl UploadParameters {
@@ -433,10 +401,6 @@ fn key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     };
     match key.to_str() {
         Ok(text) if !text.is_empty() && text.len() <= MAX_KEY_BYTES => Ok(Some(text.to_string())),
-        _ => Err(Problem::query(
-            "idempotency-key",
-            format!("{key:?}"),
-            "1 to 255 visible characters",
-        )),
+        _ => Err(Problem::query("idempotency-key", format!("{key:?}"), "1 to 255 visible characters")),
     }
 }

@@ -109,13 +109,9 @@ pub(super) async fn show(
 ) -> Result<Json<WaterfallView>, Problem> {
     let records = within("max_records", asked.max_records, RECORDS)?;
     let cells = within("cells", asked.cells, CELLS)?;
-    let end = asked.max.map(|max| {
-        if max > 0.0 {
-            Ok(max)
-        } else {
-            Err(Problem::query("max", max, "a number above 0"))
-        }
-    });
+    let end = asked
+        .max
+        .map(|max| if max > 0.0 { Ok(max) } else { Err(Problem::query("max", max, "a number above 0")) });
     let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
     let mut view = WaterfallView {
         channel: None,
@@ -135,17 +131,12 @@ pub(super) async fn show(
     let range = trend.range(asked.from, asked.to);
     let chosen = evenly(range.len(), records);
     view.reduced = chosen.len() < range.len();
-    let ids: Vec<SegmentId> = chosen
-        .iter()
-        .map(|n| trend.segment_id[range.start + n].clone())
-        .collect();
+    let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
     view.unit = trend.unit.clone();
     view.channel = Some(channel.channel);
     let segments = app.service.store.segments_by_id(&ids).await?;
-    let mut segments: HashMap<SegmentId, Segment> = segments
-        .into_iter()
-        .map(|segment| (segment.id.clone(), segment))
-        .collect();
+    let mut segments: HashMap<SegmentId, Segment> =
+        segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
     let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
     let Some(first) = segments.first() else {
         return Ok(Json(view));
@@ -155,23 +146,15 @@ pub(super) async fn show(
         Axis::Hz => first.sample_rate_hz / 2.0,
         Axis::Orders => first.sample_rate_hz / 2.0 / nominal_hz,
     });
-    let grid = Grid {
-        axis: asked.axis,
-        cells,
-        end_bits: end.to_bits(),
-    };
+    let grid = Grid { axis: asked.axis, cells, end_bits: end.to_bits() };
     let teeth = f64::from(asset.spec.gear.teeth[0]);
     view.mesh_position = match asked.axis {
         Axis::Orders => Some(teeth),
-        Axis::Hz => segments
-            .iter()
-            .rev()
-            .find_map(|segment| segment.shaft_speed)
-            .map(|speed| speed.mesh_frequency_hz),
+        Axis::Hz => {
+            segments.iter().rev().find_map(|segment| segment.shaft_speed).map(|speed| speed.mesh_frequency_hz)
+        }
     };
-    view.position = (0..cells)
-        .map(|n| (n as f64 + 0.5) * end / cells as f64)
-        .collect();
+    view.position = (0..cells).map(|n| (n as f64 + 0.5) * end / cells as f64).collect();
     let _ticket = app.service.workers.admit_answer()?;
     let lines = lines(&app, &segments, grid).await?;
     view.items = segments
@@ -190,11 +173,7 @@ pub(super) async fn show(
 fn within(field: &str, asked: Option<usize>, (usual, most): (usize, usize)) -> Result<usize, Problem> {
     match asked.unwrap_or(usual) {
         number if (2..=most).contains(&number) => Ok(number),
-        number => Err(Problem::query(
-            field,
-            number,
-            &format!("a number from 2 to {most}"),
-        )),
+        number => Err(Problem::query(field, number, &format!("a number from 2 to {most}"))),
     }
 }
 
@@ -209,15 +188,9 @@ pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
 /// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or
 /// the raw bytes are not to be had any more.
 async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
-    let mut lines: Vec<Option<Line>> = segments
-        .iter()
-        .map(|segment| app.lines.get(&segment.id, grid))
-        .collect();
-    let mut missing = lines
-        .iter()
-        .enumerate()
-        .filter(|(_, line)| line.is_none())
-        .map(|(n, _)| n);
+    let mut lines: Vec<Option<Line>> =
+        segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
+    let mut missing = lines.iter().enumerate().filter(|(_, line)| line.is_none()).map(|(n, _)| n);
     let missing: Vec<usize> = missing.by_ref().collect();
     for some in missing.chunks(AT_ONCE) {
         let mut tasks = JoinSet::new();
@@ -281,11 +254,7 @@ mod tests {
     fn a_line_stays_at_its_place_and_height() {
         let mut amplitude = vec![1e-3; 1001];
         amplitude[500] = 10.0;
-        let grid = |axis, cells, end: f64| Grid {
-            axis,
-            cells,
-            end_bits: end.to_bits(),
-        };
+        let grid = |axis, cells, end: f64| Grid { axis, cells, end_bits: end.to_bits() };
         // 250 Hz of 500 Hz.
         let line = levels(&amplitude, 0.5, grid(Axis::Hz, 100, 500.0));
         assert_eq!((line[49], line[50], line[51]), (-60.0, 20.0, -60.0));
@@ -293,10 +262,7 @@ mod tests {
         let line = levels(&amplitude, 0.5 / 25.0, grid(Axis::Orders, 100, 20.0));
         assert_eq!((line[50], line.iter().filter(|db| **db > 0.0).count()), (20.0, 1));
         // Beyond half the sampling rate there is nothing.
-        assert_eq!(
-            levels(&amplitude, 0.5, grid(Axis::Hz, 2, 2000.0))[1],
-            LOWEST_DB as f32
-        );
+        assert_eq!(levels(&amplitude, 0.5, grid(Axis::Hz, 2, 2000.0))[1], LOWEST_DB as f32);
     }
 
     #[test]

@@ -70,11 +70,7 @@ pub(super) async fn waveform(
     let (from_s, to_s) = (asked.from_s.unwrap_or(0.0), asked.to_s.unwrap_or(f64::INFINITY));
     if !(from_s >= 0.0 && from_s < to_s) {
         let expected = "seconds from the first sample, from_s at least 0 and below to_s";
-        return Err(Problem::query(
-            "from_s, to_s",
-            format!("{from_s} to {to_s}"),
-            expected,
-        ));
+        return Err(Problem::query("from_s, to_s", format!("{from_s} to {to_s}"), expected));
     }
     let segment = segments::find(&app, &id).await?;
     let _ticket = app.service.workers.admit_answer()?;
@@ -83,13 +79,8 @@ pub(super) async fn waveform(
         let rate_hz = record.sample_rate_hz();
         // One sample more on either side, so that the curve goes on to the edges of what is shown.
         let low = ((from_s * rate_hz).floor() as usize).min(record.samples().len());
-        let high = ((to_s * rate_hz).ceil() as usize)
-            .saturating_add(1)
-            .clamp(low, record.samples().len());
-        let samples: Vec<f64> = record.samples()[low..high]
-            .iter()
-            .map(|sample| f64::from(*sample))
-            .collect();
+        let high = ((to_s * rate_hz).ceil() as usize).saturating_add(1).clamp(low, record.samples().len());
+        let samples: Vec<f64> = record.samples()[low..high].iter().map(|sample| f64::from(*sample)).collect();
         let kept = reduction::extremes(&[&samples], samples.len(), most);
         let time_s = kept.iter().map(|n| (low + n) as f64 / rate_hz).collect();
         let value = kept.iter().map(|n| record.samples()[low + *n]).collect();
@@ -246,11 +237,7 @@ pub(super) async fn envelope(
         (None, None, None) => BandChoice::OfAsset,
         (Some(search), None, None) => BandChoice::Search(search),
         (Some(_), _, _) => {
-            return Err(Problem::query(
-                "band",
-                "given",
-                "nothing beside band_low_hz and band_high_hz",
-            ));
+            return Err(Problem::query("band", "given", "nothing beside band_low_hz and band_high_hz"));
         }
         (None, Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => {
             BandChoice::Hertz([low, high])
@@ -283,9 +270,7 @@ fn baseline_amplitude(baseline: &[Segment], order: u32, unit: &str) -> Option<f6
     let name = format!("mesh_{order}");
     let logarithm = |record: &Segment| {
         let amplitude = record.indicators.values.get(&name).copied();
-        amplitude
-            .filter(|amplitude| *amplitude > 0.0 && record.unit == unit)
-            .map(f64::ln)
+        amplitude.filter(|amplitude| *amplitude > 0.0 && record.unit == unit).map(f64::ln)
     };
     let logarithms: Vec<f64> = baseline.iter().map(logarithm).collect::<Option<_>>()?;
     (!logarithms.is_empty()).then(|| (logarithms.iter().sum::<f64>() / logarithms.len() as f64).exp())
@@ -316,10 +301,7 @@ fn view(
         mesh_frequency_hz: segment.shaft_speed.map(|speed| speed.mesh_frequency_hz),
         mesh_harmonics: lines
             .into_iter()
-            .map(|line| MeshHarmonic {
-                line,
-                baseline_amplitude: None,
-            })
+            .map(|line| MeshHarmonic { line, baseline_amplitude: None })
             .collect(),
     }
 }

@@ -88,11 +88,7 @@ pub(super) async fn latest(
 fn nothing_yet(spec: &AssetSpec) -> WearEstimate {
     let need = spec.baseline.records;
     let reason = format!("no records yet: collecting baseline, 0 of {need}");
-    WearEstimate::without_number(
-        WearStatus::CollectingBaseline,
-        reason,
-        BaselineProgress { have: 0, need },
-    )
+    WearEstimate::without_number(WearStatus::CollectingBaseline, reason, BaselineProgress { have: 0, need })
 }
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -263,9 +259,5 @@ fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) ->
             log_evidence: point.log_evidence,
         }
     };
-    HistoryView {
-        channel: None,
-        reduced: kept.len() < chosen.len(),
-        items: kept.iter().map(row).collect(),
-    }
+    HistoryView { channel: None, reduced: kept.len() < chosen.len(), items: kept.iter().map(row).collect() }
 }

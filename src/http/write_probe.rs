@@ -61,11 +61,7 @@ async fn write(service: &Arc<Service>) -> Writability {
     let (database, room, bucket, mut parts) =
         tokio::join!(database(service), room(service), object_store(service), queue);
     parts.extend(bucket);
-    Writability {
-        database,
-        room,
-        parts,
-    }
+    Writability { database, room, parts }
 }
 
 async fn database(service: &Service) -> Option<String> {

@@ -84,18 +84,14 @@ impl Frame {
 impl Chart {
     /// Whether there is anything to draw.
     pub(super) fn is_empty(&self) -> bool {
-        self.series
-            .iter()
-            .all(|series| series.points.iter().all(|(_, y)| y.is_none()))
+        self.series.iter().all(|series| series.points.iter().all(|(_, y)| y.is_none()))
     }
 
     /// The drawing; described in words by `label`.
     pub(super) fn svg(&self, label: &str) -> String {
         let frame = self.frame();
-        let mut svg = format!(
-            "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
-            escape(label)
-        );
+        let mut svg =
+            format!("<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">", escape(label));
         self.axes(&frame, &mut svg);
         if !self.band.is_empty() {
             let upper = self.band.iter().map(|(x, _, high)| (*x, *high));
@@ -127,19 +123,11 @@ impl Chart {
             );
         }
         for series in &self.series {
-            for stretch in series
-                .points
-                .split(|(_, y)| y.is_none())
-                .filter(|stretch| !stretch.is_empty())
-            {
+            for stretch in series.points.split(|(_, y)| y.is_none()).filter(|stretch| !stretch.is_empty()) {
                 let kept = thin(stretch, &frame);
                 let points: String = kept.iter().map(|(x, y)| place(&frame, *x, *y)).collect();
-                let _ = write!(
-                    svg,
-                    "<polyline class=\"{}\" points=\"{}\"/>",
-                    series.class,
-                    points.trim_end()
-                );
+                let _ =
+                    write!(svg, "<polyline class=\"{}\" points=\"{}\"/>", series.class, points.trim_end());
             }
         }
         svg + "</svg>"
@@ -148,17 +136,11 @@ impl Chart {
     /// The names of curves and band, to stand below the drawing.
     pub(super) fn legend(&self, band: Option<&str>) -> String {
         let band = band.filter(|_| !self.band.is_empty()).map(|name| ("band", name));
-        let names = self
-            .series
-            .iter()
-            .map(|series| (series.class, series.name.as_str()))
-            .chain(band);
+        let names = self.series.iter().map(|series| (series.class, series.name.as_str())).chain(band);
         let mut entries: String = names.map(|(class, name)| entry(class, name)).collect();
-        for (class, words) in [
-            ("warning", "warning raised"),
-            ("danger", "danger raised"),
-            ("maintenance", "maintenance"),
-        ] {
+        for (class, words) in
+            [("warning", "warning raised"), ("danger", "danger raised"), ("maintenance", "maintenance")]
+        {
             if self.marks.iter().any(|mark| mark.class == class) {
                 entries += &entry(&format!("mark {class}"), words);
             }
@@ -167,15 +149,8 @@ impl Chart {
     }
 
     fn frame(&self) -> Frame {
-        let xs = || {
-            self.series
-                .iter()
-                .flat_map(|series| series.points.iter().map(|(x, _)| *x))
-        };
-        let ys = self
-            .series
-            .iter()
-            .flat_map(|series| series.points.iter().filter_map(|(_, y)| *y));
+        let xs = || self.series.iter().flat_map(|series| series.points.iter().map(|(x, _)| *x));
+        let ys = self.series.iter().flat_map(|series| series.points.iter().filter_map(|(_, y)| *y));
         let ys = ys
             .chain(self.band.iter().flat_map(|(_, low, high)| [*low, *high]))
             .chain(self.levels.iter().map(|level| level.y));
@@ -185,10 +160,7 @@ impl Chart {
         }
         let room = 0.06 * (high - low);
         let below = if self.from_zero && low == 0.0 { 0.0 } else { room };
-        Frame {
-            x: extent(xs()),
-            y: [low - below, high + room],
-        }
+        Frame { x: extent(xs()), y: [low - below, high + room] }
     }
 
     fn axes(&self, frame: &Frame, svg: &mut String) {
@@ -253,9 +225,7 @@ fn place(frame: &Frame, x: f64, y: f64) -> String {
 fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = values
         .filter(|value| value.is_finite())
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
-            [low.min(value), high.max(value)]
-        });
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
     if low > high {
         [0.0, 1.0]
     } else if low == high {
@@ -294,11 +264,7 @@ mod tests {
             horizontal: Horizontal::Number,
             x_title: "x".to_owned(),
             y_title: "y".to_owned(),
-            series: vec![Series {
-                name: "a < b".to_owned(),
-                points,
-                class: "one",
-            }],
+            series: vec![Series { name: "a < b".to_owned(), points, class: "one" }],
             band: Vec::new(),
             levels: Vec::new(),
             marks: Vec::new(),
@@ -308,14 +274,9 @@ mod tests {
 
     #[test]
     fn a_gap_breaks_the_curve() {
-        let svg = chart(vec![
-            (0.0, Some(1.0)),
-            (1.0, Some(2.0)),
-            (2.0, None),
-            (3.0, Some(1.0)),
-            (4.0, Some(0.5)),
-        ])
-        .svg("words");
+        let svg =
+            chart(vec![(0.0, Some(1.0)), (1.0, Some(2.0)), (2.0, None), (3.0, Some(1.0)), (4.0, Some(0.5))])
+                .svg("words");
         assert_eq!(svg.matches("<polyline").count(), 2);
     }
 
@@ -326,11 +287,7 @@ mod tests {
         let chart = chart(points);
         let frame = chart.frame();
         let kept = thin(&chart.series[0].points, &frame);
-        assert!(
-            kept.len() < 4000 && kept.contains(&(54_321.0, 7.0)),
-            "{}",
-            kept.len()
-        );
+        assert!(kept.len() < 4000 && kept.contains(&(54_321.0, 7.0)), "{}", kept.len());
     }
 
     #[test]

@@ -73,16 +73,11 @@ impl Report {
 /// Where an angle came from, and how sure it is, in a few words.
 pub fn angle_words(angle: &AngleUsed) -> String {
     match angle.source {
-        AngleSource::Tachometer {
-            angle_error_deg: Some(error),
-            ..
-        } => format!("tachometer ± {error:.2}°"),
+        AngleSource::Tachometer { angle_error_deg: Some(error), .. } => format!("tachometer ± {error:.2}°"),
         AngleSource::Tachometer { .. } => "tachometer".to_owned(),
-        AngleSource::MeshPhase {
-            harmonic,
-            angle_error_deg,
-            ..
-        } => format!("mesh phase {harmonic} ± {angle_error_deg:.2}°"),
+        AngleSource::MeshPhase { harmonic, angle_error_deg, .. } => {
+            format!("mesh phase {harmonic} ± {angle_error_deg:.2}°")
+        }
         AngleSource::ConstantSpeed => "constant speed".to_owned(),
     }
 }

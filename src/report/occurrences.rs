@@ -38,11 +38,8 @@ impl ReportedAlarm {
     /// The alarms of a channel that anything happened to, from all changes of its rules.
     pub fn of_changes(channel: &str, rules: &[AlarmRule], changes: &[PanelChange]) -> Vec<Self> {
         let of_rule = |(number, rule): (usize, &AlarmRule)| {
-            let history: Vec<AlarmChange> = changes
-                .iter()
-                .filter(|(of, _)| *of == number)
-                .map(|(_, change)| change.clone())
-                .collect();
+            let history: Vec<AlarmChange> =
+                changes.iter().filter(|(of, _)| *of == number).map(|(_, change)| change.clone()).collect();
             let last = history.last()?;
             Some(Self {
                 channel: channel.to_owned(),
@@ -75,24 +72,20 @@ pub(super) fn sections(report: &Report, body: &mut String) {
 
 /// Where alarms of a channel were raised, and where something was done to the machine.
 pub(super) fn marks(report: &Report, channel: &str) -> Vec<Mark> {
-    let of_alarms = report
-        .alarms
-        .iter()
-        .filter(|alarm| alarm.channel == channel)
-        .flat_map(|alarm| {
-            let raised = |change: &&AlarmChange| {
-                let is_by_itself = matches!(change.action, None | Some(AlarmAction::Stale { .. }));
-                is_by_itself && change.maintenance.is_none() && change.severity.is_some()
-            };
-            alarm.history.iter().filter(raised).map(|change| {
-                let class = change.severity.map_or("warning", Severity::name);
-                Mark {
-                    x: seconds(change.time),
-                    class,
-                    name: format!("{class}: {}", quantity_words(&alarm.quantity)),
-                }
-            })
-        });
+    let of_alarms = report.alarms.iter().filter(|alarm| alarm.channel == channel).flat_map(|alarm| {
+        let raised = |change: &&AlarmChange| {
+            let is_by_itself = matches!(change.action, None | Some(AlarmAction::Stale { .. }));
+            is_by_itself && change.maintenance.is_none() && change.severity.is_some()
+        };
+        alarm.history.iter().filter(raised).map(|change| {
+            let class = change.severity.map_or("warning", Severity::name);
+            Mark {
+                x: seconds(change.time),
+                class,
+                name: format!("{class}: {}", quantity_words(&alarm.quantity)),
+            }
+        })
+    });
     let of_maintenance = report.maintenance.iter().map(|event| Mark {
         x: seconds(event.time),
         class: "maintenance",
@@ -120,11 +113,7 @@ fn alarm_table(alarm: &ReportedAlarm, body: &mut String) {
         .filter_map(|(name, level)| level.map(|level| format!("{name} {level}")))
     });
     let levels: Vec<String> = levels.collect();
-    let levels = if levels.is_empty() {
-        "no rule any more".to_owned()
-    } else {
-        levels.join(", ")
-    };
+    let levels = if levels.is_empty() { "no rule any more".to_owned() } else { levels.join(", ") };
     let now = match alarm.severity {
         Some(severity) => format!("{}, {}", severity.name(), state_words(alarm.state)),
         None => state_words(alarm.state).to_owned(),
@@ -157,10 +146,9 @@ fn change_row(change: &AlarmChange) -> String {
         (Some(AlarmAction::Comment), _) => "remark".to_owned(),
         (Some(AlarmAction::ShelvingOver), _) => "no longer shelved: its time was over".to_owned(),
         (None, Some(kind)) => format!("{}: begins again", kind_words(kind)),
-        (None | Some(AlarmAction::Stale { .. }), _) => change.severity.map_or_else(
-            || "back to normal".to_owned(),
-            |severity| format!("{} raised", severity.name()),
-        ),
+        (None | Some(AlarmAction::Stale { .. }), _) => change
+            .severity
+            .map_or_else(|| "back to normal".to_owned(), |severity| format!("{} raised", severity.name())),
     };
     let reading = change.value.map_or_else(|| "–".to_owned(), reading_words);
     row(change.time, &[&what, &reading, &change.by, &change.comment])
@@ -168,11 +156,7 @@ fn change_row(change: &AlarmChange) -> String {
 
 /// Four digits: more would feign precision.
 fn reading_words(value: f64) -> String {
-    let digits = if value == 0.0 {
-        0
-    } else {
-        value.abs().log10().floor() as i32
-    };
+    let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     let decimals = usize::try_from(3 - digits).unwrap_or(0).min(9);
     format!("{value:.decimals$}")
 }
@@ -206,10 +190,8 @@ fn measured(inspection: &Inspection) -> String {
 }
 
 fn row(time: Timestamp, cells: &[&str]) -> String {
-    let cells: String = cells
-        .iter()
-        .map(|words| format!("<td class=\"words\">{}</td>", escape(words)))
-        .collect();
+    let cells: String =
+        cells.iter().map(|words| format!("<td class=\"words\">{}</td>", escape(words))).collect();
     format!("<tr><td>{}</td>{cells}</tr>", time.strftime("%Y-%m-%d %H:%M:%S"))
 }
 
@@ -268,19 +250,11 @@ mod tests {
 
     #[test]
     fn alarms_and_maintenance_are_told_and_marked() {
-        let rule = AlarmRule {
-            warning: Some(100.0),
-            hysteresis: 5.0,
-            ..AlarmRule::of(AlarmQuantity::WearUm)
-        };
-        let quiet = AlarmRule {
-            quantity: AlarmQuantity::Novelty,
-            ..rule.clone()
-        };
-        let changes = [
-            (1, change(60, Some(Severity::Warning), "")),
-            (1, change(90, Some(Severity::Warning), "A & B")),
-        ];
+        let rule =
+            AlarmRule { warning: Some(100.0), hysteresis: 5.0, ..AlarmRule::of(AlarmQuantity::WearUm) };
+        let quiet = AlarmRule { quantity: AlarmQuantity::Novelty, ..rule.clone() };
+        let changes =
+            [(1, change(60, Some(Severity::Warning), "")), (1, change(90, Some(Severity::Warning), "A & B"))];
         let report = Report {
             alarms: ReportedAlarm::of_changes("in", &[quiet, rule], &changes),
             maintenance: vec![
@@ -325,10 +299,7 @@ mod tests {
         assert!(!body.contains("Novelty"));
         let marks = marks(&report, "in");
         assert_eq!(
-            marks
-                .iter()
-                .map(|mark| ((mark.x * 1e6).round() * 1e-6, mark.class))
-                .collect::<Vec<_>>(),
+            marks.iter().map(|mark| ((mark.x * 1e6).round() * 1e-6, mark.class)).collect::<Vec<_>>(),
             [(60.0, "warning"), (30.0, "maintenance"), (40.0, "maintenance")]
         );
     }

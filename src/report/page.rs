@@ -17,16 +17,8 @@ const INDICATORS: [(&str, &str, &str); 7] = [
         "OMX, order-tracked",
         "The same over the shaft's angle: a changing speed does not smear it.",
     ),
-    (
-        "fm0",
-        "FM0",
-        "Peak to peak of the synchronous average over the sum of its mesh harmonics.",
-    ),
-    (
-        "fm4",
-        "FM4",
-        "Kurtosis of the difference signal: single damaged teeth raise it above 3.",
-    ),
+    ("fm0", "FM0", "Peak to peak of the synchronous average over the sum of its mesh harmonics."),
+    ("fm4", "FM4", "Kurtosis of the difference signal: single damaged teeth raise it above 3."),
     (
         "na4",
         "NA4",
@@ -46,33 +38,23 @@ const TABLE_ROWS: usize = 100;
 const STYLE: &str = include_str!("report.css");
 
 pub(super) fn html(report: &Report) -> String {
-    let title = report.asset.as_ref().map_or_else(
-        || "Vibration report".to_owned(),
-        |name| format!("Vibration report: {name}"),
-    );
+    let title = report
+        .asset
+        .as_ref()
+        .map_or_else(|| "Vibration report".to_owned(), |name| format!("Vibration report: {name}"));
     let title = escape(&title);
     let (first, last) = (report.records.first(), report.records.last());
     let span = first.zip(last).map_or_else(String::new, |(first, last)| {
-        format!(
-            ", {} to {}",
-            first.start_time.strftime(MINUTES),
-            last.start_time.strftime(MINUTES)
-        )
+        format!(", {} to {}", first.start_time.strftime(MINUTES), last.start_time.strftime(MINUTES))
     });
     let count = report.all_records.unwrap_or(report.records.len());
     let mut body = format!("<h1>{title}</h1><p>{count} records{span}.</p>");
     verdict(report, &mut body);
     let channels: BTreeMap<&str, Vec<&ReportedRecord>> =
-        report
-            .records
-            .iter()
-            .fold(BTreeMap::new(), |mut channels, record| {
-                channels
-                    .entry(record.channel.as_str())
-                    .or_insert_with(Vec::new)
-                    .push(record);
-                channels
-            });
+        report.records.iter().fold(BTreeMap::new(), |mut channels, record| {
+            channels.entry(record.channel.as_str()).or_insert_with(Vec::new).push(record);
+            channels
+        });
     for (channel, records) in &channels {
         wear_section(report, channel, records, &mut body);
     }
@@ -92,34 +74,14 @@ pub(super) const MINUTES: &str = "%Y-%m-%d %H:%M UTC";
 
 /// The latest estimate and what is known of the asset.
 fn verdict(report: &Report, body: &mut String) {
-    let latest = report
-        .records
-        .iter()
-        .rev()
-        .find(|record| record.wear.is_some() || !record.wear_words.is_empty());
-    let error = latest.and_then(|record| {
-        record
-            .wear
-            .as_ref()?
-            .transmission_error_um
-            .as_ref()
-            .map(transmission_words)
-    });
-    let mut facts: Vec<(&str, &str)> = latest
-        .iter()
-        .map(|record| ("Wear", record.wear_words.as_str()))
-        .collect();
-    facts.extend(
-        error
-            .iter()
-            .map(|words| ("Transmission error due to wear", words.as_str())),
-    );
-    facts.extend(
-        report
-            .facts
-            .iter()
-            .map(|(term, words)| (term.as_str(), words.as_str())),
-    );
+    let latest =
+        report.records.iter().rev().find(|record| record.wear.is_some() || !record.wear_words.is_empty());
+    let error = latest
+        .and_then(|record| record.wear.as_ref()?.transmission_error_um.as_ref().map(transmission_words));
+    let mut facts: Vec<(&str, &str)> =
+        latest.iter().map(|record| ("Wear", record.wear_words.as_str())).collect();
+    facts.extend(error.iter().map(|words| ("Transmission error due to wear", words.as_str())));
+    facts.extend(report.facts.iter().map(|(term, words)| (term.as_str(), words.as_str())));
     if facts.is_empty() {
         return;
     }
@@ -148,10 +110,7 @@ fn depth_words(wear: &WearEstimate) -> Option<String> {
 
 fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], body: &mut String) {
     let of = |pick: fn(&ReportedRecord) -> Option<f64>| {
-        records
-            .iter()
-            .map(|record| (seconds(record), pick(record)))
-            .collect::<Vec<_>>()
+        records.iter().map(|record| (seconds(record), pick(record))).collect::<Vec<_>>()
     };
     let median = of(|record| record.wear.as_ref()?.median_um);
     if median.iter().all(|(_, um)| um.is_none()) {
@@ -161,11 +120,7 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
         let wear = record.wear.as_ref()?;
         Some((seconds(record), wear.p05_um?, wear.p95_um?))
     });
-    let mut series = vec![Series {
-        name: "median".to_owned(),
-        points: median,
-        class: "one",
-    }];
+    let mut series = vec![Series { name: "median".to_owned(), points: median, class: "one" }];
     let reference = of(|record| record.reference_wear_um);
     if reference.iter().any(|(_, um)| um.is_some()) {
         series.push(Series {
@@ -174,10 +129,7 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
             class: "reference",
         });
     }
-    let limits = [
-        ("warning", report.limits.warning_um),
-        ("danger", report.limits.danger_um),
-    ];
+    let limits = [("warning", report.limits.warning_um), ("danger", report.limits.danger_um)];
     let chart = Chart {
         horizontal: Horizontal::Time,
         x_title: "start of the record (UTC)".to_owned(),
@@ -187,11 +139,7 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
         levels: limits
             .into_iter()
             .filter_map(|(class, um)| {
-                Some(Level {
-                    name: format!("{class} limit {} µm", um?),
-                    y: um?,
-                    class,
-                })
+                Some(Level { name: format!("{class} limit {} µm", um?), y: um?, class })
             })
             .collect(),
         marks: occurrences::marks(report, channel),
@@ -210,22 +158,11 @@ fn indicator_section(
 ) {
     let series = channels.iter().enumerate().map(|(n, (channel, records))| Series {
         name: format!("channel {channel}"),
-        points: records
-            .iter()
-            .map(|record| (seconds(record), record.indicators.get(name)))
-            .collect(),
+        points: records.iter().map(|record| (seconds(record), record.indicators.get(name))).collect(),
         class: CLASSES[n % CLASSES.len()],
     });
-    let unit = channels
-        .values()
-        .flatten()
-        .next()
-        .map_or("", |record| record.unit.as_str());
-    let unit = if DIMENSIONLESS.contains(&name) {
-        "–"
-    } else {
-        unit_words(unit)
-    };
+    let unit = channels.values().flatten().next().map_or("", |record| record.unit.as_str());
+    let unit = if DIMENSIONLESS.contains(&name) { "–" } else { unit_words(unit) };
     let chart = Chart {
         horizontal: Horizontal::Time,
         x_title: "start of the record (UTC)".to_owned(),
@@ -250,9 +187,7 @@ fn spectrum_section(report: &Report, body: &mut String) {
         y_title: format!("peak amplitude ({})", unit_words(&spectrum.unit)),
         series: vec![Series {
             name: "last record".to_owned(),
-            points: points
-                .map(|(bin, a)| (bin as f64 * spectrum.resolution_hz, Some(*a)))
-                .collect(),
+            points: points.map(|(bin, a)| (bin as f64 * spectrum.resolution_hz, Some(*a))).collect(),
             class: "one",
         }],
         band: Vec::new(),
@@ -262,11 +197,7 @@ fn spectrum_section(report: &Report, body: &mut String) {
     };
     let caption = format!(
         "Last record: amplitude of each line (peak), {} window, noise bandwidth {:.3} Hz.",
-        if spectrum.window == "hann" {
-            "Hann"
-        } else {
-            spectrum.window
-        },
+        if spectrum.window == "hann" { "Hann" } else { spectrum.window },
         spectrum.bandwidth_hz
     );
     section("Spectrum", &caption, &chart, None, body);
@@ -320,10 +251,7 @@ fn row(record: &ReportedRecord) -> String {
         number(record.indicators.get("omx")),
         number(record.indicators.get("fm4")),
         number(record.indicators.get("na4")),
-        record
-            .shaft_angle
-            .as_ref()
-            .map_or_else(|| "–".to_owned(), angle_words),
+        record.shaft_angle.as_ref().map_or_else(|| "–".to_owned(), angle_words),
         escape(&record.name),
     )
 }
@@ -343,10 +271,7 @@ fn seconds(record: &ReportedRecord) -> f64 {
 
 /// Text as it stands in markup.
 pub(super) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
@@ -374,17 +299,10 @@ mod tests {
         let baseline = BaselineProgress { have: 20, need: 20 };
         let mut wear = WearEstimate::without_number(WearStatus::Estimated, "wear".to_owned(), baseline);
         (wear.p05_um, wear.median_um, wear.p95_um) = (Some(180.0), Some(220.0), Some(250.0));
-        wear.transmission_error_um = Some(Interval {
-            median: 3.21,
-            p05: 2.5,
-            p95: 4.0,
-        });
+        wear.transmission_error_um = Some(Interval { median: 3.21, p05: 2.5, p95: 4.0 });
         let page = |wear: &WearEstimate| {
             let records = vec![record(wear.clone())];
-            html(&Report {
-                records,
-                ..Report::default()
-            })
+            html(&Report { records, ..Report::default() })
         };
         let told = page(&wear);
         let words = "Transmission error due to wear</dt><dd>3.2 µm peak to peak, between 2.5 and 4.0 µm with 90 % probability";

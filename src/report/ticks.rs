@@ -47,25 +47,17 @@ pub(super) fn numbers(low: f64, high: f64, count: usize) -> Vec<Tick> {
     let decimals = (-step.log10().floor()).max(0.0) as usize;
     let label = |at: f64| {
         let at = if at == 0.0 { 0.0 } else { at };
-        if step < 1e-4 || high.abs() >= 1e6 {
-            format!("{at:.1e}")
-        } else {
-            format!("{at:.decimals$}")
-        }
+        if step < 1e-4 || high.abs() >= 1e6 { format!("{at:.1e}") } else { format!("{at:.decimals$}") }
     };
-    places(low, high, step)
-        .map(|at| Tick { at, label: label(at) })
-        .collect()
+    places(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
 }
 
 /// About `count` ticks at round times; places are seconds since 1970 UTC.
 pub(super) fn times(low: f64, high: f64, count: usize) -> Vec<Tick> {
     let rough = (high - low) / count.max(1) as f64;
     let longest = STEPS_S[STEPS_S.len() - 1];
-    let step = STEPS_S
-        .into_iter()
-        .find(|step| *step >= rough)
-        .unwrap_or_else(|| longest * (rough / longest).ceil());
+    let step =
+        STEPS_S.into_iter().find(|step| *step >= rough).unwrap_or_else(|| longest * (rough / longest).ceil());
     let format = if step < 60.0 {
         "%H:%M:%S"
     } else if step < 86400.0 {
@@ -77,19 +69,13 @@ pub(super) fn times(low: f64, high: f64, count: usize) -> Vec<Tick> {
         Timestamp::from_second(at as i64)
             .map_or_else(|_| String::new(), |time| time.strftime(format).to_string())
     };
-    places(low, high, step)
-        .map(|at| Tick { at, label: label(at) })
-        .collect()
+    places(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
 }
 
 fn places(low: f64, high: f64, step: f64) -> impl Iterator<Item = f64> {
     let first = (low / step - 1e-9).ceil();
     let last = (high / step + 1e-9).floor();
-    let count = if last >= first {
-        (last - first) as usize + 1
-    } else {
-        0
-    };
+    let count = if last >= first { (last - first) as usize + 1 } else { 0 };
     (0..count.min(100)).map(move |n| (first + n as f64) * step)
 }
 

@@ -65,10 +65,7 @@ impl Alarms {
         // No records come in meanwhile: the place after the latest one is known.
         let _pause = self.committer.pause().await;
         let slot = self.history.lock(&known.asset_id, &known.channel).await;
-        let channel = store
-            .channel(&known.asset_id, &known.channel)
-            .await?
-            .ok_or_else(unknown)?;
+        let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
         let mut commit = store.begin().await?;
         let mut channel = commit.channel_again(&channel).await?;
         if silence.is_some_and(|silence| silence.channel.segments != channel.segments) {
@@ -76,10 +73,7 @@ impl Alarms {
         }
         // Asked again under the lock: a history that was just folded again may have changed it.
         let mut stored = match store.alarm(&id).await? {
-            Some(stored) => StoredAlarm {
-                rule: stored.rule.or(known.rule),
-                ..stored
-            },
+            Some(stored) => StoredAlarm { rule: stored.rule.or(known.rule), ..stored },
             None if silence.is_some() => known,
             None => return Err(unknown()),
         };
@@ -141,9 +135,7 @@ impl Alarms {
 /// The first place after all records of a time.
 fn first_key_after(time: Timestamp) -> SegmentKey {
     SegmentKey {
-        start_time: time
-            .checked_add(SignedDuration::from_nanos(1))
-            .unwrap_or(Timestamp::MAX),
+        start_time: time.checked_add(SignedDuration::from_nanos(1)).unwrap_or(Timestamp::MAX),
         id: SegmentId(String::new()),
     }
 }

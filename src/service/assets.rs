@@ -77,8 +77,7 @@ impl Assets {
         }
         self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
         if spec.sensor.of.is_some() {
-            self.history
-                .recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
+            self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
             self.catch_up.in_background(vec![spec.id.clone()]);
         }
         Ok(asset)
@@ -114,8 +113,7 @@ impl Assets {
         self.simulations.describe(spec);
         self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
         self.history.recompute_in_background(beside);
-        self.history
-            .recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
+        self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
         if spec.sensor.of.is_some() {
             self.catch_up.in_background(vec![spec.id.clone()]);
         }

@@ -76,35 +76,22 @@ impl CatchUp {
     }
 
     async fn channel(&self, member: &AssetId, channel: &ChannelSummary) -> Result<usize, ServiceError> {
-        let mut filter = SegmentFilter {
-            channel: Some(channel.channel.clone()),
-            ..SegmentFilter::default()
-        };
+        let mut filter = SegmentFilter { channel: Some(channel.channel.clone()), ..SegmentFilter::default() };
         let mut records = 0;
         loop {
             let segments = self.store.segments(&channel.asset_id, &filter, AT_ONCE).await?;
             let Some(last) = segments.last() else {
                 return Ok(records);
             };
-            filter.after = Some(SegmentKey {
-                start_time: last.start_time,
-                id: last.id.clone(),
-            });
+            filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
             let segments = self.missing(member, segments).await?;
             let spec = described(&self.store, member).await?.spec;
             let _uncommitted = self.raw.uncommitted(Vec::new()).await;
             let (store, id) = (self.store.clone(), member.clone());
-            let read = move || {
-                segments
-                    .iter()
-                    .filter_map(|segment| record_for(&store, &id, segment))
-                    .collect()
-            };
+            let read =
+                move || segments.iter().filter_map(|segment| record_for(&store, &id, segment)).collect();
             let again: Vec<IdentifiedRecord> = self.workers.run("read records again", read).await?;
-            records += self
-                .pipeline
-                .analyse_for_member(spec, again, self.clock.now())
-                .await?;
+            records += self.pipeline.analyse_for_member(spec, again, self.clock.now()).await?;
         }
     }
 
@@ -130,10 +117,5 @@ fn record_for(store: &Store, member: &AssetId, segment: &Segment) -> Option<Iden
         .read(store)
         .inspect_err(|error| tracing::debug!(segment = %segment.id, %error, "failed to read a record for another asset of its sensor"))
         .ok()?;
-    Some(IdentifiedRecord::of_stored(
-        member,
-        record,
-        segment.raw.clone(),
-        segment.excluded,
-    ))
+    Some(IdentifiedRecord::of_stored(member, record, segment.raw.clone(), segment.excluded))
 }

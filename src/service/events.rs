@@ -115,10 +115,7 @@ impl Announcer {
             segment_id: segment.id.clone(),
             start_time: segment.start_time,
         };
-        let wear = WearEstimate {
-            posterior: None,
-            ..segment.wear.clone()
-        };
+        let wear = WearEstimate { posterior: None, ..segment.wear.clone() };
         self.announce(LiveEvent::Indicators(place.clone(), segment.indicators.clone()));
         self.announce(LiveEvent::Wear(place, Box::new(wear)));
     }

@@ -23,8 +23,7 @@ pub struct Exclusions {
 impl Exclusions {
     /// Excludes one record from its history, or includes it again.
     pub async fn set_one(&self, segment: &Segment, is_excluded: bool) -> Result<u64, ServiceError> {
-        self.set(&segment.asset_id, &RecordRange::of(segment), is_excluded)
-            .await
+        self.set(&segment.asset_id, &RecordRange::of(segment), is_excluded).await
     }
 
     /// Excludes records of an asset from its histories, or includes them again.
@@ -34,8 +33,7 @@ impl Exclusions {
         range: &RecordRange,
         is_excluded: bool,
     ) -> Result<u64, ServiceError> {
-        self.set_each(asset, std::slice::from_ref(range), is_excluded)
-            .await
+        self.set_each(asset, std::slice::from_ref(range), is_excluded).await
     }
 
     /// Excludes records of several ranges, or includes them again, and so for all others of the sensor;

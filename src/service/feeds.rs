@@ -41,13 +41,7 @@ pub struct Holding(Arc<Feed>);
 
 impl FeedCount {
     /// All of them, in their order.
-    const ALL: [Self; 5] = [
-        Self::Received,
-        Self::Accepted,
-        Self::Repeated,
-        Self::Refused,
-        Self::Reconnected,
-    ];
+    const ALL: [Self; 5] = [Self::Received, Self::Accepted, Self::Repeated, Self::Refused, Self::Reconnected];
 }
 
 impl Feed {
@@ -138,10 +132,7 @@ impl Feeds {
     /// Adds a feed; it is not connected yet.
     pub fn add(&self, name: &'static str) -> Arc<Feed> {
         let feed = Arc::new(Feed::new(name));
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .push(Arc::clone(&feed));
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(Arc::clone(&feed));
         feed
     }
 
@@ -164,22 +155,13 @@ mod tests {
         let first = feed.hold("the disk is full".into());
         let second = feed.hold("the queue is full".into());
         drop(first);
-        assert_eq!(
-            (feed.held(), feed.trouble().as_deref()),
-            (1, Some("the queue is full"))
-        );
+        assert_eq!((feed.held(), feed.trouble().as_deref()), (1, Some("the queue is full")));
         feed.lost("connection refused".into());
         assert_eq!(feed.trouble().as_deref(), Some("connection refused"));
         feed.connected();
         drop(second);
         assert_eq!((feed.held(), feed.trouble()), (0, None));
         feed.count(FeedCount::Repeated);
-        assert_eq!(
-            (
-                feed.counted(FeedCount::Repeated),
-                feed.counted(FeedCount::Refused)
-            ),
-            (1, 0)
-        );
+        assert_eq!((feed.counted(FeedCount::Repeated), feed.counted(FeedCount::Refused)), (1, 0));
     }
 }

@@ -16,11 +16,8 @@ const RUN_INDICATORS: &str = "run-2";
 /// Everything but its raw bytes that the analysis of a record of this asset depends on.
 pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     let gear = &spec.gear;
-    let mut others: Vec<String> = gear
-        .other_meshes
-        .iter()
-        .map(|mesh| serde_json::to_string(mesh).unwrap_or_default())
-        .collect();
+    let mut others: Vec<String> =
+        gear.other_meshes.iter().map(|mesh| serde_json::to_string(mesh).unwrap_or_default()).collect();
     others.sort_unstable();
     let mut parts = vec![
         PREPROCESSING.to_owned(),
@@ -33,16 +30,9 @@ pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     parts.extend(others);
     let feature = hash(&parts.iter().map(String::as_str).collect::<Vec<_>>());
     let bands = serde_json::to_string(&spec.bands).unwrap_or_default();
-    let gear_indicators = if spec.gear_indicators {
-        GEAR_PREPROCESSING
-    } else {
-        ""
-    };
+    let gear_indicators = if spec.gear_indicators { GEAR_PREPROCESSING } else { "" };
     let analysis = hash(&[INDICATORS, &feature, &bands, gear_indicators]);
-    AnalysisKeys {
-        analysis: Arc::from(analysis),
-        feature: Arc::from(feature),
-    }
+    AnalysisKeys { analysis: Arc::from(analysis), feature: Arc::from(feature) }
 }
 
 /// Everything but the features that a channel's estimates and alarms depend on, and how the features were

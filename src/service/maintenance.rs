@@ -38,16 +38,8 @@ impl Maintenance {
     pub async fn remove(&self, asset: &AssetId, id: &str) -> Result<(), ServiceError> {
         self.store.asset(asset).await?;
         let unknown = || ServiceError::MaintenanceUnknown(id.to_owned());
-        let stored = self
-            .store
-            .maintenance_event(asset, id)
-            .await?
-            .ok_or_else(unknown)?;
-        if self.change(asset, &stored, true).await? {
-            Ok(())
-        } else {
-            Err(unknown())
-        }
+        let stored = self.store.maintenance_event(asset, id).await?.ok_or_else(unknown)?;
+        if self.change(asset, &stored, true).await? { Ok(()) } else { Err(unknown()) }
     }
 
     async fn change(

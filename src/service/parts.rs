@@ -193,11 +193,7 @@ impl Service {
                 role.clone(),
                 folders.recordings,
             ),
-            uploads: Arc::new(UploadPieces::new(
-                store.clone(),
-                Arc::clone(&workers),
-                Arc::clone(&clock),
-            )),
+            uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),
             feeds: Feeds::default(),
             upkeep_interval: limits.upkeep_interval,
             store,
@@ -280,11 +276,8 @@ impl Service {
     /// Keeps the raw objects of a process that has its store to itself: searches for those that nothing
     /// refers to now and every day, and says how far the database has come.
     fn sweep_in_background(&self) {
-        let (raw, retention, store) = (
-            Arc::clone(&self.raw),
-            Arc::clone(&self.retention),
-            self.store.clone(),
-        );
+        let (raw, retention, store) =
+            (Arc::clone(&self.raw), Arc::clone(&self.retention), self.store.clone());
         tokio::spawn(async move {
             while !store.is_closed() {
                 if let Err(error) = raw.sweep().await {

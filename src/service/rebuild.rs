@@ -59,11 +59,7 @@ impl Service {
             excluded.extend(note.excluded.iter().cloned());
             rebuilt.assets += u64::from(self.take_in_asset(note).await?);
         }
-        let removed = if with_removed {
-            HashMap::new()
-        } else {
-            self.removed().await?
-        };
+        let removed = if with_removed { HashMap::new() } else { self.removed().await? };
         let notes = self.noted(&removed, &mut rebuilt).await?;
         let all = notes.len();
         let mut created: HashMap<AssetId, Option<Timestamp>> = HashMap::new();
@@ -132,11 +128,7 @@ impl Service {
 
     async fn take_in(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
         let name = record.raw.sha256.clone();
-        if self
-            .on_objects(move |objects| objects.written_at(&name))
-            .await?
-            .is_none()
-        {
+        if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
             return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
         }
         loop {

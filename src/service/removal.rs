@@ -81,12 +81,7 @@ impl Removals {
             if segments.is_empty() {
                 break;
             }
-            self.raw
-                .note_removal(RemovalNote {
-                    removed_at: self.clock.now(),
-                    segments,
-                })
-                .await?;
+            self.raw.note_removal(RemovalNote { removed_at: self.clock.now(), segments }).await?;
             self.raw.quarantine(orphans).await?;
         }
         Ok(count)

@@ -24,20 +24,11 @@ impl SensorGroup {
         let all = store.assets_of_sensor(id).await?;
         let asset = one_of(&all, id)?;
         if let Some(of) = &asset.spec.sensor.of {
-            return Err(ServiceError::SensorOfOther {
-                asset: id.clone(),
-                of: of.clone(),
-            });
+            return Err(ServiceError::SensorOfOther { asset: id.clone(), of: of.clone() });
         }
         let specs: Vec<AssetSpec> = all.into_iter().map(|asset| asset.spec).collect();
-        let members = specs
-            .iter()
-            .filter(|spec| spec.id != *id)
-            .map(|spec| spec.clone().among(&specs));
-        Ok(Self {
-            asset,
-            members: members.collect(),
-        })
+        let members = specs.iter().filter(|spec| spec.id != *id).map(|spec| spec.clone().among(&specs));
+        Ok(Self { asset, members: members.collect() })
     }
 
     /// The descriptions of all of them, that of the asset with the sensor first.
@@ -70,21 +61,12 @@ pub(crate) async fn ids_of_sensor(store: &Store, id: &AssetId) -> Result<Vec<Ass
 /// Error: [`ServiceError::SensorShared`].
 pub(crate) async fn ids_beside(store: &Store, id: &AssetId) -> Result<Vec<AssetId>, ServiceError> {
     let all = store.assets_of_sensor(id).await?;
-    let through = all
-        .iter()
-        .filter(|asset| asset.spec.sensor.of.as_ref() == Some(id));
+    let through = all.iter().filter(|asset| asset.spec.sensor.of.as_ref() == Some(id));
     let members: Vec<&str> = through.map(|asset| asset.spec.id.as_str()).collect();
     if !members.is_empty() {
-        return Err(ServiceError::SensorShared {
-            asset: id.clone(),
-            others: members.join(", "),
-        });
+        return Err(ServiceError::SensorShared { asset: id.clone(), others: members.join(", ") });
     }
-    Ok(all
-        .into_iter()
-        .map(|asset| asset.spec.id)
-        .filter(|other| other != id)
-        .collect())
+    Ok(all.into_iter().map(|asset| asset.spec.id).filter(|other| other != id).collect())
 }
 
 /// Checks whose sensor a description names, against what the asset was `before` where there is one.
@@ -94,24 +76,12 @@ pub(crate) async fn check_sensor(
     before: Option<&AssetSpec>,
 ) -> Result<(), ServiceError> {
     let refuse = |expected: &'static str| {
-        let value = spec
-            .sensor
-            .of
-            .as_ref()
-            .map_or("not given".to_owned(), AssetId::to_string);
-        Err(ServiceError::Field {
-            field: "sensor.of",
-            value,
-            expected,
-        })
+        let value = spec.sensor.of.as_ref().map_or("not given".to_owned(), AssetId::to_string);
+        Err(ServiceError::Field { field: "sensor.of", value, expected })
     };
     if let Some(before) = before
         && before.sensor.of != spec.sensor.of
-        && store
-            .channels(&spec.id)
-            .await?
-            .iter()
-            .any(|channel| channel.segments > 0)
+        && store.channels(&spec.id).await?.iter().any(|channel| channel.segments > 0)
     {
         return refuse("what it was before, since the asset has records: describe the mesh as another asset");
     }
@@ -120,10 +90,7 @@ pub(crate) async fn check_sensor(
         Err(StoreError::AssetUnknown(_)) => return refuse("the id of an asset that there is"),
         all => all?,
     };
-    if all
-        .iter()
-        .any(|other| other.spec.id == *of && other.spec.sensor.of.is_some())
-    {
+    if all.iter().any(|other| other.spec.id == *of && other.spec.sensor.of.is_some()) {
         return refuse("an asset with a sensor of its own, not one that shares another's");
     }
     if all.iter().filter(|other| other.spec.id != spec.id).count() >= MAX_ON_ONE_SENSOR {

@@ -45,9 +45,7 @@ impl Alarms {
             let assets = self.store.assets_with_rules_on_silence().await?;
             let rules = assets.into_iter().filter_map(|asset| {
                 let rules = asset.spec.alarm_rules();
-                let on_silence = rules
-                    .into_iter()
-                    .find(|rule| rule.quantity == AlarmQuantity::StaleS);
+                let on_silence = rules.into_iter().find(|rule| rule.quantity == AlarmQuantity::StaleS);
                 Some((asset.spec.id, on_silence?))
             });
             known.rules = rules.collect();
@@ -85,10 +83,7 @@ impl Alarms {
         silent_s: f64,
     ) -> Result<(), ServiceError> {
         let told = OperatorAction {
-            action: AlarmAction::Stale {
-                severity,
-                silent_s: silent_s as u64,
-            },
+            action: AlarmAction::Stale { severity, silent_s: silent_s as u64 },
             by: String::new(),
             comment: String::new(),
         };

@@ -43,16 +43,11 @@ impl Upkeep {
         self.history.recompute_in_background(outdated);
         // Where some are being caught up already, that may take longer than until the next look.
         if !self.catch_up.is_busy() {
-            self.catch_up
-                .in_background(self.store.late_members(MAX_ASSETS).await?);
+            self.catch_up.in_background(self.store.late_members(MAX_ASSETS).await?);
         }
         self.store.raise_generation_if_changed().await?;
         self.uploads.expire().await?;
-        if self
-            .store
-            .begin_sweep(self.store.now(self.clock.now()).await?)
-            .await?
-        {
+        if self.store.begin_sweep(self.store.now(self.clock.now()).await?).await? {
             self.raw.sweep().await?;
             self.uploads.remove_forgotten().await?;
         }

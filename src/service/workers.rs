@@ -82,26 +82,15 @@ impl Workers {
     }
 
     fn admit_to(&self, queue: &Arc<Semaphore>, what: &'static str) -> Result<Ticket, ServiceError> {
-        let busy = |_| ServiceError::Busy {
-            what,
-            retry_after_s: 1,
-        };
+        let busy = |_| ServiceError::Busy { what, retry_after_s: 1 };
         let request = Arc::clone(queue).try_acquire_owned().map_err(busy)?;
-        Ok(Ticket {
-            _request: request,
-            kibibytes: Arc::clone(&self.kibibytes),
-            held: None,
-            bytes: 0,
-        })
+        Ok(Ticket { _request: request, kibibytes: Arc::clone(&self.kibibytes), held: None, bytes: 0 })
     }
 
     /// The right to read one more whole recording, or [`ServiceError::Busy`] at once.
     pub(crate) fn admit_recording(&self) -> Result<OwnedSemaphorePermit, ServiceError> {
         let turn = Arc::clone(&self.recordings).try_acquire_owned();
-        turn.map_err(|_| ServiceError::Busy {
-            what: "too many recordings are being read",
-            retry_after_s: 5,
-        })
+        turn.map_err(|_| ServiceError::Busy { what: "too many recordings are being read", retry_after_s: 5 })
     }
 
     /// Requests held now, and how many may be.
@@ -163,9 +152,7 @@ pub(crate) async fn detached<T: Send + 'static>(
     task: &'static str,
     work: impl Future<Output = T> + Send + 'static,
 ) -> Result<T, ServiceError> {
-    tokio::spawn(work)
-        .await
-        .map_err(|_| ServiceError::WorkerLost(task))
+    tokio::spawn(work).await.map_err(|_| ServiceError::WorkerLost(task))
 }
 
 /// Runs `f`, which waits for the disk or the network, on a thread for that.
@@ -173,9 +160,7 @@ pub(crate) async fn blocking<T: Send + 'static>(
     task: &'static str,
     f: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, ServiceError> {
-    tokio::task::spawn_blocking(f)
-        .await
-        .map_err(|_| ServiceError::WorkerLost(task))
+    tokio::task::spawn_blocking(f).await.map_err(|_| ServiceError::WorkerLost(task))
 }
 
 fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadPool, ServiceError> {
@@ -210,12 +195,9 @@ impl Ticket {
         let needed = self.bytes.div_ceil(1024);
         if needed > held {
             let more = u32::try_from(needed - held).unwrap_or(u32::MAX);
-            let more = Arc::clone(&self.kibibytes)
-                .try_acquire_many_owned(more)
-                .map_err(|_| ServiceError::Busy {
-                    what: "too many bytes are being received",
-                    retry_after_s: 2,
-                })?;
+            let more = Arc::clone(&self.kibibytes).try_acquire_many_owned(more).map_err(|_| {
+                ServiceError::Busy { what: "too many bytes are being received", retry_after_s: 2 }
+            })?;
             match &mut self.held {
                 Some(held) => held.merge(more),
                 None => self.held = Some(more),
@@ -277,23 +259,14 @@ mod tests {
         use std::sync::atomic::{AtomicUsize, Ordering};
         use std::time::Duration;
 
-        let workers = Arc::new(
-            Workers::new(&WorkLimits {
-                workers: 4,
-                ..WorkLimits::default()
-            })
-            .unwrap(),
-        );
+        let workers = Arc::new(Workers::new(&WorkLimits { workers: 4, ..WorkLimits::default() }).unwrap());
         let samples_now = Arc::new(AtomicUsize::new(0));
         let most = Arc::new(AtomicUsize::new(0));
         let analyse = |samples: usize| {
             let (workers, now, most) = (Arc::clone(&workers), Arc::clone(&samples_now), Arc::clone(&most));
             tokio::spawn(async move {
                 let analysis = move || {
-                    most.fetch_max(
-                        now.fetch_add(samples, Ordering::SeqCst) + samples,
-                        Ordering::SeqCst,
-                    );
+                    most.fetch_max(now.fetch_add(samples, Ordering::SeqCst) + samples, Ordering::SeqCst);
                     std::thread::sleep(Duration::from_millis(20));
                     now.fetch_sub(samples, Ordering::SeqCst);
                 };
@@ -301,13 +274,7 @@ mod tests {
             })
         };
         let half = MAX_RECORD_SAMPLES / 2;
-        let sizes = [
-            MAX_RECORD_SAMPLES,
-            half,
-            half,
-            MAX_RECORD_SAMPLES,
-            LARGE_SAMPLES + 1,
-        ];
+        let sizes = [MAX_RECORD_SAMPLES, half, half, MAX_RECORD_SAMPLES, LARGE_SAMPLES + 1];
         let tasks: Vec<_> = sizes.into_iter().map(analyse).collect();
         for task in tasks {
             task.await.unwrap();
@@ -317,19 +284,13 @@ mod tests {
 
     #[tokio::test]
     async fn a_record_of_ordinary_length_does_not_wait_for_large_ones() {
-        let workers = Workers::new(&WorkLimits {
-            workers: 2,
-            ..WorkLimits::default()
-        });
+        let workers = Workers::new(&WorkLimits { workers: 2, ..WorkLimits::default() });
         let workers = workers.unwrap();
         let (done, wait) = std::sync::mpsc::channel();
         let large = || workers.run_analysis("large", MAX_RECORD_SAMPLES, || ());
         let first = workers.run_analysis("large", MAX_RECORD_SAMPLES, move || wait.recv());
         let ordinary = async {
-            workers
-                .run_analysis("ordinary", LARGE_SAMPLES, || ())
-                .await
-                .unwrap();
+            workers.run_analysis("ordinary", LARGE_SAMPLES, || ()).await.unwrap();
             done.send(()).unwrap();
         };
         let (first, second, third, ()) = tokio::join!(first, large(), large(), ordinary);

@@ -72,10 +72,7 @@ impl Commit {
             let old = old.remove(&id).unwrap_or_default();
             let new: Vec<&PlacedChange> = folded.changes.iter().filter(|change| change.rule == n).collect();
             let is_same = old.len() == new.len()
-                && old
-                    .iter()
-                    .zip(&new)
-                    .all(|((place, old), new)| *place == new.place && *old == new.change);
+                && old.iter().zip(&new).all(|((place, old), new)| *place == new.place && *old == new.change);
             let is_known = known.is_some_and(|known| known.rule.as_ref() == Some(rule));
             if is_same && (is_known || (known.is_none() && new.is_empty())) {
                 continue;
@@ -92,12 +89,8 @@ impl Commit {
                 alarm: alarm.clone(),
             };
             self.set_alarm(channel, &stored).await?;
-            self.replace_changes(&stored.id, folded.after, &old, &new, now)
-                .await?;
-            let notice = |change: &AlarmChange| AlarmNotice {
-                alarm: stored.clone(),
-                change: change.clone(),
-            };
+            self.replace_changes(&stored.id, folded.after, &old, &new, now).await?;
+            let notice = |change: &AlarmChange| AlarmNotice { alarm: stored.clone(), change: change.clone() };
             let stands = |alarm: &Alarm| (alarm.standing(), alarm.severity());
             if folded.is_append {
                 let is_new =
@@ -113,17 +106,10 @@ impl Commit {
         // What no rule watches any more is over; what was said and done stays.
         for gone in before.iter().filter(|alarm| alarm.rule.is_some()) {
             if folded.rules.iter().all(|rule| rule.quantity != gone.quantity) {
-                let over = StoredAlarm {
-                    rule: None,
-                    alarm: Alarm::default(),
-                    ..gone.clone()
-                };
+                let over = StoredAlarm { rule: None, alarm: Alarm::default(), ..gone.clone() };
                 self.set_alarm(channel, &over).await?;
                 if let Some(last) = gone.alarm.last() {
-                    notices.push(AlarmNotice {
-                        alarm: over,
-                        change: last.clone(),
-                    });
+                    notices.push(AlarmNotice { alarm: over, change: last.clone() });
                 }
             }
         }
@@ -192,22 +178,14 @@ impl Commit {
         let mut changes: HashMap<String, Vec<_>> = HashMap::new();
         for row in &rows {
             let place = super::rows::get_count(row, "place")?;
-            changes
-                .entry(get(row, "alarm_id")?)
-                .or_default()
-                .push((place, change_of(row)?.change));
+            changes.entry(get(row, "alarm_id")?).or_default().push((place, change_of(row)?.change));
         }
         Ok(changes)
     }
 
     async fn set_alarm(&mut self, channel: &ChannelSummary, stored: &StoredAlarm) -> Result<(), StoreError> {
         let id = stored.id.as_str();
-        let StoredAlarm {
-            quantity,
-            rule,
-            alarm,
-            ..
-        } = stored;
+        let StoredAlarm { quantity, rule, alarm, .. } = stored;
         sqlx::query(
             "INSERT INTO alarms (id, channel_no, quantity, rule, alarm, standing, severity, shelved_until_ns, changed_at_ns)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)
@@ -245,10 +223,7 @@ impl Commit {
         .await?;
         // What is said again is not withdrawn any more.
         let text = "SELECT * FROM alarm_changes WHERE alarm_id = $1 AND withdrawn_at_ns IS NOT NULL ORDER BY place, number";
-        let rows = sqlx::query(text)
-            .bind(id)
-            .fetch_all(&mut *self.transaction)
-            .await?;
+        let rows = sqlx::query(text).bind(id).fetch_all(&mut *self.transaction).await?;
         for row in &rows {
             let withdrawn = change_of(row)?.change;
             if new.iter().any(|new| new.change.tells_the_same_as(&withdrawn)) {
@@ -264,9 +239,7 @@ impl Commit {
             old.action.is_none() && !new.iter().any(|new| new.change.tells_the_same_as(old))
         });
         let kept = new.iter().map(|new| (new.place, &new.change, None));
-        let all = withdrawn
-            .map(|(place, change)| (*place, change, Some(now)))
-            .chain(kept);
+        let all = withdrawn.map(|(place, change)| (*place, change, Some(now))).chain(kept);
         let first = sqlx::query(
             "SELECT COALESCE(MAX(number), 0) + 1 AS number FROM alarm_changes WHERE alarm_id = $1",
         )

@@ -101,11 +101,8 @@ impl Store {
             text += &format!(" AND l.severity = ${}", number(severity.name()));
         }
         if !filter.states.is_empty() {
-            let states: Vec<String> = filter
-                .states
-                .iter()
-                .map(|state| format!("${}", number(state.name())))
-                .collect();
+            let states: Vec<String> =
+                filter.states.iter().map(|state| format!("${}", number(state.name()))).collect();
             text += &format!(" AND {STATE} IN ({})", states.join(", "));
         }
         if let Some((_, id)) = &filter.after {
@@ -141,11 +138,7 @@ impl Store {
                  ORDER BY c.asset_id, c.channel_no, l.id"
             )
         };
-        self.rows_of_assets(assets, text)
-            .await?
-            .iter()
-            .map(alarm_of)
-            .collect()
+        self.rows_of_assets(assets, text).await?.iter().map(alarm_of).collect()
     }
 
     /// The latest `limit` entries of an alarm's history, the earliest first, and how many there are.
@@ -161,11 +154,7 @@ impl Store {
         let count = u64::try_from(count.try_get::<i64, _>(0)?).unwrap_or(0);
         let latest =
             "SELECT * FROM alarm_changes WHERE alarm_id = $1 ORDER BY place DESC, number DESC LIMIT $2";
-        let mut rows = sqlx::query(latest)
-            .bind(id)
-            .bind(i64::from(limit))
-            .fetch_all(self.read())
-            .await?;
+        let mut rows = sqlx::query(latest).bind(id).bind(i64::from(limit)).fetch_all(self.read()).await?;
         rows.reverse();
         let entries: Result<Vec<_>, StoreError> = rows.iter().map(change_of).collect();
         Ok((entries?, count))

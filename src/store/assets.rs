@@ -42,13 +42,7 @@ impl Asset {
         let named = |name: &str| channels.iter().find(|channel| channel.channel == name);
         match asked {
             Some(asked) => named(asked),
-            None => self
-                .spec
-                .sensor
-                .channel
-                .as_deref()
-                .and_then(named)
-                .or(channels.first()),
+            None => self.spec.sensor.channel.as_deref().and_then(named).or(channels.first()),
         }
     }
 }
@@ -126,12 +120,7 @@ impl ChannelSummary {
     /// Notes a record, or the place of something between records, that a recomputation under way may have
     /// passed already.
     pub fn note_change(&mut self, place: SegmentKey) {
-        if self.next_wear.is_some()
-            && self
-                .changed_from
-                .as_ref()
-                .is_none_or(|earliest| place < *earliest)
-        {
+        if self.next_wear.is_some() && self.changed_from.as_ref().is_none_or(|earliest| place < *earliest) {
             self.changed_from = Some(place);
         }
     }
@@ -233,10 +222,7 @@ impl Store {
             .bind(id.as_str())
             .fetch_optional(self.read())
             .await?;
-        row.as_ref()
-            .map(asset_of)
-            .transpose()?
-            .ok_or_else(|| StoreError::AssetUnknown(id.clone()))
+        row.as_ref().map(asset_of).transpose()?.ok_or_else(|| StoreError::AssetUnknown(id.clone()))
     }
 
     /// Up to `limit` assets in the order of their names, from the first one after `after`.
@@ -266,18 +252,9 @@ impl Store {
         let transaction = &mut commit.transaction;
         shared_sensors::change_others(transaction, id).await?;
         let mine = "SELECT sha256 FROM raw_objects WHERE asset_id = $1";
-        let objects = sqlx::query(mine)
-            .bind(id.as_str())
-            .fetch_all(&mut **transaction)
-            .await?;
-        let objects: Vec<String> = objects
-            .iter()
-            .map(|row| get(row, "sha256"))
-            .collect::<Result<_, _>>()?;
-        sqlx::query("DELETE FROM assets WHERE id = $1")
-            .bind(id.as_str())
-            .execute(&mut **transaction)
-            .await?;
+        let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut **transaction).await?;
+        let objects: Vec<String> = objects.iter().map(|row| get(row, "sha256")).collect::<Result<_, _>>()?;
+        sqlx::query("DELETE FROM assets WHERE id = $1").bind(id.as_str()).execute(&mut **transaction).await?;
         let kept = raw::kept_among(transaction, &objects).await?;
         let orphans = objects.into_iter().filter(|name| !kept.contains(name)).collect();
         commit.finish().await?;
@@ -301,11 +278,7 @@ impl Store {
         let text = |these: &str| {
             format!("SELECT * FROM channels WHERE asset_id IN ({these}) ORDER BY asset_id, channel_no")
         };
-        self.rows_of_assets(assets, text)
-            .await?
-            .iter()
-            .map(channel_of)
-            .collect()
+        self.rows_of_assets(assets, text).await?.iter().map(channel_of).collect()
     }
 
     /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some
@@ -386,9 +359,6 @@ pub(super) fn channel_of(row: &AnyRow) -> Result<ChannelSummary, StoreError> {
         maker_until: get::<Option<i64>>(row, "maker_until_ns")?.map(from_ns),
         changed_from: get::<Option<i64>>(row, "changed_from_ns")?
             .zip(get::<Option<String>>(row, "changed_from_id")?)
-            .map(|(start_ns, id)| SegmentKey {
-                start_time: from_ns(start_ns),
-                id: SegmentId(id),
-            }),
+            .map(|(start_ns, id)| SegmentKey { start_time: from_ns(start_ns), id: SegmentId(id) }),
     })
 }

@@ -82,11 +82,7 @@ impl Store {
         match settings {
             StoreSettings::Folder(folder) => {
                 let database = Database::open_folder_to_read(folder).await?;
-                Ok(Self::of(
-                    database,
-                    Objects::open_to_read(folder.join("raw")),
-                    None,
-                ))
+                Ok(Self::of(database, Objects::open_to_read(folder.join("raw")), None))
             }
             #[cfg(feature = "cluster")]
             shared @ StoreSettings::Shared(_) => Self::open(shared).await,
@@ -174,10 +170,8 @@ impl Store {
         let mut suspects = Vec::new();
         for shard in 0..=u8::MAX {
             let listed = self.on_objects(move |objects| objects.list(shard)).await?;
-            suspects.extend(
-                self.orphans_among(listed.into_iter().map(|object| object.name).collect())
-                    .await?,
-            );
+            suspects
+                .extend(self.orphans_among(listed.into_iter().map(|object| object.name).collect()).await?);
         }
         if suspects.is_empty() {
             return Ok(());
@@ -186,11 +180,7 @@ impl Store {
         tokio::time::sleep(std::time::Duration::from_secs(2)).await;
         for name in self.orphans_among(suspects).await? {
             let asked = name.clone();
-            if self
-                .on_objects(move |objects| objects.written_at(&asked))
-                .await?
-                .is_some()
-            {
+            if self.on_objects(move |objects| objects.written_at(&asked)).await?.is_some() {
                 audit.add(Finding::Orphan(name));
             }
         }

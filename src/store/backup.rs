@@ -50,18 +50,12 @@ pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     let raw = Objects::open(to.join("raw"))?;
     let mark = mark_of(&database).await?;
     if raw.mark()?.is_some_and(|there| there.store != mark.store) {
-        return Err(StoreError::Place {
-            path: to.to_path_buf(),
-            what: "is a backup of another store",
-        });
+        return Err(StoreError::Place { path: to.to_path_buf(), what: "is a backup of another store" });
     }
     let part = to.join("flankwatch.db.part");
     remove(&part)?;
     let mut connection = open(&database).await?;
-    sqlx::query("VACUUM INTO $1")
-        .bind(part.to_string_lossy().into_owned())
-        .execute(&mut connection)
-        .await?;
+    sqlx::query("VACUUM INTO $1").bind(part.to_string_lossy().into_owned()).execute(&mut connection).await?;
     connection.close().await?;
     sync(&part)?;
     fs::rename(&part, &copy).map_err(|source| file_error("rename to", &copy, source))?;
@@ -166,10 +160,7 @@ async fn mark_of(database: &Path) -> Result<StoreMark, StoreError> {
         .fetch_one(&mut connection)
         .await?;
     connection.close().await?;
-    Ok(StoreMark {
-        store: get(&row, "store")?,
-        generation: get(&row, "generation")?,
-    })
+    Ok(StoreMark { store: get(&row, "store")?, generation: get(&row, "generation")? })
 }
 
 fn remove(path: &Path) -> Result<(), StoreError> {

@@ -46,8 +46,7 @@ impl<'a> Rows<'a> {
         let channel = &*addition.channel;
         for segment in &addition.new {
             self.segments.push((channel.channel_no, segment));
-            self.analyses
-                .push((channel.analysis_generation, &segment.id, &segment.analysed));
+            self.analyses.push((channel.analysis_generation, &segment.id, &segment.analysed));
         }
         let new: HashSet<&SegmentId> = addition.new.iter().map(|segment| &segment.id).collect();
         let wears = addition.wears.iter().map(|(key, result)| WearRow {
@@ -58,8 +57,7 @@ impl<'a> Rows<'a> {
         });
         self.wears.extend(wears);
         if let Some((after, states)) = &addition.states {
-            self.states
-                .push((channel.channel_no, channel.wear_generation, *after, states));
+            self.states.push((channel.channel_no, channel.wear_generation, *after, states));
         }
         self.channels.push(channel);
     }
@@ -69,10 +67,7 @@ impl ChannelSummary {
     fn add(&mut self, segment: &NewSegment) {
         self.note_change(segment.key());
         self.segments += 1;
-        if self
-            .first_start_time
-            .is_none_or(|first| segment.start_time < first)
-        {
+        if self.first_start_time.is_none_or(|first| segment.start_time < first) {
             self.first_start_time = Some(segment.start_time);
         }
         let last = self.last_start_time.zip(self.last_segment.as_ref());
@@ -87,10 +82,7 @@ impl Commit {
     /// Adds to channels. Each channel at most once.
     pub async fn add(&mut self, additions: &mut [ChannelRows<'_>]) -> Result<(), StoreError> {
         for addition in &mut *additions {
-            addition
-                .new
-                .iter()
-                .for_each(|segment| addition.channel.add(segment));
+            addition.new.iter().for_each(|segment| addition.channel.add(segment));
             addition.channel.count_change(addition.is_rewritten);
         }
         let mut rows = Rows::default();
@@ -133,10 +125,7 @@ impl Commit {
                     .bind(i64::from(segment.raw.channel_index))
                     .bind(i64::from(segment.excluded));
             }
-            query
-                .persistent(self.dialect.caches_optional_doubles())
-                .execute(&mut *self.transaction)
-                .await?;
+            query.persistent(self.dialect.caches_optional_doubles()).execute(&mut *self.transaction).await?;
         }
         Ok(())
     }
@@ -167,11 +156,7 @@ impl Commit {
                     .bind(*generation)
                     .bind(&*analysed.keys.analysis)
                     .bind(&*analysed.keys.feature)
-                    .bind(
-                        shaft_speed
-                            .map(|speed| to_json(speed, "shaft_speed", id))
-                            .transpose()?,
-                    )
+                    .bind(shaft_speed.map(|speed| to_json(speed, "shaft_speed", id)).transpose()?)
                     .bind(to_json(&analysed.basis, "basis", id)?)
                     .bind(to_json(&analysed.indicators, "indicators", id)?)
                     .bind(to_json(&analysed.features, "features", id)?);
@@ -203,11 +188,7 @@ impl Commit {
             );
             let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for ((sha256, asset), (bytes, start_time)) in chunk {
-                query = query
-                    .bind(*sha256)
-                    .bind(*asset)
-                    .bind(*bytes)
-                    .bind(to_ns(*start_time)?);
+                query = query.bind(*sha256).bind(*asset).bind(*bytes).bind(to_ns(*start_time)?);
             }
             for row in query.fetch_all(&mut *self.transaction).await? {
                 let volume = volumes.entry(get(&row, "asset_id")?).or_default();

@@ -35,10 +35,7 @@ impl Store {
     pub async fn begin(&self) -> Result<Commit, StoreError> {
         self.check_whole()?;
         self.inner.is_changed.store(true, Ordering::Relaxed);
-        Ok(Commit {
-            transaction: self.write().begin().await?,
-            dialect: self.dialect(),
-        })
+        Ok(Commit { transaction: self.write().begin().await?, dialect: self.dialect() })
     }
 }
 
@@ -48,9 +45,7 @@ impl Commit {
     /// Error: [`StoreError::AssetUnknown`] where it is gone.
     pub async fn asset(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
         let mut found = self.assets(&[id]).await?;
-        found
-            .remove(id)
-            .ok_or_else(|| StoreError::AssetUnknown(id.clone()))
+        found.remove(id).ok_or_else(|| StoreError::AssetUnknown(id.clone()))
     }
 
     /// Assets whose descriptions and events stay as they are until the transaction's end.
@@ -67,9 +62,7 @@ impl Commit {
             query = query.bind(id.as_str());
         }
         let rows = query.fetch_all(&mut *self.transaction).await?;
-        let assets = rows
-            .iter()
-            .map(|row| asset_of(row).map(|asset| (asset.spec.id.clone(), asset)));
+        let assets = rows.iter().map(|row| asset_of(row).map(|asset| (asset.spec.id.clone(), asset)));
         let assets: HashMap<AssetId, Asset> = assets.collect::<Result<_, StoreError>>()?;
         match ids.iter().find(|id| !assets.contains_key(**id)) {
             Some(gone) => Err(StoreError::AssetUnknown((*gone).clone())),
@@ -88,10 +81,7 @@ impl Commit {
             .execute(&mut *self.transaction)
             .await?;
         let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.for_update());
-        let row = sqlx::query(&text)
-            .bind(id.as_str())
-            .fetch_optional(&mut *self.transaction)
-            .await?;
+        let row = sqlx::query(&text).bind(id.as_str()).fetch_optional(&mut *self.transaction).await?;
         let asset = asset_of(&row.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?)?;
         sqlx::query("UPDATE assets SET revision = (SELECT value FROM counters WHERE name = 'asset_revision') WHERE id = $1")
             .bind(id.as_str())
@@ -105,11 +95,7 @@ impl Commit {
     pub async fn channels(&mut self, names: &[(&AssetId, &str)]) -> Result<Vec<ChannelSummary>, StoreError> {
         let mut found = self.channels_there(names).await?;
         let key = |&(asset, name): &(&AssetId, &str)| (asset.clone(), name.to_owned());
-        let missing: Vec<_> = names
-            .iter()
-            .copied()
-            .filter(|name| !found.contains_key(&key(name)))
-            .collect();
+        let missing: Vec<_> = names.iter().copied().filter(|name| !found.contains_key(&key(name))).collect();
         for (asset, name) in &missing {
             self.new_channel(asset, name).await?;
         }
@@ -167,14 +153,8 @@ impl Commit {
     ///
     /// Error: [`StoreError::AssetUnknown`] where it is gone with its asset.
     pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
-        let text = format!(
-            "SELECT * FROM channels WHERE channel_no = $1{}",
-            self.dialect.for_update()
-        );
-        let row = sqlx::query(&text)
-            .bind(channel.channel_no)
-            .fetch_optional(&mut *self.transaction)
-            .await?;
+        let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.for_update());
+        let row = sqlx::query(&text).bind(channel.channel_no).fetch_optional(&mut *self.transaction).await?;
         let gone = || StoreError::AssetUnknown(channel.asset_id.clone());
         channel_of(&row.ok_or_else(gone)?)
     }
@@ -223,9 +203,7 @@ impl Commit {
                     .bind(channel.next_analysis.as_ref().map(|(_, key)| key.as_str()))
                     .bind(channel.next_wear)
                     .bind(optional_ns(channel.maker_until)?)
-                    .bind(optional_ns(
-                        channel.changed_from.as_ref().map(|key| key.start_time),
-                    )?)
+                    .bind(optional_ns(channel.changed_from.as_ref().map(|key| key.start_time))?)
                     .bind(channel.changed_from.as_ref().map(|key| key.id.0.as_str()));
             }
             query

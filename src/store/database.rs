@@ -71,14 +71,7 @@ impl Database {
             .map_err(|error| integrity::named(&path, error))?;
         drop(connection);
         let read = pool(&url, 4).await?;
-        Ok(Self {
-            dialect: Dialect::Sqlite,
-            write,
-            read,
-            lock: Some(lock),
-            path: Some(path),
-            damage,
-        })
+        Ok(Self { dialect: Dialect::Sqlite, write, read, lock: Some(lock), path: Some(path), damage })
     }
 
     /// Opens `flankwatch.db` in the folder to read it, also while another process works on it.
@@ -111,9 +104,7 @@ impl Database {
         let write = shared_pool(settings, settings.write_connections).await?;
         let mut connection = write.acquire().await?;
         // However long another process migrates.
-        connection
-            .execute("SET lock_timeout = 0; SET statement_timeout = 0")
-            .await?;
+        connection.execute("SET lock_timeout = 0; SET statement_timeout = 0").await?;
         schema::migrate(&mut connection, Dialect::Postgres).await?;
         connection.execute(SESSION).await?;
         drop(connection);
@@ -225,20 +216,11 @@ mod tests {
         assert!(odd.join("flankwatch.db").is_file());
         for pool in [&database.write, &database.read] {
             for (pragma, expected) in [("PRAGMA synchronous", 2), ("PRAGMA foreign_keys", 1)] {
-                let value: i64 = sqlx::query(pragma)
-                    .fetch_one(pool)
-                    .await
-                    .unwrap()
-                    .try_get(0)
-                    .unwrap();
+                let value: i64 = sqlx::query(pragma).fetch_one(pool).await.unwrap().try_get(0).unwrap();
                 assert_eq!(value, expected, "{pragma}");
             }
-            let mode: String = sqlx::query("PRAGMA journal_mode")
-                .fetch_one(pool)
-                .await
-                .unwrap()
-                .try_get(0)
-                .unwrap();
+            let mode: String =
+                sqlx::query("PRAGMA journal_mode").fetch_one(pool).await.unwrap().try_get(0).unwrap();
             assert_eq!(mode, "wal");
         }
     }
@@ -312,11 +294,7 @@ mod tests {
             let mut connection = database.write.acquire().await.unwrap();
             sqlx::query(&make).execute(&mut *connection).await.unwrap();
             // PostgreSQL's texts have no NUL.
-            let text = if database.dialect == Dialect::Sqlite {
-                "ä\0b"
-            } else {
-                "äb"
-            };
+            let text = if database.dialect == Dialect::Sqlite { "ä\0b" } else { "äb" };
             // Not -0.0: SQLite keeps it as 0.
             let doubles = [0.1 + 0.2, f64::MIN_POSITIVE, 5e-324, -1.5, f64::MAX, 3.0];
             for (n, double) in (0_i64..).zip(doubles) {
@@ -340,10 +318,8 @@ mod tests {
                 .execute(&mut *connection)
                 .await
                 .unwrap();
-            let rows = sqlx::query("SELECT i, d, s, b FROM t ORDER BY n")
-                .fetch_all(&mut *connection)
-                .await
-                .unwrap();
+            let rows =
+                sqlx::query("SELECT i, d, s, b FROM t ORDER BY n").fetch_all(&mut *connection).await.unwrap();
             for (row, double) in rows.iter().zip(doubles) {
                 assert_eq!(row.try_get::<i64, _>("i").unwrap(), i64::MIN);
                 assert_eq!(row.try_get::<f64, _>("d").unwrap().to_bits(), double.to_bits());
@@ -351,10 +327,7 @@ mod tests {
                 assert_eq!(row.try_get::<Vec<u8>, _>("b").unwrap(), double.to_le_bytes());
             }
             assert_eq!(rows[doubles.len()].try_get::<Option<f64>, _>("d").unwrap(), None);
-            assert_eq!(
-                rows[doubles.len()].try_get::<Option<Vec<u8>>, _>("b").unwrap(),
-                None
-            );
+            assert_eq!(rows[doubles.len()].try_get::<Option<Vec<u8>>, _>("b").unwrap(), None);
         }
     }
 }

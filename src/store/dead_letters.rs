@@ -54,10 +54,7 @@ impl Store {
             }
             for row in query.fetch_all(self.read()).await? {
                 let times: i64 = get(&row, "times")?;
-                found.insert(
-                    SegmentId(get(&row, "segment_id")?),
-                    u32::try_from(times).unwrap_or(u32::MAX),
-                );
+                found.insert(SegmentId(get(&row, "segment_id")?), u32::try_from(times).unwrap_or(u32::MAX));
             }
         }
         Ok(found)

@@ -212,21 +212,14 @@ fn says_unavailable(code: &str) -> bool {
 /// index (54); SQLite's of the same kinds: SQLITE_TOOBIG, SQLITE_CONSTRAINT, SQLITE_MISMATCH.
 fn says_of_values(code: &str) -> bool {
     if code.len() == 5 {
-        return ["22", "23", "54"]
-            .into_iter()
-            .any(|class| code.starts_with(class))
-            && !says_conflict(code);
+        return ["22", "23", "54"].into_iter().any(|class| code.starts_with(class)) && !says_conflict(code);
     }
-    code.parse::<u32>()
-        .is_ok_and(|code| [18, 19, 20].contains(&(code & 0xff)))
+    code.parse::<u32>().is_ok_and(|code| [18, 19, 20].contains(&(code & 0xff)))
 }
 
 /// SQLite's codes, whose lower byte says which kind; PostgreSQL's states have five characters.
 fn says_damaged(code: &str) -> bool {
-    code.len() < 5
-        && code
-            .parse::<u32>()
-            .is_ok_and(|code| [11, 26].contains(&(code & 0xff)))
+    code.len() < 5 && code.parse::<u32>().is_ok_and(|code| [11, 26].contains(&(code & 0xff)))
 }
 
 /// PostgreSQL's states of transactions that stood in each other's way; the same key at the same time among

@@ -93,10 +93,7 @@ impl Commit {
         .fetch_all(&mut *self.transaction)
         .await?;
         let keys = rows.iter().map(|row| {
-            Ok(SegmentKey {
-                start_time: from_ns(get(row, "start_time_ns")?),
-                id: SegmentId(get(row, "id")?),
-            })
+            Ok(SegmentKey { start_time: from_ns(get(row, "start_time_ns")?), id: SegmentId(get(row, "id")?) })
         });
         keys.collect()
     }

@@ -126,15 +126,8 @@ impl Commit {
         let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(all.len()));
         for &(channel_no, generation, after, _) in all {
             // The newest one of before is kept only where its position is one of those that are.
-            let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) {
-                after + 1
-            } else {
-                after
-            };
-            query = query
-                .bind(channel_no)
-                .bind(generation)
-                .bind(from_count(first_removed));
+            let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) { after + 1 } else { after };
+            query = query.bind(channel_no).bind(generation).bind(from_count(first_removed));
         }
         query.execute(&mut *self.transaction).await?;
         Ok(())

@@ -187,9 +187,7 @@ impl Store {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let channel = commit.made_channel(channel, wear).await?;
-        let analyses = analyses
-            .iter()
-            .map(|(segment, analysed)| (generation.0, segment, analysed));
+        let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
         commit.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
         commit.stay_maker(&channel, now).await?;
         commit.finish().await
@@ -228,9 +226,7 @@ impl Store {
             is_first: false,
         });
         commit.set_wears(&wears.collect::<Vec<_>>()).await?;
-        commit
-            .set_states(&[(channel.channel_no, generation.0, after, states)])
-            .await?;
+        commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
         commit.stay_maker(&channel, now).await?;
         commit.finish().await
     }
@@ -272,11 +268,7 @@ impl Store {
         channel.changed_from = None;
         channel.analysis_generation = analyses.0;
         channel.wear_generation = wear.0;
-        if channel
-            .next_analysis
-            .as_ref()
-            .is_some_and(|(generation, _)| *generation == analyses.0)
-        {
+        if channel.next_analysis.as_ref().is_some_and(|(generation, _)| *generation == analyses.0) {
             channel.next_analysis = None;
         }
         channel.keys = keys;
@@ -322,10 +314,8 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(&mut *commit.transaction)
         .await?;
-        let being_made = channel
-            .next_analysis
-            .as_ref()
-            .map_or(channel.analysis_generation, |(generation, _)| *generation);
+        let being_made =
+            channel.next_analysis.as_ref().map_or(channel.analysis_generation, |(generation, _)| *generation);
         for row in &rows {
             let id: String = get(row, "id")?;
             sqlx::query(
@@ -378,11 +368,7 @@ impl Commit {
         wear: WearGeneration,
     ) -> Result<ChannelSummary, StoreError> {
         let channel = self.channel_again(channel).await?;
-        if channel.next_wear == Some(wear.0) {
-            Ok(channel)
-        } else {
-            Err(NOT_MADE_HERE)
-        }
+        if channel.next_wear == Some(wear.0) { Ok(channel) } else { Err(NOT_MADE_HERE) }
     }
 
     /// Says that the maker of a channel's history is alive.

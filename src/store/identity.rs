@@ -13,11 +13,7 @@ use super::{Objects, Store, StoreError, StoreMark};
 impl Store {
     /// Why nothing is removed from the raw objects; none where they are those that the database knows.
     pub fn held(&self) -> Option<String> {
-        self.inner
-            .held
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
+        self.inner.held.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Compares the marks of the database and of the objects, makes them where there are none, and begins a
@@ -40,19 +36,12 @@ impl Store {
             // Objects that no mark goes with are those of a database that is lost.
             None => {
                 let is_empty = self.on_objects(Objects::is_empty).await?;
-                let first = if is_empty || self.knows_objects().await? {
-                    mine.clone()
-                } else {
-                    new_mark()?
-                };
+                let first = if is_empty || self.knows_objects().await? { mine.clone() } else { new_mark()? };
                 self.on_objects(move |objects| objects.mark_first(&first)).await?
             }
         };
         if mine.store != among.store && self.is_shared() && refuses_others {
-            return Err(StoreError::OtherStore {
-                objects: among.store,
-                database: mine.store,
-            });
+            return Err(StoreError::OtherStore { objects: among.store, database: mine.store });
         }
         self.hold(reason(&mine, &among));
         self.raise_generation().await
@@ -130,10 +119,7 @@ impl Store {
             .fetch_optional(self.write())
             .await?;
         let mark = |row| -> Result<StoreMark, StoreError> {
-            Ok(StoreMark {
-                store: get(&row, "store")?,
-                generation: get(&row, "generation")?,
-            })
+            Ok(StoreMark { store: get(&row, "store")?, generation: get(&row, "generation")? })
         };
         row.map(mark).transpose()
     }
@@ -150,9 +136,7 @@ impl Store {
     }
 
     async fn knows_objects(&self) -> Result<bool, StoreError> {
-        let row = sqlx::query("SELECT sha256 FROM raw_objects LIMIT 1")
-            .fetch_optional(self.read())
-            .await?;
+        let row = sqlx::query("SELECT sha256 FROM raw_objects LIMIT 1").fetch_optional(self.read()).await?;
         Ok(row.is_some())
     }
 
@@ -170,16 +154,9 @@ impl Store {
 fn new_mark() -> Result<StoreMark, StoreError> {
     let mut chance = [0; 8];
     getrandom::fill(&mut chance).map_err(|source| {
-        super::objects::file_error(
-            "name",
-            "the store".as_ref(),
-            std::io::Error::other(source.to_string()),
-        )
+        super::objects::file_error("name", "the store".as_ref(), std::io::Error::other(source.to_string()))
     })?;
-    Ok(StoreMark {
-        store: hex::encode(chance),
-        generation: 0,
-    })
+    Ok(StoreMark { store: hex::encode(chance), generation: 0 })
 }
 
 fn reason(mine: &StoreMark, among: &StoreMark) -> Option<String> {

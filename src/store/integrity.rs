@@ -55,10 +55,7 @@ pub(super) fn check_header(path: &Path) -> Result<(), StoreError> {
     if start.is_empty() || start == HEADER {
         return Ok(());
     }
-    Err(damaged(
-        path,
-        "it does not begin as an SQLite database does".to_owned(),
-    ))
+    Err(damaged(path, "it does not begin as an SQLite database does".to_owned()))
 }
 
 /// Looks at every page of a database, for some seconds now and then in the background. What is found is
@@ -92,9 +89,7 @@ pub(super) async fn check_pages(path: &Path, url: String) -> Result<Damage, Stor
 pub(super) async fn check_schema(path: &Path, url: &str) -> Result<(), StoreError> {
     let read = async {
         let mut connection = AnyConnection::connect(url).await?;
-        sqlx::query("SELECT COUNT(*) FROM sqlite_master")
-            .fetch_one(&mut connection)
-            .await?;
+        sqlx::query("SELECT COUNT(*) FROM sqlite_master").fetch_one(&mut connection).await?;
         connection.close().await
     };
     read.await.map_err(|error| named(path, error))
@@ -134,8 +129,5 @@ pub(super) async fn findings(
 
 /// An error of a database that cannot be used because it is damaged.
 pub(super) fn damaged(path: &Path, what: String) -> StoreError {
-    StoreError::DatabaseDamaged {
-        path: path.display().to_string(),
-        what,
-    }
+    StoreError::DatabaseDamaged { path: path.display().to_string(), what }
 }

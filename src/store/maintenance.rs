@@ -122,18 +122,12 @@ impl Commit {
     ) -> Result<(), StoreError> {
         let mut channel = self.channel_again(channel).await?;
         channel.must_fold |= channel.last_start_time.is_some_and(|last| last >= time);
-        channel.note_change(SegmentKey {
-            start_time: time,
-            id: SegmentId(String::new()),
-        });
+        channel.note_change(SegmentKey { start_time: time, id: SegmentId(String::new()) });
         self.set_channel(&mut channel, false).await
     }
 }
 
 fn event_of(row: &AnyRow) -> Result<StoredEvent, StoreError> {
     let id: String = get(row, "id")?;
-    Ok(StoredEvent {
-        event: get_json(row, "event", &id)?,
-        id,
-    })
+    Ok(StoredEvent { event: get_json(row, "event", &id)?, id })
 }

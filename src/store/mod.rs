@@ -120,11 +120,9 @@ impl Store {
 
     async fn connect(settings: &StoreSettings) -> Result<Self, StoreError> {
         let (database, objects, orphan_age) = match settings {
-            StoreSettings::Folder(folder) => (
-                Database::open_folder(folder).await?,
-                Objects::open(folder.join("raw"))?,
-                None,
-            ),
+            StoreSettings::Folder(folder) => {
+                (Database::open_folder(folder).await?, Objects::open(folder.join("raw"))?, None)
+            }
             #[cfg(feature = "cluster")]
             StoreSettings::Shared(shared) => {
                 let objects = Objects::open_shared(&shared.objects)?;
@@ -163,9 +161,7 @@ impl Store {
     /// Whether the database answers and is whole, as far as is known.
     pub async fn check(&self) -> Result<(), StoreError> {
         self.check_whole()?;
-        sqlx::query("SELECT COUNT(*) FROM _sqlx_migrations")
-            .fetch_one(self.read())
-            .await?;
+        sqlx::query("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(self.read()).await?;
         Ok(())
     }
 
@@ -202,12 +198,7 @@ impl Store {
 
     /// Refuses to write to a damaged database.
     fn check_whole(&self) -> Result<(), StoreError> {
-        let path = self
-            .inner
-            .database
-            .path
-            .as_deref()
-            .unwrap_or(Path::new("flankwatch.db"));
+        let path = self.inner.database.path.as_deref().unwrap_or(Path::new("flankwatch.db"));
         match self.damage() {
             Some(what) => Err(integrity::damaged(path, what.to_owned())),
             None => Ok(()),

@@ -60,16 +60,12 @@ struct ListedFile {
 impl Objects {
     /// Opens a folder, making it where it is missing and clearing what an interrupted write left behind.
     pub fn open(folder: impl Into<PathBuf>) -> Result<Self, StoreError> {
-        Ok(Self {
-            backend: Backend::Folder(folder::Folder::open(folder.into())?),
-        })
+        Ok(Self { backend: Backend::Folder(folder::Folder::open(folder.into())?) })
     }
 
     /// Opens a folder that is there; what another process is writing is left alone.
     pub(super) fn open_to_read(folder: impl Into<PathBuf>) -> Self {
-        Self {
-            backend: Backend::Folder(folder::Folder::open_to_read(folder.into())),
-        }
+        Self { backend: Backend::Folder(folder::Folder::open_to_read(folder.into())) }
     }
 
     /// Opens what other processes write to as well. To be called inside the runtime, which does the requests
@@ -106,10 +102,7 @@ impl Objects {
     /// The bytes of an object, checked against its name.
     pub fn get(&self, name: &str) -> Result<Bytes, StoreError> {
         let bytes = self.file(&self.object_path(name))?;
-        whole(
-            name,
-            bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?,
-        )
+        whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
     }
 
     /// Whether an object is there with as many bytes; they are not read where the size is listed.
@@ -173,10 +166,7 @@ impl Objects {
     /// A piece of an upload, checked against its name.
     pub fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
         let bytes = self.file(&piece_path(upload, name))?;
-        whole(
-            name,
-            bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?,
-        )
+        whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
     }
 
     /// Removes everything that is kept of an upload.
@@ -288,10 +278,7 @@ fn whole(name: &str, bytes: Bytes) -> Result<Bytes, StoreError> {
     if found == name {
         Ok(bytes)
     } else {
-        Err(StoreError::ObjectDamaged {
-            expected: name.to_string(),
-            found,
-        })
+        Err(StoreError::ObjectDamaged { expected: name.to_string(), found })
     }
 }
 
@@ -307,9 +294,6 @@ mod tests {
     #[test]
     fn an_object_is_named_by_its_sha256() {
         // FIPS 180-2, appendix B.1
-        assert_eq!(
-            Objects::name(b"abc"),
-            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-        );
+        assert_eq!(Objects::name(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
     }
 }

@@ -27,12 +27,8 @@ pub struct GivenUp {
 impl Store {
     /// Bytes of raw objects kept for each asset; an object that two assets have counts for both.
     pub async fn raw_volumes(&self) -> Result<HashMap<String, u64>, StoreError> {
-        let rows = sqlx::query("SELECT asset_id, bytes FROM raw_volumes")
-            .fetch_all(self.read())
-            .await?;
-        rows.iter()
-            .map(|row| Ok((get(row, "asset_id")?, get_count(row, "bytes")?)))
-            .collect()
+        let rows = sqlx::query("SELECT asset_id, bytes FROM raw_volumes").fetch_all(self.read()).await?;
+        rows.iter().map(|row| Ok((get(row, "asset_id")?, get_count(row, "bytes")?))).collect()
     }
 
     /// Whether a raw object is kept for an asset: not any more after it was given up.
@@ -61,10 +57,7 @@ impl Store {
             .await?;
         let bytes = volume(&mut transaction, asset).await?.saturating_sub(quota);
         if bytes == 0 {
-            return Ok(GivenUp {
-                is_within: true,
-                ..GivenUp::default()
-            });
+            return Ok(GivenUp { is_within: true, ..GivenUp::default() });
         }
         let text = match asset {
             Some(_) => {

@@ -76,10 +76,7 @@ impl Store {
         if held.len() >= MAX_CHANNELS {
             held.clear();
         }
-        let entry = CachedCurve {
-            revision: channel.revision,
-            curve: Arc::clone(&curve),
-        };
+        let entry = CachedCurve { revision: channel.revision, curve: Arc::clone(&curve) };
         held.insert(channel.channel_no, entry);
         Ok(curve)
     }

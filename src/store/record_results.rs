@@ -57,10 +57,7 @@ impl Store {
                     get_json(row, "indicators", &id)?,
                     get_json_or_default(row, "run_indicators", &id)?,
                 ],
-                key: SegmentKey {
-                    start_time: from_ns(get(row, "start_time_ns")?),
-                    id: SegmentId(id),
-                },
+                key: SegmentKey { start_time: from_ns(get(row, "start_time_ns")?), id: SegmentId(id) },
             })
         });
         results.collect()

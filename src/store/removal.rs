@@ -83,9 +83,7 @@ impl Store {
             }
             commit.without(channel, first).await?;
             names.extend(going.iter().map(|going| going.raw_sha256.clone()));
-            removed
-                .segments
-                .extend(going.into_iter().map(|going| going.key.id));
+            removed.segments.extend(going.into_iter().map(|going| going.key.id));
         }
         removed.orphans = commit.count_raw_gone(asset, names.into_iter().collect()).await?;
         commit.finish().await?;
@@ -146,10 +144,7 @@ impl Commit {
             let text = format!(
                 "SELECT id, start_time_ns FROM segments WHERE channel_no = $1 ORDER BY start_time_ns {direction}, id {direction} LIMIT 1"
             );
-            let row = sqlx::query(&text)
-                .bind(channel.channel_no)
-                .fetch_one(&mut *self.transaction)
-                .await?;
+            let row = sqlx::query(&text).bind(channel.channel_no).fetch_one(&mut *self.transaction).await?;
             let start_time = Some(from_ns(get(&row, "start_time_ns")?));
             if direction == "ASC" {
                 channel.first_start_time = start_time;

@@ -26,11 +26,8 @@ impl Store {
 
     /// All replays that are known, by their numbers.
     pub async fn saved_replays(&self) -> Result<Vec<(u64, String)>, StoreError> {
-        let rows = sqlx::query("SELECT number, replay FROM replays ORDER BY number")
-            .fetch_all(self.read())
-            .await?;
-        rows.iter()
-            .map(|row| Ok((super::rows::get_count(row, "number")?, get(row, "replay")?)))
-            .collect()
+        let rows =
+            sqlx::query("SELECT number, replay FROM replays ORDER BY number").fetch_all(self.read()).await?;
+        rows.iter().map(|row| Ok((super::rows::get_count(row, "number")?, get(row, "replay")?))).collect()
     }
 }

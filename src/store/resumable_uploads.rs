@@ -166,12 +166,9 @@ impl Store {
                 .bind(id)
                 .fetch_all(self.read())
                 .await?;
-        let pieces = rows.iter().map(|row| {
-            Ok(UploadPiece {
-                bytes: get_count(row, "bytes")?,
-                object: get(row, "object")?,
-            })
-        });
+        let pieces = rows
+            .iter()
+            .map(|row| Ok(UploadPiece { bytes: get_count(row, "bytes")?, object: get(row, "object")? }));
         pieces.collect()
     }
 
@@ -192,11 +189,7 @@ impl Store {
     pub async fn unread_uploads(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
         let now = self.now(now).await?;
         let text = format!("SELECT id FROM resumable_uploads WHERE {UNREAD} ORDER BY expires_at_ns LIMIT $2");
-        let rows = sqlx::query(&text)
-            .bind(to_ns(now)?)
-            .bind(i64::from(limit))
-            .fetch_all(self.read())
-            .await?;
+        let rows = sqlx::query(&text).bind(to_ns(now)?).bind(i64::from(limit)).fetch_all(self.read()).await?;
         rows.iter().map(|row| get(row, "id")).collect()
     }
 
@@ -341,14 +334,11 @@ fn upload_of(row: &AnyRow) -> Result<StoredUpload, StoreError> {
         asset: asset_id(get(row, "asset_id")?)?,
         length: get_count(row, "length")?,
         received: get_count(row, "received")?,
-        progress: all
-            .into_iter()
-            .find(|one| one.name() == progress)
-            .ok_or(StoreError::Unexpected {
-                what: "progress",
-                value: progress,
-                expected: "receiving, reading, finished or failed",
-            })?,
+        progress: all.into_iter().find(|one| one.name() == progress).ok_or(StoreError::Unexpected {
+            what: "progress",
+            value: progress,
+            expected: "receiving, reading, finished or failed",
+        })?,
         expires_at: get_time(row, "expires_at_ns")?,
         reader_until: get::<Option<i64>>(row, "reader_until_ns")?.map(from_ns),
         result: get(row, "result")?,

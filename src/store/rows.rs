@@ -58,20 +58,12 @@ pub(super) fn from_json<T: DeserializeOwned>(
     what: &'static str,
     of: &str,
 ) -> Result<T, StoreError> {
-    serde_json::from_str(text).map_err(|source| StoreError::Damaged {
-        what,
-        of: of.to_string(),
-        source,
-    })
+    serde_json::from_str(text).map_err(|source| StoreError::Damaged { what, of: of.to_string(), source })
 }
 
 /// JSON text of a value; `of` names the row in the error.
 pub(super) fn to_json<T: Serialize>(value: &T, what: &'static str, of: &str) -> Result<String, StoreError> {
-    serde_json::to_string(value).map_err(|source| StoreError::Damaged {
-        what,
-        of: of.to_string(),
-        source,
-    })
+    serde_json::to_string(value).map_err(|source| StoreError::Damaged { what, of: of.to_string(), source })
 }
 
 /// The asset of a name that the program has written.
@@ -95,14 +87,7 @@ pub(super) fn from_ns(nanoseconds: i64) -> Timestamp {
 
 /// Refuses a number that no database should hold.
 pub(super) fn finite(field: &str, value: f64) -> Result<f64, StoreError> {
-    if value.is_finite() {
-        Ok(value)
-    } else {
-        Err(StoreError::NotFinite {
-            field: field.to_string(),
-            value,
-        })
-    }
+    if value.is_finite() { Ok(value) } else { Err(StoreError::NotFinite { field: field.to_string(), value }) }
 }
 
 /// The same for a number that may be missing.
@@ -117,12 +102,7 @@ pub(super) fn doubles_to_bytes(values: &[f64]) -> Vec<u8> {
 
 /// Doubles from little-endian bytes.
 pub(super) fn doubles_from_bytes(bytes: &[u8]) -> Vec<f64> {
-    bytes
-        .as_chunks()
-        .0
-        .iter()
-        .map(|chunk| f64::from_le_bytes(*chunk))
-        .collect()
+    bytes.as_chunks().0.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect()
 }
 
 /// `$first, $first+1, …` for `count` values of an IN list.
@@ -141,9 +121,7 @@ pub(super) fn rows_of_placeholders(rows: usize, columns: usize) -> String {
 /// for which SQLite reads the whole table.
 pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
     let row = |n: usize| {
-        let terms = (n * terms.len() + 1..)
-            .zip(terms)
-            .map(|(place, term)| format!("{term} ${place}"));
+        let terms = (n * terms.len() + 1..).zip(terms).map(|(place, term)| format!("{term} ${place}"));
         format!("({})", terms.collect::<Vec<_>>().join(" AND "))
     };
     (0..rows).map(row).collect::<Vec<_>>().join(" OR ")
@@ -152,10 +130,8 @@ pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
 /// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: of a row that is there, what the one that was
 /// to be inserted says.
 pub(super) fn excluded(columns: &str) -> String {
-    let set: Vec<String> = columns
-        .split(", ")
-        .map(|column| format!("{column} = excluded.{column}"))
-        .collect();
+    let set: Vec<String> =
+        columns.split(", ").map(|column| format!("{column} = excluded.{column}")).collect();
     set.join(", ")
 }
 
@@ -166,10 +142,7 @@ mod tests {
     #[test]
     fn places_are_numbered_on_from_row_to_row() {
         assert_eq!(rows_of_placeholders(2, 3), "($1, $2, $3), ($4, $5, $6)");
-        assert_eq!(
-            any_of(2, &["a =", "b >="]),
-            "(a = $1 AND b >= $2) OR (a = $3 AND b >= $4)"
-        );
+        assert_eq!(any_of(2, &["a =", "b >="]), "(a = $1 AND b >= $2) OR (a = $3 AND b >= $4)");
         assert_eq!(excluded("a, b"), "a = excluded.a, b = excluded.b");
     }
 
@@ -184,10 +157,7 @@ mod tests {
     #[test]
     fn doubles_go_there_and_back() {
         let values = [0.1, -0.0, f64::MIN_POSITIVE];
-        assert_eq!(
-            doubles_from_bytes(&doubles_to_bytes(&values)).map_bits(),
-            values.to_vec().map_bits()
-        );
+        assert_eq!(doubles_from_bytes(&doubles_to_bytes(&values)).map_bits(), values.to_vec().map_bits());
     }
 
     trait MapBits {

@@ -30,10 +30,9 @@ impl Dialect {
             // Texts are in the order of their bytes, as everywhere in the program, whatever the database's
             // language.
             #[cfg(feature = "cluster")]
-            Self::Postgres => Cow::Owned(
-                text.replace(" BLOB", " BYTEA")
-                    .replace(" TEXT", " TEXT COLLATE \"C\""),
-            ),
+            Self::Postgres => {
+                Cow::Owned(text.replace(" BLOB", " BYTEA").replace(" TEXT", " TEXT COLLATE \"C\""))
+            }
         }
     }
 
@@ -96,13 +95,7 @@ const MIGRATIONS: [(i64, &str, &str); 1] = [(1, "schema", include_str!("migratio
 impl MigrationSource<'static> for Dialect {
     fn resolve(self) -> BoxFuture<'static, Result<Vec<Migration>, BoxDynError>> {
         let migration = move |(version, description, text): (i64, &'static str, &'static str)| {
-            Migration::new(
-                version,
-                description.into(),
-                MigrationType::Simple,
-                self.schema(text),
-                false,
-            )
+            Migration::new(version, description.into(), MigrationType::Simple, self.schema(text), false)
         };
         Box::pin(async move { Ok(MIGRATIONS.into_iter().map(migration).collect()) })
     }
@@ -113,10 +106,7 @@ impl MigrationSource<'static> for Dialect {
 pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) -> Result<(), StoreError> {
     let migrated = async { Migrator::new(dialect).await?.run_direct(connection).await };
     migrated.await.map_err(|error| match error {
-        MigrateError::VersionMissing(found) => StoreError::Newer {
-            found,
-            known: MIGRATIONS.len() as i64,
-        },
+        MigrateError::VersionMissing(found) => StoreError::Newer { found, known: MIGRATIONS.len() as i64 },
         MigrateError::Execute(error) => error.into(),
         other => sqlx::Error::from(other).into(),
     })

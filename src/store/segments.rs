@@ -96,10 +96,7 @@ pub struct StoredFeatures {
 impl NewSegment {
     /// Place of the segment in its channel.
     pub fn key(&self) -> SegmentKey {
-        SegmentKey {
-            start_time: self.start_time,
-            id: self.id.clone(),
-        }
+        SegmentKey { start_time: self.start_time, id: self.id.clone() }
     }
 
     /// The whole segment with what the run up to it adds.
@@ -176,19 +173,14 @@ impl Store {
             .bind(asset.as_str())
             .fetch_all(self.read())
             .await?;
-        rows.iter()
-            .map(|row| Ok((get(row, "name")?, get(row, "unit")?)))
-            .collect()
+        rows.iter().map(|row| Ok((get(row, "name")?, get(row, "unit")?))).collect()
     }
 
     /// Those of these identifiers of which there are segments.
     pub async fn known_segments(&self, ids: &[SegmentId]) -> Result<HashSet<SegmentId>, StoreError> {
         let mut known = HashSet::new();
         for chunk in ids.chunks(200) {
-            let text = format!(
-                "SELECT id FROM segments WHERE id IN ({})",
-                placeholders(1, chunk.len())
-            );
+            let text = format!("SELECT id FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
             let mut query = sqlx::query(&text);
             for id in chunk {
                 query = query.bind(id.0.as_str());
@@ -228,18 +220,11 @@ impl Store {
     ) -> Result<Vec<Segment>, StoreError> {
         let mut found = Vec::new();
         for channel in self.channels(asset).await? {
-            if filter
-                .channel
-                .as_ref()
-                .is_none_or(|name| *name == channel.channel)
-            {
+            if filter.channel.as_ref().is_none_or(|name| *name == channel.channel) {
                 found.extend(self.segments_of_channel(&channel, filter, limit).await?);
             }
         }
-        let key = |segment: &Segment| SegmentKey {
-            start_time: segment.start_time,
-            id: segment.id.clone(),
-        };
+        let key = |segment: &Segment| SegmentKey { start_time: segment.start_time, id: segment.id.clone() };
         match filter.order {
             Order::Asc => found.sort_by_key(key),
             Order::Desc => found.sort_by_key(|segment| std::cmp::Reverse(key(segment))),
@@ -256,8 +241,7 @@ impl Store {
         after: Option<&SegmentKey>,
         limit: u32,
     ) -> Result<Vec<StoredFeatures>, StoreError> {
-        self.features_in(channel, channel.analysis_generation, after, limit)
-            .await
+        self.features_in(channel, channel.analysis_generation, after, limit).await
     }
 
     pub(super) async fn features_in(
@@ -330,10 +314,7 @@ pub(super) fn features_of(row: &AnyRow) -> Result<StoredFeatures, StoreError> {
         feature_key: get(row, "feature_key")?,
         features: get_json(row, "features", &id)?,
         indicators: get_json(row, "indicators", &id)?,
-        key: SegmentKey {
-            start_time: get_time(row, "start_time_ns")?,
-            id: SegmentId(id),
-        },
+        key: SegmentKey { start_time: get_time(row, "start_time_ns")?, id: SegmentId(id) },
     })
 }
 
@@ -369,9 +350,7 @@ pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
                 analysis: get::<String>(row, "analysis_key")?.into(),
                 feature: get::<String>(row, "feature_key")?.into(),
             },
-            shaft_speed: shaft_speed
-                .map(|text| from_json(&text, "shaft_speed", &id))
-                .transpose()?,
+            shaft_speed: shaft_speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?,
             basis: get_json_or_default(row, "basis", &id)?,
             indicators: get_json(row, "indicators", &id)?,
             features: get_json(row, "features", &id)?,
@@ -383,10 +362,9 @@ pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
 fn segment_of(row: &AnyRow) -> Result<Segment, StoreError> {
     let new = new_segment_of(row)?;
     let mut wear: WearEstimate = get_json(row, "estimate", &new.id.0)?;
-    if let (Some(wear_um), Some(probability)) = (
-        get::<Option<Vec<u8>>>(row, "wear_um")?,
-        get::<Option<Vec<u8>>>(row, "probability")?,
-    ) {
+    if let (Some(wear_um), Some(probability)) =
+        (get::<Option<Vec<u8>>>(row, "wear_um")?, get::<Option<Vec<u8>>>(row, "probability")?)
+    {
         wear.posterior = Some(Posterior {
             wear_um: doubles_from_bytes(&wear_um),
             probability: doubles_from_bytes(&probability),

@@ -20,10 +20,7 @@ pub(super) async fn change_others(
     id: &AssetId,
 ) -> Result<(), StoreError> {
     let text = format!("SELECT id FROM assets WHERE id <> $1 AND ({OF_SENSOR}) ORDER BY id");
-    let others = sqlx::query(&text)
-        .bind(id.as_str())
-        .fetch_all(&mut **transaction)
-        .await?;
+    let others = sqlx::query(&text).bind(id.as_str()).fetch_all(&mut **transaction).await?;
     for other in others {
         let other: String = get(&other, "id")?;
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
@@ -102,10 +99,7 @@ impl Store {
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn assets_of_sensor(&self, id: &AssetId) -> Result<Vec<Asset>, StoreError> {
         let text = format!("SELECT * FROM assets WHERE id = $1 OR {OF_SENSOR} ORDER BY id");
-        let rows = sqlx::query(&text)
-            .bind(id.as_str())
-            .fetch_all(self.read())
-            .await?;
+        let rows = sqlx::query(&text).bind(id.as_str()).fetch_all(self.read()).await?;
         let assets: Vec<Asset> = rows.iter().map(asset_of).collect::<Result<_, _>>()?;
         if assets.iter().any(|asset| asset.spec.id == *id) {
             Ok(assets)

@@ -43,10 +43,7 @@ impl Store {
         let silence = |row| {
             let since: Option<i64> = get(row, "since_ns")?;
             let channel = channel_of(row)?;
-            Ok(since.map(|since| Silence {
-                channel,
-                since: from_ns(since),
-            }))
+            Ok(since.map(|since| Silence { channel, since: from_ns(since) }))
         };
         rows.iter().filter_map(|row| silence(row).transpose()).collect()
     }

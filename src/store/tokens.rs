@@ -23,9 +23,8 @@ pub struct StoredToken {
 impl Store {
     /// The tokens that stand, the oldest first; none where there never were any.
     pub async fn tokens(&self) -> Result<Option<Vec<StoredToken>>, StoreError> {
-        let rows = sqlx::query("SELECT * FROM tokens ORDER BY created_at_ns, id")
-            .fetch_all(self.read())
-            .await?;
+        let rows =
+            sqlx::query("SELECT * FROM tokens ORDER BY created_at_ns, id").fetch_all(self.read()).await?;
         if rows.is_empty() {
             return Ok(None);
         }

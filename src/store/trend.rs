@@ -82,9 +82,7 @@ impl Trend {
     /// Positions of the segments that start at `from` or later and before `to`.
     pub fn range(&self, from: Option<Timestamp>, to: Option<Timestamp>) -> std::ops::Range<usize> {
         let low = from.map_or(0, |from| self.start_time.partition_point(|time| *time < from));
-        let high = to.map_or(self.len(), |to| {
-            self.start_time.partition_point(|time| *time < to)
-        });
+        let high = to.map_or(self.len(), |to| self.start_time.partition_point(|time| *time < to));
         low..high.max(low)
     }
 
@@ -112,12 +110,9 @@ impl Trend {
             reference_wear_um: get(row, "reference_wear_um")?,
         });
         let speed: Option<String> = get(row, "shaft_speed")?;
-        let speed: Option<ShaftSpeed> = speed
-            .map(|text| from_json(&text, "shaft_speed", &id))
-            .transpose()?;
+        let speed: Option<ShaftSpeed> = speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?;
         let operating_point: OperatingPoint = get_json(row, "operating_point", &id)?;
-        self.shaft_speed_hz
-            .push(speed.map_or(f64::NAN, |speed| speed.shaft_speed_hz));
+        self.shaft_speed_hz.push(speed.map_or(f64::NAN, |speed| speed.shaft_speed_hz));
         self.torque_nm.push(operating_point.torque_nm.unwrap_or(f64::NAN));
         self.unit = get(row, "unit")?;
         self.start_time.push(from_ns(get(row, "start_time_ns")?));
@@ -191,10 +186,7 @@ impl Store {
                 return Ok(trend);
             }
             Some(trend) if trend.revision >= channel.rewritten_revision => trend,
-            _ => Arc::new(Trend {
-                channel_no: channel.channel_no,
-                ..Trend::default()
-            }),
+            _ => Arc::new(Trend { channel_no: channel.channel_no, ..Trend::default() }),
         };
         // Taken off the shelf before, so that this copies only what a slow reader still looks at.
         self.append(Arc::make_mut(&mut trend), channel).await?;
@@ -213,16 +205,10 @@ impl Store {
         let Some(row) = row else { return Ok(()) };
         let channel = channel_of(&row)?;
         if trend.revision < channel.rewritten_revision {
-            *trend = Trend {
-                channel_no: channel.channel_no,
-                ..Trend::default()
-            };
+            *trend = Trend { channel_no: channel.channel_no, ..Trend::default() };
         }
         loop {
-            let last_ns = trend
-                .start_time
-                .last()
-                .map_or(Ok(i64::MIN), |time| to_ns(*time))?;
+            let last_ns = trend.start_time.last().map_or(Ok(i64::MIN), |time| to_ns(*time))?;
             let last_id = trend.segment_id.last().map_or("", |id| id.0.as_str());
             let rows = sqlx::query(
                 "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,

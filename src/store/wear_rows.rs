@@ -44,10 +44,7 @@ impl Commit {
             for (name, value) in &indicators.values {
                 finite(&format!("indicator {name} of segment {id}"), *value)?;
             }
-            let without_posterior = WearEstimate {
-                posterior: None,
-                ..wear.clone()
-            };
+            let without_posterior = WearEstimate { posterior: None, ..wear.clone() };
             let status = to_json(&wear.status, "status", id)?;
             query = query
                 .bind(id)
@@ -64,10 +61,7 @@ impl Commit {
                 .bind(to_json(&without_posterior, "estimate", id)?)
                 .bind(to_json(indicators, "run_indicators", id)?);
         }
-        query
-            .persistent(self.dialect.caches_optional_doubles())
-            .execute(&mut *self.transaction)
-            .await?;
+        query.persistent(self.dialect.caches_optional_doubles()).execute(&mut *self.transaction).await?;
         Ok(())
     }
 

@@ -24,10 +24,7 @@ fn the_dashboard_works_in_a_browser() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
     let chromium = std::env::var("FLANKWATCH_CHROMIUM").unwrap_or_else(|_| "/usr/bin/chromium".to_owned());
     let ready = Path::new(&chromium).exists() && folder.join("node_modules/playwright-core").is_dir();
-    needed(
-        ready.then_some(()),
-        "Chromium, or `npm install` in tests/browser,",
-    );
+    needed(ready.then_some(()), "Chromium, or `npm install` in tests/browser,");
     let service = Service::start();
     let pair = PairSpec::from_toml(PAIR).unwrap();
     feed(&service, &pair);
@@ -46,24 +43,16 @@ fn the_dashboard_works_in_a_browser() {
         .env("FLANKWATCH_CHROMIUM", chromium)
         .output()
         .unwrap();
-    let said = format!(
-        "{}{}",
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let said =
+        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{said}");
     println!("{said}");
 }
 
 /// Records of a short run to failure as WAV files whose names say when they began.
 fn write_run(pair: &PairSpec, folder: &Path) {
-    let run = Run::new(RunPlan {
-        wear_exponent: 3.0,
-        records: 30,
-        interval_s: 3600.0,
-        ..plan(pair)
-    })
-    .unwrap();
+    let run =
+        Run::new(RunPlan { wear_exponent: 3.0, records: 30, interval_s: 3600.0, ..plan(pair) }).unwrap();
     for index in 0..run.plan().records {
         let record = run.record(index).unwrap().record;
         let mut bytes = Cursor::new(Vec::new());
@@ -113,16 +102,11 @@ fn feed(service: &Service, pair: &PairSpec) {
         "limits": { "warning_um": 120.0, "danger_um": 200.0 },
     });
     service.post_json("/v1/assets", &asset).expect(201);
-    service.wait_for("/v1/assets/gearbox", |asset| {
-        asset["summary"]["library_state"] == "ready"
-    });
+    service.wait_for("/v1/assets/gearbox", |asset| asset["summary"]["library_state"] == "ready");
     let run = Run::new(plan(pair)).unwrap();
     for index in 0..RECORDS {
         let simulated = run.record(index).unwrap();
-        let path = format!(
-            "/v1/assets/gearbox/segments?reference_wear_um={}",
-            simulated.wear_um
-        );
+        let path = format!("/v1/assets/gearbox/segments?reference_wear_um={}", simulated.wear_um);
         let body = encode_block(&simulated.record, BlockEncoding::Protobuf);
         service.post(&path, "application/x-protobuf", &body).expect(201);
     }

@@ -35,11 +35,7 @@ impl Broker {
     pub(crate) fn start_with(settings: impl FnOnce(&Path) -> String) -> Self {
         let program = needed(mosquitto(), "mosquitto (apt install mosquitto)");
         let folder = tempfile::tempdir().unwrap();
-        let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))
-            .unwrap()
-            .local_addr()
-            .unwrap()
-            .port();
+        let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port();
         let path = folder.path();
         // Everything that a publisher was told is kept is on the disk when it stops.
         let text = format!(
@@ -48,12 +44,7 @@ impl Broker {
             settings(path)
         );
         std::fs::write(path.join("mosquitto.conf"), text).unwrap();
-        let mut broker = Self {
-            child: None,
-            program,
-            folder,
-            port,
-        };
+        let mut broker = Self { child: None, program, folder, port };
         broker.launch();
         broker
     }
@@ -68,11 +59,7 @@ impl Broker {
         self.child = Some(child.unwrap());
         let began = Instant::now();
         while TcpStream::connect((Ipv4Addr::LOCALHOST, self.port)).is_err() {
-            assert!(
-                began.elapsed() < LONGEST,
-                "mosquitto does not listen on port {}",
-                self.port
-            );
+            assert!(began.elapsed() < LONGEST, "mosquitto does not listen on port {}", self.port);
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -80,9 +67,7 @@ impl Broker {
     /// Ends it: `-TERM` lets it write what it holds, `-KILL` does not.
     pub(crate) fn end(&mut self, signal: &str) {
         let mut child = self.child.take().unwrap();
-        let sent = Command::new("kill")
-            .args([signal, &child.id().to_string()])
-            .status();
+        let sent = Command::new("kill").args([signal, &child.id().to_string()]).status();
         assert!(sent.unwrap().success());
         child.wait().unwrap();
     }
@@ -108,9 +93,7 @@ fn mosquitto() -> Option<PathBuf> {
 
 /// A name that no other test and no other run uses.
 pub(crate) fn unique(name: &str) -> String {
-    let since = std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .unwrap();
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
     format!("{name}-{}-{}", std::process::id(), since.as_nanos())
 }
 
@@ -118,9 +101,7 @@ fn options(id: &str, port: u16) -> MqttOptions {
     let mut options = MqttOptions::new(id, "127.0.0.1", port);
     let mut properties = ConnectProperties::new();
     properties.max_packet_size = Some(64 << 20);
-    options
-        .set_connect_properties(properties)
-        .set_keep_alive(Duration::from_secs(5));
+    options.set_connect_properties(properties).set_keep_alive(Duration::from_secs(5));
     options
 }
 
@@ -134,11 +115,7 @@ pub(crate) struct Sender {
 impl Sender {
     pub(crate) fn connect(port: u16) -> Self {
         let (client, connection) = Client::new(options(&unique("sender"), port), 16);
-        Self {
-            port,
-            client,
-            connection,
-        }
+        Self { port, client, connection }
     }
 
     pub(crate) fn send(&mut self, topic: &str, payload: &[u8]) {
@@ -197,10 +174,7 @@ impl Listener {
                     Ok(Event::Incoming(Packet::SubAck(_))) => ready.send(()).unwrap(),
                     Ok(Event::Incoming(Packet::Publish(publish))) => {
                         let properties = publish.properties.unwrap_or_default();
-                        assert_eq!(
-                            properties.content_type.as_deref(),
-                            Some("application/problem+json")
-                        );
+                        assert_eq!(properties.content_type.as_deref(), Some("application/problem+json"));
                         let topic = String::from_utf8(publish.topic.to_vec()).unwrap();
                         let problem: Value = serde_json::from_slice(&publish.payload).unwrap();
                         let of = properties.correlation_data.unwrap();
@@ -224,11 +198,7 @@ impl Listener {
             if heard.len() >= count {
                 return heard;
             }
-            assert!(
-                began.elapsed() < LONGEST,
-                "{} of {count} messages: {heard:?}",
-                heard.len()
-            );
+            assert!(began.elapsed() < LONGEST, "{} of {count} messages: {heard:?}", heard.len());
             std::thread::sleep(Duration::from_millis(20));
         }
     }

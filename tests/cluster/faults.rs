@@ -28,8 +28,7 @@ fn a_worker_killed_in_the_middle_loses_nothing() {
     let mut site = Site::start();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let api = site.api(&config);
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     let mut workers = vec![site.worker(&config), site.worker(&config)];
     for _ in 0..rounds() {
         uploads.during(&[&api.client], || {
@@ -49,9 +48,7 @@ fn an_api_node_killed_after_its_answer_has_kept_its_word() {
     let mut site = Site::start();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let steady = site.api(&config);
-    steady
-        .client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    steady.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for _ in 0..rounds() {
         let mut killed = site.api(&config);
         // Nobody works yet: what is acknowledged is in the queue alone.
@@ -72,8 +69,7 @@ fn a_nats_server_killed_and_started_again_has_everything() {
     let mut site = Site::start();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let (api, worker) = (site.api(&config), site.worker(&config));
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for _ in 0..rounds() {
         uploads.during(&[&api.client], || {
             a_moment(&mut random);
@@ -104,15 +100,10 @@ fn a_database_that_was_away_is_gone_on_with() {
     let (api, worker) = (site.api(&direct), site.worker(&cut));
     // Like the worker it loses the database.
     let beside = site.api(&cut);
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for round in 0..rounds() {
         // In turn a server that is down, and a plug that is pulled.
-        let wire = if round % 2 == 0 {
-            Wire::Closed
-        } else {
-            Wire::Silent
-        };
+        let wire = if round % 2 == 0 { Wire::Closed } else { Wire::Silent };
         uploads.during(&[&api.client], || {
             a_moment(&mut random);
             proxy.set(wire);
@@ -141,16 +132,11 @@ fn a_database_server_that_was_restarted_is_gone_on_with() {
     let mut site = Site::with_own_postgres();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let (api, worker) = (site.api(&config), site.worker(&config));
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for round in 0..rounds() {
         // In turn one that ends its connections, and one that falls over and has to recover what it had
         // acknowledged.
-        let stop = if round % 2 == 0 {
-            Stop::Immediate
-        } else {
-            Stop::Fast
-        };
+        let stop = if round % 2 == 0 { Stop::Immediate } else { Stop::Fast };
         let server = site.postgres.as_mut().unwrap();
         uploads.during(&[&api.client], || {
             a_moment(&mut random);
@@ -179,8 +165,7 @@ fn a_wire_between_worker_and_database_that_was_cut_and_mended_loses_nothing() {
     let (direct, cut) = (site.config(None), site.config(Some(&proxy)));
     let (uploads, mut random) = (Uploads::default(), random());
     let (api, worker) = (site.api(&direct), site.worker(&cut));
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for _ in 0..rounds() {
         uploads.during(&[&api.client], || {
             a_moment(&mut random);
@@ -207,8 +192,7 @@ fn an_object_store_that_was_away_is_gone_on_with() {
     site.objects = format!("bucket = \"records\"\nendpoint = \"http://{}\"", proxy.address());
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let (api, worker) = (site.api(&config), site.worker(&config));
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for _ in 0..rounds() {
         uploads.during(&[&api.client], || {
             a_moment(&mut random);

@@ -57,10 +57,7 @@ fn records(asset: &AssetId, channel: &str, count: u32) -> Vec<Sent> {
             let loud = samples(n).iter().map(|sample| 3.0 * sample).collect();
             one = flankwatch::signal::Record::new(channel, minute(n.into()), 4000.0, "m/s2", loud).unwrap();
         }
-        (
-            asset.clone(),
-            Bytes::from(encode_block(&one, BlockEncoding::Protobuf)),
-        )
+        (asset.clone(), Bytes::from(encode_block(&one, BlockEncoding::Protobuf)))
     };
     (0..count).map(one).collect()
 }
@@ -76,25 +73,9 @@ async fn worker_with(settings: &StoreSettings, folder: &Path, neighbours: Ensemb
         recordings: folder.join("recordings"),
         uploads: folder.join("uploads"),
     };
-    let limits = WorkLimits {
-        workers: 1,
-        neighbours,
-        ..WorkLimits::default()
-    };
-    let grid = GridSettings {
-        states: 4,
-        seconds: 0.25,
-        ..GridSettings::default()
-    };
-    Service::new(
-        store,
-        folders,
-        &limits,
-        grid,
-        Arc::new(ManualClock::default()),
-        Role::Standalone,
-    )
-    .unwrap()
+    let limits = WorkLimits { workers: 1, neighbours, ..WorkLimits::default() };
+    let grid = GridSettings { states: 4, seconds: 0.25, ..GridSettings::default() };
+    Service::new(store, folders, &limits, grid, Arc::new(ManualClock::default()), Role::Standalone).unwrap()
 }
 
 /// Waits until a worker has all that is simulated of an asset.
@@ -115,13 +96,7 @@ async fn send(worker: &Service, (asset, bytes): &Sent) {
         let ticket = worker.workers.admit().unwrap();
         let taken = worker
             .pipeline
-            .accept(
-                asset,
-                RecordFormat::Protobuf,
-                bytes.clone(),
-                UploadMetadata::default(),
-                ticket,
-            )
+            .accept(asset, RecordFormat::Protobuf, bytes.clone(), UploadMetadata::default(), ticket)
             .await;
         match taken {
             Ok(_) => return,
@@ -135,10 +110,7 @@ async fn send(worker: &Service, (asset, bytes): &Sent) {
 async fn settle(worker: &Service, asset: &AssetId, keys: &[String]) {
     for tries in 0.. {
         let channels = worker.store.channels(asset).await.unwrap();
-        let found: Vec<String> = channels
-            .iter()
-            .map(|channel| format!("{:?}", channel.keys))
-            .collect();
+        let found: Vec<String> = channels.iter().map(|channel| format!("{:?}", channel.keys)).collect();
         if channels.iter().all(|channel| !channel.must_fold) && (keys.is_empty() || found == keys) {
             return;
         }
@@ -149,67 +121,38 @@ async fn settle(worker: &Service, asset: &AssetId, keys: &[String]) {
 
 async fn keys(worker: &Service, asset: &AssetId) -> Vec<String> {
     let channels = worker.store.channels(asset).await.unwrap();
-    channels
-        .iter()
-        .map(|channel| format!("{:?}", channel.keys))
-        .collect()
+    channels.iter().map(|channel| format!("{:?}", channel.keys)).collect()
 }
 
 /// Every number of every record, and what stands of the alarms.
 async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, String> {
     let store = &worker.store;
     let mut all = BTreeMap::new();
-    for segment in store
-        .segments(asset, &SegmentFilter::default(), 10_000)
-        .await
-        .unwrap()
-    {
+    for segment in store.segments(asset, &SegmentFilter::default(), 10_000).await.unwrap() {
         all.insert(segment.id.to_string(), format!("{segment:?}"));
     }
-    let filter = AlarmFilter {
-        asset: Some(asset.clone()),
-        ..AlarmFilter::default()
-    };
+    let filter = AlarmFilter { asset: Some(asset.clone()), ..AlarmFilter::default() };
     for alarm in store.alarms(&filter, Timestamp::UNIX_EPOCH, 100).await.unwrap() {
         let (history, _) = store.alarm_history(&alarm.id, 10_000).await.unwrap();
         // Not its latest readings: those that changed nothing are kept with the states of the fold alone.
         let held = &alarm.alarm;
-        let stands = (
-            held.standing(),
-            held.severity(),
-            held.raised_at(),
-            held.value(),
-            held.last(),
-        );
-        let told: Vec<_> = history
-            .iter()
-            .filter(|entry| entry.withdrawn_at.is_none())
-            .map(|entry| &entry.change)
-            .collect();
+        let stands = (held.standing(), held.severity(), held.raised_at(), held.value(), held.last());
+        let told: Vec<_> =
+            history.iter().filter(|entry| entry.withdrawn_at.is_none()).map(|entry| &entry.change).collect();
         // What records in another order raised for a time and was withdrawn is no part of what stands.
         if !told.is_empty() {
-            all.insert(
-                format!("alarm {}", alarm.id),
-                format!("{:?} {stands:?} {told:?}", alarm.rule),
-            );
+            all.insert(format!("alarm {}", alarm.id), format!("{:?} {stands:?} {told:?}", alarm.rule));
         }
     }
     all
 }
 
 fn runtime() -> tokio::runtime::Runtime {
-    tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .unwrap()
+    tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap()
 }
 
 fn database() -> TestDatabase {
-    needed(
-        TestDatabase::named(),
-        "FLANKWATCH_TEST_DATABASE, the address of a PostgreSQL database,",
-    )
+    needed(TestDatabase::named(), "FLANKWATCH_TEST_DATABASE, the address of a PostgreSQL database,")
 }
 
 /// What one machine on SQLite makes of the records, in order: all numbers, and what the histories stand
@@ -284,11 +227,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                     let middle = mine.len() / 2;
                     for (k, sent) in mine.iter().enumerate() {
                         if let Some(anew) = anew.as_ref().filter(|_| k == middle) {
-                            worker
-                                .assets
-                                .update(anew, &Precondition::default())
-                                .await
-                                .unwrap();
+                            worker.assets.update(anew, &Precondition::default()).await.unwrap();
                         }
                         send(&worker, sent).await;
                     }
@@ -310,10 +249,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
             let libraries =
                 (0..count).map(|n| files(&folder.path().join(format!("{n} of {count}/libraries"))));
             for found in libraries {
-                assert!(
-                    found == files(&folder.path().join("libraries")),
-                    "{count} workers"
-                );
+                assert!(found == files(&folder.path().join("libraries")), "{count} workers");
             }
             for worker in &workers {
                 worker.store.close().await;
@@ -325,9 +261,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
 /// Files of a folder by name.
 fn files(folder: &Path) -> BTreeMap<std::ffi::OsString, Vec<u8>> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
-    entries
-        .map(|entry| (entry.file_name(), std::fs::read(entry.path()).unwrap()))
-        .collect()
+    entries.map(|entry| (entry.file_name(), std::fs::read(entry.path()).unwrap())).collect()
 }
 
 /// What is announced of alarms where every record comes to every worker at the same time.
@@ -382,16 +316,10 @@ fn a_history_is_folded_again_when_the_neighbours_have_come() {
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
     // More than the first ones.
-    let neighbours = EnsembleSettings {
-        members: FIRST_MEMBERS + 4,
-    };
+    let neighbours = EnsembleSettings { members: FIRST_MEMBERS + 4 };
     runtime().block_on(async {
-        let alone = worker_with(
-            &folder.path().join("alone").as_path().into(),
-            folder.path(),
-            neighbours,
-        )
-        .await;
+        let alone =
+            worker_with(&folder.path().join("alone").as_path().into(), folder.path(), neighbours).await;
         alone.assets.create(&spec).await.unwrap();
         send(&alone, &records(&spec.id, "1", 1)[0]).await;
         let without = keys(&alone, &spec.id).await;
@@ -416,12 +344,7 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
     let neighbours = |members| EnsembleSettings { members };
     runtime().block_on(async {
         let settings = StoreSettings::Shared(database.settings(folder.path()));
-        let with = worker_with(
-            &settings,
-            &folder.path().join("with"),
-            neighbours(FIRST_MEMBERS + 4),
-        )
-        .await;
+        let with = worker_with(&settings, &folder.path().join("with"), neighbours(FIRST_MEMBERS + 4)).await;
         with.assets.create(&spec).await.unwrap();
         simulated(&with, &spec).await;
         for sent in &all[..12] {
@@ -483,22 +406,12 @@ fn workers_that_keep_a_quota_at_the_same_time_give_up_no_more_than_needed() {
         let volume: u64 = all.iter().map(|(_, bytes)| bytes.len() as u64).sum();
         let largest = all.iter().map(|(_, bytes)| bytes.len() as u64).max().unwrap();
         for quota in [volume / 2, volume / 4] {
-            let given_up = workers
-                .iter()
-                .map(|worker| worker.store.give_up_oldest(Some(&spec.id), quota, 256));
+            let given_up =
+                workers.iter().map(|worker| worker.store.give_up_oldest(Some(&spec.id), quota, 256));
             let given_up = futures_util::future::join_all(given_up).await;
-            assert_eq!(
-                given_up
-                    .iter()
-                    .filter(|one| one.as_ref().unwrap().objects > 0)
-                    .count(),
-                1
-            );
+            assert_eq!(given_up.iter().filter(|one| one.as_ref().unwrap().objects > 0).count(), 1);
             let left = workers[0].store.raw_volumes().await.unwrap()["pump"];
-            assert!(
-                left <= quota && left + largest > quota,
-                "{left} of {volume} left, expected {quota}"
-            );
+            assert!(left <= quota && left + largest > quota, "{left} of {volume} left, expected {quota}");
         }
         for worker in &workers {
             worker.store.close().await;
@@ -526,21 +439,13 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
         nodes[0].assets.create(&plain("first")).await.unwrap();
         // More than one sensor may have.
         let specs: Vec<AssetSpec> = (0..16).map(|n| listener(n, "first")).collect();
-        let made = specs
-            .iter()
-            .enumerate()
-            .map(|(n, spec)| nodes[n % 4].assets.create(spec));
+        let made = specs.iter().enumerate().map(|(n, spec)| nodes[n % 4].assets.create(spec));
         let made = futures_util::future::join_all(made).await;
         let refused = made.iter().filter_map(|made| made.as_ref().err());
         for error in refused {
             assert!(error.to_string().contains("fewer than 8"), "{error}");
         }
-        let there = nodes[0]
-            .store
-            .assets_of_sensor(&plain("first").id)
-            .await
-            .unwrap()
-            .len();
+        let there = nodes[0].store.assets_of_sensor(&plain("first").id).await.unwrap().len();
         assert_eq!(made.iter().filter(|made| made.is_ok()).count() + 1, there);
         assert_eq!(there, flankwatch::asset::MAX_ON_ONE_SENSOR, "{made:?}");
         // One asset goes while another one is to hear through it: one of both is refused, and told why.
@@ -550,10 +455,8 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
             nodes[0].assets.create(&plain(&of)).await.unwrap();
             let id = AssetId::new(of).unwrap();
             let always = Precondition::default();
-            let (made, gone) = tokio::join!(
-                nodes[1].assets.create(&through),
-                nodes[2].assets.delete(&id, &always)
-            );
+            let (made, gone) =
+                tokio::join!(nodes[1].assets.create(&through), nodes[2].assets.delete(&id, &always));
             match (made, gone) {
                 (Ok(_), Err(error)) => assert!(error.to_string().contains(through.id.as_str()), "{error}"),
                 (Err(error), Ok(())) => assert!(error.to_string().contains("sensor.of"), "{error}"),

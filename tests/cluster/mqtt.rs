@@ -28,9 +28,7 @@ pub(crate) fn feed(service: &Service, port: u16, root: &str, more: &str) -> Mqtt
 fn start(service: &Service, table: &str) -> MqttFeed {
     let table: MqttTable = toml::from_str(table).unwrap();
     let settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-    let feed = service
-        .run(async { MqttFeed::start(settings, service.service()) })
-        .unwrap();
+    let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
     // The one that was started last; others may have been stopped before it, and the service may be full.
     let began = std::time::Instant::now();
     loop {
@@ -72,10 +70,7 @@ pub(crate) fn metric(service: &Service, name: &str) -> f64 {
 }
 
 fn outcome(service: &Service, outcome: &str) -> f64 {
-    metric(
-        service,
-        &format!("flankwatch_feed_messages_total{{feed=\"mqtt\",outcome=\"{outcome}\"}}"),
-    )
+    metric(service, &format!("flankwatch_feed_messages_total{{feed=\"mqtt\",outcome=\"{outcome}\"}}"))
 }
 
 /// Waits until as many messages have that outcome.
@@ -83,25 +78,16 @@ fn outcome(service: &Service, outcome: &str) -> f64 {
 fn wait_for_outcome(service: &Service, what: &str, count: f64) {
     let began = std::time::Instant::now();
     while outcome(service, what) < count {
-        assert!(
-            began.elapsed() < LONGEST,
-            "{} of {count} {what}",
-            outcome(service, what)
-        );
+        assert!(began.elapsed() < LONGEST, "{} of {count} {what}", outcome(service, what));
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
 }
 
 fn times(service: &Service, asset: &str) -> BTreeSet<String> {
-    let segments = service
-        .get(&format!("/v1/assets/{asset}/segments?limit=1000"))
-        .expect(200)
-        .json();
+    let segments = service.get(&format!("/v1/assets/{asset}/segments?limit=1000")).expect(200).json();
     let items = segments["items"].as_array().unwrap();
-    let times: BTreeSet<String> = items
-        .iter()
-        .map(|item| item["start_time"].as_str().unwrap().to_owned())
-        .collect();
+    let times: BTreeSet<String> =
+        items.iter().map(|item| item["start_time"].as_str().unwrap().to_owned()).collect();
     assert_eq!(times.len(), items.len(), "a record is there twice");
     times
 }
@@ -118,11 +104,7 @@ fn every_message_is_a_record_once() {
     let mut sender = Sender::connect(port);
     for n in 0..20 {
         let record = record("named otherwise", n);
-        let encoding = if n % 2 == 0 {
-            BlockEncoding::Protobuf
-        } else {
-            BlockEncoding::Json
-        };
+        let encoding = if n % 2 == 0 { BlockEncoding::Protobuf } else { BlockEncoding::Json };
         let block = encode_block(&record, encoding);
         let said = (n % 4 < 2).then(|| encoding.media_type());
         sender.send_as(&topic(&root, "pump", "input"), &block, said);
@@ -134,34 +116,22 @@ fn every_message_is_a_record_once() {
     wait_for_outcome(&service, "accepted", 24.0);
     assert_eq!(times(&service, "pump").len(), 20);
     let segments = service.get("/v1/assets/pump/segments?limit=1").expect(200).json();
-    assert_eq!(
-        segments["items"][0]["channel"], "input",
-        "the topic's point goes before the message's own"
-    );
+    assert_eq!(segments["items"][0]["channel"], "input", "the topic's point goes before the message's own");
     // The same numbers as an upload of the same record has.
     service.plain_asset("uploaded");
     let uploaded = service.upload("uploaded", &record("input", 19));
     let ours = service.get("/v1/assets/pump/indicators").expect(200).json();
     let last = ours["items"].as_array().unwrap().last().unwrap().clone();
     assert_eq!(last["rms"], uploaded["indicators"]["rms"], "{last}");
-    assert_eq!(
-        metric(&service, "flankwatch_records_total{outcome=\"repeated\"}"),
-        4.0
-    );
-    assert_eq!(
-        (outcome(&service, "received"), outcome(&service, "refused")),
-        (24.0, 0.0)
-    );
+    assert_eq!(metric(&service, "flankwatch_records_total{outcome=\"repeated\"}"), 4.0);
+    assert_eq!((outcome(&service, "received"), outcome(&service, "refused")), (24.0, 0.0));
     assert_eq!(metric(&service, "flankwatch_feed_connected{feed=\"mqtt\"}"), 1.0);
     let health = service.get("/readyz").expect(200).json();
     let expected = json!([{ "name": "mqtt", "is_connected": true, "held": 0 }]);
     assert_eq!(health["feeds"], expected);
     service.run(feed.stop(LONGEST));
     let health = service.get("/readyz").expect(200).json();
-    assert_eq!(
-        (&health["status"], &health["feeds"][0]["trouble"]),
-        (&"ok".into(), &"stopped".into())
-    );
+    assert_eq!((&health["status"], &health["feeds"][0]["trouble"]), (&"ok".into(), &"stopped".into()));
 }
 
 /// A message that cannot be used, and what its refusal says.
@@ -182,14 +152,7 @@ impl Unusable {
         status: u16,
         words: &'static str,
     ) -> Self {
-        Self {
-            asset,
-            point,
-            payload,
-            content_type: None,
-            status,
-            words,
-        }
+        Self { asset, point, payload, content_type: None, status, words }
     }
 }
 
@@ -222,13 +185,7 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
         Unusable::new("pump", "text", text, 422, "missing field `sample_rate_hz`"),
         Unusable {
             content_type: Some("audio/wav"),
-            ..Unusable::new(
-                "pump",
-                "wav",
-                good.clone(),
-                415,
-                "application/x-protobuf or application/json",
-            )
+            ..Unusable::new("pump", "wav", good.clone(), 415, "application/x-protobuf or application/json")
         },
         Unusable::new("pump", "large", vec![0; 100_001], 413, "100001"),
         Unusable::new("pump", "timeless", no_time_protobuf, 422, timeless),
@@ -236,20 +193,14 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
     ];
     let mut sender = Sender::connect(port);
     for case in &cases {
-        sender.send_as(
-            &topic(&root, case.asset, case.point),
-            &case.payload,
-            case.content_type,
-        );
+        sender.send_as(&topic(&root, case.asset, case.point), &case.payload, case.content_type);
     }
     sender.send(&topic(&root, "pump", "good"), &good);
     let heard = listener.wait_for(cases.len());
     assert_eq!(heard.len(), cases.len());
     for case in &cases {
         let address = format!("{root}/{}/{}", case.asset, case.point);
-        let found = heard
-            .iter()
-            .find(|(topic, _)| *topic == format!("{address}/rejected"));
+        let found = heard.iter().find(|(topic, _)| *topic == format!("{address}/rejected"));
         let (_, problem) = found.unwrap_or_else(|| panic!("nothing of {address} in {heard:?}"));
         assert_eq!(problem["status"], case.status, "{problem}");
         let detail = problem["detail"].as_str().unwrap();
@@ -287,10 +238,7 @@ fn a_publisher_that_is_misaddressed_does_not_stop_the_others() {
     wait_for_outcome(&service, "accepted", 20.0);
     assert_eq!(times(&service, "wheel").len(), 20);
     for (topic, problem) in listener.wait_for(40) {
-        assert_eq!(
-            (topic.as_str(), &problem["status"]),
-            ("flankwatch/pinion/1/rejected", &json!(409))
-        );
+        assert_eq!((topic.as_str(), &problem["status"]), ("flankwatch/pinion/1/rejected", &json!(409)));
         assert!(problem["detail"].as_str().unwrap().contains("wheel"), "{problem}");
     }
     assert_eq!(outcome(&service, "refused"), 40.0);
@@ -340,18 +288,9 @@ fn a_full_service_leaves_messages_at_the_broker() {
         std::thread::sleep(std::time::Duration::from_millis(20));
         held = service.get("/readyz").json();
     }
-    assert!(
-        held["feeds"][0]["trouble"].as_str().unwrap().contains("queue"),
-        "{held}"
-    );
-    assert_eq!(
-        metric(&service, "flankwatch_feed_messages_held{feed=\"mqtt\"}"),
-        4.0
-    );
-    assert_eq!(
-        (outcome(&service, "received"), outcome(&service, "accepted")),
-        (4.0, 0.0)
-    );
+    assert!(held["feeds"][0]["trouble"].as_str().unwrap().contains("queue"), "{held}");
+    assert_eq!(metric(&service, "flankwatch_feed_messages_held{feed=\"mqtt\"}"), 4.0);
+    assert_eq!((outcome(&service, "received"), outcome(&service, "accepted")), (4.0, 0.0));
     drop(tickets);
     wait_for_outcome(&service, "accepted", 40.0);
     assert_eq!(times(&service, "pump").len(), 40);
@@ -380,11 +319,7 @@ fn what_finds_no_place_for_long_is_asked_for_again() {
     // connection has to stand.
     std::thread::sleep(std::time::Duration::from_secs(10));
     let feeds = service.get("/readyz").json()["feeds"].clone();
-    assert_eq!(
-        (&feeds[1]["is_connected"], &feeds[1]["held"]),
-        (&true.into(), &4.into()),
-        "{feeds}"
-    );
+    assert_eq!((&feeds[1]["is_connected"], &feeds[1]["held"]), (&true.into(), &4.into()), "{feeds}");
     drop(tickets);
     wait_for_records(&service, 40);
     service.run(second.stop(LONGEST));
@@ -412,12 +347,7 @@ fn nodes_that_share_a_subscription_share_the_messages() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     let (first, second) = (times(&one, "pump"), times(&other, "pump"));
-    assert!(
-        !first.is_empty() && !second.is_empty(),
-        "{} and {}",
-        first.len(),
-        second.len()
-    );
+    assert!(!first.is_empty() && !second.is_empty(), "{} and {}", first.len(), second.len());
     assert!(first.is_disjoint(&second));
     assert_eq!(first.len() + second.len(), 40);
     for (service, feed) in [&one, &other].into_iter().zip(feeds) {
@@ -438,12 +368,7 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
     let passwords = folder.path().join("passwords");
     std::fs::write(&passwords, "").unwrap();
     let mut maker = std::process::Command::new("mosquitto_passwd");
-    let added = maker
-        .arg("-b")
-        .arg(&passwords)
-        .args(["flankwatch", "correct horse"])
-        .output()
-        .ok();
+    let added = maker.arg("-b").arg(&passwords).args(["flankwatch", "correct horse"]).output().ok();
     let added = added.filter(|output| output.status.success());
     needed(added, "mosquitto_passwd (apt install mosquitto)");
     let settings = format!(
@@ -464,18 +389,13 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
             authority.display()
         )
     };
-    let shown = format!(
-        "certificate = \"{}\"\nkey = \"{}\"",
-        client.certificate.display(),
-        client.key.display()
-    );
+    let shown =
+        format!("certificate = \"{}\"\nkey = \"{}\"", client.certificate.display(), client.key.display());
     let trouble = |table: &str, words: &[&str]| {
         let service = Service::start();
         let table: MqttTable = toml::from_str(table).unwrap();
         let settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-        let feed = service
-            .run(async { MqttFeed::start(settings, service.service()) })
-            .unwrap();
+        let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
         let ready = service.wait_for("/readyz", |ready| {
             let trouble = ready["feeds"][0]["trouble"].as_str().unwrap_or_default();
             words.iter().any(|word| trouble.contains(word))
@@ -483,50 +403,24 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
         assert_eq!(ready["feeds"][0]["is_connected"], false);
         service.run(feed.stop(LONGEST));
     };
-    trouble(
-        &table(&server.certificate, &shown),
-        &["NotAuthorized", "BadUserNamePassword"],
-    );
+    trouble(&table(&server.certificate, &shown), &["NotAuthorized", "BadUserNamePassword"]);
     trouble(&table(&client.certificate, &shown), &["certificate"]);
-    trouble(
-        &table(&server.certificate, ""),
-        &["ertificate", "aborted", "closed", "reset"],
-    );
+    trouble(&table(&server.certificate, ""), &["ertificate", "aborted", "closed", "reset"]);
     // The file is read again for each connection.
     let service = Service::start();
     service.plain_asset("pump");
     let resolved: MqttTable = toml::from_str(&table(&server.certificate, &shown)).unwrap();
     let settings = resolved.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-    let feed = service
-        .run(async { MqttFeed::start(settings, service.service()) })
-        .unwrap();
-    service.wait_for("/readyz", |ready| {
-        ready["feeds"][0]["trouble"] != "not connected yet"
-    });
+    let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
+    service.wait_for("/readyz", |ready| ready["feeds"][0]["trouble"] != "not connected yet");
     std::fs::write(&secret, "correct horse\n").unwrap();
     service.wait_for("/readyz", |ready| ready["feeds"][0]["is_connected"] == true);
     let mut publisher = std::process::Command::new("mosquitto_pub");
     let message = folder.path().join("message");
     std::fs::write(&message, protobuf(&record("1", 1))).unwrap();
     publisher
-        .args([
-            "-h",
-            "127.0.0.1",
-            "-p",
-            &broker.port.to_string(),
-            "-V",
-            "5",
-            "-q",
-            "1",
-        ])
-        .args([
-            "-u",
-            "flankwatch",
-            "-P",
-            "correct horse",
-            "-t",
-            "flankwatch/pump/1/waveform",
-        ])
+        .args(["-h", "127.0.0.1", "-p", &broker.port.to_string(), "-V", "5", "-q", "1"])
+        .args(["-u", "flankwatch", "-P", "correct horse", "-t", "flankwatch/pump/1/waveform"])
         .arg("--cafile")
         .arg(&server.certificate)
         .arg("--cert")
@@ -535,10 +429,7 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
         .arg(&client.key)
         .arg("-f")
         .arg(&message);
-    let sent = needed(
-        publisher.output().ok(),
-        "mosquitto_pub (apt install mosquitto-clients)",
-    );
+    let sent = needed(publisher.output().ok(), "mosquitto_pub (apt install mosquitto-clients)");
     assert!(sent.status.success(), "{}", String::from_utf8_lossy(&sent.stderr));
     wait_for_records(&service, 1);
     service.run(feed.stop(LONGEST));

@@ -35,19 +35,12 @@ pub(super) fn nats() -> String {
 
 /// The database that `FLANKWATCH_TEST_DATABASE` names.
 pub(super) fn database() -> TestDatabase {
-    needed(
-        TestDatabase::named(),
-        "FLANKWATCH_TEST_DATABASE, the address of a PostgreSQL database,",
-    )
+    needed(TestDatabase::named(), "FLANKWATCH_TEST_DATABASE, the address of a PostgreSQL database,")
 }
 
 /// A name that no other cluster has.
 pub(super) fn unused_name() -> String {
-    format!(
-        "test_{}_{}",
-        std::process::id(),
-        CLUSTERS.fetch_add(1, Ordering::Relaxed)
-    )
+    format!("test_{}_{}", std::process::id(), CLUSTERS.fetch_add(1, Ordering::Relaxed))
 }
 
 /// A service that answers at an address.
@@ -62,10 +55,7 @@ impl Client {
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(60)))
             .build();
-        Self {
-            url,
-            agent: agent.into(),
-        }
+        Self { url, agent: agent.into() }
     }
 
     /// Status and body; none where nobody answers.
@@ -88,19 +78,12 @@ impl Client {
         headers: &[(&str, &str)],
         body: &[u8],
     ) -> Option<(u16, ureq::http::HeaderMap, Value)> {
-        let mut request = ureq::http::Request::builder()
-            .method(method)
-            .uri(format!("{}{path}", self.url));
+        let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.url));
         for (name, value) in headers {
             request = request.header(*name, *value);
         }
         let mut response = self.agent.run(request.body(body).unwrap()).ok()?;
-        let text = response
-            .body_mut()
-            .with_config()
-            .limit(64 << 20)
-            .read_to_string()
-            .ok()?;
+        let text = response.body_mut().with_config().limit(64 << 20).read_to_string().ok()?;
         let body = serde_json::from_str(&text).unwrap_or(Value::String(text));
         Some((response.status().as_u16(), response.headers().clone(), body))
     }
@@ -149,10 +132,7 @@ impl Client {
             {
                 return answer.clone();
             }
-            assert!(
-                began.elapsed() < Duration::from_secs(120),
-                "{path} is still {found:?}"
-            );
+            assert!(began.elapsed() < Duration::from_secs(120), "{path} is still {found:?}");
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -161,18 +141,13 @@ impl Client {
     pub(super) fn history(&self, asset: &str) -> Vec<Value> {
         let mut rows = Vec::new();
         let summary = self.get(&format!("/v1/assets/{asset}"))["summary"].clone();
-        let mut channels: Vec<&str> = summary["channels"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .filter_map(Value::as_str)
-            .collect();
+        let mut channels: Vec<&str> =
+            summary["channels"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
         channels.sort_unstable();
         for channel in channels {
             for path in ["wear/history", "indicators"] {
-                let answer = self.get(&format!(
-                    "/v1/assets/{asset}/{path}?max_points=200000&channel={channel}"
-                ));
+                let answer =
+                    self.get(&format!("/v1/assets/{asset}/{path}?max_points=200000&channel={channel}"));
                 rows.push(answer["items"].clone());
             }
         }
@@ -181,10 +156,7 @@ impl Client {
 
     /// The state of every alarm, and what came of it, without when people saw it.
     pub(super) fn alarms(&self) -> Vec<Value> {
-        let mut alarms = self.get("/v1/alarms?limit=1000")["items"]
-            .as_array()
-            .unwrap()
-            .clone();
+        let mut alarms = self.get("/v1/alarms?limit=1000")["items"].as_array().unwrap().clone();
         for alarm in &mut alarms {
             alarm.as_object_mut().unwrap().remove("changed_at");
         }
@@ -213,20 +185,12 @@ fn config(folder: &Path) -> ServiceConfig {
     config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
     config.work.upkeep_interval = Duration::from_millis(500);
     config.work.neighbours = EnsembleSettings::described_alone();
-    config.grid = GridSettings {
-        states: 4,
-        seconds: 0.25,
-        ..GridSettings::default()
-    };
+    config.grid = GridSettings { states: 4, seconds: 0.25, ..GridSettings::default() };
     config
 }
 
 fn runtime() -> Runtime {
-    tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .unwrap()
+    tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap()
 }
 
 impl TestCluster {
@@ -250,10 +214,7 @@ impl TestCluster {
 
     async fn open(&self) -> (Cluster, Store) {
         let store = StoreSettings::Shared(self.settings());
-        (
-            Cluster::join(self.nats.clone()).await.unwrap(),
-            Store::open(&store).await.unwrap(),
-        )
+        (Cluster::join(self.nats.clone()).await.unwrap(), Store::open(&store).await.unwrap())
     }
 
     /// Does something with the store that nobody of the cluster is told of.
@@ -286,9 +247,7 @@ impl TestCluster {
                     receiver: subscription.receiver,
                 },
             };
-            let running = start_node(config(&folder), node, Arc::new(ManualClock::default()))
-                .await
-                .unwrap();
+            let running = start_node(config(&folder), node, Arc::new(ManualClock::default())).await.unwrap();
             cluster.publish_events(running.service());
             running
         });
@@ -309,10 +268,7 @@ impl TestCluster {
             let clock = Arc::new(ManualClock::default());
             let service = Service::new(store, folders, &config.work, config.grid, clock, role).unwrap();
             cluster.publish_events(&service);
-            let limits = WorkerLimits {
-                at_once: 6,
-                ..WorkerLimits::default()
-            };
+            let limits = WorkerLimits { at_once: 6, ..WorkerLimits::default() };
             (cluster.start_worker(service.clone(), limits), service)
         });
         self.workers.push(worker);
@@ -372,10 +328,7 @@ impl TestCluster {
         for (_, service) in &self.workers {
             let spec = self.runtime.block_on(service.store.asset(&id)).unwrap().spec;
             while !matches!(service.simulations.of(&spec).1.readiness, Readiness::Ready(_)) {
-                assert!(
-                    began.elapsed() < Duration::from_secs(100),
-                    "a worker has no library of {asset}"
-                );
+                assert!(began.elapsed() < Duration::from_secs(100), "a worker has no library of {asset}");
                 std::thread::sleep(Duration::from_millis(20));
             }
         }
@@ -398,11 +351,9 @@ impl TestCluster {
         run();
         self.runtime.block_on(async {
             let mut payloads = Vec::new();
-            while let Ok(Some(message)) = tokio::time::timeout(
-                Duration::from_millis(300),
-                futures_util::StreamExt::next(&mut heard),
-            )
-            .await
+            while let Ok(Some(message)) =
+                tokio::time::timeout(Duration::from_millis(300), futures_util::StreamExt::next(&mut heard))
+                    .await
             {
                 payloads.push(message.payload);
             }
@@ -420,10 +371,7 @@ impl TestCluster {
         self.runtime.block_on(async {
             let jetstream =
                 async_nats::jetstream::new(async_nats::connect(&self.nats.urls[0]).await.unwrap());
-            let stream = jetstream
-                .get_stream(format!("{}_work", self.nats.name))
-                .await
-                .unwrap();
+            let stream = jetstream.get_stream(format!("{}_work", self.nats.name)).await.unwrap();
             stream.cached_info().state.messages
         })
     }
@@ -468,11 +416,7 @@ impl OneMachine {
         let (runtime, folder) = (runtime(), tempfile::tempdir().unwrap());
         let started = start(config(folder.path()), Arc::new(ManualClock::default()));
         let running = Some(runtime.block_on(started).unwrap());
-        Self {
-            runtime,
-            running,
-            _folder: folder,
-        }
+        Self { runtime, running, _folder: folder }
     }
 
     pub(super) fn client(&self) -> Client {

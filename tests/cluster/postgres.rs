@@ -42,36 +42,18 @@ impl PostgresServer {
             group: number(&["-g", "postgres"]).unwrap(),
         });
         // Made by the account, which may not look into folders of others.
-        let made = as_account(Path::new("mktemp"), account)
-            .args(["-d", "--tmpdir"])
-            .output()
-            .unwrap();
+        let made = as_account(Path::new("mktemp"), account).args(["-d", "--tmpdir"]).output().unwrap();
         let folder = PathBuf::from(String::from_utf8(made.stdout).unwrap().trim());
         assert!(folder.is_dir(), "{}", String::from_utf8_lossy(&made.stderr));
         let made = as_account(&programs.join("initdb"), account)
-            .args([
-                "--auth",
-                "trust",
-                "--username",
-                "postgres",
-                "--encoding",
-                "UTF8",
-                "--no-sync",
-                "-D",
-            ])
+            .args(["--auth", "trust", "--username", "postgres", "--encoding", "UTF8", "--no-sync", "-D"])
             .arg(folder.join("data"))
             .output()
             .unwrap();
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
         let port = free_port();
         let process = spawn(&programs, account, &folder, port);
-        Self {
-            programs,
-            account,
-            folder,
-            port,
-            process,
-        }
+        Self { programs, account, folder, port, process }
     }
 
     pub(super) fn url(&self) -> String {
@@ -118,11 +100,7 @@ fn spawn(programs: &Path, account: Option<Account>, folder: &Path, port: u16) ->
     };
     let began = Instant::now();
     while !is_ready() {
-        assert!(
-            began.elapsed() < Duration::from_secs(60),
-            "does not answer: {}",
-            process.log()
-        );
+        assert!(began.elapsed() < Duration::from_secs(60), "does not answer: {}", process.log());
         std::thread::sleep(Duration::from_millis(50));
     }
     process

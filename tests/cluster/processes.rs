@@ -18,11 +18,7 @@ pub(super) struct Process {
 
 impl Process {
     pub(super) fn spawn(mut command: Command) -> Self {
-        let mut child = command
-            .stdin(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut child = command.stdin(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let mut err = child.stderr.take().unwrap();
         let log: Arc<Mutex<String>> = Arc::default();
         let said = Arc::clone(&log);
@@ -31,9 +27,7 @@ impl Process {
             while let Ok(count) = err.read(&mut piece)
                 && count > 0
             {
-                said.lock()
-                    .unwrap()
-                    .push_str(&String::from_utf8_lossy(&piece[..count]));
+                said.lock().unwrap().push_str(&String::from_utf8_lossy(&piece[..count]));
             }
         });
         Self { child, log }
@@ -109,10 +103,7 @@ impl Program {
             assert!(count > 0, "did not start: {}", process.log());
         }
         let url = line[line.find("http://").unwrap()..].trim().to_owned();
-        Self {
-            process,
-            client: Client::new(url),
-        }
+        Self { process, client: Client::new(url) }
     }
 
     /// Waits until it says of itself that it can work, or that it cannot.
@@ -126,10 +117,7 @@ impl Program {
             {
                 return answer.clone();
             }
-            assert!(
-                began.elapsed() < Duration::from_secs(60),
-                "still {found:?}, expected {status}"
-            );
+            assert!(began.elapsed() < Duration::from_secs(60), "still {found:?}, expected {status}");
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -137,30 +125,20 @@ impl Program {
 
 /// A port that nobody listens on.
 pub(super) fn free_port() -> u16 {
-    TcpListener::bind((Ipv4Addr::LOCALHOST, 0))
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port()
+    TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port()
 }
 
 pub(super) fn wait_for_port(address: SocketAddr, process: &Process) {
     let began = Instant::now();
     while TcpStream::connect(address).is_err() {
-        assert!(
-            began.elapsed() < Duration::from_secs(60),
-            "nobody listens at {address}: {}",
-            process.log()
-        );
+        assert!(began.elapsed() < Duration::from_secs(60), "nobody listens at {address}: {}", process.log());
         std::thread::sleep(Duration::from_millis(20));
     }
 }
 
 fn program(name: &str) -> PathBuf {
     let path = std::env::var_os("PATH").unwrap_or_default();
-    let found = std::env::split_paths(&path)
-        .map(|folder| folder.join(name))
-        .find(|file| file.is_file());
+    let found = std::env::split_paths(&path).map(|folder| folder.join(name)).find(|file| file.is_file());
     needed(found, &format!("the program {name}"))
 }
 
@@ -177,19 +155,12 @@ impl NatsServer {
         let program = program("nats-server");
         let (folder, port) = (folder.join("nats"), free_port());
         let process = Self::spawn(&program, &folder, port);
-        Self {
-            program,
-            folder,
-            port,
-            process,
-        }
+        Self { program, folder, port, process }
     }
 
     fn spawn(program: &Path, folder: &Path, port: u16) -> Process {
         let mut command = Command::new(program);
-        command
-            .args(["-a", "127.0.0.1", "-p", &port.to_string(), "-js", "-sd"])
-            .arg(folder);
+        command.args(["-a", "127.0.0.1", "-p", &port.to_string(), "-js", "-sd"]).arg(folder);
         let process = Process::spawn(command);
         wait_for_port(SocketAddr::from((Ipv4Addr::LOCALHOST, port)), &process);
         process
@@ -218,19 +189,12 @@ impl S3Server {
     pub(super) fn start() -> Self {
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, free_port()));
         let mut command = Command::new(program("moto_server"));
-        command
-            .args(["-H", "127.0.0.1", "-p", &address.port().to_string()])
-            .stdout(Stdio::null());
+        command.args(["-H", "127.0.0.1", "-p", &address.port().to_string()]).stdout(Stdio::null());
         let process = Process::spawn(command);
         wait_for_port(address, &process);
-        let bucket = ureq::put(format!("http://{address}/records"))
-            .send_empty()
-            .unwrap();
+        let bucket = ureq::put(format!("http://{address}/records")).send_empty().unwrap();
         assert!(bucket.status().is_success());
-        Self {
-            address,
-            _process: process,
-        }
+        Self { address, _process: process }
     }
 
     pub(super) fn address(&self) -> SocketAddr {

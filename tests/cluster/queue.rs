@@ -15,35 +15,19 @@ fn a_full_queue_refuses_until_there_is_room() {
     let mut site = Site::start();
     let config = site.config(None);
     let text = std::fs::read_to_string(&config).unwrap();
-    std::fs::write(
-        &config,
-        text.replace("ack_wait_s = 2", "ack_wait_s = 2\nmax_records = 5"),
-    )
-    .unwrap();
+    std::fs::write(&config, text.replace("ack_wait_s = 2", "ack_wait_s = 2\nmax_records = 5")).unwrap();
     let api = site.api(&config);
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for n in 0..5 {
         assert_eq!(api.client.try_upload("pump", &record("1", n)).unwrap().0, 201);
     }
     let (status, problem) = api.client.try_upload("pump", &record("1", 5)).unwrap();
-    assert_eq!(
-        (status, problem["detail"].as_str().unwrap().contains("full")),
-        (503, true),
-        "{problem}"
-    );
+    assert_eq!((status, problem["detail"].as_str().unwrap().contains("full")), (503, true), "{problem}");
     let health = api.wait_for_readiness(503);
-    assert!(
-        health["parts"]["queue_server"]
-            .as_str()
-            .unwrap()
-            .contains("5 of 5"),
-        "{health}"
-    );
+    assert!(health["parts"]["queue_server"].as_str().unwrap().contains("5 of 5"), "{health}");
     let _worker = site.worker(&config);
     api.client.upload("pump", &record("1", 5));
-    api.client
-        .wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 6);
+    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 6);
     api.wait_for_readiness(200);
 }
 
@@ -53,19 +37,12 @@ fn a_record_that_cannot_be_stored_goes_to_the_dead_letters_with_its_reason() {
     let mut site = Site::start();
     let config = site.config(None);
     let (api, worker) = (site.api(&config), site.worker(&config));
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let (reason, payload) = runtime.block_on(async {
         let client = async_nats::connect(site.nats.url()).await.unwrap();
         let jetstream = async_nats::jetstream::new(client);
-        let sent = jetstream
-            .publish("faults.work", "no record".into())
-            .await
-            .unwrap();
+        let sent = jetstream.publish("faults.work", "no record".into()).await.unwrap();
         sent.await.unwrap();
         let stream = jetstream.get_stream("faults_dead").await.unwrap();
         for _ in 0..200 {
@@ -82,16 +59,12 @@ fn a_record_that_cannot_be_stored_goes_to_the_dead_letters_with_its_reason() {
     // What comes after it is not held up.
     let answer = api.client.upload("pump", &record("1", 1));
     assert_eq!(answer["state"], json!("queued"));
-    api.client
-        .wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
+    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
 }
 
 /// Waits for a dead letter that is about a segment.
 fn wait_for_dead_letter(site: &Site, worker: &Program, segment: &str) -> String {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let client = async_nats::connect(site.nats.url()).await.unwrap();
         let jetstream = async_nats::jetstream::new(client);
@@ -118,10 +91,7 @@ fn damage(objects: &Path) -> usize {
         if folder.file_name().len() != 2 {
             continue;
         }
-        let objects = std::fs::read_dir(folder.path())
-            .unwrap()
-            .flatten()
-            .map(|object| object.path());
+        let objects = std::fs::read_dir(folder.path()).unwrap().flatten().map(|object| object.path());
         // Not the notes beside them.
         for object in objects.filter(|path| path.extension().is_none()) {
             std::fs::write(object, b"damaged").unwrap();
@@ -139,8 +109,7 @@ fn a_dead_letters_record_that_is_sent_again_is_stored() {
     let text = std::fs::read_to_string(&config).unwrap();
     std::fs::write(&config, format!("{text}[cluster.worker]\nmax_deliveries = 1\n")).unwrap();
     let api = site.api(&config);
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     let answer = api.client.upload("pump", &record("1", 1));
     assert_eq!(damage(&site.objects_folder()), 1);
     let worker = site.worker(&config);
@@ -152,8 +121,7 @@ fn a_dead_letters_record_that_is_sent_again_is_stored() {
     for _ in 0..2 {
         assert_eq!(api.client.upload("pump", &record("1", 1))["id"], answer["id"]);
     }
-    api.client
-        .wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
+    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
 }
 
 /// Waits until a worker says that it holds records.
@@ -161,20 +129,14 @@ fn a_dead_letters_record_that_is_sent_again_is_stored() {
 fn wait_until_held(worker: &Program, count: usize) {
     let began = std::time::Instant::now();
     while worker.process.log().matches("holding it").count() < count {
-        assert!(
-            began.elapsed() < Duration::from_secs(60),
-            "does not hold {count} records"
-        );
+        assert!(began.elapsed() < Duration::from_secs(60), "does not hold {count} records");
         std::thread::sleep(Duration::from_millis(50));
     }
 }
 
 /// Dead letters of a site.
 fn dead_letters(site: &Site) -> u64 {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let jetstream = async_nats::jetstream::new(async_nats::connect(site.nats.url()).await.unwrap());
         let stream = jetstream.get_stream("faults_dead").await.unwrap();
@@ -190,8 +152,7 @@ fn records_wait_while_the_databases_disk_is_full_whatever_becomes_of_their_worke
     let text = std::fs::read_to_string(&config).unwrap();
     std::fs::write(&config, format!("{text}[cluster.worker]\nmax_deliveries = 2\n")).unwrap();
     let (api, mut worker) = (site.api(&config), site.worker(&config));
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     site.database.set_full(true);
     for n in 0..4 {
         api.client.upload("pump", &record("1", n));
@@ -207,8 +168,7 @@ fn records_wait_while_the_databases_disk_is_full_whatever_becomes_of_their_worke
     wait_until_held(&worker, 4);
     assert_eq!(api.client.get("/v1/assets/pump")["summary"]["segments"], 0);
     site.database.set_full(false);
-    api.client
-        .wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 4);
+    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 4);
     assert_eq!(dead_letters(&site), 0);
 }
 
@@ -232,10 +192,7 @@ fn json_of(config: &Path, arguments: &[&str]) -> serde_json::Value {
 
 /// The value of a metric of a worker.
 fn metric(worker: &Program, name: &str) -> f64 {
-    let (status, page) = worker
-        .client
-        .try_send("GET", "/metrics", "text/plain", b"")
-        .unwrap();
+    let (status, page) = worker.client.try_send("GET", "/metrics", "text/plain", b"").unwrap();
     assert_eq!(status, 200, "{page}");
     let page = page.as_str().unwrap().to_owned();
     let line = page.lines().find(|line| line.starts_with(&format!("{name} ")));
@@ -249,17 +206,12 @@ fn operators_see_what_waits_and_retry_or_drop_what_could_not_be_stored() {
     let mut site = Site::start();
     let config = site.config(None);
     let api = site.api(&config);
-    api.client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for n in 0..3 {
         api.client.upload("pump", &record("1", n));
     }
     let status = json_of(&config, &["cluster", "status"]);
-    assert_eq!(
-        (&status["records"], &status["workers"]),
-        (&json!(3), &json!([])),
-        "{status}"
-    );
+    assert_eq!((&status["records"], &status["workers"]), (&json!(3), &json!([])), "{status}");
     assert!(status["oldest_at"].is_string(), "{status}");
     assert_eq!(damage(&site.objects_folder()), 3);
     let worker = site.worker(&config);
@@ -272,35 +224,22 @@ fn operators_see_what_waits_and_retry_or_drop_what_could_not_be_stored() {
         );
         std::thread::sleep(Duration::from_millis(200));
     }
-    let letters = json_of(&config, &["dead-letters", "list"])["items"]
-        .as_array()
-        .unwrap()
-        .clone();
+    let letters = json_of(&config, &["dead-letters", "list"])["items"].as_array().unwrap().clone();
     assert_eq!(letters.len(), 3);
     for letter in &letters {
         assert_eq!(letter["record"]["asset_id"], "pump");
         // The last error, and how often it was tried.
         let reason = letter["reason"].as_str().unwrap();
-        assert!(
-            reason.contains("damaged") && reason.contains("tried 5 times"),
-            "{reason}"
-        );
+        assert!(reason.contains("damaged") && reason.contains("tried 5 times"), "{reason}");
     }
     let number = letters[0]["number"].to_string();
     assert!(command(&config, &["dead-letters", "show", &number]).contains("asset       pump"));
-    assert!(
-        command(&config, &["dead-letters", "list"])
-            .lines()
-            .all(|line| line.chars().count() <= 80)
-    );
+    assert!(command(&config, &["dead-letters", "list"]).lines().all(|line| line.chars().count() <= 80));
     // The object of one is mended: its record is stored after all.
     let mended = letters[0]["record"]["start_time"].as_str().unwrap();
-    let n = (0..3)
-        .find(|n| record("1", *n).start_time().to_string() == mended)
-        .unwrap();
+    let n = (0..3).find(|n| record("1", *n).start_time().to_string() == mended).unwrap();
     api.client.upload("pump", &record("1", n));
-    api.client
-        .wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
+    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
     assert_eq!(
         json_of(&config, &["dead-letters", "retry", &number])["retried"],
         json!([letters[0]["number"]])
@@ -331,10 +270,7 @@ fn a_queue_that_is_away_leaves_reading_ready() {
     let health = api.wait_for_readiness(503);
     assert_ne!(health["parts"]["queue_server"], "ok", "{health}");
     let health = api.client.get("/readyz?for=reading");
-    assert_eq!(
-        (&health["status"], &health["for"]),
-        (&json!("ok"), &json!("reading"))
-    );
+    assert_eq!((&health["status"], &health["for"]), (&json!("ok"), &json!("reading")));
     site.nats.start_again();
     api.wait_for_readiness(200);
 }

@@ -15,25 +15,15 @@ const TUS: (&str, &str) = ("tus-resumable", "1.0.0");
 fn begin(client: &Client, length: usize) -> String {
     let length = length.to_string();
     // "pump" in base64
-    let headers = [
-        TUS,
-        ("upload-length", length.as_str()),
-        ("upload-metadata", "asset cHVtcA=="),
-    ];
-    let (status, headers, answer) = client
-        .try_send_with("POST", "/v1/uploads", &headers, b"")
-        .unwrap();
+    let headers = [TUS, ("upload-length", length.as_str()), ("upload-metadata", "asset cHVtcA==")];
+    let (status, headers, answer) = client.try_send_with("POST", "/v1/uploads", &headers, b"").unwrap();
     assert_eq!(status, 201, "{answer}");
     headers["location"].to_str().unwrap().to_owned()
 }
 
 fn patch(client: &Client, path: &str, at: usize, bytes: &[u8]) -> u16 {
     let at = at.to_string();
-    let headers = [
-        TUS,
-        ("upload-offset", at.as_str()),
-        ("content-type", "application/offset+octet-stream"),
-    ];
+    let headers = [TUS, ("upload-offset", at.as_str()), ("content-type", "application/offset+octet-stream")];
     client.try_send_with("PATCH", path, &headers, bytes).unwrap().0
 }
 
@@ -75,9 +65,7 @@ fn an_upload_goes_on_at_other_nodes_after_its_own_was_killed() {
     let config = site.config(None);
     let (mut first, second) = (site.api(&config), site.api(&config));
     let _worker = site.worker(&config);
-    first
-        .client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    first.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     let recording = mcap(&records(40));
     let (a, b) = (recording.len() / 3, 2 * recording.len() / 3);
     let path = begin(&first.client, recording.len());
@@ -89,34 +77,17 @@ fn an_upload_goes_on_at_other_nodes_after_its_own_was_killed() {
     let third = site.api(&config);
     assert_eq!(offset(&third.client, &path), b);
     assert_eq!(patch(&third.client, &path, b, &recording[b..]), 204);
-    let done = second
-        .client
-        .wait_for(&path, |upload| upload["state"] == "finished");
-    assert_eq!(
-        (&done["result"]["queued"], &done["error"]),
-        (&40.into(), &Value::Null),
-        "{done}"
-    );
+    let done = second.client.wait_for(&path, |upload| upload["state"] == "finished");
+    assert_eq!((&done["result"]["queued"], &done["error"]), (&40.into(), &Value::Null), "{done}");
     compare(&second.client, &recording, 40);
-    let kept = std::fs::read_dir(site.objects_folder().join("uploads"))
-        .unwrap()
-        .count();
+    let kept = std::fs::read_dir(site.objects_folder().join("uploads")).unwrap().count();
     assert_eq!(kept, 0, "pieces of a finished upload");
     // UploadMetadata up at one node it is gone at the other.
     let path = begin(&second.client, 10);
     assert_eq!(patch(&third.client, &path, 0, b"12345"), 204);
-    assert_eq!(
-        third
-            .client
-            .try_send_with("DELETE", &path, &[TUS], b"")
-            .unwrap()
-            .0,
-        204
-    );
+    assert_eq!(third.client.try_send_with("DELETE", &path, &[TUS], b"").unwrap().0, 204);
     assert_eq!(patch(&second.client, &path, 5, b"12345"), 404);
-    let kept = std::fs::read_dir(site.objects_folder().join("uploads"))
-        .unwrap()
-        .count();
+    let kept = std::fs::read_dir(site.objects_folder().join("uploads")).unwrap().count();
     assert_eq!(kept, 0, "pieces of an upload that was given up");
 }
 
@@ -127,9 +98,7 @@ fn an_upload_whose_reader_was_killed_is_read_by_another_node() {
     let config = site.config(None);
     let (mut first, second) = (site.api(&config), site.api(&config));
     let _worker = site.worker(&config);
-    first
-        .client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    first.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     // Of more than one piece.
     let recording = mcap(&records(600));
     assert!(recording.len() > 4 << 20);
@@ -137,9 +106,7 @@ fn an_upload_whose_reader_was_killed_is_read_by_another_node() {
     assert_eq!(patch(&first.client, &path, 0, &recording), 204);
     first.process.kill();
     let began = Instant::now();
-    let done = second
-        .client
-        .wait_for(&path, |upload| upload["state"] == "finished");
+    let done = second.client.wait_for(&path, |upload| upload["state"] == "finished");
     assert!(began.elapsed() < Duration::from_secs(90), "{done}");
     assert_eq!(done["error"], Value::Null, "{done}");
     compare(&second.client, &recording, 600);
@@ -152,9 +119,7 @@ fn two_nodes_that_get_the_same_bytes_at_the_same_time_keep_them_once() {
     let config = site.config(None);
     let nodes = [site.api(&config), site.api(&config)];
     let _worker = site.worker(&config);
-    nodes[0]
-        .client
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    nodes[0].client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     let recording = mcap(&records(30));
     let path = begin(&nodes[0].client, recording.len());
     let step = recording.len() / 8;
@@ -163,22 +128,15 @@ fn two_nodes_that_get_the_same_bytes_at_the_same_time_keep_them_once() {
         let end = (at + step).min(recording.len());
         let (path, bytes) = (path.as_str(), &recording[at..end]);
         let statuses = std::thread::scope(|scope| {
-            let both = nodes
-                .each_ref()
-                .map(|node| scope.spawn(move || patch(&node.client, path, at, bytes)));
+            let both = nodes.each_ref().map(|node| scope.spawn(move || patch(&node.client, path, at, bytes)));
             both.map(|one| one.join().unwrap())
         });
         assert!(statuses.contains(&204), "{statuses:?}");
-        assert!(
-            statuses.iter().all(|status| [204, 409].contains(status)),
-            "{statuses:?}"
-        );
+        assert!(statuses.iter().all(|status| [204, 409].contains(status)), "{statuses:?}");
         assert_eq!(offset(&nodes[1].client, path), end);
         at = end;
     }
-    let done = nodes[0]
-        .client
-        .wait_for(&path, |upload| upload["state"] == "finished");
+    let done = nodes[0].client.wait_for(&path, |upload| upload["state"] == "finished");
     assert_eq!(done["error"], Value::Null, "{done}");
     compare(&nodes[1].client, &recording, 30);
 }

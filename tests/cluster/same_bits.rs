@@ -35,15 +35,10 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     let alone = alone.client();
     for client in [&nodes[0], &alone] {
         client.send_json("POST", "/v1/assets", &asset("pump"), 201);
-        client.wait_for("/v1/assets/pump", |asset| {
-            asset["summary"]["library_state"] == "ready"
-        });
+        client.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
     }
     cluster.wait_for_libraries("pump");
-    let mut all: Vec<Record> = ["1", "2"]
-        .into_iter()
-        .flat_map(|channel| records(channel, 40))
-        .collect();
+    let mut all: Vec<Record> = ["1", "2"].into_iter().flat_map(|channel| records(channel, 40)).collect();
     for record in &all {
         alone.upload("pump", record);
     }
@@ -51,10 +46,7 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     let redelivered = cluster.redeliver("work", || {
         for (n, record) in all.iter().enumerate() {
             let answer = nodes[n % 2].upload("pump", record);
-            assert!(
-                answer["state"] == "queued" || answer["wear"].is_object(),
-                "{answer}"
-            );
+            assert!(answer["state"] == "queued" || answer["wear"].is_object(), "{answer}");
             if n % 3 == 0 {
                 let again = nodes[(n + 1) % 2].upload("pump", record);
                 assert_eq!(again["id"], answer["id"]);
@@ -68,11 +60,7 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     }
     let began = std::time::Instant::now();
     while cluster.waiting() > 0 {
-        assert!(
-            began.elapsed() < Duration::from_secs(60),
-            "{} records still wait",
-            cluster.waiting()
-        );
+        assert!(began.elapsed() < Duration::from_secs(60), "{} records still wait", cluster.waiting());
         std::thread::sleep(Duration::from_millis(50));
     }
     assert_eq!(cluster.stored_by(0) + cluster.stored_by(1), all.len() as u64);
@@ -80,18 +68,14 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     assert!(!alarms.is_empty());
     for node in &nodes {
         // Late records have the histories after them folded again in the background.
-        node.wait_for(
-            "/v1/assets/pump/wear/history?channel=1&max_points=100000",
-            |rows| rows["items"] == expected[0],
-        );
+        node.wait_for("/v1/assets/pump/wear/history?channel=1&max_points=100000", |rows| {
+            rows["items"] == expected[0]
+        });
         assert_eq!(node.history("pump"), expected);
         assert_eq!(node.alarms(), alarms);
     }
     let again = nodes[1].upload("pump", &all[0]);
-    assert!(
-        again["wear"].is_object(),
-        "a repeat is answered with what is stored: {again}"
-    );
+    assert!(again["wear"].is_object(), "a repeat is answered with what is stored: {again}");
 }
 
 #[test]
@@ -99,14 +83,10 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
 fn every_node_shows_the_events_of_all_under_the_same_names() {
     let mut cluster = TestCluster::start(2, 1);
     let nodes = [cluster.client(0), cluster.client(1)];
-    let mut streams: Vec<EventStream> = nodes
-        .iter()
-        .map(|node| EventStream::open_at(&node.url, "", None))
-        .collect();
+    let mut streams: Vec<EventStream> =
+        nodes.iter().map(|node| EventStream::open_at(&node.url, "", None)).collect();
     nodes[0].send_json("POST", "/v1/assets", &asset("pump"), 201);
-    nodes[1].wait_for("/v1/assets/pump", |asset| {
-        asset["summary"]["library_state"] == "ready"
-    });
+    nodes[1].wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
     cluster.wait_for_libraries("pump");
     let all = records("1", 11);
     for (n, record) in all.iter().enumerate() {
@@ -121,17 +101,10 @@ fn every_node_shows_the_events_of_all_under_the_same_names() {
         }
     }
     assert_eq!(told[0], told[1]);
-    let alarms: Vec<String> = told[0]
-        .iter()
-        .filter(|(kind, ..)| kind == "alarm")
-        .map(|(.., data)| data.to_string())
-        .collect();
+    let alarms: Vec<String> =
+        told[0].iter().filter(|(kind, ..)| kind == "alarm").map(|(.., data)| data.to_string()).collect();
     assert!(!alarms.is_empty());
-    assert_eq!(
-        alarms.iter().collect::<BTreeSet<_>>().len(),
-        alarms.len(),
-        "an alarm was told of twice"
-    );
+    assert_eq!(alarms.iter().collect::<BTreeSet<_>>().len(), alarms.len(), "an alarm was told of twice");
     // Another node, and one that is started only now, go on after what was seen last.
     let (_, id, _) = &told[0][2];
     cluster.start_node();
@@ -150,9 +123,7 @@ fn every_node_shows_the_events_of_all_under_the_same_names() {
     for stream in &mut streams {
         while stream.next().data["change"]["by"] != "anna" {}
     }
-    nodes[0].wait_for(&format!("/v1/alarms/{acknowledged}"), |alarm| {
-        alarm["state"] != "unacknowledged"
-    });
+    nodes[0].wait_for(&format!("/v1/alarms/{acknowledged}"), |alarm| alarm["state"] != "unacknowledged");
 }
 
 #[test]
@@ -166,9 +137,7 @@ fn a_changed_description_told_to_a_node_is_done_by_a_worker() {
     alone.send_json("POST", "/v1/assets", &anew, 201);
     node.send_json("POST", "/v1/assets", &asset("pump"), 201);
     for client in [&node, &alone] {
-        client.wait_for("/v1/assets/pump", |asset| {
-            asset["summary"]["library_state"] == "ready"
-        });
+        client.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
         cluster.wait_for_libraries("pump");
         for record in records("1", 20) {
             client.upload("pump", &record);
@@ -183,7 +152,5 @@ fn a_changed_description_told_to_a_node_is_done_by_a_worker() {
     let path = "/v1/assets/pump/indicators?max_points=200000&channel=1";
     node.wait_for(path, |rows| rows["items"] == expected[1]);
     assert_eq!(node.history("pump"), expected);
-    node.wait_for("/v1/recomputations", |list| {
-        list["items"][0]["state"] == "finished"
-    });
+    node.wait_for("/v1/recomputations", |list| list["items"][0]["state"] == "finished");
 }

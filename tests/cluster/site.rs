@@ -59,15 +59,7 @@ impl Site {
         let nats = NatsServer::start(folder.path());
         let settings = database.settings(folder.path());
         let objects = format!("folder = {:?}", folder.path().join("objects"));
-        Self {
-            settings,
-            database,
-            postgres,
-            nats,
-            objects,
-            folder,
-            started: 0,
-        }
+        Self { settings, database, postgres, nats, objects, folder, started: 0 }
     }
 
     /// The address of the database's server.
@@ -84,11 +76,7 @@ impl Site {
         if let Some(proxy) = database {
             url = url.replace(&self.database_server().to_string(), &proxy.address().to_string());
         }
-        let path = self.folder.path().join(if database.is_some() {
-            "cut.toml"
-        } else {
-            "cluster.toml"
-        });
+        let path = self.folder.path().join(if database.is_some() { "cut.toml" } else { "cluster.toml" });
         let text = format!(
             "[cluster]\nname = \"faults\"\n[cluster.database]\nurl = {url:?}\nconnect_timeout_s = 2\n\
              [cluster.nats]\nurls = [{:?}]\nack_wait_s = 2\n[cluster.objects]\n{}\n",
@@ -194,9 +182,6 @@ impl Uploads {
         });
         assert_eq!(client.history("pump"), expected);
         let acknowledged = self.acknowledged.lock().unwrap().len();
-        eprintln!(
-            "{} rounds: {sent} records sent, {acknowledged} acknowledged, all there once",
-            rounds()
-        );
+        eprintln!("{} rounds: {sent} records sent, {acknowledged} acknowledged, all there once", rounds());
     }
 }

@@ -13,14 +13,9 @@ const KNOWN_WITHIN: Duration = Duration::from_secs(5);
 
 fn status(client: &Client, token: Option<&str>) -> u16 {
     let authorization = token.map(|token| format!("Bearer {token}"));
-    let headers: Vec<(&str, &str)> = authorization
-        .iter()
-        .map(|value| ("authorization", value.as_str()))
-        .collect();
-    client
-        .try_send_with("GET", "/v1/assets", &headers, b"")
-        .unwrap()
-        .0
+    let headers: Vec<(&str, &str)> =
+        authorization.iter().map(|value| ("authorization", value.as_str())).collect();
+    client.try_send_with("GET", "/v1/assets", &headers, b"").unwrap().0
 }
 
 #[track_caller]
@@ -48,11 +43,7 @@ fn a_token_made_or_revoked_anywhere_counts_on_every_node() {
     let mut site = Site::start();
     let config = site.config(None);
     let nodes = [site.api(&config), site.api(&config)];
-    assert_eq!(
-        status(&nodes[0].client, None),
-        200,
-        "without any token a node on its own machine is open"
-    );
+    assert_eq!(status(&nodes[0].client, None), 200, "without any token a node on its own machine is open");
     let first = token(&["create", "press line", "--scope", "write"], &config);
     let second = token(&["create", "display"], &config);
     for node in &nodes {
@@ -61,10 +52,7 @@ fn a_token_made_or_revoked_anywhere_counts_on_every_node() {
         wait_for_status(&node.client, Some(&second), 200);
     }
     let listed = token(&["list"], &config);
-    assert!(
-        listed.contains("press line") && listed.lines().count() == 2,
-        "{listed}"
-    );
+    assert!(listed.contains("press line") && listed.lines().count() == 2, "{listed}");
     assert!(!listed.contains(first.rsplit('_').next().unwrap()), "{listed}");
     let id = first.split('_').nth(1).unwrap();
     token(&["revoke", id], &config);

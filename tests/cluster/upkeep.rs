@@ -44,10 +44,7 @@ fn put_orphan(cluster: &TestCluster) -> String {
         let put = move || {
             let bytes = b"nobody's".as_slice();
             let name = flankwatch::store::Objects::name(bytes);
-            store
-                .objects()
-                .put_all(&[(name.clone(), bytes.into())], &[])
-                .unwrap();
+            store.objects().put_all(&[(name.clone(), bytes.into())], &[]).unwrap();
             name
         };
         tokio::task::spawn_blocking(put).await.unwrap()
@@ -77,10 +74,7 @@ fn what_waits_in_the_queue_is_kept_however_old_it_is_and_what_nobody_needs_goes_
     let _keeper = cluster.keeper(Duration::ZERO, 0);
     let began = std::time::Instant::now();
     while quarantined(&cluster).is_empty() {
-        assert!(
-            began.elapsed() < Duration::from_secs(60),
-            "nothing is in quarantine"
-        );
+        assert!(began.elapsed() < Duration::from_secs(60), "nothing is in quarantine");
         std::thread::sleep(Duration::from_millis(50));
     }
     std::thread::sleep(Duration::from_millis(500));
@@ -106,10 +100,7 @@ fn a_cluster_does_not_start_on_the_bucket_of_another_one() {
     let mut mine = cluster.settings();
     let other = database();
     mine.database_url = other.settings(&cluster.objects_folder()).database_url;
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()
-        .unwrap();
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
     let opened = runtime.block_on(Store::open(&StoreSettings::Shared(mine)));
     assert!(matches!(opened, Err(StoreError::OtherStore { .. })), "{opened:?}");
 }
@@ -118,9 +109,7 @@ fn a_cluster_does_not_start_on_the_bucket_of_another_one() {
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
 fn a_right_goes_by_the_databases_clock_and_an_upload_stays_whatever_a_process_takes_for_today() {
     let cluster = TestCluster::start(1, 0);
-    cluster
-        .client(0)
-        .send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    cluster.client(0).send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     cluster.behind_their_backs(async |store| {
         let now = jiff::Timestamp::now();
         let ahead = now + jiff::SignedDuration::from_hours(8 * 24);

@@ -21,16 +21,9 @@ impl SmallDisk {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("disk");
         std::fs::create_dir(&folder).unwrap();
-        let mounted = Command::new("mount")
-            .args(["-t", "tmpfs", "-o", "size=4m", "tmpfs"])
-            .arg(&folder)
-            .output();
-        mounted
-            .is_ok_and(|output| output.status.success())
-            .then_some(Self {
-                folder,
-                _parent: parent,
-            })
+        let mounted =
+            Command::new("mount").args(["-t", "tmpfs", "-o", "size=4m", "tmpfs"]).arg(&folder).output();
+        mounted.is_ok_and(|output| output.status.success()).then_some(Self { folder, _parent: parent })
     }
 
     fn path(&self) -> &Path {
@@ -54,18 +47,11 @@ impl Drop for SmallDisk {
 
 fn raw_objects(folder: &Path) -> usize {
     let shards = std::fs::read_dir(folder.join("raw")).unwrap();
-    let shards = shards
-        .map(Result::unwrap)
-        .filter(|shard| shard.file_name().len() == 2);
+    let shards = shards.map(Result::unwrap).filter(|shard| shard.file_name().len() == 2);
     // One may go between being listed and being looked at.
-    let objects = shards
-        .filter_map(|shard| std::fs::read_dir(shard.path()).ok())
-        .flatten()
-        .flatten();
+    let objects = shards.filter_map(|shard| std::fs::read_dir(shard.path()).ok()).flatten().flatten();
     // Not the notes beside them.
-    objects
-        .filter(|object| object.path().extension().is_none())
-        .count()
+    objects.filter(|object| object.path().extension().is_none()).count()
 }
 
 #[test]
@@ -96,10 +82,7 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
     assert_eq!(refused, 5, "{} records went in", stored.len());
     let is_readable = |service: &Service, stored: &[String]| {
         service.get("/healthz").expect(200);
-        assert_eq!(
-            service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
-            stored.len()
-        );
+        assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], stored.len());
         for id in stored {
             service.get(&format!("/v1/segments/{id}/waveform")).expect(200);
         }
@@ -111,11 +94,7 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
     // What was kept for a record whose rows had no room does not stay.
     let began = std::time::Instant::now();
     while raw_objects(service.folder()) > stored.len() {
-        assert!(
-            began.elapsed().as_secs() < 60,
-            "{} raw objects",
-            raw_objects(service.folder())
-        );
+        assert!(began.elapsed().as_secs() < 60, "{} raw objects", raw_objects(service.folder()));
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     std::fs::remove_file(&ballast).unwrap();
@@ -126,12 +105,7 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
     for n in 200..210 {
-        stored.push(
-            service.upload("pump", &record("1", n))["id"]
-                .as_str()
-                .unwrap()
-                .to_owned(),
-        );
+        stored.push(service.upload("pump", &record("1", n))["id"].as_str().unwrap().to_owned());
     }
     is_readable(&service, &stored);
     service.restart();
@@ -162,24 +136,15 @@ fn a_resumable_upload_that_a_full_disk_keeps_from_being_read_waits_for_room() {
     for path in &paths {
         patch(&service, path, at, &whole[at..]).expect(204);
         let waiting = service.wait_for(path, |upload| upload["waits_for"] != Value::Null);
-        assert_eq!(
-            (&waiting["state"], &waiting["error"]),
-            (&"reading".into(), &Value::Null),
-            "{waiting}"
-        );
+        assert_eq!((&waiting["state"], &waiting["error"]), (&"reading".into(), &Value::Null), "{waiting}");
         assert_eq!(offset(&service, path), whole.len());
     }
     // One that waits may be given up, which makes room.
-    service
-        .send("DELETE", &paths[1], &[("tus-resumable", "1.0.0")], b"")
-        .expect(204);
+    service.send("DELETE", &paths[1], &[("tus-resumable", "1.0.0")], b"").expect(204);
     assert!(!pieces(&service, &paths[1]).exists());
     std::fs::remove_file(filling).unwrap();
     expect_read(&service, &paths[0], 20);
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
-        20
-    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 20);
     assert!(!pieces(&service, &paths[0]).exists());
     service.restart();
     expect_read(&service, &paths[0], 20);

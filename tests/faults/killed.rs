@@ -27,10 +27,7 @@ const LONGEST_RECOMPUTATION: Duration = Duration::from_secs(600);
 /// The first record that two histories say different things of.
 fn first_difference(one: &[Value], other: &[Value]) -> Option<(Value, Value)> {
     let rows = |history: &[Value]| -> Vec<Value> {
-        history
-            .iter()
-            .flat_map(|rows| rows.as_array().cloned().unwrap_or_default())
-            .collect()
+        history.iter().flat_map(|rows| rows.as_array().cloned().unwrap_or_default()).collect()
     };
     let (one, other) = (rows(one), rows(other));
     let different = |(one, other): &(Value, Value)| one != other;
@@ -44,9 +41,7 @@ fn raw_objects(folder: &Path) -> usize {
     };
     let shards = entries.flatten().filter(|entry| entry.file_name().len() == 2);
     let objects = shards.flat_map(|shard| std::fs::read_dir(shard.path()).unwrap().flatten());
-    objects
-        .filter(|object| object.path().extension().is_none())
-        .count()
+    objects.filter(|object| object.path().extension().is_none()).count()
 }
 
 /// A segment's indicators without the one that follows from the records before it, which a late record
@@ -112,11 +107,7 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
         let known = acknowledged.lock().unwrap();
         for (n, segment) in known.iter() {
             let id = segment["id"].as_str().unwrap();
-            assert_eq!(
-                stored.get(id),
-                Some(&1),
-                "round {round}: record {n} was acknowledged"
-            );
+            assert_eq!(stored.get(id), Some(&1), "round {round}: record {n} was acknowledged");
         }
         // Nothing but what was sent, and no raw object without its record for long.
         assert!(stored.len() <= next.load(Ordering::Relaxed) as usize);
@@ -165,10 +156,7 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
     }
     let stored = program.segments("killed");
     assert_eq!(stored.len(), sent as usize);
-    assert_eq!(
-        stored.values().copied().collect::<BTreeSet<u32>>(),
-        BTreeSet::from([1])
-    );
+    assert_eq!(stored.values().copied().collect::<BTreeSet<u32>>(), BTreeSet::from([1]));
     let known = acknowledged.lock().unwrap().len();
     eprintln!(
         "{rounds} rounds: {sent} records sent, {known} acknowledged, {unacknowledged} stored although the answer was cut off, \

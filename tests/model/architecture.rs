@@ -21,10 +21,7 @@ const MODULES: [Modules; 3] = [
             ("cli", &["asset", "report", "store", "service", "http", "cluster"]),
         ],
     ),
-    (
-        "crates/wear/src",
-        &[("library", &[]), ("simulation", &[]), ("estimate", &["library"])],
-    ),
+    ("crates/wear/src", &[("library", &[]), ("simulation", &[]), ("estimate", &["library"])]),
     ("crates/lab/src", &[("figures", &[]), ("evaluation", &[])]),
 ];
 
@@ -122,19 +119,12 @@ fn the_oldest_toolchain_is_stated_once_and_is_not_newer_than_the_one_that_is_use
         contributing.contains(&format!("({oldest} or later)"))
             && contributing.contains(&format!("cargo +{oldest} check"))
     );
-    assert_eq!(
-        env!("CARGO_PKG_RUST_VERSION"),
-        oldest,
-        "every package takes that of the workspace"
-    );
+    assert_eq!(env!("CARGO_PKG_RUST_VERSION"), oldest, "every package takes that of the workspace");
     let toolchain = table("rust-toolchain.toml");
     let channel = toolchain["toolchain"]["channel"].as_str().unwrap();
     let number =
         |version: &str| -> Option<Vec<u32>> { version.split('.').map(|part| part.parse().ok()).collect() };
-    assert!(
-        channel == "stable" || number(channel) >= number(oldest),
-        "{channel} is older than {oldest}"
-    );
+    assert!(channel == "stable" || number(channel) >= number(oldest), "{channel} is older than {oldest}");
 }
 
 #[test]
@@ -168,10 +158,7 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
         }
     }
     assert!(!files.is_empty(), "{} has no Rust files", folder.display());
-    let texts: String = files
-        .iter()
-        .map(|path| fs::read_to_string(path).unwrap())
-        .collect();
+    let texts: String = files.iter().map(|path| fs::read_to_string(path).unwrap()).collect();
     files.retain(|path| {
         let stem = path.file_stem().unwrap().to_string_lossy();
         !texts.contains(&format!("#[cfg(test)]\nmod {stem};"))
@@ -182,10 +169,7 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
 /// A file without its unit tests.
 fn code(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
-    text.split("#[cfg(test)]\nmod tests")
-        .next()
-        .unwrap_or_default()
-        .to_owned()
+    text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default().to_owned()
 }
 
 /// How many modules down from the crate's root a file's module is.
@@ -201,10 +185,7 @@ fn named_at_the_top(text: &str, depth: usize) -> Vec<String> {
     let roots = ["crate::", to_the_root.as_str()];
     let mut places: Vec<(usize, &str)> = roots
         .iter()
-        .flat_map(|root| {
-            text.match_indices(root)
-                .map(|(at, root)| (at, &text[at + root.len()..]))
-        })
+        .flat_map(|root| text.match_indices(root).map(|(at, root)| (at, &text[at + root.len()..])))
         .collect();
     places.sort_by_key(|(at, _)| *at);
     places.iter().flat_map(|(_, rest)| first_names(rest)).collect()
@@ -213,10 +194,7 @@ fn named_at_the_top(text: &str, depth: usize) -> Vec<String> {
 /// The name that a path begins with, or those of a group in braces.
 fn first_names(path: &str) -> Vec<String> {
     let name = |text: &str| -> String {
-        text.trim_start()
-            .chars()
-            .take_while(|c| c.is_ascii_lowercase() || *c == '_')
-            .collect()
+        text.trim_start().chars().take_while(|c| c.is_ascii_lowercase() || *c == '_').collect()
     };
     let Some(group) = path.strip_prefix('{') else {
         return vec![name(path)];

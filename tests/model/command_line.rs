@@ -31,11 +31,7 @@ fn wav(path: &str, channels: &[&[f32]]) {
 
 fn analyze(words: &[&str]) -> Vec<Value> {
     let said = flankwatch(&[&["analyze", "--format", "json"], words].concat()).expect_success();
-    serde_json::from_str::<Value>(&said.out())
-        .unwrap()
-        .as_array()
-        .unwrap()
-        .clone()
+    serde_json::from_str::<Value>(&said.out()).unwrap().as_array().unwrap().clone()
 }
 
 #[test]
@@ -43,10 +39,7 @@ fn analyze_reads_what_is_whole_and_refuses_the_rest_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| path(&folder, name);
     wav(&at("one.wav"), &[&[0.5]]);
-    wav(
-        &at("stereo.wav"),
-        &[&[1.0, -1.0, 1.0, -1.0], &[3.0, 3.0, 3.0, 3.0]],
-    );
+    wav(&at("stereo.wav"), &[&[1.0, -1.0, 1.0, -1.0], &[3.0, 3.0, 3.0, 3.0]]);
     wav(&at("nan.wav"), &[&[0.0, f32::NAN, 1.0]]);
     fs::write(at("empty.wav"), b"").unwrap();
     fs::write(at("broken.wav"), b"RIFF\x10\0\0\0WAVEjunk").unwrap();
@@ -59,10 +52,7 @@ fn analyze_reads_what_is_whole_and_refuses_the_rest_by_name() {
         (one.len(), &one[0]["samples"], &one[0]["indicators"]["rms"]),
         (1, &Value::from(1), &Value::from(0.5))
     );
-    assert_eq!(
-        (&one[0]["wear"], &one[0]["absent"]["kurtosis"]),
-        (&Value::Null, &Value::from("too_short"))
-    );
+    assert_eq!((&one[0]["wear"], &one[0]["absent"]["kurtosis"]), (&Value::Null, &Value::from("too_short")));
     assert!(one[0]["wear_reason"].as_str().unwrap().contains("--asset"));
 
     let stereo = analyze(&[&at("stereo.wav")]);
@@ -86,14 +76,7 @@ fn analyze_reads_what_is_whole_and_refuses_the_rest_by_name() {
     }
     let mixed = flankwatch(&["analyze", "--format", "json", &at("one.wav"), &at("nan.wav")])
         .expect_refusal(&["1 of 2 files"]);
-    assert_eq!(
-        serde_json::from_str::<Value>(&mixed.out())
-            .unwrap()
-            .as_array()
-            .unwrap()
-            .len(),
-        1
-    );
+    assert_eq!(serde_json::from_str::<Value>(&mixed.out()).unwrap().as_array().unwrap().len(), 1);
 }
 
 #[test]
@@ -124,84 +107,37 @@ fn a_two_hour_recording_is_cut_into_records() {
 #[test]
 fn a_simulated_run_is_followed_and_every_format_prints_it() {
     let folder = tempfile::tempdir().unwrap();
-    let (run, asset, data) = (
-        path(&folder, "run.mcap"),
-        asset_file(&folder),
-        path(&folder, "data"),
-    );
-    let order = [
-        "simulate",
-        "--out",
-        &run,
-        "--records",
-        "120",
-        "--seconds",
-        "1",
-        "--seed",
-        "3",
-    ];
+    let (run, asset, data) = (path(&folder, "run.mcap"), asset_file(&folder), path(&folder, "data"));
+    let order = ["simulate", "--out", &run, "--records", "120", "--seconds", "1", "--seed", "3"];
     flankwatch(&order).expect_success();
     let records = analyze(&[&run, "--asset", &asset, "--data-dir", &data, "--members", "0"]);
     assert_eq!(records.len(), 120);
     let status = |record: &Value| record["wear"]["status"].as_str().unwrap().to_owned();
-    assert!(
-        records[..20]
-            .iter()
-            .all(|record| status(record) == "collecting_baseline")
-    );
-    assert!(
-        records[..20]
-            .iter()
-            .all(|record| record["wear"]["median_um"].is_null())
-    );
+    assert!(records[..20].iter().all(|record| status(record) == "collecting_baseline"));
+    assert!(records[..20].iter().all(|record| record["wear"]["median_um"].is_null()));
     assert_eq!(records[7]["wear_reason"], "collecting baseline, 8 of 20");
     let mut covered = 0;
     // Wear that went on within the baseline is missing from the first answers after it.
     for (index, record) in records.iter().enumerate().skip(20) {
         let (wear, truth) = (&record["wear"], record["reference_wear_um"].as_f64().unwrap());
         let um = |name: &str| wear[name].as_f64().unwrap();
-        assert!(
-            index < 50 || (um("median_um") - truth).abs() < 10.0 + 0.3 * truth,
-            "{wear} at {truth}"
-        );
+        assert!(index < 50 || (um("median_um") - truth).abs() < 10.0 + 0.3 * truth, "{wear} at {truth}");
         covered += usize::from((um("p05_um")..=um("p95_um")).contains(&truth));
     }
     assert!(covered >= 95, "{covered} of 100 intervals hold the truth");
 
-    let (table, report) = (
-        flankwatch(&["analyze", &run]).expect_success().out(),
-        path(&folder, "report.html"),
-    );
+    let (table, report) =
+        (flankwatch(&["analyze", &run]).expect_success().out(), path(&folder, "report.html"));
     let lines: Vec<&str> = table.lines().collect();
-    assert_eq!(
-        (lines.len(), lines[122]),
-        (123, "no wear: no asset is described, see --asset")
-    );
-    assert!(
-        lines[0].starts_with("channel ") && lines[1].trim_start().starts_with('#'),
-        "{table}"
-    );
-    let described = [
-        "analyze",
-        &run,
-        "--asset",
-        &asset,
-        "--data-dir",
-        &data,
-        "--members",
-        "0",
-    ];
+    assert_eq!((lines.len(), lines[122]), (123, "no wear: no asset is described, see --asset"));
+    assert!(lines[0].starts_with("channel ") && lines[1].trim_start().starts_with('#'), "{table}");
+    let described = ["analyze", &run, "--asset", &asset, "--data-dir", &data, "--members", "0"];
     let table = flankwatch(&described).expect_success().out();
     let (rows, words) = table.trim_end().rsplit_once('\n').unwrap();
     let widest = rows.lines().map(|line| line.chars().count()).max().unwrap();
-    assert!(
-        widest <= 80 && words.chars().count() <= 120,
-        "{widest} columns, and {words}"
-    );
+    assert!(widest <= 80 && words.chars().count() <= 120, "{widest} columns, and {words}");
     assert!(words.starts_with("worn ") && words.contains("µm"), "{words}");
-    let more = flankwatch(&[&described[..], &["--columns", "fm4,file"]].concat())
-        .expect_success()
-        .out();
+    let more = flankwatch(&[&described[..], &["--columns", "fm4,file"]].concat()).expect_success().out();
     assert!(more.lines().nth(1).unwrap().contains("fm4") && more.contains("run.mcap"));
     flankwatch(&["analyze", &run, "--columns", "kurtossis"]).expect_refusal(&["kurtossis", "kurtosis"]);
     let words = [
@@ -228,10 +164,7 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
     assert_eq!(rows.len(), 120);
     for (row, record) in rows.iter().zip(&records) {
         assert_eq!(column("wear_status", row, &header), status(record));
-        assert_eq!(
-            column("wear_reason", row, &header),
-            record["wear_reason"].as_str().unwrap()
-        );
+        assert_eq!(column("wear_reason", row, &header), record["wear_reason"].as_str().unwrap());
     }
     let html = fs::read_to_string(&report).unwrap();
     // All of it is in the page, so that it can be kept and sent.
@@ -244,24 +177,10 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
 fn a_simulated_run_is_the_same_for_the_same_seed_and_as_wav() {
     let folder = tempfile::tempdir().unwrap();
     let simulate = |out: &str, seed: &str| {
-        flankwatch(&[
-            "simulate",
-            "--out",
-            out,
-            "--records",
-            "3",
-            "--seconds",
-            "0.5",
-            "--seed",
-            seed,
-        ])
-        .expect_success();
+        flankwatch(&["simulate", "--out", out, "--records", "3", "--seconds", "0.5", "--seed", seed])
+            .expect_success();
     };
-    let (a, b, c) = (
-        path(&folder, "a.mcap"),
-        path(&folder, "b.mcap"),
-        path(&folder, "c.mcap"),
-    );
+    let (a, b, c) = (path(&folder, "a.mcap"), path(&folder, "b.mcap"), path(&folder, "c.mcap"));
     simulate(&a, "1");
     simulate(&b, "1");
     simulate(&c, "2");
@@ -280,45 +199,23 @@ fn a_simulated_run_is_the_same_for_the_same_seed_and_as_wav() {
 fn a_library_is_loaded_when_nothing_changed_and_rebuilt_when_damaged() {
     let folder = tempfile::tempdir().unwrap();
     let data = path(&folder, "data");
-    let build = [
-        "library",
-        "build",
-        "--states",
-        "3",
-        "--seconds",
-        "0.2",
-        "--data-dir",
-        &data,
-    ];
+    let build = ["library", "build", "--states", "3", "--seconds", "0.2", "--data-dir", &data];
     let first = flankwatch(&build).expect_success().out();
     let file = only_file(&folder.path().join("data/libraries"));
-    let (bytes, time) = (
-        fs::read(&file).unwrap(),
-        fs::metadata(&file).unwrap().modified().unwrap(),
-    );
+    let (bytes, time) = (fs::read(&file).unwrap(), fs::metadata(&file).unwrap().modified().unwrap());
 
     assert_eq!(flankwatch(&build).expect_success().out(), first);
-    assert_eq!(
-        fs::metadata(&file).unwrap().modified().unwrap(),
-        time,
-        "loaded, not written again"
-    );
+    assert_eq!(fs::metadata(&file).unwrap().modified().unwrap(), time, "loaded, not written again");
 
     let mut damaged = bytes.clone();
     damaged[bytes.len() / 2] ^= 1;
     fs::write(&file, damaged).unwrap();
     let again = flankwatch(&build).expect_success();
     assert!(again.err().contains("damaged library file"), "{}", again.err());
-    assert_eq!(
-        fs::read(&file).unwrap(),
-        bytes,
-        "the same inputs give the same bytes"
-    );
+    assert_eq!(fs::read(&file).unwrap(), bytes, "the same inputs give the same bytes");
 
     let id = file.file_stem().unwrap().to_str().unwrap().to_owned();
-    let shown = flankwatch(&["library", "show", &id, "--data-dir", &data])
-        .expect_success()
-        .out();
+    let shown = flankwatch(&["library", "show", &id, "--data-dir", &data]).expect_success().out();
     assert!(
         shown.contains("245.0")
             && shown.contains("3 wear states × 1300 N·m × 16.64 Hz")
@@ -334,21 +231,13 @@ fn a_library_is_loaded_when_nothing_changed_and_rebuilt_when_damaged() {
 fn wrong_flags_and_files_are_refused_with_their_names() {
     let folder = tempfile::tempdir().unwrap();
     let asset = path(&folder, "asset.toml");
-    fs::write(
-        &asset,
-        "id = \"a\"\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = -1.0\n",
-    )
-    .unwrap();
+    fs::write(&asset, "id = \"a\"\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = -1.0\n").unwrap();
     flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_refusal(&[
         "asset.toml",
         "gear.shaft_speed_hz",
         "-1",
     ]);
-    fs::write(
-        &asset,
-        "id = \"a\"\ncolour = 1\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = 1.0\n",
-    )
-    .unwrap();
+    fs::write(&asset, "id = \"a\"\ncolour = 1\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = 1.0\n").unwrap();
     flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_refusal(&["colour"]);
     flankwatch(&["serve", "--port", "1"]).expect_refusal(&["--port"]);
     flankwatch(&["simulate", "--out", "run.txt"]).expect_refusal(&["run.txt", ".mcap or .wav"]);
@@ -376,10 +265,7 @@ fn asset_file(folder: &TempDir) -> String {
 }
 
 fn only_file(folder: &Path) -> PathBuf {
-    let files: Vec<PathBuf> = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .collect();
+    let files: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert_eq!(files.len(), 1, "{files:?}");
     files[0].clone()
 }

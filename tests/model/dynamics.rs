@@ -40,11 +40,8 @@ struct Excitation {
 
 impl Excitation {
     fn new(pair: &GearPair, cycle: &MeshCycle) -> Self {
-        let error: Vec<f64> = cycle
-            .uste_rad
-            .iter()
-            .map(|lag| lag * pair.gears[1].base_radius_mm * 1e-3)
-            .collect();
+        let error: Vec<f64> =
+            cycle.uste_rad.iter().map(|lag| lag * pair.gears[1].base_radius_mm * 1e-3).collect();
         let next = |i: usize| (i + 1) % POINTS;
         let mut steps: Vec<f64> = (0..POINTS).map(|i| (error[next(i)] - error[i]).abs()).collect();
         let jump: Vec<bool> = {
@@ -63,10 +60,7 @@ impl Excitation {
         let slope = (0..POINTS)
             .map(|i| {
                 let before = (i + POINTS - 1) % POINTS;
-                let (from, to) = (
-                    if jump[before] { i } else { before },
-                    if jump[i] { i } else { next(i) },
-                );
+                let (from, to) = (if jump[before] { i } else { before }, if jump[i] { i } else { next(i) });
                 let width = f64::from(u8::from(from != i) + u8::from(to != i)).max(1.0) / POINTS as f64;
                 (error[to] - error[from]) / width
             })
@@ -75,10 +69,7 @@ impl Excitation {
             stiffness: cycle.stiffness_n_per_m.clone(),
             error,
             slope,
-            cuts: (0..POINTS)
-                .filter(|i| jump[*i])
-                .map(|i| (i as f64 + 0.5) / POINTS as f64)
-                .collect(),
+            cuts: (0..POINTS).filter(|i| jump[*i]).map(|i| (i as f64 + 0.5) / POINTS as f64).collect(),
             long_m: pair.errors.long_period_um * 1e-6,
             short_m: pair.errors.short_period_um * 1e-6,
             shaft_hz: pair.spec.operation.shaft_speed_hz,
@@ -104,19 +95,9 @@ impl Excitation {
         }
         let this = i.rem_euclid(POINTS as f64) as usize % POINTS;
         let next = (this + 1) % POINTS;
-        let between = |values: &[f64]| {
-            values[this]
-                + if cut_here {
-                    0.0
-                } else {
-                    part * (values[next] - values[this])
-                }
-        };
-        let carried = if cut_here {
-            part * self.slope[this] / POINTS as f64
-        } else {
-            0.0
-        };
+        let between =
+            |values: &[f64]| values[this] + if cut_here { 0.0 } else { part * (values[next] - values[this]) };
+        let carried = if cut_here { part * self.slope[this] / POINTS as f64 } else { 0.0 };
         let (shaft, mesh) = (TAU * self.shaft_hz, TAU * self.mesh_hz);
         [
             between(&self.stiffness),
@@ -150,11 +131,7 @@ impl Masses {
         let inverse_mesh = radius[0].powi(2) / inertia[0] + radius[1].powi(2) / inertia[1];
         let mean = cycle.stiffness_n_per_m.iter().sum::<f64>() / POINTS as f64;
         Self {
-            inverse: [
-                inverse_mesh,
-                1.0 / pair.gears[0].mass_kg,
-                1.0 / pair.gears[1].mass_kg,
-            ],
+            inverse: [inverse_mesh, 1.0 / pair.gears[0].mass_kg, 1.0 / pair.gears[1].mass_kg],
             drive: spec.operation.torque_nm * radius[0] / inertia[0] + output * radius[1] / inertia[1],
             damping: 2.0 * spec.dynamics.mesh_damping_ratio * (mean / inverse_mesh).sqrt(),
             support: [pair.supports.stiffness_n_per_m, pair.supports.damping_n_s_per_m],
@@ -202,14 +179,8 @@ fn reference_velocity(pair: &GearPair, cycle: &MeshCycle) -> Vec<f64> {
     let force = masses.drive / masses.inverse[0];
     let [stiffness, error, _] = excitation.at(0.0, 1e-9);
     let support = force / masses.support[0];
-    let mut state = Vector6::new(
-        force / stiffness + 2.0 * support + error,
-        support,
-        -support,
-        0.0,
-        0.0,
-        0.0,
-    ) / PLACE_M;
+    let mut state =
+        Vector6::new(force / stiffness + 2.0 * support + error, support, -support, 0.0, 0.0, 0.0) / PLACE_M;
     let mut kept = Vec::with_capacity(INSTANTS + 1);
     let mut cut_places = excitation.cuts.clone();
     cut_places.sort_by(f64::total_cmp);
@@ -217,17 +188,12 @@ fn reference_velocity(pair: &GearPair, cycle: &MeshCycle) -> Vec<f64> {
         if n >= SETTLING_TURNS * INSTANTS {
             kept.push(state[4]);
         }
-        let (start, end) = (
-            n as f64 * turn_s / INSTANTS as f64,
-            (n + 1) as f64 * turn_s / INSTANTS as f64,
-        );
+        let (start, end) = (n as f64 * turn_s / INSTANTS as f64, (n + 1) as f64 * turn_s / INSTANTS as f64);
         let first_period = (start * excitation.mesh_hz).floor();
         let mut cuts: Vec<f64> = [0.0, 1.0]
             .iter()
             .flat_map(|period| {
-                cut_places
-                    .iter()
-                    .map(move |cut| (first_period + period + cut) / excitation.mesh_hz)
+                cut_places.iter().map(move |cut| (first_period + period + cut) / excitation.mesh_hz)
             })
             .filter(|cut| *cut > start && *cut <= end)
             .collect();
@@ -235,11 +201,8 @@ fn reference_velocity(pair: &GearPair, cycle: &MeshCycle) -> Vec<f64> {
         let mut from = start;
         for (k, to) in cuts.iter().enumerate() {
             if to - from > 1e-13 {
-                let interval = Interval {
-                    excitation: &excitation,
-                    masses: &masses,
-                    inside: 0.5 * (from + to),
-                };
+                let interval =
+                    Interval { excitation: &excitation, masses: &masses, inside: 0.5 * (from + to) };
                 let mut solver = Dop853::new(interval, from, *to, to - from, state, TOLERANCE, TOLERANCE);
                 solver.set_output(OutputType::Sparse);
                 solver.integrate().unwrap();
@@ -276,10 +239,7 @@ fn reference_coefficients(velocity: &[f64]) -> Vec<Complex<f64>> {
         let half = PI * k as f64 / rate;
         Complex::from_polar(if k == 0 { 1.0 } else { half.sin() / half }, half)
     };
-    bins.iter()
-        .enumerate()
-        .map(|(k, bin)| bin / mean_over_interval(k))
-        .collect()
+    bins.iter().enumerate().map(|(k, bin)| bin / mean_over_interval(k)).collect()
 }
 
 /// One turn's waveform from Fourier coefficients 1 to `last`.
@@ -306,35 +266,23 @@ fn compare(contact: ContactRule, wear_mm: f64, mesh_damping_ratio: f64) {
     let fine = MeshCycle::compute(&pair, &wear, POINTS).unwrap();
     let shaft_hz = spec.operation.shaft_speed_hz;
     // Velocities per second, so that a turn's coefficients are in m/s².
-    let velocity: Vec<f64> = reference_velocity(&pair, &fine)
-        .iter()
-        .map(|v| v * shaft_hz)
-        .collect();
+    let velocity: Vec<f64> = reference_velocity(&pair, &fine).iter().map(|v| v * shaft_hz).collect();
     let reference = reference_coefficients(&velocity);
 
     let cycle = MeshCycle::compute(&pair, &wear, 1000).unwrap();
     // Whole samples a turn: 19 968 Hz, near the 20 kHz of records, and five times that. Loaded contact has
     // kinks where the threshold rule has jumps at known places; what a cell of the cycle rounds off them
     // shows above 8 kHz (0.5 % of the worn pair's RMS at the higher rate).
-    let rates: &[usize] = if contact == ContactRule::Loaded {
-        &[1200]
-    } else {
-        &[1200, 6000]
-    };
+    let rates: &[usize] = if contact == ContactRule::Loaded { &[1200] } else { &[1200, 6000] };
     for &per_turn in rates {
         let run = RunSettings::nominal(&pair, shaft_hz * per_turn as f64, 1.0 / shaft_hz);
         let signal = simulate(&pair, &cycle, &run).unwrap();
         assert_eq!(signal.len(), per_turn);
         let last = per_turn * 2 / 5;
-        let (got, wanted) = (
-            waveform(&transform(signal), last, per_turn),
-            waveform(&reference, last, per_turn),
-        );
+        let (got, wanted) =
+            (waveform(&transform(signal), last, per_turn), waveform(&reference, last, per_turn));
         let peak = wanted.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-        let worst = got
-            .iter()
-            .zip(&wanted)
-            .fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
+        let worst = got.iter().zip(&wanted).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
         let (rms_error, waveform_error) = (rms(&got) / rms(&wanted) - 1.0, worst / peak);
         println!(
             "{contact}, wear {wear_mm} mm, damping ratio {mesh_damping_ratio}, {:.0} Hz: RMS {:.4} m/s2, off by {:+.5} %; waveform off by {:.4} % of its peak",
@@ -344,10 +292,7 @@ fn compare(contact: ContactRule, wear_mm: f64, mesh_damping_ratio: f64) {
             100.0 * waveform_error
         );
         assert!(rms_error.abs() < 1e-3, "RMS off by {rms_error:.2e}");
-        assert!(
-            waveform_error < 1e-2,
-            "waveform off by {waveform_error:.2e} of its peak"
-        );
+        assert!(waveform_error < 1e-2, "waveform off by {waveform_error:.2e} of its peak");
     }
 }
 

@@ -9,36 +9,14 @@ fn wear_is_followed_and_faults_are_found_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let (data, page) = (at("data"), at("evaluation.html"));
-    let few = [
-        "--runs",
-        "2",
-        "--records",
-        "60",
-        "--states",
-        "20",
-        "--members",
-        "24",
-        "--data-dir",
-        &data,
-    ];
-    for (case, name) in [
-        ("gain jump", "gain changed"),
-        ("clipping", "clipped"),
-        ("dead sensor", "dead"),
-    ] {
+    let few = ["--runs", "2", "--records", "60", "--states", "20", "--members", "24", "--data-dir", &data];
+    for (case, name) in [("gain jump", "gain changed"), ("clipping", "clipped"), ("dead sensor", "dead")] {
         let said = flankwatch(
-            &[
-                &["evaluate", "--cases", "faults", "--case", case, "--out", &page],
-                &few[..],
-            ]
-            .concat(),
+            &[&["evaluate", "--cases", "faults", "--case", case, "--out", &page], &few[..]].concat(),
         )
         .expect_success();
         let table = said.out();
-        let row = table
-            .lines()
-            .find(|line| line.starts_with(case))
-            .unwrap_or_else(|| panic!("{table}"));
+        let row = table.lines().find(|line| line.starts_with(case)).unwrap_or_else(|| panic!("{table}"));
         let found = row[case.len()..].split_whitespace().nth(7);
         assert_eq!(found, Some("1.000"), "{table}");
         assert!(row.contains(name), "{table}");
@@ -62,10 +40,7 @@ fn wear_is_followed_and_faults_are_found_and_named() {
     let said =
         flankwatch(&[&depth[..], &["--members", "160", "--data-dir", &data]].concat()).expect_success();
     let table = said.out();
-    let row = table
-        .lines()
-        .find(|line| line.starts_with("own physics, shape known"))
-        .unwrap();
+    let row = table.lines().find(|line| line.starts_with("own physics, shape known")).unwrap();
     let number = |column: usize| -> f64 {
         let mut cells = row["own physics, shape known".len()..].split_whitespace();
         cells.nth(column).unwrap().parse().unwrap()

@@ -15,10 +15,7 @@ fn the_page_stands_alone_and_its_numbers_are_kept() {
     let said = flankwatch(&["figures", "--out", &page, "--data", &data]).expect_success();
     let page = fs::read_to_string(page).unwrap();
     for number in [7, 8, 11, 12, 13, 14, 15, 17, 18, 19, 20, 21, 22] {
-        assert!(
-            page.contains(&format!("<figure id=\"fig{number}\">")),
-            "Fig. {number}"
-        );
+        assert!(page.contains(&format!("<figure id=\"fig{number}\">")), "Fig. {number}");
     }
     // Plotly's own code names hosts that it asks only for maps; the page itself asks for nothing.
     let asks = page.contains("<script src") || page.contains("<link") || page.contains("<img src=\"http");
@@ -27,10 +24,7 @@ fn the_page_stands_alone_and_its_numbers_are_kept() {
     assert_eq!(data["vibration"]["indicators"].as_array().unwrap().len(), 50);
     let checks = data["checks"].as_array().unwrap();
     let holding = checks.iter().filter(|check| check["holds"] == true).count();
-    assert!(
-        said.out()
-            .contains(&format!("{holding} of {} statements hold", checks.len()))
-    );
+    assert!(said.out().contains(&format!("{holding} of {} statements hold", checks.len())));
     assert_as_kept(&data);
 
     let refused = at("refused.html");
@@ -66,48 +60,21 @@ fn assert_as_kept(data: &Value) {
     let kept: Kept = toml::from_str(include_str!("../../fixtures/reference/figures.toml")).unwrap();
     let checks = data["checks"].as_array().unwrap();
     assert_eq!(checks.len(), kept.statement.len());
-    for (
-        check,
-        Statement {
-            figure,
-            statement,
-            holds,
-        },
-    ) in checks.iter().zip(kept.statement)
-    {
-        assert_eq!(
-            (&check["figure"], &check["statement"]),
-            (&json!(figure), &json!(statement))
-        );
-        assert_eq!(
-            check["holds"], holds,
-            "Fig. {figure}: {statement} {}",
-            check["measured"]
-        );
+    for (check, Statement { figure, statement, holds }) in checks.iter().zip(kept.statement) {
+        assert_eq!((&check["figure"], &check["statement"]), (&json!(figure), &json!(statement)));
+        assert_eq!(check["holds"], holds, "Fig. {figure}: {statement} {}", check["measured"]);
     }
     let vibration = &data["vibration"];
     let states = vibration["indicators"].as_array().unwrap();
-    for State {
-        num,
-        rms,
-        kurtosis,
-        omx,
-    } in kept.state
-    {
+    for State { num, rms, kurtosis, omx } in kept.state {
         let state = states.iter().find(|state| state["num"] == num).unwrap();
         for (name, expected) in [("rms", rms), ("kurtosis", kurtosis), ("omx", omx)] {
             let got = state[name].as_f64().unwrap();
-            assert!(
-                (got / expected - 1.0).abs() < 0.01,
-                "NUM = {num}, {name}: {got} against {expected}"
-            );
+            assert!((got / expected - 1.0).abs() < 0.01, "NUM = {num}, {name}: {got} against {expected}");
         }
     }
     for (index, expected) in kept.spearman.iter().enumerate() {
         let got = vibration["spearman"][index].as_f64().unwrap();
-        assert!(
-            (got - expected).abs() < 0.005,
-            "{index}: {got} against {expected}"
-        );
+        assert!((got - expected).abs() < 0.005, "{index}: {got} against {expected}");
     }
 }

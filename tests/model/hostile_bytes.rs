@@ -22,16 +22,7 @@ mod entries;
 const INPUTS: u64 = 400;
 
 /// What damage puts in place of a number.
-const NUMBERS: [&str; 8] = [
-    "1e308",
-    "-1",
-    "0",
-    "1e-320",
-    "18446744073709551616",
-    "nan",
-    "[]",
-    "\"\"",
-];
+const NUMBERS: [&str; 8] = ["1e308", "-1", "0", "1e-320", "18446744073709551616", "nan", "[]", "\"\""];
 
 #[test]
 fn inputs_that_once_went_wrong_do_so_no_more() {
@@ -56,10 +47,7 @@ fn damaged_inputs_never_panic() {
             if catch_unwind(|| entry(&bytes)).is_err() {
                 let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{seed}"));
                 fs::write(&path, &bytes).unwrap();
-                panic!(
-                    "{name} panics at {}: keep it in fuzz/regressions/{name}",
-                    path.display()
-                );
+                panic!("{name} panics at {}: keep it in fuzz/regressions/{name}", path.display());
             }
         }
     }
@@ -67,15 +55,9 @@ fn damaged_inputs_never_panic() {
 
 #[test]
 fn every_entry_has_a_program() {
-    let manifest: toml::Table = fs::read_to_string(fuzz().join("Cargo.toml"))
-        .unwrap()
-        .parse()
-        .unwrap();
+    let manifest: toml::Table = fs::read_to_string(fuzz().join("Cargo.toml")).unwrap().parse().unwrap();
     let programs = manifest["bin"].as_array().unwrap();
-    let programs: BTreeSet<&str> = programs
-        .iter()
-        .map(|program| program["name"].as_str().unwrap())
-        .collect();
+    let programs: BTreeSet<&str> = programs.iter().map(|program| program["name"].as_str().unwrap()).collect();
     let entries: BTreeSet<&str> = entries::ALL.iter().map(|(name, _)| *name).collect();
     assert_eq!(programs, entries);
     for name in programs {
@@ -92,17 +74,9 @@ fn fuzz() -> PathBuf {
 fn whole(name: &str) -> Vec<Vec<u8>> {
     let record = || {
         let samples = (0..64).map(|k| (k as f32).sin()).collect();
-        let point = OperatingPoint {
-            shaft_speed_hz: Some(29.7),
-            ..OperatingPoint::default()
-        };
-        let record = Record::new(
-            "in",
-            Timestamp::from_second(1_767_225_600).unwrap(),
-            1000.0,
-            "m/s2",
-            samples,
-        );
+        let point = OperatingPoint { shaft_speed_hz: Some(29.7), ..OperatingPoint::default() };
+        let record =
+            Record::new("in", Timestamp::from_second(1_767_225_600).unwrap(), 1000.0, "m/s2", samples);
         record.unwrap().with_operating_point(point).unwrap()
     };
     let pair = || fs::read(fuzz().join("../fixtures/pairs/shen2022.toml")).unwrap();
@@ -155,9 +129,7 @@ fn damaged(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
             }
             3 => {
                 // A length or a count that is beyond all measure, or none.
-                let value = *[0, 1, u32::MAX, i32::MAX as u32, 0x8000_0000]
-                    .choose(random)
-                    .unwrap();
+                let value = *[0, 1, u32::MAX, i32::MAX as u32, 0x8000_0000].choose(random).unwrap();
                 let end = (at + 4).min(bytes.len());
                 bytes.splice(at..end, value.to_le_bytes());
             }
@@ -175,10 +147,8 @@ fn damaged(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
                 let Some(start) = (at..bytes.len()).find(|&n| bytes[n].is_ascii_digit()) else {
                     continue;
                 };
-                let length = bytes[start..]
-                    .iter()
-                    .take_while(|byte| byte.is_ascii_digit() || **byte == b'.')
-                    .count();
+                let length =
+                    bytes[start..].iter().take_while(|byte| byte.is_ascii_digit() || **byte == b'.').count();
                 let number = *NUMBERS.choose(random).unwrap();
                 bytes.splice(start..start + length, number.bytes());
             }

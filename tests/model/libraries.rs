@@ -31,19 +31,12 @@ fn grid() -> GridSettings {
 }
 
 fn on_threads(count: usize, pair: &PairSpec, grid: &GridSettings) -> Library {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(count)
-        .build()
-        .unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap();
     pool.install(|| build(pair, grid, &BuildControl::silent()).unwrap())
 }
 
 fn at(torque_nm: Option<f64>, shaft_speed_hz: Option<f64>) -> OperatingPoint {
-    OperatingPoint {
-        shaft_speed_hz,
-        torque_nm,
-        ..OperatingPoint::default()
-    }
+    OperatingPoint { shaft_speed_hz, torque_nm, ..OperatingPoint::default() }
 }
 
 #[test]
@@ -100,20 +93,11 @@ fn parts_of_another_library_are_not_taken_up() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("grid.fwlib");
     let (pair, grid) = (pair(ContactRule::Threshold), GridSettings { states: 3, ..grid() });
-    let other = GridSettings {
-        seed: 2,
-        ..grid.clone()
-    };
+    let other = GridSettings { seed: 2, ..grid.clone() };
     let wanted = encode(&build(&pair, &grid, &BuildControl::silent()).unwrap());
     let cancel = AtomicBool::new(false);
     let stop = |done: usize, _| cancel.store(done > 7, Ordering::Relaxed);
-    build_into(
-        &path,
-        &pair,
-        &other,
-        &BuildControl::with_progress(&stop).cancelled_by(&cancel),
-    )
-    .unwrap_err();
+    build_into(&path, &pair, &other, &BuildControl::with_progress(&stop).cancelled_by(&cancel)).unwrap_err();
     assert!(fs::metadata(checkpoint_beside(&path)).unwrap().len() > 1000);
     build_into(&path, &pair, &grid, &BuildControl::silent()).unwrap();
     assert!(fs::read(&path).unwrap() == wanted);
@@ -130,17 +114,10 @@ fn curves_are_those_of_the_operating_point() {
         heavy.operation.torque_nm *= 1.5;
         heavy.operation.output_torque_nm = heavy.operation.output_torque_nm.map(|torque| 1.5 * torque);
         heavy.operation.shaft_speed_hz *= 0.8;
-        let nominal = GridSettings {
-            torque_factors: vec![1.0],
-            speed_factors: vec![1.0],
-            ..grid.clone()
-        };
+        let nominal = GridSettings { torque_factors: vec![1.0], speed_factors: vec![1.0], ..grid.clone() };
         let alone = build(&heavy, &nominal, &BuildControl::silent()).unwrap();
         let (torque, speed) = (1950.0, 0.8 * 16.64);
-        assert_eq!(
-            library.feature_curves_at(&at(Some(torque), Some(speed))),
-            alone.feature_curves()
-        );
+        assert_eq!(library.feature_curves_at(&at(Some(torque), Some(speed))), alone.feature_curves());
 
         // The nominal states are what a library without other points has.
         let plain = build(&pair, &nominal, &BuildControl::silent()).unwrap();
@@ -148,10 +125,7 @@ fn curves_are_those_of_the_operating_point() {
         assert_eq!(library.feature_curves(), plain.feature_curves());
         assert_eq!(library.feature_curves_at(&at(None, None)), plain.feature_curves());
         let state = &plain.states()[2];
-        assert_eq!(
-            plain.feature_curves()["ln_mesh_1"][2],
-            state.features.values["ln_mesh_1"]
-        );
+        assert_eq!(plain.feature_curves()["ln_mesh_1"][2], state.features.values["ln_mesh_1"]);
 
         let ends = [at(Some(1300.0), Some(speed)), at(Some(torque), Some(speed))]
             .map(|point| library.feature_curves_at(&point));
@@ -182,14 +156,9 @@ fn an_older_files_library_is_built_again() {
     let path = folder.path().join(built.id()).with_extension("fwlib");
     let bytes = fs::read(&path).unwrap();
     let older =
-        String::from_utf8(bytes.clone())
-            .unwrap()
-            .replacen("flankwatch-library 2", "flankwatch-library 1", 1);
+        String::from_utf8(bytes.clone()).unwrap().replacen("flankwatch-library 2", "flankwatch-library 1", 1);
     fs::write(&path, older).unwrap();
-    assert!(matches!(
-        shelf.get(built.id()),
-        Err(LibraryError::Version { found: 1 })
-    ));
+    assert!(matches!(shelf.get(built.id()), Err(LibraryError::Version { found: 1 })));
     shelf.get_or_build(&pair, &grid, &BuildControl::silent()).unwrap();
     assert!(fs::read(&path).unwrap() == bytes);
 }
@@ -206,16 +175,7 @@ fn ctrl_c_keeps_what_is_done() {
     let folder = tempfile::tempdir().unwrap();
     let build = |out: &Path, torques: &str| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
-        command.args([
-            "library",
-            "build",
-            "--states",
-            "24",
-            "--seconds",
-            "0.5",
-            "--contact",
-            "threshold",
-        ]);
+        command.args(["library", "build", "--states", "24", "--seconds", "0.5", "--contact", "threshold"]);
         command.args(["--torques", torques, "--out"]).arg(out);
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         command
@@ -226,19 +186,10 @@ fn ctrl_c_keeps_what_is_done() {
     while !fs::read_to_string(checkpoint_beside(&path)).is_ok_and(|parts| parts.contains("\"torque\"")) {
         sleep(Duration::from_millis(5));
     }
-    assert!(
-        Command::new("kill")
-            .args(["-INT", &child.id().to_string()])
-            .status()
-            .unwrap()
-            .success()
-    );
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let said = child.wait_with_output().unwrap();
     let words = String::from_utf8_lossy(&said.stderr).into_owned();
-    assert!(
-        !said.status.success() && words.contains("stopped before the library was complete"),
-        "{words}"
-    );
+    assert!(!said.status.success() && words.contains("stopped before the library was complete"), "{words}");
     assert!(!path.exists());
     assert!(build(&path, torques).status().unwrap().success());
     let straight = folder.path().join("straight.fwlib");
@@ -247,22 +198,14 @@ fn ctrl_c_keeps_what_is_done() {
 
     let refused = build(&straight, "0.5,1.5").output().unwrap();
     let words = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(
-        words.contains("torques is [0.5, 1.5]") && words.contains("with 1"),
-        "{words}"
-    );
+    assert!(words.contains("torques is [0.5, 1.5]") && words.contains("with 1"), "{words}");
 }
 
 /// States worn by Archard's law say after how many turns they are reached; others have none to say.
 #[test]
 fn archard_states_carry_the_turns_they_stand_for() {
     let mut spec = pair(ContactRule::Threshold);
-    let grid = GridSettings {
-        states: 3,
-        max_wear_um: 10.0,
-        seconds: 0.25,
-        ..GridSettings::default()
-    };
+    let grid = GridSettings { states: 3, max_wear_um: 10.0, seconds: 0.25, ..GridSettings::default() };
     let turns = |spec: &PairSpec| -> Vec<Option<f64>> {
         let library = decode(&encode(&build(spec, &grid, &BuildControl::silent()).unwrap())).unwrap();
         library.states().iter().map(|state| state.driving_turns).collect()

@@ -22,28 +22,14 @@ fn a_bearing_that_fails_gets_louder_and_every_record_has_a_band() {
     let folder = recordings("bearing-femto-1_1");
     let path = folder.join("horizontal-2803x2560-25600Hz.wav");
     let bytes = path.metadata().unwrap().len();
-    let defaults = RecordDefaults {
-        unit: Some("g".to_owned()),
-        ..RecordDefaults::default()
-    };
-    let records = WavBlocks::new(
-        File::open(&path).unwrap(),
-        bytes,
-        &defaults,
-        Some(Cut::Samples(2560)),
-    )
-    .unwrap();
+    let defaults = RecordDefaults { unit: Some("g".to_owned()), ..RecordDefaults::default() };
+    let records =
+        WavBlocks::new(File::open(&path).unwrap(), bytes, &defaults, Some(Cut::Samples(2560))).unwrap();
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let (mut rms, mut kurtosis) = (Vec::new(), Vec::new());
     for record in records {
         let record = record.unwrap();
-        rms.push(
-            analyzer
-                .analyze(&record, &MeshContext::unknown())
-                .indicators
-                .get("rms")
-                .unwrap(),
-        );
+        rms.push(analyzer.analyze(&record, &MeshContext::unknown()).indicators.get("rms").unwrap());
         let band = analyzer.envelope_band(&record, None, EnvelopeSearch::Kurtogram);
         assert_eq!(band.source, BandSource::Kurtogram);
         let [low, high] = band.band_hz;

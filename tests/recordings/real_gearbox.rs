@@ -64,10 +64,7 @@ fn six_recordings_converted_uploaded_and_replayed_agree() {
             assert_eq!(wav["wear"]["status"], "collecting_baseline");
         }
         let found = wav[0]["indicators"]["omx"].as_f64().unwrap();
-        assert!(
-            (found / omx - 1.0).abs() <= 0.10,
-            "{name}: OMX {found} against {omx}"
-        );
+        assert!((found / omx - 1.0).abs() <= 0.10, "{name}: OMX {found} against {omx}");
     }
     let expected = history(&service, "mcap");
     replay_on_the_server(&service);
@@ -85,10 +82,7 @@ fn six_recordings_converted_uploaded_and_replayed_agree() {
     let wear = service.get("/v1/assets/sent/wear").expect(200).json();
     assert_eq!(
         (&wear["status"], &wear["reason"]),
-        (
-            &json!("collecting_baseline"),
-            &json!("collecting baseline, 6 of 20")
-        )
+        (&json!("collecting_baseline"), &json!("collecting baseline, 6 of 20"))
     );
 }
 
@@ -149,20 +143,11 @@ fn a_speed_is_right_or_in_doubt() {
             "{nominal_hz} Hz ± {tolerance}: {right} {doubted} {wrong}"
         );
     }
-    for (teeth, nominal_hz) in [
-        (24, 29.7),
-        (36, 29.7),
-        (64, 29.7),
-        (32, 25.0),
-        (32, 35.0),
-        (32, 16.6),
-        (32, 59.4),
-    ] {
+    for (teeth, nominal_hz) in
+        [(24, 29.7), (36, 29.7), (64, 29.7), (32, 25.0), (32, 35.0), (32, 16.6), (32, 59.4)]
+    {
         let (right, doubted, wrong) = speeds(teeth, nominal_hz, 0.05);
-        assert!(
-            right == 0 && wrong * 100 <= doubted,
-            "{teeth} teeth at {nominal_hz} Hz: {doubted} {wrong}"
-        );
+        assert!(right == 0 && wrong * 100 <= doubted, "{teeth} teeth at {nominal_hz} Hz: {doubted} {wrong}");
     }
 }
 
@@ -180,11 +165,7 @@ fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
         nominal_is_exact: false,
         others: OtherMeshes::NONE,
     };
-    let settings = ConditionSettings {
-        mesh,
-        bands: &[],
-        gear_indicators: true,
-    };
+    let settings = ConditionSettings { mesh, bands: &[], gear_indicators: true };
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     for (name, omx) in RECORDINGS {
         for (channel, samples) in ["a1", "a2", "a3", "a4"].iter().zip(columns(&data, name)) {
@@ -193,24 +174,15 @@ fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
             let [low, high] = MESH_HZ;
             let speed = got.analysis.shaft_speed.unwrap();
             let inside = low - MESH_TOLERANCE_HZ..=high + MESH_TOLERANCE_HZ;
-            assert!(
-                inside.contains(&speed.mesh_frequency_hz),
-                "{name} {channel}: {speed:?}"
-            );
+            assert!(inside.contains(&speed.mesh_frequency_hz), "{name} {channel}: {speed:?}");
             let indicators = &got.analysis.indicators;
-            let (plain, tracked) = (
-                indicators.get("omx").unwrap(),
-                indicators.get("omx_tracked").unwrap(),
-            );
+            let (plain, tracked) = (indicators.get("omx").unwrap(), indicators.get("omx_tracked").unwrap());
             let angle = got.basis.shaft_angle.as_ref().unwrap();
             eprintln!("{name} {channel}: OMX {plain:.3}, tracked {tracked:.3}, {angle:?}");
             // Some lines stand too little above what passes their filter for a phase to be followed; the
             // answer says so.
             let followed = matches!(angle.source, AngleSource::MeshPhase { .. });
-            assert!(
-                followed || matches!(angle.source, AngleSource::ConstantSpeed),
-                "{angle:?}"
-            );
+            assert!(followed || matches!(angle.source, AngleSource::ConstantSpeed), "{angle:?}");
             assert!(angle.turns > 190, "{angle:?}");
             let spectrum = analyzer.amplitude_spectrum(&record);
             let bin = (speed.mesh_frequency_hz / spectrum.resolution_hz).round() as usize;
@@ -220,19 +192,13 @@ fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
             let reach = (0.9 * speed.shaft_speed_hz / spectrum.resolution_hz) as usize;
             let between = &spectrum.amplitude[bin - reach..=bin + reach];
             let most = (between.iter().map(|a| a * a).sum::<f64>() / 1.5).sqrt();
-            assert!(
-                tracked > 0.98 * plain && tracked < most,
-                "{name} {channel}: {plain} {tracked} {most}"
-            );
+            assert!(tracked > 0.98 * plain && tracked < most, "{name} {channel}: {plain} {tracked} {most}");
             let mut around = spectrum.amplitude[bin - 400..bin + 400].to_vec();
             around.sort_by(f64::total_cmp);
             let above = plain / around[400];
             assert!(above > 20.0, "{name} {channel}: {above} times the noise");
             if *channel == "a1" {
-                assert!(
-                    (plain / omx - 1.0).abs() <= 0.10,
-                    "{name}: OMX {plain} against {omx}"
-                );
+                assert!((plain / omx - 1.0).abs() <= 0.10, "{name}: OMX {plain} against {omx}");
             }
         }
     }
@@ -245,34 +211,17 @@ fn convert(data: &Path, folder: &Path, name: &str, start: &str) {
     for extension in ["wav", "mcap"] {
         let out = folder.join(format!("{name}.{extension}"));
         let (csv, out) = (csv.display().to_string(), out.display().to_string());
-        flankwatch(&[
-            "convert",
-            &csv,
-            &out,
-            "--rate",
-            "12800",
-            "--unit",
-            "m/s2",
-            "--start-time",
-            start,
-        ])
-        .expect_success();
+        flankwatch(&["convert", &csv, &out, "--rate", "12800", "--unit", "m/s2", "--start-time", start])
+            .expect_success();
     }
 }
 
 /// Segments of the four channels, in the order of the channels.
 fn upload_wav(service: &Service, folder: &Path, name: &str, start: &str) -> Vec<Value> {
     let mut bytes = Vec::new();
-    File::open(folder.join(format!("{name}.wav")))
-        .unwrap()
-        .read_to_end(&mut bytes)
-        .unwrap();
+    File::open(folder.join(format!("{name}.wav"))).unwrap().read_to_end(&mut bytes).unwrap();
     let answer = service
-        .post(
-            &format!("/v1/assets/wav/segments?start_time={start}"),
-            "audio/wav",
-            &bytes,
-        )
+        .post(&format!("/v1/assets/wav/segments?start_time={start}"), "audio/wav", &bytes)
         .expect(201)
         .json();
     answer["segments"].as_array().unwrap().clone()
@@ -280,18 +229,12 @@ fn upload_wav(service: &Service, folder: &Path, name: &str, start: &str) -> Vec<
 
 fn upload_mcap(service: &Service, folder: &Path, name: &str) -> Vec<Value> {
     let bytes = fs::read(folder.join(format!("{name}.mcap"))).unwrap();
-    let answer = service
-        .post("/v1/assets/mcap/segments", "application/mcap", &bytes)
-        .expect(201)
-        .json();
+    let answer = service.post("/v1/assets/mcap/segments", "application/mcap", &bytes).expect(201).json();
     assert_eq!(
         (&answer["records"], &answer["stored"], &answer["refused"]),
         (&json!(4), &json!(4), &json!([]))
     );
-    let list = service
-        .get("/v1/assets/mcap/segments?order=desc&limit=4")
-        .expect(200)
-        .json();
+    let list = service.get("/v1/assets/mcap/segments?order=desc&limit=4").expect(200).json();
     let mut segments = list["items"].as_array().unwrap().clone();
     segments.sort_by_key(|segment| segment["channel"].as_str().unwrap().to_owned());
     segments
@@ -299,10 +242,7 @@ fn upload_mcap(service: &Service, folder: &Path, name: &str) -> Vec<Value> {
 
 /// Every indicator of both agrees to 1e-6.
 fn assert_same(wav: &Value, mcap: &Value) {
-    let (wav, mcap) = (
-        wav["indicators"].as_object().unwrap(),
-        mcap["indicators"].as_object().unwrap(),
-    );
+    let (wav, mcap) = (wav["indicators"].as_object().unwrap(), mcap["indicators"].as_object().unwrap());
     assert!(wav.len() > 10);
     assert_eq!(wav.keys().collect::<Vec<_>>(), mcap.keys().collect::<Vec<_>>());
     for (name, value) in wav {
@@ -314,9 +254,7 @@ fn assert_same(wav: &Value, mcap: &Value) {
 /// Times and indicators of channel a1.
 fn history(service: &Service, asset: &str) -> Value {
     let mut trend = service
-        .get(&format!(
-            "/v1/assets/{asset}/indicators?names=rms,kurtosis,omx&channel=a1"
-        ))
+        .get(&format!("/v1/assets/{asset}/indicators?names=rms,kurtosis,omx&channel=a1"))
         .expect(200)
         .json();
     for item in trend["items"].as_array_mut().unwrap() {
@@ -332,10 +270,6 @@ fn replay_on_the_server(service: &Service) {
         let replay = service.post_json("/v1/replays", &request).expect(202).json();
         let path = format!("/v1/replays/{}", replay["id"].as_str().unwrap());
         let ended = service.wait_for(&path, |replay| replay["state"] != "running");
-        assert_eq!(
-            (&ended["state"], &ended["stored"]),
-            (&json!("finished"), &json!(4)),
-            "{ended}"
-        );
+        assert_eq!((&ended["state"], &ended["stored"]), (&json!("finished"), &json!(4)), "{ended}");
     }
 }

@@ -36,13 +36,8 @@ const GEARBOX_BASELINE: usize = 12;
 const CLAIM_UM: f64 = 3.0;
 
 fn ensemble(pair: &PairSpec, max_wear_um: f64, sample_rate_hz: f64) -> Arc<Ensemble> {
-    let grid = GridSettings {
-        states: 12,
-        max_wear_um,
-        seconds: 0.5,
-        sample_rate_hz,
-        ..GridSettings::default()
-    };
+    let grid =
+        GridSettings { states: 12, max_wear_um, seconds: 0.5, sample_rate_hz, ..GridSettings::default() };
     let library = build(pair, &grid, &BuildControl::silent()).unwrap();
     Arc::new(Ensemble::of(Arc::new(library)))
 }
@@ -67,31 +62,18 @@ fn told(
     ensemble: Option<Arc<Ensemble>>,
     records: impl Iterator<Item = Features>,
 ) -> Vec<WearEstimate> {
-    let settings = EstimatorSettings {
-        baseline_records: baseline as u32,
-        limit_um: None,
-    };
+    let settings = EstimatorSettings { baseline_records: baseline as u32, limit_um: None };
     let tracker = Tracker::new(settings, ensemble);
     let mut state = tracker.start();
     let records = records.enumerate();
-    records
-        .map(|(index, features)| tracker.update(&mut state, at(index), &features))
-        .collect()
+    records.map(|(index, features)| tracker.update(&mut state, at(index), &features)).collect()
 }
 
 fn bearing_records(path: &Path) -> Vec<Record> {
     let bytes = path.metadata().unwrap().len();
-    let defaults = RecordDefaults {
-        unit: Some("g".to_owned()),
-        ..RecordDefaults::default()
-    };
-    let records = WavBlocks::new(
-        File::open(path).unwrap(),
-        bytes,
-        &defaults,
-        Some(Cut::Samples(2560)),
-    )
-    .unwrap();
+    let defaults = RecordDefaults { unit: Some("g".to_owned()), ..RecordDefaults::default() };
+    let records =
+        WavBlocks::new(File::open(path).unwrap(), bytes, &defaults, Some(Cut::Samples(2560))).unwrap();
     records.map(Result::unwrap).collect()
 }
 
@@ -119,20 +101,11 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
     ];
     for (name, mesh, ensemble) in cases {
         let mut analyzer = Analyzer::new(AnalysisSettings::default());
-        let features = records
-            .iter()
-            .map(|record| analyzer.analyze(record, &mesh).features);
+        let features = records.iter().map(|record| analyzer.analyze(record, &mesh).features);
         let answers = told(BEARING_BASELINE, ensemble, features);
-        assert!(
-            answers.iter().all(|answer| answer.median_um.is_none()),
-            "{name}: wear was claimed"
-        );
+        assert!(answers.iter().all(|answer| answer.median_um.is_none()), "{name}: wear was claimed");
         let accused = |answer: &&WearEstimate| {
-            answer
-                .novelty
-                .as_ref()
-                .and_then(|novelty| novelty.sensor_fault)
-                .is_some()
+            answer.novelty.as_ref().and_then(|novelty| novelty.sensor_fault).is_some()
         };
         let accused: Vec<&WearEstimate> = answers.iter().filter(accused).collect();
         let clipped = |answer: &&WearEstimate| answer.reason.contains("clipped");
@@ -141,23 +114,13 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
         let early = &scores[BEARING_BASELINE..][..EARLY];
         let flagged_early = early.iter().filter(|score| **score > 4.0).count() as f64 / early.len() as f64;
         let late = &scores[scores.len() - LATE..];
-        let rule = AlarmRule {
-            warning: Some(4.0),
-            hysteresis: 1.0,
-            ..AlarmRule::of(AlarmQuantity::Novelty)
-        };
+        let rule = AlarmRule { warning: Some(4.0), hysteresis: 1.0, ..AlarmRule::of(AlarmQuantity::Novelty) };
         let mut alarm = Alarm::default();
         let changes: Vec<(usize, bool)> = scores
             .iter()
             .enumerate()
             .filter_map(|(index, &score)| {
-                let change = alarm.reading(
-                    &rule,
-                    AlarmReading {
-                        time: at(index),
-                        value: Some(score),
-                    },
-                )?;
+                let change = alarm.reading(&rule, AlarmReading { time: at(index), value: Some(score) })?;
                 Some((index, change.severity.is_some()))
             })
             .collect();
@@ -168,14 +131,8 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
             median(late)
         );
         let first = changes.first().map(|(index, _)| *index);
-        assert!(
-            first.is_some_and(|index| index < records.len() - LATE),
-            "{name}: {changes:?}"
-        );
-        assert!(
-            changes.last().is_some_and(|(_, raised)| *raised),
-            "{name}: {changes:?}"
-        );
+        assert!(first.is_some_and(|index| index < records.len() - LATE), "{name}: {changes:?}");
+        assert!(changes.last().is_some_and(|(_, raised)| *raised), "{name}: {changes:?}");
         assert!(median(late) > 10.0, "{name}: {}", median(late));
         assert!(changes.len() <= 7, "{name}: the alarm flaps: {changes:?}");
         assert!(flagged_early <= 0.02, "{name}: {flagged_early}");
@@ -228,15 +185,9 @@ fn a_healthy_gearbox_is_not_flagged_however_its_recording_is_cut() {
             let (first, rest) = samples.split_at(GEARBOX_BASELINE * PIECE);
             for seconds in [0.1, 0.2, 0.4, 1.0, 2.0] {
                 let piece = (seconds * GEARBOX_RATE_HZ) as usize;
-                let records = pieces(first, PIECE, &mesh)
-                    .into_iter()
-                    .chain(pieces(rest, piece, &mesh));
+                let records = pieces(first, PIECE, &mesh).into_iter().chain(pieces(rest, piece, &mesh));
                 let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), records);
-                let wanted = if seconds < 0.15 {
-                    WearStatus::NotComparable
-                } else {
-                    WearStatus::Estimated
-                };
+                let wanted = if seconds < 0.15 { WearStatus::NotComparable } else { WearStatus::Estimated };
                 for answer in &answers[GEARBOX_BASELINE..] {
                     assert_eq!(
                         answer.status,
@@ -280,15 +231,9 @@ impl Answered {
             sensor,
             told: count(&|answer| answer.median_um.is_some()),
             claimed: count(&|answer| answer.p05_um.is_some_and(|um| um > CLAIM_UM)),
-            least_um: answers
-                .iter()
-                .filter_map(|answer| answer.p05_um)
-                .fold(0.0, f64::max),
+            least_um: answers.iter().filter_map(|answer| answer.p05_um).fold(0.0, f64::max),
             first: answers.iter().position(|answer| {
-                matches!(
-                    answer.status,
-                    WearStatus::OutsideLibrary | WearStatus::SensorFault
-                )
+                matches!(answer.status, WearStatus::OutsideLibrary | WearStatus::SensorFault)
             }),
         }
     }
@@ -321,11 +266,8 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
         for (channel, (healthy, faulty)) in healthy.iter().zip(&faulty).enumerate() {
             let [healthy, faulty] = [healthy, faulty].map(|samples| pieces(samples, PIECE, &mesh));
             let whole = healthy.len();
-            let answers = told(
-                GEARBOX_BASELINE,
-                Some(Arc::clone(&ensemble)),
-                healthy.into_iter().chain(faulty),
-            );
+            let answers =
+                told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), healthy.into_iter().chain(faulty));
             let calm = Answered::of(&answers[GEARBOX_BASELINE..whole]);
             let broken = Answered::of(&answers[whole..]);
             eprintln!(
@@ -343,20 +285,12 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
             held_out.add(&calm);
             sensors[channel].add(&broken);
             if channel == 0 {
-                assert!(
-                    broken.first.is_some_and(|first| first < 10),
-                    "load {load}: {:?}",
-                    broken.first
-                );
+                assert!(broken.first.is_some_and(|first| first < 10), "load {load}: {:?}", broken.first);
             }
         }
     }
     let names = ["a1", "a2", "a3", "a4"];
-    for (name, got) in names
-        .into_iter()
-        .zip(&sensors)
-        .chain([("held-out healthy pieces", &held_out)])
-    {
+    for (name, got) in names.into_iter().zip(&sensors).chain([("held-out healthy pieces", &held_out)]) {
         eprintln!(
             "{name}: {} of {} flagged, a depth told for {}, wear claimed for {}",
             got.flagged, got.pieces, got.told, got.claimed
@@ -365,16 +299,8 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
     let [near, second, others @ ..] = &sensors;
     assert!(near.flagged as f64 >= 0.95 * near.pieces as f64 && near.told * 20 <= near.pieces);
     assert!(second.flagged > 0 && second.claimed * 10 <= second.pieces);
-    assert!(
-        sensors.iter().all(|sensor| sensor.sensor == 0),
-        "the sensors are sound"
-    );
+    assert!(sensors.iter().all(|sensor| sensor.sensor == 0), "the sensors are sound");
     assert!(others.iter().all(|other| other.claimed * 20 <= other.pieces));
     assert_eq!(held_out.claimed, 0);
-    assert!(
-        held_out.flagged * 50 <= held_out.pieces,
-        "{} of {}",
-        held_out.flagged,
-        held_out.pieces
-    );
+    assert!(held_out.flagged * 50 <= held_out.pieces, "{} of {}", held_out.flagged, held_out.pieces);
 }

@@ -42,13 +42,7 @@ fn scores() -> Value {
 fn the_interval_holds_the_truth_of_another_simulators_runs() {
     let all = scores();
     let score = |run: &str| {
-        all["scores"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .find(|score| score["run"] == run)
-            .unwrap()
-            .clone()
+        all["scores"].as_array().unwrap().iter().find(|score| score["run"] == run).unwrap().clone()
     };
     for (run, coverage, longest, rank) in WEAR {
         let score = score(run);
@@ -66,9 +60,8 @@ fn the_interval_holds_the_truth_of_another_simulators_runs() {
     for run in FAULTS {
         let flagged = |answer: &Value| answer["flagged"].as_bool().unwrap();
         let answers = all["answers"][run].as_array().unwrap().clone();
-        let (before, after): (Vec<Value>, Vec<Value>) = answers
-            .into_iter()
-            .partition(|answer| answer["record"].as_u64().unwrap() < 75);
+        let (before, after): (Vec<Value>, Vec<Value>) =
+            answers.into_iter().partition(|answer| answer["record"].as_u64().unwrap() < 75);
         assert_eq!(before.iter().filter(|answer| flagged(answer)).count(), 0, "{run}");
         let late = after.iter().skip(10);
         let found = late.clone().filter(|answer| flagged(answer)).count() as f64;

@@ -15,10 +15,7 @@ use crate::running::{Answer, Service, mcap, plain_asset, record};
 
 fn with_token(service: &Service, token: &str, method: &str, path: &str, body: &str) -> Answer {
     let authorization = format!("Bearer {token}");
-    let headers = [
-        ("authorization", authorization.as_str()),
-        ("content-type", "application/json"),
-    ];
+    let headers = [("authorization", authorization.as_str()), ("content-type", "application/json")];
     service.send(method, path, &headers, body.as_bytes())
 }
 
@@ -33,14 +30,7 @@ fn a_token_opens_what_its_scope_says_until_it_is_revoked() {
     assert_eq!(refused.header("www-authenticate"), "Bearer");
     refused.expect_problem(401, &["token"]);
     with_token(&service, "fwt_00000000_0", "GET", "/v1/assets", "").expect_problem(401, &["revoked"]);
-    for path in [
-        "/",
-        "/static/app.js",
-        "/docs",
-        "/openapi.json",
-        "/healthz",
-        "/readyz",
-    ] {
+    for path in ["/", "/static/app.js", "/docs", "/openapi.json", "/healthz", "/readyz"] {
         service.get(path).expect(200);
     }
     service.get("/metrics").expect_problem(401, &[]);
@@ -68,49 +58,30 @@ fn a_token_opens_what_its_scope_says_until_it_is_revoked() {
 fn a_browser_logs_in_with_a_token_and_out_again() {
     let service = Service::start();
     service.plain_asset("pump");
-    assert_eq!(
-        service.get("/v1/session").expect(200).json()["token"],
-        serde_json::Value::Null
-    );
+    assert_eq!(service.get("/v1/session").expect(200).json()["token"], serde_json::Value::Null);
     let tokens = Tokens::of(service.folder());
-    let token = tokens
-        .create("desk", Scope::Write, Timestamp::UNIX_EPOCH)
-        .unwrap();
-    service
-        .get("/v1/assets/pump/report")
-        .expect_problem(401, &["token"]);
+    let token = tokens.create("desk", Scope::Write, Timestamp::UNIX_EPOCH).unwrap();
+    service.get("/v1/assets/pump/report").expect_problem(401, &["token"]);
     with_token(&service, "fwt_00000000_0", "POST", "/v1/session", "").expect_problem(401, &["revoked"]);
     let begun = with_token(&service, &token, "POST", "/v1/session", "").expect(200);
     assert_eq!(begun.json()["token"]["name"], "desk");
     assert_eq!(begun.json()["token"]["scope"], "write");
     let cookie = begun.header("set-cookie").to_owned();
-    assert!(
-        cookie.ends_with("; Path=/; HttpOnly; SameSite=Strict"),
-        "{cookie}"
-    );
+    assert!(cookie.ends_with("; Path=/; HttpOnly; SameSite=Strict"), "{cookie}");
     let session = cookie.split(';').next().unwrap();
     let send = |method: &str, path: &str, more: &[(&str, &str)], body: &[u8]| {
-        let headers: Vec<_> = [("cookie", session), ("content-type", "application/json")]
-            .iter()
-            .chain(more)
-            .copied()
-            .collect();
+        let headers: Vec<_> =
+            [("cookie", session), ("content-type", "application/json")].iter().chain(more).copied().collect();
         service.send(method, path, &headers, body)
     };
     send("GET", "/v1/assets/pump/report", &[], b"").expect(200);
-    assert_eq!(
-        send("GET", "/v1/session", &[], b"").expect(200).json()["token"]["name"],
-        "desk"
-    );
+    assert_eq!(send("GET", "/v1/session", &[], b"").expect(200).json()["token"]["name"], "desk");
 
     let block =
         flankwatch::recording::encode_block(&record("1", 1), flankwatch::recording::BlockEncoding::Json);
     let segments = "/v1/assets/pump/segments";
-    let others: [&[(&str, &str)]; 3] = [
-        &[],
-        &[("sec-fetch-site", "cross-site")],
-        &[("sec-fetch-site", "same-site")],
-    ];
+    let others: [&[(&str, &str)]; 3] =
+        [&[], &[("sec-fetch-site", "cross-site")], &[("sec-fetch-site", "same-site")]];
     for other in others {
         send("POST", segments, other, &block).expect_problem(403, &["cookie", "page of this service"]);
     }
@@ -130,9 +101,8 @@ fn too_many_requests_with_one_token_are_put_off() {
     let tokens = Tokens::of(service.folder());
     let token = tokens.create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
     let other = tokens.create("b", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
-    let answers: Vec<Answer> = (0..20)
-        .map(|_| with_token(&service, &token, "GET", "/v1/assets", ""))
-        .collect();
+    let answers: Vec<Answer> =
+        (0..20).map(|_| with_token(&service, &token, "GET", "/v1/assets", "")).collect();
     assert_eq!(answers[0].status, 200);
     let put_off = answers.into_iter().find(|answer| answer.status == 429).unwrap();
     assert!(put_off.header("retry-after").parse::<u32>().unwrap() >= 1);
@@ -157,9 +127,7 @@ fn an_address_that_others_reach_needs_tokens() {
     start_on("127.0.0.1:0", |_| {}).unwrap();
     start_on("0.0.0.0:0", |config| config.insecure_no_tokens = true).unwrap();
     start_on("0.0.0.0:0", |config| {
-        Tokens::of(&config.data_dir)
-            .create("a", Scope::Read, Timestamp::UNIX_EPOCH)
-            .unwrap();
+        Tokens::of(&config.data_dir).create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
     })
     .unwrap();
 }
@@ -173,36 +141,22 @@ fn a_name_that_leads_here_is_not_enough() {
     as_host("localhost", "/v1/assets").expect(200);
     // The pages show nothing by themselves.
     as_host("evil.example:8600", "/").expect(200);
-    let token = Tokens::of(service.folder())
-        .create("a", Scope::Read, Timestamp::UNIX_EPOCH)
-        .unwrap();
+    let token = Tokens::of(service.folder()).create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
     let authorization = format!("Bearer {token}");
-    let headers = [
-        ("host", "evil.example"),
-        ("authorization", authorization.as_str()),
-    ];
+    let headers = [("host", "evil.example"), ("authorization", authorization.as_str())];
     service.send("GET", "/v1/assets", &headers, b"").expect(200);
 }
 
 #[test]
 fn a_page_of_another_host_sends_nothing() {
     let service = Service::start();
-    let headers = [
-        ("origin", "http://evil.example"),
-        ("content-type", "application/json"),
-    ];
+    let headers = [("origin", "http://evil.example"), ("content-type", "application/json")];
     let body = plain_asset("pump").to_string();
-    service
-        .send("POST", "/v1/assets", &headers, body.as_bytes())
-        .expect_problem(403, &["evil.example"]);
+    service.send("POST", "/v1/assets", &headers, body.as_bytes()).expect_problem(403, &["evil.example"]);
     let answer = service.get("/v1/assets").expect(200);
     assert_eq!(answer.header("access-control-allow-origin"), "");
     assert_eq!(answer.header("x-content-type-options"), "nosniff");
-    assert!(
-        answer
-            .header("content-security-policy")
-            .starts_with("default-src 'self'")
-    );
+    assert!(answer.header("content-security-policy").starts_with("default-src 'self'"));
 }
 
 #[test]
@@ -232,14 +186,9 @@ fn certificates_that_are_none_are_refused_by_name() {
     let (certificate, key) = (folder.path().join("c.pem"), folder.path().join("k.pem"));
     std::fs::write(&certificate, "no certificate").unwrap();
     std::fs::write(&key, "no key").unwrap();
-    let error = start_on("127.0.0.1:0", |config| {
-        config.tls = Some(TlsFiles { certificate, key })
-    })
-    .unwrap_err();
-    assert!(
-        error.to_string().contains("c.pem") || error.to_string().contains("k.pem"),
-        "{error}"
-    );
+    let error =
+        start_on("127.0.0.1:0", |config| config.tls = Some(TlsFiles { certificate, key })).unwrap_err();
+    assert!(error.to_string().contains("c.pem") || error.to_string().contains("k.pem"), "{error}");
 }
 
 #[test]
@@ -263,16 +212,11 @@ fn openssl_speaks_tls_with_the_service() {
         .spawn()
         .unwrap();
     let mut input = client.stdin.take().unwrap();
-    input
-        .write_all(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n")
-        .unwrap();
+    input.write_all(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").unwrap();
     let mut said = String::new();
     client.stdout.take().unwrap().read_to_string(&mut said).unwrap();
     client.wait().unwrap();
-    assert!(
-        said.starts_with("HTTP/1.1 200 ") && said.contains("\"status\":\"ok\""),
-        "{said}"
-    );
+    assert!(said.starts_with("HTTP/1.1 200 ") && said.contains("\"status\":\"ok\""), "{said}");
     runtime.block_on(service.stop()).unwrap();
 }
 
@@ -291,22 +235,10 @@ fn a_replay_goes_over_tls_to_whom_it_trusts() {
     let recording = folder.path().join("run.mcap");
     std::fs::write(&recording, mcap(&[record("1", 1), record("1", 2)])).unwrap();
     let (recording, url) = (recording.display().to_string(), service.url());
-    let words = [
-        "replay",
-        recording.as_str(),
-        "--asset",
-        "pump",
-        "--url",
-        url.as_str(),
-        "--ca",
-    ];
+    let words = ["replay", recording.as_str(), "--asset", "pump", "--url", url.as_str(), "--ca"];
     let with_ca = |file: &str| flankwatch(&[&words[..], &[file]].concat());
     let said = with_ca(&authority).expect_success();
-    assert!(
-        said.out().contains("2 records sent to https://"),
-        "{}",
-        said.out()
-    );
+    assert!(said.out().contains("2 records sent to https://"), "{}", said.out());
     let stored = runtime.block_on(service.service().store.segment_count()).unwrap();
     assert_eq!(stored, 2);
     with_ca(&recording).expect_refusal(&["--ca", "run.mcap", "PEM"]);
@@ -338,14 +270,9 @@ fn a_head_that_is_too_large_is_refused() {
     }
     let mut stream = TcpStream::connect(&address).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    stream
-        .write_all(b"GET /v1/assets HTTP/1.1\r\nconnection: close\r\n\r\n")
-        .unwrap();
+    stream.write_all(b"GET /v1/assets HTTP/1.1\r\nconnection: close\r\n\r\n").unwrap();
     let mut answer = String::new();
     stream.read_to_string(&mut answer).unwrap();
-    assert!(
-        answer.starts_with("HTTP/1.1 400 ") && answer.contains("0 host fields"),
-        "{answer}"
-    );
+    assert!(answer.starts_with("HTTP/1.1 400 ") && answer.contains("0 host fields"), "{answer}");
     service.get("/v1/assets").expect(200);
 }

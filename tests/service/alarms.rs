@@ -31,10 +31,7 @@ pub(crate) fn loud(n: u32, factor: f32) -> Record {
 }
 
 fn only_alarm(service: &Service, asset: &str) -> Value {
-    let list = service
-        .get(&format!("/v1/alarms?asset={asset}"))
-        .expect(200)
-        .json();
+    let list = service.get(&format!("/v1/alarms?asset={asset}")).expect(200).json();
     assert_eq!(list["items"].as_array().unwrap().len(), 1, "{list}");
     list["items"][0].clone()
 }
@@ -48,16 +45,8 @@ fn whole(service: &Service, asset: &str) -> Value {
 fn told(alarm: &Value) -> Vec<Value> {
     let entries = alarm["history"].as_array().unwrap().iter();
     let told = entries.filter(|entry| entry["withdrawn_at"].is_null());
-    told.map(|entry| {
-        json!([
-            entry["state"],
-            entry["severity"],
-            entry["time"],
-            entry["action"],
-            entry["by"]
-        ])
-    })
-    .collect()
+    told.map(|entry| json!([entry["state"], entry["severity"], entry["time"], entry["action"], entry["by"]]))
+        .collect()
 }
 
 fn act(service: &Service, alarm: &Value, action: &str, body: &Value) -> crate::running::Answer {
@@ -68,104 +57,51 @@ fn act(service: &Service, alarm: &Value, action: &str, body: &Value) -> crate::r
 #[test]
 fn an_alarm_goes_from_records_to_people_and_back() {
     let service = Service::start();
-    service
-        .post_json("/v1/assets", &watched("pump", &at_once()))
-        .expect(201);
+    service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
     let mut events = EventStream::open(&service, "?asset=pump", None);
     service.upload("pump", &loud(0, 1.0));
     assert_eq!(service.get("/v1/alarms").expect(200).json()["items"], json!([]));
     let quiet = service.get("/v1/assets/pump").expect(200).json();
     let rules = quiet["summary"]["alarm_rules"].as_array().unwrap();
     assert_eq!(
-        (
-            rules.len(),
-            &rules[0]["danger"],
-            &rules[1]["settings"]["raise_of"]
-        ),
+        (rules.len(), &rules[0]["danger"], &rules[1]["settings"]["raise_of"]),
         (2, &json!(2.5), &json!(5))
     );
     service.upload("pump", &loud(1, 4.0));
     let alarm = only_alarm(&service, "pump");
     assert_eq!(
-        (
-            &alarm["state"],
-            &alarm["severity"],
-            &alarm["raised_at"],
-            &alarm["quantity"]
-        ),
-        (
-            &json!("unacknowledged"),
-            &json!("danger"),
-            &json!(minute(1)),
-            &json!({ "indicator": "rms" })
-        ),
+        (&alarm["state"], &alarm["severity"], &alarm["raised_at"], &alarm["quantity"]),
+        (&json!("unacknowledged"), &json!("danger"), &json!(minute(1)), &json!({ "indicator": "rms" })),
         "{alarm}"
     );
-    let seen = std::iter::repeat_with(|| events.next())
-        .find(|event| event.kind == "alarm")
-        .unwrap();
+    let seen = std::iter::repeat_with(|| events.next()).find(|event| event.kind == "alarm").unwrap();
     assert_eq!(
         (&seen.data["alarm"]["id"], &seen.data["change"]["state"]),
         (&alarm["id"], &json!("unacknowledged"))
     );
     let summary = |key: &str| service.get("/v1/assets/pump").expect(200).json()["summary"][key].clone();
     assert_eq!(summary("category"), "failure");
-    assert_eq!(
-        summary("alarms"),
-        json!({ "danger": 1, "warning": 0, "unacknowledged": 1, "shelved": 0 })
-    );
+    assert_eq!(summary("alarms"), json!({ "danger": 1, "warning": 0, "unacknowledged": 1, "shelved": 0 }));
     let list = service.get("/v1/assets").expect(200).json();
     assert_eq!(list["items"][0]["summary"]["category"], "failure");
 
     act(&service, &alarm, "acknowledge", &json!({ "by": "" })).expect_problem(422, &["by"]);
-    act(
-        &service,
-        &alarm,
-        "acknowledge",
-        &json!({ "by": "Ada", "who": "x" }),
-    )
-    .expect_problem(422, &["who"]);
-    let acknowledged = act(
-        &service,
-        &alarm,
-        "acknowledge",
-        &json!({ "by": "Ada", "comment": "seen" }),
-    )
-    .expect(200)
-    .json();
+    act(&service, &alarm, "acknowledge", &json!({ "by": "Ada", "who": "x" })).expect_problem(422, &["who"]);
+    let acknowledged =
+        act(&service, &alarm, "acknowledge", &json!({ "by": "Ada", "comment": "seen" })).expect(200).json();
     assert_eq!(acknowledged["state"], "acknowledged");
     assert_eq!(acknowledged["history"][1]["by"], "Ada");
     act(&service, &alarm, "acknowledge", &json!({ "by": "Ada" })).expect_problem(409, &["acknowledged"]);
     act(&service, &alarm, "unshelve", &json!({ "by": "Ada" })).expect_problem(409, &["shelved"]);
     act(&service, &alarm, "comment", &json!({ "by": "Ada" })).expect_problem(422, &["comment"]);
-    act(
-        &service,
-        &alarm,
-        "shelve",
-        &json!({ "by": "Ada", "until": "2025-01-01T00:00:00Z" }),
-    )
-    .expect_problem(422, &["until"]);
-    act(
-        &service,
-        &json!({ "id": "none" }),
-        "acknowledge",
-        &json!({ "by": "Ada" }),
-    )
-    .expect_problem(404, &["none"]);
+    act(&service, &alarm, "shelve", &json!({ "by": "Ada", "until": "2025-01-01T00:00:00Z" }))
+        .expect_problem(422, &["until"]);
+    act(&service, &json!({ "id": "none" }), "acknowledge", &json!({ "by": "Ada" }))
+        .expect_problem(404, &["none"]);
 
     let until = minute(60);
-    let shelved = act(
-        &service,
-        &alarm,
-        "shelve",
-        &json!({ "by": "Bob", "until": until }),
-    )
-    .expect(200)
-    .json();
-    assert_eq!(
-        (&shelved["state"], &shelved["severity"]),
-        (&json!("shelved"), &json!("danger"))
-    );
+    let shelved = act(&service, &alarm, "shelve", &json!({ "by": "Bob", "until": until })).expect(200).json();
+    assert_eq!((&shelved["state"], &shelved["severity"]), (&json!("shelved"), &json!("danger")));
     assert_eq!(summary("alarms")["shelved"], 1);
     assert_ne!(summary("category"), "failure");
     let metrics = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
@@ -176,10 +112,7 @@ fn an_alarm_goes_from_records_to_people_and_back() {
     ] {
         assert!(metrics.contains(line), "{line} in {metrics}");
     }
-    assert_eq!(
-        service.get("/v1/alarms?state=shelved").expect(200).json()["items"][0]["id"],
-        alarm["id"]
-    );
+    assert_eq!(service.get("/v1/alarms?state=shelved").expect(200).json()["items"][0]["id"], alarm["id"]);
     service.clock.advance(3601);
     // Told although no record comes.
     let address = format!("/v1/alarms/{}", alarm["id"].as_str().unwrap());
@@ -188,15 +121,9 @@ fn an_alarm_goes_from_records_to_people_and_back() {
         last["action"] == "shelving_over"
     });
     let over = shown["history"].as_array().unwrap().last().unwrap();
-    assert_eq!(
-        (&over["state"], &over["by"]),
-        (&json!("acknowledged"), &Value::Null)
-    );
+    assert_eq!((&over["state"], &over["by"]), (&json!("acknowledged"), &Value::Null));
     let back = only_alarm(&service, "pump");
-    assert_eq!(
-        (&back["state"], &back["shelved_until"]),
-        (&json!("acknowledged"), &Value::Null)
-    );
+    assert_eq!((&back["state"], &back["shelved_until"]), (&json!("acknowledged"), &Value::Null));
 
     // Better, then over; nobody acknowledges what nobody raised again.
     service.upload("pump", &loud(2, 2.2));
@@ -209,19 +136,10 @@ fn an_alarm_goes_from_records_to_people_and_back() {
         (&returned["state"], &returned["severity"]),
         (&json!("returned_unacknowledged"), &Value::Null)
     );
-    assert_eq!(
-        service.get("/v1/alarms?state=normal,shelved").expect(200).json()["items"],
-        json!([])
-    );
-    service
-        .get("/v1/alarms?state=loud")
-        .expect_problem(400, &["state", "loud"]);
-    service
-        .get("/v1/alarms?severity=bad")
-        .expect_problem(400, &["severity"]);
-    service
-        .get("/v1/alarms?asset=none")
-        .expect_problem(404, &["none"]);
+    assert_eq!(service.get("/v1/alarms?state=normal,shelved").expect(200).json()["items"], json!([]));
+    service.get("/v1/alarms?state=loud").expect_problem(400, &["state", "loud"]);
+    service.get("/v1/alarms?severity=bad").expect_problem(400, &["severity"]);
+    service.get("/v1/alarms?asset=none").expect_problem(404, &["none"]);
     let shown = only_alarm(&service, "pump");
     let mut mine = service.get("/v1/alarms").expect(200);
     let mark = mine.header("etag").to_owned();
@@ -235,16 +153,11 @@ fn an_alarm_goes_from_records_to_people_and_back() {
 fn exported(service: &Service) -> usize {
     let bytes = service.get("/v1/assets/pump/export?spectra=0").expect(200).bytes;
     let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
-    let alarms: Vec<_> = messages
-        .filter(|message| message.channel.topic == "/pump/1/alarm")
-        .collect();
+    let alarms: Vec<_> = messages.filter(|message| message.channel.topic == "/pump/1/alarm").collect();
     for message in &alarms {
         let text = String::from_utf8_lossy(&message.data);
         assert!(text.contains("indicator:rms"), "{text}");
-        assert_eq!(
-            message.channel.schema.as_ref().unwrap().name,
-            "flankwatch.v1.AlarmState"
-        );
+        assert_eq!(message.channel.schema.as_ref().unwrap().name, "flankwatch.v1.AlarmState");
     }
     alarms.len()
 }
@@ -253,41 +166,27 @@ fn exported(service: &Service) -> usize {
 fn alarms_are_paged_the_one_that_changed_last_first() {
     let service = Service::start();
     for (n, id) in ["a", "b", "c"].into_iter().enumerate() {
-        service
-            .post_json("/v1/assets", &watched(id, &at_once()))
-            .expect(201);
+        service.post_json("/v1/assets", &watched(id, &at_once())).expect(201);
         service.upload(id, &loud(n as u32, 4.0));
     }
     let first = service.get("/v1/alarms?limit=2").expect(200).json();
     let assets = |page: &Value| -> Vec<String> {
         let items = page["items"].as_array().unwrap();
-        items
-            .iter()
-            .map(|item| item["asset_id"].as_str().unwrap().to_owned())
-            .collect()
+        items.iter().map(|item| item["asset_id"].as_str().unwrap().to_owned()).collect()
     };
     assert_eq!(assets(&first), ["c", "b"]);
     let cursor = first["next_cursor"].as_str().unwrap();
-    let second = service
-        .get(&format!("/v1/alarms?limit=2&cursor={cursor}"))
-        .expect(200)
-        .json();
-    assert_eq!(
-        (assets(&second), &second["next_cursor"]),
-        (vec!["a".to_owned()], &Value::Null)
-    );
-    service
-        .get("/v1/alarms?cursor=x")
-        .expect_problem(400, &["cursor"]);
+    let second = service.get(&format!("/v1/alarms?limit=2&cursor={cursor}")).expect(200).json();
+    assert_eq!((assets(&second), &second["next_cursor"]), (vec!["a".to_owned()], &Value::Null));
+    service.get("/v1/alarms?cursor=x").expect_problem(400, &["cursor"]);
     service.delete("/v1/assets/b").expect(204);
     assert_eq!(assets(&service.get("/v1/alarms").expect(200).json()), ["c", "a"]);
 }
 
 /// Loud and quiet in a way that a rule of 2 of 3 raises, worsens, eases and clears.
 fn life() -> Vec<Record> {
-    let factors = [
-        1.0, 1.0, 2.2, 1.0, 2.2, 4.0, 2.2, 4.0, 4.0, 2.2, 2.2, 1.0, 2.2, 1.0, 1.0, 1.0, 4.0, 4.0, 1.0, 1.0,
-    ];
+    let factors =
+        [1.0, 1.0, 2.2, 1.0, 2.2, 4.0, 2.2, 4.0, 4.0, 2.2, 2.2, 1.0, 2.2, 1.0, 1.0, 1.0, 4.0, 4.0, 1.0, 1.0];
     (0..).zip(factors).map(|(n, factor)| loud(n, factor)).collect()
 }
 
@@ -296,9 +195,7 @@ fn late_records_restarts_and_recomputations_tell_the_same_story() {
     let mut service = Service::start();
     let settings = json!({ "raise": 2, "raise_of": 3, "clear": 2, "clear_of": 3 });
     for asset in ["in-order", "late"] {
-        service
-            .post_json("/v1/assets", &watched(asset, &settings))
-            .expect(201);
+        service.post_json("/v1/assets", &watched(asset, &settings)).expect(201);
     }
     let life = life();
     let acknowledge = |service: &Service, asset: &str| {
@@ -320,11 +217,7 @@ fn late_records_restarts_and_recomputations_tell_the_same_story() {
         service.upload("late", &life[n]);
     }
     service
-        .post(
-            "/v1/assets/late/segments",
-            "application/mcap",
-            &mcap(&[life[2].clone(), life[14].clone()]),
-        )
+        .post("/v1/assets/late/segments", "application/mcap", &mcap(&[life[2].clone(), life[14].clone()]))
         .expect(201);
     let expected = told(&whole(&service, "in-order"));
     assert!(expected.len() > 6, "{expected:?}");
@@ -334,9 +227,7 @@ fn late_records_restarts_and_recomputations_tell_the_same_story() {
     for asset in ["in-order", "late"] {
         let mut description = watched(asset, &settings);
         description["baseline"]["records"] = json!(9);
-        service
-            .put_json(&format!("/v1/assets/{asset}"), &description)
-            .expect(200);
+        service.put_json(&format!("/v1/assets/{asset}"), &description).expect(200);
         service.wait_for(&format!("/v1/recomputations?asset={asset}"), |list| {
             list["items"][0]["state"] == "finished"
         });
@@ -356,24 +247,16 @@ fn late_records_restarts_and_recomputations_tell_the_same_story() {
 fn what_was_announced_is_neither_lost_nor_announced_again() {
     let service = Service::start();
     let settings = json!({ "raise": 2, "raise_of": 2, "clear": 1, "clear_of": 1 });
-    service
-        .post_json("/v1/assets", &watched("pump", &settings))
-        .expect(201);
+    service.post_json("/v1/assets", &watched("pump", &settings)).expect(201);
     let mut events = EventStream::open(&service, "?asset=pump", None);
     service.upload("pump", &loud(1, 4.0));
     service.upload("pump", &loud(3, 4.0));
     let alarm = whole(&service, "pump");
-    assert_eq!(
-        (&alarm["state"], alarm["history"].as_array().unwrap().len()),
-        (&json!("unacknowledged"), 1)
-    );
+    assert_eq!((&alarm["state"], alarm["history"].as_array().unwrap().len()), (&json!("unacknowledged"), 1));
     // A late record between them that is quiet: no two in a row were loud.
     service.upload("pump", &loud(2, 1.0));
     let alarm = whole(&service, "pump");
-    assert_eq!(
-        (&alarm["state"], &alarm["severity"]),
-        (&json!("normal"), &Value::Null)
-    );
+    assert_eq!((&alarm["state"], &alarm["severity"]), (&json!("normal"), &Value::Null));
     assert_eq!(
         (&alarm["history"][0]["state"], &alarm["history"][0]["time"]),
         (&json!("unacknowledged"), &json!(minute(3)))
@@ -390,74 +273,44 @@ fn what_was_announced_is_neither_lost_nor_announced_again() {
         .take(4)
         .map(|event| event.data["alarm"]["state"].clone())
         .collect();
-    assert_eq!(
-        states,
-        [
-            "unacknowledged",
-            "normal",
-            "unacknowledged",
-            "returned_unacknowledged"
-        ]
-    );
+    assert_eq!(states, ["unacknowledged", "normal", "unacknowledged", "returned_unacknowledged"]);
 }
 
 #[test]
 fn a_rule_that_is_taken_away_leaves_its_history() {
     let service = Service::start();
-    service
-        .post_json("/v1/assets", &watched("pump", &at_once()))
-        .expect(201);
+    service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
     service.upload("pump", &loud(0, 4.0));
     let mut description = watched("pump", &at_once());
     description["alarms"] = json!([]);
     service.put_json("/v1/assets/pump", &description).expect(200);
     service.wait_for("/v1/alarms?asset=pump", |list| list["items"][0]["rule"].is_null());
     let alarm = whole(&service, "pump");
-    assert_eq!(
-        (&alarm["state"], &alarm["severity"]),
-        (&json!("normal"), &Value::Null)
-    );
+    assert_eq!((&alarm["state"], &alarm["severity"]), (&json!("normal"), &Value::Null));
     assert_eq!(alarm["history"].as_array().unwrap().len(), 1);
     // Given again, it stands where the records say.
-    service
-        .put_json("/v1/assets/pump", &watched("pump", &at_once()))
-        .expect(200);
-    service.wait_for("/v1/alarms?asset=pump", |list| {
-        list["items"][0]["state"] == "unacknowledged"
-    });
+    service.put_json("/v1/assets/pump", &watched("pump", &at_once())).expect(200);
+    service.wait_for("/v1/alarms?asset=pump", |list| list["items"][0]["state"] == "unacknowledged");
     assert_eq!(whole(&service, "pump")["history"].as_array().unwrap().len(), 1);
 }
 
 /// Statuses of the wear history of an asset, with the records' minutes.
 fn statuses(service: &Service, asset: &str) -> Vec<(Value, Value)> {
-    let history = service
-        .get(&format!("/v1/assets/{asset}/wear/history"))
-        .expect(200)
-        .json();
+    let history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
     let items = history["items"].as_array().unwrap().iter();
-    items
-        .map(|item| (item["start_time"].clone(), item["reason"].clone()))
-        .collect()
+    items.map(|item| (item["start_time"].clone(), item["reason"].clone())).collect()
 }
 
 #[test]
 fn maintenance_begins_again_whenever_it_is_told_of() {
     let mut service = Service::start();
     for asset in ["before", "after", "never"] {
-        service
-            .post_json("/v1/assets", &watched(asset, &at_once()))
-            .expect(201);
+        service.post_json("/v1/assets", &watched(asset, &at_once())).expect(201);
     }
     let done = json!({ "time": minute(12), "kind": "gear_replaced", "by": "Ada", "comment": "new pair" });
     let tell = |service: &Service, asset: &str| {
-        let answer = service
-            .post_json(&format!("/v1/assets/{asset}/maintenance"), &done)
-            .expect(201);
-        assert!(
-            answer
-                .header("location")
-                .starts_with(&format!("/v1/assets/{asset}/maintenance/"))
-        );
+        let answer = service.post_json(&format!("/v1/assets/{asset}/maintenance"), &done).expect(201);
+        assert!(answer.header("location").starts_with(&format!("/v1/assets/{asset}/maintenance/")));
         answer.json()
     };
     tell(&service, "before");
@@ -470,17 +323,10 @@ fn maintenance_begins_again_whenever_it_is_told_of() {
     assert_ne!(statuses(&service, "after"), statuses(&service, "before"));
     let event = tell(&service, "after");
     assert_eq!(tell(&service, "after"), event);
-    let heard = std::iter::repeat_with(|| events.next())
-        .find(|event| event.kind == "maintenance")
-        .unwrap();
-    assert_eq!(
-        (&heard.data["change"], &heard.data["event"]["id"]),
-        (&json!("added"), &event["id"])
-    );
+    let heard = std::iter::repeat_with(|| events.next()).find(|event| event.kind == "maintenance").unwrap();
+    assert_eq!((&heard.data["change"], &heard.data["event"]["id"]), (&json!("added"), &event["id"]));
     let waited = |service: &Service| {
-        service.wait_for("/v1/recomputations?asset=after", |list| {
-            list["items"][0]["state"] == "finished"
-        });
+        service.wait_for("/v1/recomputations?asset=after", |list| list["items"][0]["state"] == "finished");
     };
     waited(&service);
     let history = statuses(&service, "before");
@@ -489,10 +335,7 @@ fn maintenance_begins_again_whenever_it_is_told_of() {
     // The new gear ends the alarm of the old one, before its first record.
     let alarm = told(&whole(&service, "before"));
     assert_eq!(alarm[1][2], json!(minute(12)), "{alarm:?}");
-    assert_eq!(
-        whole(&service, "before")["history"][1]["maintenance"],
-        "gear_replaced"
-    );
+    assert_eq!(whole(&service, "before")["history"][1]["maintenance"], "gear_replaced");
     assert_eq!(told(&whole(&service, "after")), alarm);
     service.restart();
     service.upload("before", &loud(24, 1.0));
@@ -501,12 +344,8 @@ fn maintenance_begins_again_whenever_it_is_told_of() {
     let list = service.get("/v1/assets/after/maintenance").expect(200).json();
     assert_eq!(list["items"], json!([event]));
     let id = event["id"].as_str().unwrap();
-    service
-        .delete(&format!("/v1/assets/after/maintenance/{id}"))
-        .expect(204);
-    service
-        .delete(&format!("/v1/assets/after/maintenance/{id}"))
-        .expect_problem(404, &[id]);
+    service.delete(&format!("/v1/assets/after/maintenance/{id}")).expect(204);
+    service.delete(&format!("/v1/assets/after/maintenance/{id}")).expect_problem(404, &[id]);
     service.upload("never", &loud(24, 1.0));
     service.wait_for("/v1/assets/after/wear/history", |_| {
         statuses(&service, "after") == statuses(&service, "never")
@@ -514,21 +353,12 @@ fn maintenance_begins_again_whenever_it_is_told_of() {
     for (body, word) in [
         (json!({ "kind": "oiled", "by": "Ada" }), "oiled"),
         (json!({ "kind": "gear_replaced" }), "by"),
-        (
-            json!({ "kind": "gear_replaced", "by": "Ada", "time": "-009999-01-02T01:59:59Z" }),
-            "-009999",
-        ),
+        (json!({ "kind": "gear_replaced", "by": "Ada", "time": "-009999-01-02T01:59:59Z" }), "-009999"),
     ] {
-        service
-            .post_json("/v1/assets/after/maintenance", &body)
-            .expect_problem(422, &[word]);
+        service.post_json("/v1/assets/after/maintenance", &body).expect_problem(422, &[word]);
     }
-    service
-        .get("/v1/assets/none/maintenance")
-        .expect_problem(404, &["none"]);
-    service
-        .post_json("/v1/assets/none/maintenance", &done)
-        .expect_problem(404, &["none"]);
+    service.get("/v1/assets/none/maintenance").expect_problem(404, &["none"]);
+    service.post_json("/v1/assets/none/maintenance", &done).expect_problem(404, &["none"]);
 }
 
 #[test]
@@ -550,39 +380,18 @@ fn trends_are_asked_by_operating_bin() {
         service.post(&path, "application/json", &block).expect(201);
     }
     let minutes = |path: &str| -> Vec<Timestamp> {
-        let items = service.get(path).expect(200).json()["items"]
-            .as_array()
-            .unwrap()
-            .clone();
-        items
-            .iter()
-            .map(|item| item["start_time"].as_str().unwrap().parse().unwrap())
-            .collect()
+        let items = service.get(path).expect(200).json()["items"].as_array().unwrap().clone();
+        items.iter().map(|item| item["start_time"].as_str().unwrap().parse().unwrap()).collect()
     };
     assert_eq!(
         minutes("/v1/assets/pump/indicators?names=rms&operating_bin=full%20load"),
         [minute(1), minute(3)]
     );
-    assert_eq!(
-        minutes("/v1/assets/pump/wear/history?operating_bin=idle"),
-        [minute(0)]
-    );
+    assert_eq!(minutes("/v1/assets/pump/wear/history?operating_bin=idle"), [minute(0)]);
     let all = service.get("/v1/assets/pump/wear/history").expect(200).json();
-    let bins: Vec<&Value> = all["items"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|item| &item["operating_bin"])
-        .collect();
-    assert_eq!(
-        bins,
-        [
-            &json!("idle"),
-            &json!("full load"),
-            &Value::Null,
-            &json!("full load")
-        ]
-    );
+    let bins: Vec<&Value> =
+        all["items"].as_array().unwrap().iter().map(|item| &item["operating_bin"]).collect();
+    assert_eq!(bins, [&json!("idle"), &json!("full load"), &Value::Null, &json!("full load")]);
     service
         .get("/v1/assets/pump/indicators?operating_bin=half")
         .expect_problem(400, &["operating_bin", "half"]);
@@ -593,9 +402,7 @@ fn trends_are_asked_by_operating_bin() {
     let next = page["next_cursor"].as_str().unwrap();
     assert_eq!(minutes(&format!("{segments}&limit=1&cursor={next}")), [minute(3)]);
     asset["operating_bins"][1]["torque_nm"] = json!([5, 100]);
-    service
-        .put_json("/v1/assets/pump", &asset)
-        .expect_problem(422, &["overlap"]);
+    service.put_json("/v1/assets/pump", &asset).expect_problem(422, &["overlap"]);
 }
 
 #[test]
@@ -603,13 +410,9 @@ fn an_mcap_of_a_whole_life_raises_in_one_batch() {
     let service = Service::start();
     let settings = json!({ "raise": 2, "raise_of": 3, "clear": 2, "clear_of": 3 });
     for asset in ["batch", "single"] {
-        service
-            .post_json("/v1/assets", &watched(asset, &settings))
-            .expect(201);
+        service.post_json("/v1/assets", &watched(asset, &settings)).expect(201);
     }
-    service
-        .post("/v1/assets/batch/segments", "application/mcap", &mcap(&life()))
-        .expect(201);
+    service.post("/v1/assets/batch/segments", "application/mcap", &mcap(&life())).expect(201);
     for record in life() {
         service.upload("single", &record);
     }
@@ -626,9 +429,7 @@ fn silent_after_a_minute(id: &str) -> Value {
 /// Waits until the only alarm of an asset is as it is wanted.
 fn wait_for_alarm(service: &Service, asset: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
     let list = service.wait_for(&format!("/v1/alarms?asset={asset}"), |list| {
-        list["items"]
-            .as_array()
-            .is_some_and(|items| items.iter().any(&is_wanted))
+        list["items"].as_array().is_some_and(|items| items.iter().any(&is_wanted))
     });
     list["items"][0].clone()
 }
@@ -636,25 +437,15 @@ fn wait_for_alarm(service: &Service, asset: &str, is_wanted: impl Fn(&Value) -> 
 #[test]
 fn silence_is_raised_gets_worse_survives_a_restart_and_ends_with_a_record() {
     let mut service = Service::start();
-    service
-        .post_json("/v1/assets", &silent_after_a_minute("pump"))
-        .expect(201);
-    service
-        .post_json("/v1/assets", &silent_after_a_minute("fan"))
-        .expect(201);
+    service.post_json("/v1/assets", &silent_after_a_minute("pump")).expect(201);
+    service.post_json("/v1/assets", &silent_after_a_minute("fan")).expect(201);
     service.upload("pump", &loud(0, 1.0));
     service.clock.advance(61);
     let raised = wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
-    assert_eq!(
-        (&raised["state"], &raised["quantity"]),
-        (&json!("unacknowledged"), &json!("stale_s"))
-    );
+    assert_eq!((&raised["state"], &raised["quantity"]), (&json!("unacknowledged"), &json!("stale_s")));
     assert_eq!(raised["value"], 61.0);
     // A channel that never had a record is not waited for.
-    assert_eq!(
-        service.get("/v1/alarms?asset=fan").expect(200).json()["items"],
-        json!([])
-    );
+    assert_eq!(service.get("/v1/alarms?asset=fan").expect(200).json()["items"], json!([]));
     act(&service, &raised, "acknowledge", &json!({ "by": "Ada" })).expect(200);
     service.clock.advance(3600);
     wait_for_alarm(&service, "pump", |alarm| {
@@ -663,36 +454,15 @@ fn silence_is_raised_gets_worse_survives_a_restart_and_ends_with_a_record() {
 
     service.restart();
     let kept = whole(&service, "pump");
-    assert_eq!(
-        (&kept["severity"], &kept["state"]),
-        (&json!("danger"), &json!("unacknowledged"))
-    );
+    assert_eq!((&kept["severity"], &kept["state"]), (&json!("danger"), &json!("unacknowledged")));
     // By the clock a record is received now, whatever its own time.
     service.upload("pump", &loud(1, 1.0));
     let over = whole(&service, "pump");
-    assert_eq!(
-        (&over["severity"], &over["state"]),
-        (&Value::Null, &json!("returned_unacknowledged"))
-    );
-    let told: Vec<&Value> = over["history"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|entry| &entry["severity"])
-        .collect();
-    assert_eq!(
-        told,
-        [
-            &json!("warning"),
-            &json!("warning"),
-            &json!("danger"),
-            &Value::Null
-        ]
-    );
-    assert_eq!(
-        over["history"][0]["action"],
-        json!({ "stale": { "severity": "warning", "silent_s": 61 } })
-    );
+    assert_eq!((&over["severity"], &over["state"]), (&Value::Null, &json!("returned_unacknowledged")));
+    let told: Vec<&Value> =
+        over["history"].as_array().unwrap().iter().map(|entry| &entry["severity"]).collect();
+    assert_eq!(told, [&json!("warning"), &json!("warning"), &json!("danger"), &Value::Null]);
+    assert_eq!(over["history"][0]["action"], json!({ "stale": { "severity": "warning", "silent_s": 61 } }));
 
     // A record that is late by its own time ends it too.
     service.clock.advance(61);
@@ -712,10 +482,7 @@ fn levels_below_are_raised_and_cleared_by_records() {
     assert_eq!(only_alarm(&service, "pump")["severity"], "danger");
     service.upload("pump", &loud(2, 1.0));
     let over = only_alarm(&service, "pump");
-    assert_eq!(
-        (&over["severity"], &over["rule"]["warning_below"]),
-        (&Value::Null, &json!(0.5))
-    );
+    assert_eq!((&over["severity"], &over["rule"]["warning_below"]), (&Value::Null, &json!(0.5)));
 }
 
 #[test]
@@ -731,13 +498,8 @@ fn a_misspelt_indicator_is_refused_with_the_nearest_names() {
     for _ in 0..2 {
         // With and without records.
         let trend = service.get("/v1/assets/pump/indicators?names=rms,nonsense");
-        assert_eq!(
-            trend.expect_problem(400, &["nonsense", "the nearest are"])["field"],
-            "names"
-        );
-        service
-            .get("/v1/assets/pump/indicators?names=rms,na4")
-            .expect(200);
+        assert_eq!(trend.expect_problem(400, &["nonsense", "the nearest are"])["field"], "names");
+        service.get("/v1/assets/pump/indicators?names=rms,na4").expect(200);
         service.upload("pump", &loud(0, 1.0));
     }
 }

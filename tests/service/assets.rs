@@ -7,9 +7,7 @@ use crate::running::{Service, plain_asset, record, samples, wav};
 #[test]
 fn an_asset_is_made_shown_changed_and_removed() {
     let service = Service::start();
-    let made = service
-        .post_json("/v1/assets", &plain_asset("pump-1"))
-        .expect(201);
+    let made = service.post_json("/v1/assets", &plain_asset("pump-1")).expect(201);
     assert_eq!(made.header("location"), "/v1/assets/pump-1");
     let made = made.json();
     assert_eq!(made["gear"]["teeth"], json!([31, 62]));
@@ -18,9 +16,7 @@ fn an_asset_is_made_shown_changed_and_removed() {
     assert_eq!(made["summary"]["library_state"], "none");
     assert_eq!(made["summary"]["library_id"], json!(null));
     assert_eq!(service.get("/v1/assets/pump-1").expect(200).json(), made);
-    service
-        .post_json("/v1/assets", &plain_asset("pump-1"))
-        .expect_problem(409, &["pump-1", "exists"]);
+    service.post_json("/v1/assets", &plain_asset("pump-1")).expect_problem(409, &["pump-1", "exists"]);
 
     service.clock.advance(60);
     let mut changed = plain_asset("pump-1");
@@ -30,35 +26,23 @@ fn an_asset_is_made_shown_changed_and_removed() {
     assert_eq!(changed["name"], "Feed pump");
     assert_eq!(changed["created_at"], made["created_at"]);
     assert_eq!(changed["updated_at"], "2026-01-01T00:01:00Z");
-    service
-        .put_json("/v1/assets/pump-2", &plain_asset("pump-2"))
-        .expect_problem(404, &["pump-2"]);
-    service
-        .put_json("/v1/assets/pump-2", &plain_asset("pump-1"))
-        .expect_problem(422, &["pump-1", "pump-2"]);
+    service.put_json("/v1/assets/pump-2", &plain_asset("pump-2")).expect_problem(404, &["pump-2"]);
+    service.put_json("/v1/assets/pump-2", &plain_asset("pump-1")).expect_problem(422, &["pump-1", "pump-2"]);
 
     assert!(service.delete("/v1/assets/pump-1").expect(204).bytes.is_empty());
     service.get("/v1/assets/pump-1").expect_problem(404, &["pump-1"]);
-    service
-        .delete("/v1/assets/pump-1")
-        .expect_problem(404, &["pump-1"]);
+    service.delete("/v1/assets/pump-1").expect_problem(404, &["pump-1"]);
 }
 
 #[test]
 fn a_description_in_toml_is_taken() {
     let service = Service::start();
     let toml = "id = \"fan\"\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10.0\n";
-    let fan = service
-        .post("/v1/assets", "application/toml", toml.as_bytes())
-        .expect(201)
-        .json();
+    let fan = service.post("/v1/assets", "application/toml", toml.as_bytes()).expect(201).json();
     assert_eq!(fan["baseline"]["records"], 20);
     let wrong = toml.replace("shaft_speed_hz", "shaft_sped_hz");
     let problem = service.post("/v1/assets", "application/toml", wrong.as_bytes());
-    assert_eq!(
-        problem.expect_problem(422, &["shaft_sped_hz"])["field"],
-        "shaft_sped_hz"
-    );
+    assert_eq!(problem.expect_problem(422, &["shaft_sped_hz"])["field"], "shaft_sped_hz");
 }
 
 #[test]
@@ -66,31 +50,17 @@ fn a_description_that_cannot_be_used_is_refused_with_its_field() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["gear"]["teeth"] = json!([2, 62]);
-    let problem = service
-        .post_json("/v1/assets", &asset)
-        .expect_problem(422, &["gear.teeth", "[2, 62]"]);
+    let problem = service.post_json("/v1/assets", &asset).expect_problem(422, &["gear.teeth", "[2, 62]"]);
     assert_eq!(problem["field"], "gear.teeth");
     assert_eq!(problem["value"], "[2, 62]");
     assert!(problem["expected"].as_str().unwrap().contains("4 to 1000"));
     let mut asset = plain_asset("pump");
     asset["colour"] = json!("red");
-    assert_eq!(
-        service
-            .post_json("/v1/assets", &asset)
-            .expect_problem(422, &["colour"])["field"],
-        "colour"
-    );
-    service
-        .post_json("/v1/assets", &plain_asset("../etc"))
-        .expect_problem(422, &["../etc"]);
+    assert_eq!(service.post_json("/v1/assets", &asset).expect_problem(422, &["colour"])["field"], "colour");
+    service.post_json("/v1/assets", &plain_asset("../etc")).expect_problem(422, &["../etc"]);
     let mut asset = plain_asset("pump");
     asset.as_object_mut().unwrap().remove("gear");
-    assert_eq!(
-        service
-            .post_json("/v1/assets", &asset)
-            .expect_problem(422, &["gear"])["field"],
-        "gear"
-    );
+    assert_eq!(service.post_json("/v1/assets", &asset).expect_problem(422, &["gear"])["field"], "gear");
 }
 
 #[test]
@@ -102,17 +72,10 @@ fn a_list_comes_in_pages_without_loss() {
     let mut ids = Vec::new();
     let mut cursor = String::new();
     loop {
-        let page = service
-            .get(&format!("/v1/assets?limit=2{cursor}"))
-            .expect(200)
-            .json();
+        let page = service.get(&format!("/v1/assets?limit=2{cursor}")).expect(200).json();
         let items = page["items"].as_array().unwrap().clone();
         assert!((1..=2).contains(&items.len()));
-        ids.extend(
-            items
-                .iter()
-                .map(|asset| asset["id"].as_str().unwrap().to_string()),
-        );
+        ids.extend(items.iter().map(|asset| asset["id"].as_str().unwrap().to_string()));
         match page["next_cursor"].as_str() {
             Some(next) => cursor = format!("&cursor={next}"),
             None => break,
@@ -142,25 +105,15 @@ fn a_removed_asset_takes_its_records_and_only_its_own_raw_bytes_along() {
     assert!(object(&lost).is_file() && object(&kept).is_file());
     service.delete("/v1/assets/one").expect(204);
     assert!(!object(&lost).exists() && object(&kept).is_file());
-    service
-        .get(&format!("/v1/segments/{}", lost["id"].as_str().unwrap()))
-        .expect_problem(404, &[]);
-    service
-        .get(&format!("/v1/segments/{}/waveform", kept["id"].as_str().unwrap()))
-        .expect(200);
+    service.get(&format!("/v1/segments/{}", lost["id"].as_str().unwrap())).expect_problem(404, &[]);
+    service.get(&format!("/v1/segments/{}/waveform", kept["id"].as_str().unwrap())).expect(200);
     // The name is free again, and nothing of before comes back.
     service.plain_asset("one");
     let wear = service.get("/v1/assets/one/wear").expect(200).json();
-    assert_eq!(
-        (&wear["segment_id"], &wear["status"]),
-        (&json!(null), &json!("collecting_baseline"))
-    );
+    assert_eq!((&wear["segment_id"], &wear["status"]), (&json!(null), &json!("collecting_baseline")));
     service.upload("one", &record("1", 7));
     assert_eq!(
-        service
-            .get("/v1/assets/one/indicators?names=rms")
-            .expect(200)
-            .json()["items"]
+        service.get("/v1/assets/one/indicators?names=rms").expect(200).json()["items"]
             .as_array()
             .unwrap()
             .len(),
@@ -193,22 +146,13 @@ fn a_change_can_be_conditional_on_the_description_that_was_seen() {
     let tag = seen.header("etag").to_owned();
     let put = |description: &serde_json::Value, headers: &[(&str, &str)]| {
         let headers = [&[("content-type", "application/json")], headers].concat();
-        service.send(
-            "PUT",
-            "/v1/assets/pump",
-            &headers,
-            description.to_string().as_bytes(),
-        )
+        service.send("PUT", "/v1/assets/pump", &headers, description.to_string().as_bytes())
     };
     // Further records change the answer, and not the description.
     service.upload("pump", &record("1", 1));
-    let unchanged = service
-        .send("GET", "/v1/assets/pump", &[("if-none-match", &tag)], b"")
-        .expect(200);
+    let unchanged = service.send("GET", "/v1/assets/pump", &[("if-none-match", &tag)], b"").expect(200);
     let tag_now = unchanged.header("etag").to_owned();
-    service
-        .send("GET", "/v1/assets/pump", &[("if-none-match", &tag_now)], b"")
-        .expect(304);
+    service.send("GET", "/v1/assets/pump", &[("if-none-match", &tag_now)], b"").expect(304);
     // What was answered is put back, with a change.
     let mut description = seen.json();
     description["name"] = serde_json::json!("Pump 1");
@@ -217,20 +161,11 @@ fn a_change_can_be_conditional_on_the_description_that_was_seen() {
     description["name"] = serde_json::json!("Pump 2");
     put(&description, &[("if-match", &tag)]).expect_problem(412, &["pump", "changed meanwhile"]);
     put(&description, &[("if-none-match", "*")]).expect_problem(412, &["pump"]);
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["name"],
-        "Pump 1"
-    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["name"], "Pump 1");
     let list = format!("\"other\", {}", changed.header("etag"));
     put(&description, &[("if-match", &list)]).expect(200);
-    service
-        .send("DELETE", "/v1/assets/pump", &[("if-match", &tag)], b"")
-        .expect_problem(412, &["pump"]);
-    service
-        .send("DELETE", "/v1/assets/pump", &[("if-match", "*")], b"")
-        .expect(204);
+    service.send("DELETE", "/v1/assets/pump", &[("if-match", &tag)], b"").expect_problem(412, &["pump"]);
+    service.send("DELETE", "/v1/assets/pump", &[("if-match", "*")], b"").expect(204);
     // Elsewhere a field that nobody knows stays a mistake.
-    service
-        .post_json("/v1/assets", &description)
-        .expect_problem(422, &["created_at"]);
+    service.post_json("/v1/assets", &description).expect_problem(422, &["created_at"]);
 }

@@ -38,22 +38,15 @@ fn wait_until_known(program: &Program) {
 #[test]
 fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_again() {
     let place = tempfile::tempdir().unwrap();
-    let (folder, copy, elsewhere) = (
-        place.path().join("data"),
-        place.path().join("copy"),
-        place.path().join("elsewhere"),
-    );
+    let (folder, copy, elsewhere) =
+        (place.path().join("data"), place.path().join("copy"), place.path().join("elsewhere"));
     let program = Program::start(&folder);
     program.make(&plain_asset("pump"));
     let event =
         json!({ "time": "2026-01-01T00:05:30Z", "kind": "sensor_replaced", "by": "A. Fitter" }).to_string();
     let json = [("content-type", "application/json")];
     let answer = program.send("POST", "/v1/assets/pump/maintenance", &json, event.as_bytes());
-    assert!(
-        answer.status().is_success(),
-        "{:?}",
-        answer.into_body().read_to_string()
-    );
+    assert!(answer.status().is_success(), "{:?}", answer.into_body().read_to_string());
     for n in 0..10 {
         program.upload("pump", n).unwrap();
     }
@@ -85,28 +78,14 @@ fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_a
     remove_database(&folder);
     on(&folder, &["restore", copy.to_str().unwrap()]).expect_success();
     let older = Program::start(&folder);
-    assert!(
-        older.get("/readyz")["raw_recordings"]
-            .as_str()
-            .unwrap()
-            .contains("older")
-    );
+    assert!(older.get("/readyz")["raw_recordings"].as_str().unwrap().contains("older"));
     std::thread::sleep(std::time::Duration::from_secs(1));
     older.kill();
     assert_eq!((raw_objects(&folder).len(), quarantined(&folder).len()), (14, 0));
     let said = on(&folder, &["verify"]);
-    assert!(
-        said.out().contains("no record refers to it") && said.out().contains("older"),
-        "{}",
-        said.out()
-    );
+    assert!(said.out().contains("no record refers to it") && said.out().contains("older"), "{}", said.out());
     said.expect_refusal(&["5 things"]);
-    assert!(
-        on(&folder, &["rebuild"])
-            .expect_success()
-            .out()
-            .contains("0 assets and 4 records taken in")
-    );
+    assert!(on(&folder, &["rebuild"]).expect_success().out().contains("0 assets and 4 records taken in"));
     on(&folder, &["verify"]).expect_success();
     let whole = Program::start(&folder);
     wait_until_known(&whole);
@@ -150,11 +129,9 @@ fn what_is_missing_damaged_or_left_over_is_named() {
     std::fs::write(&left, b"left").unwrap();
     let said = on(&folder, &["verify"]);
     let out = said.out();
-    for (path, what) in [
-        (&objects[0], "missing"),
-        (&objects[1], "damaged"),
-        (&left, "no record refers to it"),
-    ] {
+    for (path, what) in
+        [(&objects[0], "missing"), (&objects[1], "damaged"), (&left, "no record refers to it")]
+    {
         let name = path.file_name().unwrap().to_str().unwrap();
         assert!(out.contains(&format!("object {name}: {what}")), "{out}");
     }
@@ -174,12 +151,7 @@ fn what_is_in_quarantine_is_listed_and_comes_back() {
     program.make(&plain_asset("pump"));
     program.kill();
     let name = quarantined(&folder).pop().unwrap();
-    assert!(
-        on(&folder, &["quarantine", "list"])
-            .expect_success()
-            .out()
-            .contains(&name)
-    );
+    assert!(on(&folder, &["quarantine", "list"]).expect_success().out().contains(&name));
     on(&folder, &["quarantine", "restore", "no-such"]).expect_refusal(&["no-such"]);
     on(&folder, &["quarantine", "restore", &name[..12]]).expect_success();
     let said = on(&folder, &["rebuild"]).expect_success().out();

@@ -20,10 +20,7 @@ fn follow(service: &Service, token: Option<&str>) -> (u16, BufReader<TcpStream>)
     let mut stream = connect(service);
     let token = token.map_or_else(String::new, |token| format!("authorization: Bearer {token}\r\n"));
     // A connection that is refused at once may be closed before the request is through.
-    let _ = write!(
-        stream,
-        "GET /v1/events HTTP/1.1\r\nhost: localhost\r\n{token}\r\n"
-    );
+    let _ = write!(stream, "GET /v1/events HTTP/1.1\r\nhost: localhost\r\n{token}\r\n");
     let (mut reader, mut line) = (BufReader::new(stream), String::new());
     reader.read_line(&mut line).unwrap();
     (line.split(' ').nth(1).unwrap().parse().unwrap(), reader)
@@ -49,18 +46,12 @@ fn health_is_answered_while_one_client_has_all_its_connections() {
     service.get("/healthz").expect(200);
     service.get("/readyz").expect(200);
     let refused = service.get("/v1/assets");
-    assert_eq!(
-        (refused.header("connection"), refused.header("retry-after")),
-        ("close", "1")
-    );
+    assert_eq!((refused.header("connection"), refused.header("retry-after")), ("close", "1"));
     refused.expect_problem(503, &["connections"]);
     drop(idle);
     let began = std::time::Instant::now();
     while service.get("/v1/assets").status != 200 {
-        assert!(
-            began.elapsed() < Duration::from_secs(20),
-            "its places are still taken"
-        );
+        assert!(began.elapsed() < Duration::from_secs(20), "its places are still taken");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
@@ -76,10 +67,7 @@ fn a_revoked_tokens_streams_end() {
     assert_eq!(status, 200);
     let id = one.split('_').nth(1).unwrap();
     tokens.revoke(id).unwrap();
-    ended
-        .get_ref()
-        .set_read_timeout(Some(Duration::from_secs(10)))
-        .unwrap();
+    ended.get_ref().set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     let mut rest = String::new();
     // The last chunk ends the stream; the connection may stay for another request.
     while !rest.ends_with("0\r\n\r\n") {
@@ -90,20 +78,14 @@ fn a_revoked_tokens_streams_end() {
         }
         rest.push_str(&String::from_utf8_lossy(&piece[..count]));
     }
-    goes_on
-        .get_ref()
-        .set_read_timeout(Some(Duration::from_millis(300)))
-        .unwrap();
+    goes_on.get_ref().set_read_timeout(Some(Duration::from_millis(300))).unwrap();
     let mut head = String::new();
     let mut goes_on = goes_on;
     while head != "\r\n" {
         head.clear();
         goes_on.read_line(&mut head).unwrap();
     }
-    assert!(
-        goes_on.read(&mut [0; 16]).is_err(),
-        "nothing comes, and it has not ended"
-    );
+    assert!(goes_on.read(&mut [0; 16]).is_err(), "nothing comes, and it has not ended");
 }
 
 fn token(service: &Service, name: &str) -> String {

@@ -13,10 +13,7 @@ use crate::running::{Service, minute, plain_asset, record, samples};
 fn wait_for_the_numbers_of(service: &Service, asset: &str, expected: &str) {
     for path in ["wear/history", "indicators"] {
         let told = |asset: &str| {
-            let mut answer = service
-                .get(&format!("/v1/assets/{asset}/{path}"))
-                .expect(200)
-                .json();
+            let mut answer = service.get(&format!("/v1/assets/{asset}/{path}")).expect(200).json();
             for item in answer["items"].as_array_mut().unwrap() {
                 item.as_object_mut().unwrap().remove("segment_id");
             }
@@ -24,12 +21,7 @@ fn wait_for_the_numbers_of(service: &Service, asset: &str, expected: &str) {
         };
         let began = std::time::Instant::now();
         while told(asset) != told(expected) {
-            assert!(
-                began.elapsed().as_secs() < 60,
-                "{} is not {}",
-                told(asset),
-                told(expected)
-            );
+            assert!(began.elapsed().as_secs() < 60, "{} is not {}", told(asset), told(expected));
             std::thread::sleep(std::time::Duration::from_millis(20));
         }
     }
@@ -49,12 +41,8 @@ fn deleted_records_leave_a_history_as_if_they_had_never_come() {
         }
     }
     let id = |n: usize| segments[n]["id"].as_str().unwrap();
-    service
-        .delete("/v1/assets/pump/segments")
-        .expect_problem(400, &["from"]);
-    service
-        .delete("/v1/assets/none/segments?from=2026-01-01T00:00:00Z")
-        .expect(404);
+    service.delete("/v1/assets/pump/segments").expect_problem(400, &["from"]);
+    service.delete("/v1/assets/none/segments?from=2026-01-01T00:00:00Z").expect(404);
     service.delete(&format!("/v1/segments/{}", id(3))).expect(204);
     service.delete(&format!("/v1/segments/{}", id(3))).expect(404);
     let range = "/v1/assets/pump/segments?channel=1&from=2026-01-01T00:06:00Z&to=2026-01-01T00:09:00Z";
@@ -65,13 +53,7 @@ fn deleted_records_leave_a_history_as_if_they_had_never_come() {
     assert_eq!(summary["segments"], 10);
     if std::env::var("FLANKWATCH_TEST_DATABASE").is_err() {
         // Both assets have the other objects.
-        assert_eq!(
-            (
-                raw_objects(service.folder()).len(),
-                quarantined(service.folder()).len()
-            ),
-            (10, 4)
-        );
+        assert_eq!((raw_objects(service.folder()).len(), quarantined(service.folder()).len()), (10, 4));
     }
     service.restart();
     wait_for_the_numbers_of(&service, "pump", "never-had-them");
@@ -82,10 +64,7 @@ fn deleted_records_leave_a_history_as_if_they_had_never_come() {
     }
     wait_for_the_numbers_of(&service, "pump", "never-had-them");
     assert_eq!(
-        service
-            .get(&format!("/v1/segments/{}/waveform", id(3)))
-            .expect(200)
-            .json()["segment_id"],
+        service.get(&format!("/v1/segments/{}/waveform", id(3))).expect(200).json()["segment_id"],
         id(3)
     );
 }
@@ -101,28 +80,15 @@ fn a_channel_whose_records_are_all_deleted_begins_anew() {
     let url = service.url("");
     let delete = |words: &[&str]| flankwatch(&[&["delete", "--url", &url], words].concat());
     delete(&["--asset", "pump"]).expect_refusal(&["--from"]);
-    let said = delete(&[
-        "--asset",
-        "pump",
-        "--channel",
-        "2",
-        "--to",
-        "2027-01-01T00:00:00Z",
-    ])
-    .expect_success();
+    let said =
+        delete(&["--asset", "pump", "--channel", "2", "--to", "2027-01-01T00:00:00Z"]).expect_success();
     assert_eq!(said.out(), "3 records deleted\n");
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["summary"]["channels"],
-        json!(["1"])
-    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["channels"], json!(["1"]));
     let segment = service.upload("pump", &record("2", 7));
     delete(&["--segment", segment["id"].as_str().unwrap()]).expect_success();
     delete(&["--segment", segment["id"].as_str().unwrap()]).expect_refusal(&["404"]);
     service.upload("pump", &record("2", 8));
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
-        4
-    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 4);
 }
 
 #[test]
@@ -137,21 +103,10 @@ fn deleted_records_go_from_all_assets_of_their_sensor() {
         service.upload("first", &record("1", n));
     }
     let from = "segments?from=2026-01-01T00:01:00Z";
-    service
-        .delete(&format!("/v1/assets/second/{from}"))
-        .expect_problem(409, &["first"]);
-    assert_eq!(
-        service
-            .delete(&format!("/v1/assets/first/{from}"))
-            .expect(200)
-            .json()["deleted"],
-        2
-    );
+    service.delete(&format!("/v1/assets/second/{from}")).expect_problem(409, &["first"]);
+    assert_eq!(service.delete(&format!("/v1/assets/first/{from}")).expect(200).json()["deleted"], 2);
     for asset in ["first", "second"] {
-        assert_eq!(
-            service.get(&format!("/v1/assets/{asset}")).expect(200).json()["summary"]["segments"],
-            1
-        );
+        assert_eq!(service.get(&format!("/v1/assets/{asset}")).expect(200).json()["summary"]["segments"], 1);
     }
 }
 
@@ -172,15 +127,8 @@ fn a_time_far_ahead_is_refused() {
     send(24 * 60 + 1).expect_problem(422, &["start_time", "2026-01-02T00:01:00Z", "start_time_ahead_s"]);
     // Of a recording the other records are taken.
     let recording = crate::running::mcap(&[record("1", 0), record("1", 5000)]);
-    let answer = service
-        .post("/v1/assets/pump/segments", "application/mcap", &recording)
-        .expect(201)
-        .json();
-    assert_eq!(
-        (&answer["stored"], &answer["refused_count"]),
-        (&json!(1), &json!(1)),
-        "{answer}"
-    );
+    let answer = service.post("/v1/assets/pump/segments", "application/mcap", &recording).expect(201).json();
+    assert_eq!((&answer["stored"], &answer["refused_count"]), (&json!(1), &json!(1)), "{answer}");
 }
 
 fn upload_in(service: &Service, asset: &str, n: u32, unit: &str, scale: f32) -> crate::running::Answer {
@@ -203,13 +151,9 @@ fn a_channel_keeps_its_unit() {
     }
     let rms = |segment: &Value| segment["indicators"]["rms"].as_f64().unwrap();
     let first = upload_in(&service, "pump", 1, "m/s2", 1.0).expect(201).json();
-    let same = upload_in(&service, "other", 1, "mm/s2", 1000.0)
-        .expect(201)
-        .json();
+    let same = upload_in(&service, "other", 1, "mm/s2", 1000.0).expect(201).json();
     assert_eq!((&first["unit"], &same["unit"]), (&json!("m/s2"), &json!("mm/s2")));
-    let in_g = upload_in(&service, "pump", 2, "g", 1.0 / 9.806_65)
-        .expect(201)
-        .json();
+    let in_g = upload_in(&service, "pump", 2, "g", 1.0 / 9.806_65).expect(201).json();
     let expected = upload_in(&service, "pump", 2, "m/s2", 1.0).expect(201).json();
     assert_eq!(in_g["unit"], "m/s2");
     assert!((rms(&in_g) / rms(&expected) - 1.0).abs() < 1e-6, "{in_g}");
@@ -227,9 +171,7 @@ fn a_channel_keeps_its_unit() {
         let path = format!("/v1/segments/{}/waveform", segment["id"].as_str().unwrap());
         let waveform = service.get(&path).expect(200).json();
         let values = waveform["value"].as_array().unwrap().iter();
-        let most = values
-            .map(|value| value.as_f64().unwrap().abs())
-            .fold(0.0, f64::max);
+        let most = values.map(|value| value.as_f64().unwrap().abs()).fold(0.0, f64::max);
         assert!((1.0..3.0).contains(&most), "{most}");
     }
 }
@@ -247,35 +189,20 @@ fn names_and_units_of_a_description_have_bounds() {
         spec["name"] = json!("");
         spec["sensor"]["channel"] = json!("1");
         *spec.pointer_mut(pointer).unwrap() = json!(value);
-        service
-            .post_json("/v1/assets", &spec)
-            .expect_problem(422, &[word]);
+        service.post_json("/v1/assets", &spec).expect_problem(422, &[word]);
     }
 }
 
 /// The numbers of the records of an asset that are not excluded.
 fn counted(service: &Service, asset: &str) -> Vec<Value> {
-    let history = service
-        .get(&format!("/v1/assets/{asset}/wear/history"))
-        .expect(200)
-        .json();
-    let trend = service
-        .get(&format!("/v1/assets/{asset}/indicators"))
-        .expect(200)
-        .json();
-    let all = history["items"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .zip(trend["items"].as_array().unwrap());
-    let numbers = all
-        .filter(|(wear, _)| wear["status"] != "excluded")
-        .map(|(wear, indicators)| {
-            let mut both = [wear.clone(), indicators.clone()];
-            both.iter_mut()
-                .for_each(|one| drop(one.as_object_mut().unwrap().remove("segment_id")));
-            json!(both)
-        });
+    let history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
+    let trend = service.get(&format!("/v1/assets/{asset}/indicators")).expect(200).json();
+    let all = history["items"].as_array().unwrap().iter().zip(trend["items"].as_array().unwrap());
+    let numbers = all.filter(|(wear, _)| wear["status"] != "excluded").map(|(wear, indicators)| {
+        let mut both = [wear.clone(), indicators.clone()];
+        both.iter_mut().for_each(|one| drop(one.as_object_mut().unwrap().remove("segment_id")));
+        json!(both)
+    });
     numbers.collect()
 }
 
@@ -304,48 +231,27 @@ fn excluded_records_stay_stored_and_take_no_part_in_the_history() {
     }
     let path = |n: usize| format!("/v1/segments/{}", segments[n]["id"].as_str().unwrap());
     assert_eq!(segments[3]["excluded"], false);
-    service
-        .post_json("/v1/assets/pump/segments/exclude", &json!({}))
-        .expect_problem(400, &["from"]);
+    service.post_json("/v1/assets/pump/segments/exclude", &json!({})).expect_problem(400, &["from"]);
     for n in [3, 13] {
-        let answer = service
-            .post(&format!("{}/exclude", path(n)), "application/json", b"")
-            .expect(200)
-            .json();
+        let answer =
+            service.post(&format!("{}/exclude", path(n)), "application/json", b"").expect(200).json();
         assert_eq!(answer, json!({ "changed": 1 }));
     }
     let url = service.url("");
-    let range = [
-        "--asset",
-        "pump",
-        "--from",
-        "2026-01-01T00:06:00Z",
-        "--to",
-        "2026-01-01T00:09:00Z",
-    ];
+    let range = ["--asset", "pump", "--from", "2026-01-01T00:06:00Z", "--to", "2026-01-01T00:09:00Z"];
     let change = |command: &str| flankwatch(&[&[command, "--url", &url], &range[..]].concat());
     assert_eq!(change("exclude").expect_success().out(), "3 records excluded\n");
     assert_eq!(change("exclude").expect_success().out(), "0 records excluded\n");
     wait_for_counted(&service, "pump", "without");
     assert_eq!(counted(&service, "pump").len(), 9);
     let excluded = service.get(&path(7)).expect(200).json();
-    assert_eq!(
-        (&excluded["excluded"], &excluded["wear"]["status"]),
-        (&json!(true), &json!("excluded"))
-    );
+    assert_eq!((&excluded["excluded"], &excluded["wear"]["status"]), (&json!(true), &json!("excluded")));
     assert_eq!(excluded["indicators"]["rms"], segments[7]["indicators"]["rms"]);
     let list = service.get("/v1/assets/pump/segments").expect(200).json();
-    let marked = list["items"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .filter(|segment| segment["excluded"] == true);
+    let marked = list["items"].as_array().unwrap().iter().filter(|segment| segment["excluded"] == true);
     assert_eq!(marked.count(), 5);
     // The latest one that counts speaks for the asset.
-    assert_eq!(
-        service.get("/v1/assets/pump/wear").expect(200).json()["segment_id"],
-        segments[12]["id"]
-    );
+    assert_eq!(service.get("/v1/assets/pump/wear").expect(200).json()["segment_id"], segments[12]["id"]);
     // Sent again it stays excluded, records that come later are folded on, and so after a restart.
     assert_eq!(
         service
@@ -366,26 +272,12 @@ fn excluded_records_stay_stored_and_take_no_part_in_the_history() {
     // What is noted beside the raw recordings says so too.
     if std::env::var("FLANKWATCH_TEST_DATABASE").is_err() {
         service.stop();
-        flankwatch(&[
-            "rebuild",
-            "--anew",
-            "--data-dir",
-            service.folder().to_str().unwrap(),
-        ])
-        .expect_success();
+        flankwatch(&["rebuild", "--anew", "--data-dir", service.folder().to_str().unwrap()]).expect_success();
         service.launch();
         wait_for_counted(&service, "pump", "without");
     }
     let url = service.url("");
-    let all = [
-        "include",
-        "--url",
-        &url,
-        "--asset",
-        "pump",
-        "--to",
-        "2027-01-01T00:00:00Z",
-    ];
+    let all = ["include", "--url", &url, "--asset", "pump", "--to", "2027-01-01T00:00:00Z"];
     assert_eq!(flankwatch(&all).expect_success().out(), "5 records included\n");
     service.upload("whole", &record("1", 20));
     service.upload("whole", &record("1", 10_000));
@@ -410,26 +302,17 @@ fn excluded_records_are_so_for_all_assets_of_their_sensor() {
     service
         .post(&format!("/v1/assets/second/{from}"), "application/json", b"")
         .expect_problem(409, &["first"]);
-    let answer = service
-        .post(&format!("/v1/assets/first/{from}"), "application/json", b"")
-        .expect(200)
-        .json();
+    let answer =
+        service.post(&format!("/v1/assets/first/{from}"), "application/json", b"").expect(200).json();
     assert_eq!(answer["changed"], 2);
     // Also for one that is described later.
     service.post_json("/v1/assets", &through("third")).expect(201);
     for asset in ["first", "second", "third"] {
         service.wait_for(&format!("/v1/assets/{asset}/wear/history"), |history| {
-            let statuses: Vec<&Value> = history["items"]
-                .as_array()
-                .unwrap()
-                .iter()
-                .map(|item| &item["status"])
-                .collect();
+            let statuses: Vec<&Value> =
+                history["items"].as_array().unwrap().iter().map(|item| &item["status"]).collect();
             statuses.len() == 4
-                && statuses
-                    .iter()
-                    .enumerate()
-                    .all(|(n, status)| (**status == "excluded") == (n >= 2))
+                && statuses.iter().enumerate().all(|(n, status)| (**status == "excluded") == (n >= 2))
         });
     }
 }
@@ -458,12 +341,7 @@ fn the_baseline_is_the_records_that_people_choose() {
         assert_eq!(is_chosen, (4..14).contains(&n), "{n}: {item}");
         assert_eq!(item["status"] == "collecting_baseline", n < 14, "{n}: {item}");
     }
-    service
-        .delete(&format!(
-            "/v1/assets/pump/maintenance/{}",
-            event["id"].as_str().unwrap()
-        ))
-        .expect(204);
+    service.delete(&format!("/v1/assets/pump/maintenance/{}", event["id"].as_str().unwrap())).expect(204);
     service.wait_for("/v1/assets/pump/wear/history", |history| {
         history["items"][12]["status"] != "collecting_baseline"
     });

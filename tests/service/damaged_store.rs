@@ -18,22 +18,13 @@ fn a_damaged_database_is_named_and_not_written_to() {
     service.stop();
     // What may still be in the log is in the copy.
     let copy = tempfile::tempdir().unwrap();
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    runtime
-        .block_on(flankwatch::store::back_up(service.folder(), copy.path()))
-        .unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(flankwatch::store::back_up(service.folder(), copy.path())).unwrap();
     // A new file: a connection of the stopped service that is still closing holds a lock on the old one.
     for file in ["flankwatch.db", "flankwatch.db-wal", "flankwatch.db-shm"] {
         let _ = std::fs::remove_file(service.folder().join(file));
     }
-    std::fs::copy(
-        copy.path().join("flankwatch.db"),
-        service.folder().join("flankwatch.db"),
-    )
-    .unwrap();
+    std::fs::copy(copy.path().join("flankwatch.db"), service.folder().join("flankwatch.db")).unwrap();
     let file = std::fs::OpenOptions::new()
         .read(true)
         .write(true)
@@ -52,9 +43,7 @@ fn a_damaged_database_is_named_and_not_written_to() {
     service
         .post("/v1/assets/pump/segments", "application/json", &block)
         .expect_problem(503, &["database", "damaged"]);
-    service
-        .delete("/v1/assets/pump")
-        .expect_problem(503, &["damaged"]);
+    service.delete("/v1/assets/pump").expect_problem(503, &["damaged"]);
     service.get("/healthz").expect(200);
 }
 

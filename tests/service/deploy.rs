@@ -42,24 +42,16 @@ fn files(below: &Path) -> Vec<String> {
 }
 
 fn ending(ends: &[&str]) -> Vec<String> {
-    let found: Vec<String> = files(&folder())
-        .into_iter()
-        .filter(|path| ends.iter().any(|end| path.ends_with(end)))
-        .collect();
+    let found: Vec<String> =
+        files(&folder()).into_iter().filter(|path| ends.iter().any(|end| path.ends_with(end))).collect();
     assert!(!found.is_empty(), "no file ends in {ends:?}");
     found
 }
 
 /// The manifests that `kubectl apply -k` applies, in their order.
 pub(crate) fn manifests() -> Vec<String> {
-    let resources = yaml("kubernetes/kustomization.yaml")[0]["resources"]
-        .as_array()
-        .unwrap()
-        .clone();
-    resources
-        .iter()
-        .map(|name| format!("kubernetes/{}", name.as_str().unwrap()))
-        .collect()
+    let resources = yaml("kubernetes/kustomization.yaml")[0]["resources"].as_array().unwrap().clone();
+    resources.iter().map(|name| format!("kubernetes/{}", name.as_str().unwrap())).collect()
 }
 
 /// The expressions of alert rules and dashboards, with where they stand.
@@ -83,15 +75,9 @@ pub(crate) fn expressions() -> Vec<(String, String)> {
         }
         for variable in dashboard["templating"]["list"].as_array().unwrap() {
             let query = variable["definition"].as_str().unwrap();
-            let metric = query
-                .strip_prefix("label_values(")
-                .and_then(|rest| rest.rsplit_once(", "))
-                .unwrap()
-                .0;
-            found.push((
-                format!("{path}, variable {}", variable["name"]),
-                metric.to_owned(),
-            ));
+            let metric =
+                query.strip_prefix("label_values(").and_then(|rest| rest.rsplit_once(", ")).unwrap().0;
+            found.push((format!("{path}, variable {}", variable["name"]), metric.to_owned()));
         }
     }
     found
@@ -125,18 +111,10 @@ fn metrics(expression: &str) -> Vec<(String, BTreeSet<String>)> {
 #[test]
 fn selectors_are_read() {
     let found = metrics("rate(flankwatch_a_total{x=\"{b}\",y!~\"c|d\"}[5m]) / flankwatch_b");
-    let labels = |names: &[&str]| {
-        names
-            .iter()
-            .map(|name| (*name).to_owned())
-            .collect::<BTreeSet<_>>()
-    };
+    let labels = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
     assert_eq!(
         found,
-        [
-            ("flankwatch_a_total".to_owned(), labels(&["x", "y"])),
-            ("flankwatch_b".to_owned(), labels(&[]))
-        ]
+        [("flankwatch_a_total".to_owned(), labels(&["x", "y"])), ("flankwatch_b".to_owned(), labels(&[]))]
     );
 }
 
@@ -157,11 +135,7 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
     for line in page.lines() {
         if let Some(head) = line.strip_prefix("# TYPE ") {
             let (name, kind) = head.split_once(' ').unwrap();
-            let ends: &[&str] = if kind == "histogram" {
-                &["_bucket", "_sum", "_count"]
-            } else {
-                &[""]
-            };
+            let ends: &[&str] = if kind == "histogram" { &["_bucket", "_sum", "_count"] } else { &[""] };
             measured.extend(ends.iter().map(|end| (format!("{name}{end}"), BTreeSet::new())));
         } else if !line.starts_with('#') {
             let (name, labels) = metrics(line).remove(0);
@@ -179,14 +153,9 @@ fn alerts_and_dashboards_name_what_is_measured() {
     let mut named = BTreeSet::new();
     for (of, expression) in expressions() {
         let all = metrics(&expression);
-        assert!(
-            !all.is_empty() || expression.contains("up{job=\"flankwatch\""),
-            "{of}: {expression}"
-        );
+        assert!(!all.is_empty() || expression.contains("up{job=\"flankwatch\""), "{of}: {expression}");
         for (name, labels) in all {
-            let known = measured
-                .get(&name)
-                .unwrap_or_else(|| panic!("{of}: there is no metric {name}"));
+            let known = measured.get(&name).unwrap_or_else(|| panic!("{of}: there is no metric {name}"));
             for label in labels {
                 // A metric without a line says nothing of its labels: wear needs an asset with a pair.
                 let is_known = known.contains(&label) || added.contains(&label.as_str()) || known.is_empty();
@@ -199,10 +168,7 @@ fn alerts_and_dashboards_name_what_is_measured() {
         assert!(named.contains(name), "{name} is on no dashboard and in no alert");
     }
     for (name, _) in metrics(&text("prometheus/rules.test.yaml")) {
-        assert!(
-            measured.contains_key(&name),
-            "the alerts' tests: there is no metric {name}"
-        );
+        assert!(measured.contains_key(&name), "the alerts' tests: there is no metric {name}");
     }
     let job = &yaml("compose/prometheus.yml")[0]["scrape_configs"][0]["job_name"];
     assert_eq!(job, "flankwatch", "alerts and dashboards ask for this job");
@@ -227,27 +193,16 @@ fn dashboards_find_their_data_source() {
     let compose = &yaml("compose/compose.yaml")[0];
     let place = provider["options"]["path"].as_str().unwrap();
     let mounted = compose["services"]["grafana"]["volumes"].as_array().unwrap();
-    assert!(
-        mounted.contains(&format!("../grafana/dashboards:{place}:ro").into()),
-        "{mounted:?}"
-    );
+    assert!(mounted.contains(&format!("../grafana/dashboards:{place}:ro").into()), "{mounted:?}");
     let mut names = BTreeSet::new();
     for path in ending(&["dashboards/machines.json", "dashboards/service.json"]) {
         let dashboard: Value = serde_json::from_str(&text(&path)).unwrap();
         assert!(names.insert(dashboard["uid"].to_string()), "{path}");
         let mut panels = BTreeSet::new();
         for panel in dashboard["panels"].as_array().unwrap() {
-            assert!(
-                panels.insert(panel["id"].to_string()),
-                "{path}: {}",
-                panel["title"]
-            );
+            assert!(panels.insert(panel["id"].to_string()), "{path}: {}", panel["title"]);
             if panel["type"] != "row" {
-                assert_eq!(
-                    panel["datasource"]["uid"], source["uid"],
-                    "{path}: {}",
-                    panel["title"]
-                );
+                assert_eq!(panel["datasource"]["uid"], source["uid"], "{path}: {}", panel["title"]);
             }
         }
     }
@@ -256,28 +211,15 @@ fn dashboards_find_their_data_source() {
 /// The command lines of the program in `deploy`, with where they stand.
 fn command_lines() -> Vec<(String, Vec<String>)> {
     let words = |list: &Value| -> Vec<String> {
-        list.as_array()
-            .unwrap()
-            .iter()
-            .map(|word| word.as_str().unwrap().to_owned())
-            .collect()
+        list.as_array().unwrap().iter().map(|word| word.as_str().unwrap().to_owned()).collect()
     };
     let mut found = Vec::new();
     let unit = text("systemd/flankwatch.service");
-    let start = unit
-        .lines()
-        .find_map(|line| line.strip_prefix("ExecStart=/usr/bin/flankwatch "))
-        .unwrap();
+    let start = unit.lines().find_map(|line| line.strip_prefix("ExecStart=/usr/bin/flankwatch ")).unwrap();
     found.push(("unit".to_owned(), start.split(' ').map(str::to_owned).collect()));
     let dockerfile = text("Dockerfile");
-    let command = dockerfile
-        .lines()
-        .find_map(|line| line.strip_prefix("CMD "))
-        .unwrap();
-    found.push((
-        "Dockerfile".to_owned(),
-        words(&serde_json::from_str(command).unwrap()),
-    ));
+    let command = dockerfile.lines().find_map(|line| line.strip_prefix("CMD ")).unwrap();
+    found.push(("Dockerfile".to_owned(), words(&serde_json::from_str(command).unwrap())));
     let compose = &yaml("compose/compose.yaml")[0];
     for (name, service) in compose["services"].as_object().unwrap() {
         if service["image"].as_str().unwrap().starts_with("flankwatch") {
@@ -286,10 +228,8 @@ fn command_lines() -> Vec<(String, Vec<String>)> {
     }
     for path in manifests() {
         for manifest in yaml(&path) {
-            for container in manifest["spec"]["template"]["spec"]["containers"]
-                .as_array()
-                .into_iter()
-                .flatten()
+            for container in
+                manifest["spec"]["template"]["spec"]["containers"].as_array().into_iter().flatten()
             {
                 found.push((path.clone(), words(&container["args"])));
             }
@@ -306,10 +246,8 @@ fn commands_and_their_options_exist() {
         if words[0] == "work" && cfg!(not(feature = "cluster")) {
             continue;
         }
-        let help = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
-            .args([&words[0], "--help"])
-            .output()
-            .unwrap();
+        let help =
+            Command::new(env!("CARGO_BIN_EXE_flankwatch")).args([&words[0], "--help"]).output().unwrap();
         assert!(help.status.success(), "{of}: {}", words[0]);
         let help = String::from_utf8(help.stdout).unwrap();
         for option in words[1..].iter().filter(|word| word.starts_with("--")) {
@@ -352,10 +290,7 @@ fn ports_are_those_that_are_listened_on() {
                     let asked = &template[probe]["httpGet"];
                     assert_eq!(asked["port"], port["name"], "{path}: {probe}");
                     let paths = ["/healthz", "/readyz?for=reading", "/readyz?for=records"];
-                    assert!(
-                        paths.contains(&asked["path"].as_str().unwrap()),
-                        "{path}: {probe}"
-                    );
+                    assert!(paths.contains(&asked["path"].as_str().unwrap()), "{path}: {probe}");
                 }
             }
         }
@@ -370,10 +305,7 @@ fn the_machines_settings_are_taken() {
     assert_eq!(program.get("/readyz")["status"], "ok");
     program.kill();
     let unit = text("systemd/flankwatch.service");
-    assert!(
-        unit.contains("--config /etc/flankwatch/flankwatch.toml"),
-        "where README.md puts it"
-    );
+    assert!(unit.contains("--config /etc/flankwatch/flankwatch.toml"), "where README.md puts it");
 }
 
 /// What the program says of settings that it does not start with.
@@ -381,20 +313,11 @@ fn the_machines_settings_are_taken() {
 fn refusal(settings: &Path, command: &str) -> String {
     let data = tempfile::tempdir().unwrap();
     let mut program = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
-    program
-        .args([command, "--config"])
-        .arg(settings)
-        .arg("--data-dir")
-        .arg(data.path());
+    program.args([command, "--config"]).arg(settings).arg("--data-dir").arg(data.path());
     if command == "serve" {
         program.args(["--listen", "127.0.0.1:0"]);
     }
-    for name in [
-        "DATABASE_URL",
-        "NATS_PASSWORD",
-        "S3_ACCESS_KEY_ID",
-        "S3_SECRET_ACCESS_KEY",
-    ] {
+    for name in ["DATABASE_URL", "NATS_PASSWORD", "S3_ACCESS_KEY_ID", "S3_SECRET_ACCESS_KEY"] {
         program.env_remove(format!("FLANKWATCH_{name}"));
     }
     let output = program.output().unwrap();
@@ -411,11 +334,7 @@ fn settings_of_brokers_and_clusters_are_understood() {
     for path in ["compose/cluster.toml", "kubernetes/cluster.toml"].map(|path| folder().join(path)) {
         for command in ["serve", "work"] {
             let said = refusal(&path, command);
-            assert!(
-                said.contains("cluster.database.url is missing"),
-                "{}: {said}",
-                path.display()
-            );
+            assert!(said.contains("cluster.database.url is missing"), "{}: {said}", path.display());
         }
     }
 }
@@ -426,10 +345,7 @@ fn a_pods_disk_holds_the_bodies_that_may_wait_on_it() {
     let limit = |name: &str| settings["limits"][name].as_integer().unwrap();
     let bodies = limit("recording_bytes") * limit("recordings_at_once");
     for path in ["kubernetes/api.yaml", "kubernetes/edge.yaml"] {
-        let volumes = yaml(path)[0]["spec"]["template"]["spec"]["volumes"]
-            .as_array()
-            .unwrap()
-            .clone();
+        let volumes = yaml(path)[0]["spec"]["template"]["spec"]["volumes"].as_array().unwrap().clone();
         let scratch = volumes.iter().find(|volume| volume["name"] == "scratch").unwrap();
         let size = scratch["emptyDir"]["sizeLimit"].as_str().unwrap();
         let bytes = size.strip_suffix("Gi").unwrap().parse::<i64>().unwrap() << 30;
@@ -452,10 +368,7 @@ fn every_file_can_be_read() {
     let readme = text("README.md");
     for entry in fs::read_dir(folder()).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
-        assert!(
-            name == "README.md" || readme.contains(&name),
-            "{name} is not in deploy/README.md"
-        );
+        assert!(name == "README.md" || readme.contains(&name), "{name} is not in deploy/README.md");
     }
     let compose = &yaml("compose/compose.yaml")[0];
     for (name, config) in compose["configs"].as_object().unwrap() {

@@ -9,20 +9,14 @@ use flankwatch_test_support::needed;
 /// Where a tool is.
 fn tool(name: &str, from: &str) -> PathBuf {
     let path = std::env::var_os("PATH").unwrap_or_default();
-    let found = std::env::split_paths(&path)
-        .map(|folder| folder.join(name))
-        .find(|path| path.is_file());
+    let found = std::env::split_paths(&path).map(|folder| folder.join(name)).find(|path| path.is_file());
     needed(found, &format!("{name} ({from})"))
 }
 
 /// Runs a tool in `deploy`, and returns what it says.
 #[track_caller]
 fn run(tool: &PathBuf, arguments: &[&str]) -> String {
-    let output = Command::new(tool)
-        .args(arguments)
-        .current_dir(folder())
-        .output()
-        .unwrap();
+    let output = Command::new(tool).args(arguments).current_dir(folder()).output().unwrap();
     let said = [output.stdout, output.stderr].concat();
     let said = String::from_utf8_lossy(&said).into_owned();
     assert!(output.status.success(), "{arguments:?}: {said}");
@@ -37,20 +31,11 @@ fn alerts_do_what_their_tests_say() {
     run(&promtool, &["test", "rules", "prometheus/rules.test.yaml"]);
     // Where the container has them.
     let together = tempfile::tempdir().unwrap();
-    for (from, to) in [
-        ("compose/prometheus.yml", "prometheus.yml"),
-        ("prometheus/rules.yaml", "rules.yaml"),
-    ] {
+    for (from, to) in [("compose/prometheus.yml", "prometheus.yml"), ("prometheus/rules.yaml", "rules.yaml")]
+    {
         std::fs::copy(folder().join(from), together.path().join(to)).unwrap();
     }
-    run(
-        &promtool,
-        &[
-            "check",
-            "config",
-            together.path().join("prometheus.yml").to_str().unwrap(),
-        ],
-    );
+    run(&promtool, &["check", "config", together.path().join("prometheus.yml").to_str().unwrap()]);
 }
 
 #[test]
@@ -58,10 +43,7 @@ fn alerts_do_what_their_tests_say() {
 fn dashboards_ask_what_prometheus_understands() {
     let promtool = tool("promtool", "apt install prometheus");
     let rules = expressions().into_iter().enumerate().map(|(n, (_, expression))| {
-        let expression = expression
-            .replace("$asset", "a")
-            .replace("$channel", "c")
-            .replace("$instance", "i");
+        let expression = expression.replace("$asset", "a").replace("$channel", "c").replace("$instance", "i");
         serde_json::json!({ "record": format!("dashboards:{n}"), "expr": expression })
     });
     let rules: Vec<_> = rules.collect();
@@ -85,10 +67,7 @@ fn systemd_takes_the_unit_and_finds_little_exposed() {
     let said = run(&analyze, &["verify", path]);
     assert!(!said.contains("flankwatch.service"), "{said}");
     // In tenths: 1.3 of 10, where 10 is a unit without any protection.
-    run(
-        &analyze,
-        &["security", "--offline=true", "--no-pager", "--threshold=13", path],
-    );
+    run(&analyze, &["security", "--offline=true", "--no-pager", "--threshold=13", path]);
 }
 
 #[test]
@@ -102,10 +81,7 @@ fn the_image_follows_the_linters_rules() {
 #[ignore = "needs check-jsonschema (pip install check-jsonschema)"]
 fn the_compose_file_follows_its_schema() {
     let check = tool("check-jsonschema", "pip install check-jsonschema");
-    run(
-        &check,
-        &["--builtin-schema", "vendor.compose-spec", "compose/compose.yaml"],
-    );
+    run(&check, &["--builtin-schema", "vendor.compose-spec", "compose/compose.yaml"]);
 }
 
 #[test]
@@ -113,9 +89,6 @@ fn the_compose_file_follows_its_schema() {
 fn manifests_follow_their_schemas() {
     let validate = tool("kubernetes-validate", "pip install kubernetes-validate");
     let manifests = manifests();
-    let arguments: Vec<&str> = ["--strict"]
-        .into_iter()
-        .chain(manifests.iter().map(String::as_str))
-        .collect();
+    let arguments: Vec<&str> = ["--strict"].into_iter().chain(manifests.iter().map(String::as_str)).collect();
     run(&validate, &arguments);
 }

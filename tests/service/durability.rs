@@ -41,10 +41,7 @@ fn a_restart_loses_nothing_and_the_fold_goes_on() {
         service.restart();
     }
     let history = |asset: &str| {
-        let mut history = service
-            .get(&format!("/v1/assets/{asset}/wear/history"))
-            .expect(200)
-            .json();
+        let mut history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
         for item in history["items"].as_array_mut().unwrap() {
             item.as_object_mut().unwrap().remove("segment_id");
         }
@@ -65,9 +62,7 @@ fn a_damaged_raw_object_is_said_to_be_and_never_shown() {
     bytes[middle] ^= 1;
     std::fs::write(&path, bytes).unwrap();
     let id = segment["id"].as_str().unwrap();
-    service
-        .get(&format!("/v1/segments/{id}/waveform"))
-        .expect_problem(500, &["damaged", name]);
+    service.get(&format!("/v1/segments/{id}/waveform")).expect_problem(500, &["damaged", name]);
     service.get(&format!("/v1/segments/{id}")).expect(200);
 }
 
@@ -95,14 +90,7 @@ pub(crate) fn quarantined(folder: &Path) -> Vec<String> {
         return Vec::new();
     };
     let name = |entry: std::io::Result<std::fs::DirEntry>| {
-        entry
-            .unwrap()
-            .path()
-            .extension()
-            .unwrap()
-            .to_str()
-            .unwrap()
-            .to_owned()
+        entry.unwrap().path().extension().unwrap().to_str().unwrap().to_owned()
     };
     entries.map(name).collect()
 }
@@ -111,18 +99,9 @@ pub(crate) fn quarantined(folder: &Path) -> Vec<String> {
 fn a_start_puts_away_what_an_earlier_run_left_behind() {
     let mut service = Service::start();
     service.plain_asset("pump");
-    let kept = service.upload("pump", &record("1", 1))["raw"]["sha256"]
-        .as_str()
-        .unwrap()
-        .to_owned();
-    let orphan = service
-        .folder()
-        .join("raw/ab")
-        .join(format!("ab{}", "0".repeat(62)));
-    let unfinished = [
-        service.folder().join("raw/tmp/7"),
-        service.folder().join("uploads/3"),
-    ];
+    let kept = service.upload("pump", &record("1", 1))["raw"]["sha256"].as_str().unwrap().to_owned();
+    let orphan = service.folder().join("raw/ab").join(format!("ab{}", "0".repeat(62)));
+    let unfinished = [service.folder().join("raw/tmp/7"), service.folder().join("uploads/3")];
     service.stop();
     std::fs::create_dir_all(orphan.parent().unwrap()).unwrap();
     for path in unfinished.iter().chain([&orphan]) {
@@ -137,10 +116,7 @@ fn a_start_puts_away_what_an_earlier_run_left_behind() {
     }
     let left = raw_objects(service.folder());
     assert!(left.len() == 1 && left[0].ends_with(&kept), "{left:?}");
-    assert_eq!(
-        quarantined(service.folder()),
-        [orphan.file_name().unwrap().to_str().unwrap()]
-    );
+    assert_eq!(quarantined(service.folder()), [orphan.file_name().unwrap().to_str().unwrap()]);
 }
 
 #[test]
@@ -161,70 +137,40 @@ fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay()
     // One may go between being listed and being looked at.
     let kept = |service: &Service| -> u64 {
         let found = raw_objects(service.folder());
-        found
-            .iter()
-            .filter_map(|path| path.metadata().ok())
-            .map(|found| found.len())
-            .sum()
+        found.iter().filter_map(|path| path.metadata().ok()).map(|found| found.len()).sum()
     };
     let wait_below = |most: u64| {
         let began = std::time::Instant::now();
         while kept(&service) > most {
-            assert!(
-                began.elapsed().as_secs() < 60,
-                "{} bytes are kept",
-                kept(&service)
-            );
+            assert!(began.elapsed().as_secs() < 60, "{} bytes are kept", kept(&service));
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
     };
     wait_below(100_000);
-    assert!(
-        kept(&service) > 100_000 - 2 * bytes,
-        "more than needed was given up"
-    );
+    assert!(kept(&service) > 100_000 - 2 * bytes, "more than needed was given up");
     segments.reverse();
-    let waveform = |segment: &Value| {
-        service.get(&format!(
-            "/v1/segments/{}/waveform",
-            segment["id"].as_str().unwrap()
-        ))
-    };
+    let waveform =
+        |segment: &Value| service.get(&format!("/v1/segments/{}/waveform", segment["id"].as_str().unwrap()));
     waveform(&segments[0]).expect_problem(410, &["not kept any more"]);
     waveform(&segments[11]).expect(200);
-    let shown = service
-        .get(&format!("/v1/segments/{}", segments[0]["id"].as_str().unwrap()))
-        .expect(200)
-        .json();
+    let shown =
+        service.get(&format!("/v1/segments/{}", segments[0]["id"].as_str().unwrap())).expect(200).json();
     assert_eq!(shown["indicators"], segments[0]["indicators"]);
     // Answers on many records go without what needs the bytes.
     let export = service.get("/v1/assets/pump/export?spectra=12").expect(200);
     let summary = mcap::Summary::read(&export.bytes).unwrap().unwrap();
     let messages = |kind: &str| {
         let topic = format!("/pump/1/{kind}");
-        let (id, _) = summary
-            .channels
-            .iter()
-            .find(|(_, channel)| channel.topic == topic)
-            .unwrap();
+        let (id, _) = summary.channels.iter().find(|(_, channel)| channel.topic == topic).unwrap();
         summary.stats.as_ref().unwrap().channel_message_counts[id]
     };
-    let has_raw = segments
-        .iter()
-        .filter(|segment| waveform(segment).status == 200)
-        .count();
+    let has_raw = segments.iter().filter(|segment| waveform(segment).status == 200).count();
     assert!((1..12).contains(&has_raw));
-    assert_eq!(
-        (messages("indicators"), messages("spectrum")),
-        (12, has_raw as u64)
-    );
+    assert_eq!((messages("indicators"), messages("spectrum")), (12, has_raw as u64));
     let waterfall = service.get("/v1/assets/pump/waterfall").expect(200).json();
     let rows = waterfall["items"].as_array().unwrap();
     assert_eq!(rows.len(), 12);
-    assert_eq!(
-        rows.iter().filter(|row| !row["level_db"].is_null()).count(),
-        has_raw
-    );
+    assert_eq!(rows.iter().filter(|row| !row["level_db"].is_null()).count(), has_raw);
     // A repeat is answered with what is stored, and does not bring the bytes back.
     assert_eq!(service.upload("pump", &record("1", 0))["id"], segments[0]["id"]);
     for n in 20..26 {
@@ -232,16 +178,10 @@ fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay()
     }
     wait_below(150_000);
     assert_eq!(
-        service.get("/v1/assets/fan/indicators").expect(200).json()["items"]
-            .as_array()
-            .unwrap()
-            .len(),
+        service.get("/v1/assets/fan/indicators").expect(200).json()["items"].as_array().unwrap().len(),
         6
     );
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
-        12
-    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 12);
 }
 
 #[test]
@@ -254,29 +194,21 @@ fn uploads_under_way_when_the_service_stops_are_finished_and_no_new_ones_are_tak
     std::thread::scope(|scope| {
         for _ in 0..4 {
             scope.spawn(|| {
-                let agent: ureq::Agent = ureq::Agent::config_builder()
-                    .http_status_as_error(false)
-                    .build()
-                    .into();
+                let agent: ureq::Agent =
+                    ureq::Agent::config_builder().http_status_as_error(false).build().into();
                 loop {
                     let n = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
                     let block = flankwatch::recording::encode_block(
                         &record("1", n),
                         flankwatch::recording::BlockEncoding::Protobuf,
                     );
-                    let sent = agent
-                        .post(&url)
-                        .content_type("application/x-protobuf")
-                        .send(&block[..]);
+                    let sent = agent.post(&url).content_type("application/x-protobuf").send(&block[..]);
                     let Ok(mut response) = sent else { break };
                     assert_eq!(response.status().as_u16(), 201);
                     // An answer that was begun comes whole.
                     let segment: Value =
                         serde_json::from_str(&response.body_mut().read_to_string().unwrap()).unwrap();
-                    stored
-                        .lock()
-                        .unwrap()
-                        .push(segment["id"].as_str().unwrap().to_owned());
+                    stored.lock().unwrap().push(segment["id"].as_str().unwrap().to_owned());
                 }
             });
         }
@@ -285,10 +217,7 @@ fn uploads_under_way_when_the_service_stops_are_finished_and_no_new_ones_are_tak
         }
         let began = std::time::Instant::now();
         service.stop();
-        assert!(
-            began.elapsed() < std::time::Duration::from_secs(31),
-            "longer than the time of grace"
-        );
+        assert!(began.elapsed() < std::time::Duration::from_secs(31), "longer than the time of grace");
     });
     service.launch();
     for id in stored.into_inner().unwrap() {

@@ -32,14 +32,8 @@ fn the_band_is_that_of_the_asset_or_of_the_query() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["envelope_band"] = json!("kurtogram");
-    assert_eq!(
-        service.post_json("/v1/assets", &asset).expect(201).json()["envelope_band"],
-        "kurtogram"
-    );
-    let id = service.upload("pump", &struck())["id"]
-        .as_str()
-        .unwrap()
-        .to_owned();
+    assert_eq!(service.post_json("/v1/assets", &asset).expect(201).json()["envelope_band"], "kurtogram");
+    let id = service.upload("pump", &struck())["id"].as_str().unwrap().to_owned();
     let envelope = |query: &str| service.get(&format!("/v1/segments/{id}/envelope{query}"));
     for query in ["", "?band=kurtogram"] {
         let found = envelope(query).expect(200).json();
@@ -52,16 +46,11 @@ fn the_band_is_that_of_the_asset_or_of_the_query() {
         (&json!("strongest_mesh_harmonic"), &Value::Null)
     );
     let given = envelope("?band_low_hz=1000&band_high_hz=1400").expect(200).json();
-    assert_eq!(
-        (&given["band_source"], &given["band_hz"]),
-        (&json!("query"), &json!([1000.0, 1400.0]))
-    );
+    assert_eq!((&given["band_source"], &given["band_hz"]), (&json!("query"), &json!([1000.0, 1400.0])));
     envelope("?band=kurtogram&band_low_hz=1000").expect_problem(400, &["band", "nothing beside"]);
 
     asset["envelope_band_hz"] = json!([900.0, 1500.0]);
-    service
-        .put_json("/v1/assets/pump", &asset)
-        .expect_problem(422, &["envelope_band"]);
+    service.put_json("/v1/assets/pump", &asset).expect_problem(422, &["envelope_band"]);
     asset.as_object_mut().unwrap().remove("envelope_band");
     service.put_json("/v1/assets/pump", &asset).expect(200);
     assert_eq!(envelope("").expect(200).json()["band_source"], "asset");
@@ -71,11 +60,7 @@ fn the_band_is_that_of_the_asset_or_of_the_query() {
 fn the_command_line_prints_the_envelope_of_the_band_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
-    std::fs::write(
-        at("struck.wav"),
-        crate::running::wav(&[struck().samples().to_vec()]),
-    )
-    .unwrap();
+    std::fs::write(at("struck.wav"), crate::running::wav(&[struck().samples().to_vec()])).unwrap();
     let analyze = |band: &str| -> Value {
         let words = [
             "analyze",
@@ -91,24 +76,13 @@ fn the_command_line_prints_the_envelope_of_the_band_asked_for() {
         records[0]["envelope"].clone()
     };
     let found = analyze("kurtogram");
-    assert!(
-        found["band_source"] == "kurtogram" && is_the_resonance(&found),
-        "{found}"
-    );
+    assert!(found["band_source"] == "kurtogram" && is_the_resonance(&found), "{found}");
     let line = found["lines"][0]["frequency_hz"].as_f64().unwrap();
     assert!((line - 23.0).abs() < 1.0, "{found}");
     let given = analyze("1000,1400");
-    assert_eq!(
-        (&given["band_source"], &given["band_hz"]),
-        (&json!("query"), &json!([1000.0, 1400.0]))
-    );
+    assert_eq!((&given["band_source"], &given["band_hz"]), (&json!("query"), &json!([1000.0, 1400.0])));
     assert_eq!(analyze("mesh")["band_source"], "whole", "no speed is known");
-    assert!(
-        analyze("1000,9000")["absent"]
-            .as_str()
-            .unwrap()
-            .contains("half the sampling rate")
-    );
+    assert!(analyze("1000,9000")["absent"].as_str().unwrap().contains("half the sampling rate"));
     flankwatch(&["analyze", &at("struck.wav"), "--envelope", "loud"])
         .expect_refusal(&["--envelope", "kurtogram"]);
 }

@@ -12,16 +12,10 @@ fn records_are_told_live_and_missed_ones_after_a_lost_connection() {
     let mut fan = EventStream::open(&service, "?asset=fan", None);
     let segment = service.upload("pump", &record("1", 1));
     let first = all.next();
-    assert_eq!(
-        (first.kind.as_str(), &first.data["segment_id"]),
-        ("indicators", &segment["id"])
-    );
+    assert_eq!((first.kind.as_str(), &first.data["segment_id"]), ("indicators", &segment["id"]));
     assert_eq!(first.data["indicators"]["rms"], segment["indicators"]["rms"]);
     let second = all.next();
-    assert_eq!(
-        (second.kind.as_str(), &second.data["wear"]["status"]),
-        ("wear", &segment["wear"]["status"])
-    );
+    assert_eq!((second.kind.as_str(), &second.data["wear"]["status"]), ("wear", &segment["wear"]["status"]));
     drop(all);
     let of_fan = service.upload("fan", &record("1", 2));
     assert_eq!(fan.next().data["segment_id"], of_fan["id"]);
@@ -30,9 +24,7 @@ fn records_are_told_live_and_missed_ones_after_a_lost_connection() {
     assert_eq!(again.next().data["segment_id"], of_fan["id"]);
     let mut strange = EventStream::open(&service, "", Some("other-7"));
     assert_eq!(strange.next().kind, "lost");
-    service
-        .get("/v1/events?asset=none")
-        .expect_problem(404, &["none"]);
+    service.get("/v1/events?asset=none").expect_problem(404, &["none"]);
 }
 
 #[test]
@@ -70,25 +62,15 @@ fn what_did_not_change_is_not_sent_again() {
         "/v1/replays",
         &segment,
     ];
-    let marks: Vec<String> = paths
-        .iter()
-        .map(|path| service.get(path).expect(200).header("etag").to_string())
-        .collect();
+    let marks: Vec<String> =
+        paths.iter().map(|path| service.get(path).expect(200).header("etag").to_string()).collect();
     for (path, mark) in paths.iter().zip(&marks) {
-        let again = service
-            .send("GET", path, &[("if-none-match", mark)], b"")
-            .expect(304);
-        assert_eq!(
-            (again.header("etag"), again.bytes.len()),
-            (mark.as_str(), 0),
-            "{path}"
-        );
+        let again = service.send("GET", path, &[("if-none-match", mark)], b"").expect(304);
+        assert_eq!((again.header("etag"), again.bytes.len()), (mark.as_str(), 0), "{path}");
     }
     service.upload("pump", &record("1", 2));
     for (path, mark) in paths[..6].iter().zip(&marks) {
-        service
-            .send("GET", path, &[("if-none-match", mark)], b"")
-            .expect(200);
+        service.send("GET", path, &[("if-none-match", mark)], b"").expect(200);
     }
 }
 
@@ -100,27 +82,17 @@ fn trends_come_as_csv_too() {
         service.upload("pump", &record("1", n));
     }
     let csv = [("accept", "text/csv")];
-    let answer = service
-        .send("GET", "/v1/assets/pump/indicators?names=rms,kurtosis", &csv, b"")
-        .expect(200);
+    let answer = service.send("GET", "/v1/assets/pump/indicators?names=rms,kurtosis", &csv, b"").expect(200);
     assert_eq!(answer.header("content-type"), "text/csv; charset=utf-8");
     let text = String::from_utf8(answer.bytes.clone()).unwrap();
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!((lines[0], lines.len()), ("start_time,segment_id,kurtosis,rms", 4));
-    let rows = service
-        .get("/v1/assets/pump/indicators?names=rms,kurtosis")
-        .expect(200)
-        .json();
+    let rows = service.get("/v1/assets/pump/indicators?names=rms,kurtosis").expect(200).json();
     let fields: Vec<&str> = lines[2].split(',').collect();
     assert_eq!(fields[0], rows["items"][1]["start_time"]);
     assert_eq!(fields[3].parse::<f64>().unwrap(), rows["items"][1]["rms"]);
-    let answer = service
-        .send("GET", "/v1/assets/pump/wear/history", &csv, b"")
-        .expect(200);
+    let answer = service.send("GET", "/v1/assets/pump/wear/history", &csv, b"").expect(200);
     let text = String::from_utf8(answer.bytes).unwrap();
-    assert!(
-        text.starts_with("start_time,segment_id,status,reason,median_um"),
-        "{text}"
-    );
+    assert!(text.starts_with("start_time,segment_id,status,reason,median_um"), "{text}");
     assert_eq!(text.lines().count(), 4);
 }

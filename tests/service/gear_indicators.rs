@@ -56,16 +56,11 @@ fn pulse_times_s() -> Vec<f64> {
 }
 
 fn with_tachometer(n: u32) -> Record {
-    turning(n).with_tachometer(Some(Tachometer {
-        pulse_times_s: pulse_times_s(),
-        pulses_per_revolution: 1,
-    }))
+    turning(n).with_tachometer(Some(Tachometer { pulse_times_s: pulse_times_s(), pulses_per_revolution: 1 }))
 }
 
 fn value(segment: &Value, name: &str) -> f64 {
-    segment["indicators"][name]
-        .as_f64()
-        .unwrap_or_else(|| panic!("{name} in {segment}"))
+    segment["indicators"][name].as_f64().unwrap_or_else(|| panic!("{name} in {segment}"))
 }
 
 #[test]
@@ -73,10 +68,7 @@ fn a_record_has_its_gear_indicators_and_says_over_which_angle() {
     let service = Service::start();
     service.plain_asset("pump");
     let segment = service.upload("pump", &turning(3));
-    assert_eq!(
-        segment["preprocessing"],
-        format!("{}+turns-1", flankwatch::signal::PREPROCESSING)
-    );
+    assert_eq!(segment["preprocessing"], format!("{}+turns-1", flankwatch::signal::PREPROCESSING));
     assert_eq!(segment["shaft_angle"]["source"], "mesh_phase");
     assert!(segment["shaft_angle"]["angle_error_deg"].as_f64().unwrap() < 2.0);
     // The amplitude put in, though the speed swings.
@@ -96,11 +88,7 @@ fn a_record_has_its_gear_indicators_and_says_over_which_angle() {
     }
     let by_pulses = service.upload("pump", &with_tachometer(3));
     let angle = &by_pulses["shaft_angle"];
-    assert_eq!(
-        (&angle["source"], &angle["pulses"]),
-        (&json!("tachometer"), &json!(22)),
-        "{angle}"
-    );
+    assert_eq!((&angle["source"], &angle["pulses"]), (&json!("tachometer"), &json!(22)), "{angle}");
     assert_eq!(by_pulses["shaft_speed"]["source"], "tachometer");
     assert!((value(&by_pulses, "omx_tracked") - 1.0).abs() < 0.01);
 
@@ -110,13 +98,7 @@ fn a_record_has_its_gear_indicators_and_says_over_which_angle() {
     }));
     let angle = service.upload("pump", &uneven)["shaft_angle"].clone();
     assert_eq!(angle["source"], "mesh_phase");
-    assert!(
-        angle["tachometer_refused"]
-            .as_str()
-            .unwrap()
-            .contains("a pulse is missing"),
-        "{angle}"
-    );
+    assert!(angle["tachometer_refused"].as_str().unwrap().contains("a pulse is missing"), "{angle}");
 }
 
 #[test]
@@ -125,28 +107,14 @@ fn what_cannot_be_computed_is_absent_with_its_reason() {
     service.plain_asset("pump");
     let upload = |record: Record| service.upload("pump", &record);
     let flagged = |quality| upload(turning(2).with_quality(quality));
-    let clipped = flagged(Quality {
-        clipped: true,
-        gap: false,
-    });
+    let clipped = flagged(Quality { clipped: true, gap: false });
     assert_eq!(clipped["quality"], json!({ "clipped": true, "gap": false }));
-    for name in [
-        "fm4",
-        "na4",
-        "nb4",
-        "omx_tracked",
-        "kurtosis",
-        "crest_factor",
-        "peak",
-    ] {
+    for name in ["fm4", "na4", "nb4", "omx_tracked", "kurtosis", "crest_factor", "peak"] {
         assert_eq!(clipped["absent"][name], "clipped", "{name}");
     }
     assert!(clipped["indicators"]["rms"].is_number());
     // A gap before the record leaves the record whole.
-    let after_gap = flagged(Quality {
-        clipped: false,
-        gap: true,
-    });
+    let after_gap = flagged(Quality { clipped: false, gap: true });
     assert_eq!(after_gap["quality"]["gap"], true);
     assert!(after_gap["indicators"]["fm4"].is_number());
 
@@ -155,10 +123,7 @@ fn what_cannot_be_computed_is_absent_with_its_reason() {
     let mut gap = turning(5).samples().to_vec();
     gap[1000..1200].fill(0.0);
     assert_eq!(upload(of(5, gap))["absent"]["fm4"], "gaps");
-    assert_eq!(
-        upload(of(6, turning(6).samples()[..1200].to_vec()))["absent"]["na4"],
-        "too_few_turns"
-    );
+    assert_eq!(upload(of(6, turning(6).samples()[..1200].to_vec()))["absent"]["na4"], "too_few_turns");
     assert_eq!(upload(of(7, vec![1.5; 4000]))["absent"]["fm0"], "constant");
     assert_eq!(upload(of(8, noise()))["absent"]["m8a"], "no_speed");
 
@@ -212,11 +177,7 @@ fn run_means_do_not_depend_on_order_repeats_or_restarts() {
     // Zakrajsek's definition from what is kept of each record.
     let items = expected["items"].as_array().unwrap();
     assert_eq!(
-        (
-            items.len(),
-            &expected["units"]["na4"],
-            &expected["units"]["residual_variance"]
-        ),
+        (items.len(), &expected["units"]["na4"], &expected["units"]["residual_variance"]),
         (7, &json!("1"), &json!("(m/s2)^2"))
     );
     let (mut sum, mut before) = (0.0, 0.0);
@@ -236,42 +197,22 @@ fn recording(encoding: &str, tachometer_first: bool) -> Vec<u8> {
     use flankwatch::recording::message;
     let mut writer = mcap::WriteOptions::new().create(Cursor::new(Vec::new())).unwrap();
     let (mut topics, mut sequence) = (Vec::new(), 0);
-    for (schema, topic) in [
-        ("WaveformBlock", "/pump/1/waveform"),
-        ("Tachometer", "/pump/tachometer"),
-    ] {
-        let schema = writer
-            .add_schema(&format!("flankwatch.v1.{schema}"), encoding, &[])
-            .unwrap();
-        topics.push(
-            writer
-                .add_channel(schema, topic, encoding, &std::collections::BTreeMap::new())
-                .unwrap(),
-        );
+    for (schema, topic) in [("WaveformBlock", "/pump/1/waveform"), ("Tachometer", "/pump/tachometer")] {
+        let schema = writer.add_schema(&format!("flankwatch.v1.{schema}"), encoding, &[]).unwrap();
+        topics.push(writer.add_channel(schema, topic, encoding, &std::collections::BTreeMap::new()).unwrap());
     }
     for n in 1..=3 {
         let record = turning(n);
         let start_ns = i64::try_from(record.start_time().as_nanosecond()).unwrap();
-        let pulse_time_ns: Vec<i64> = pulse_times_s()
-            .iter()
-            .map(|t| start_ns + (t * 1e9).round() as i64)
-            .collect();
+        let pulse_time_ns: Vec<i64> =
+            pulse_times_s().iter().map(|t| start_ns + (t * 1e9).round() as i64).collect();
         let (block, pulses) = if encoding == "protobuf" {
-            let tachometer = message::Tachometer {
-                pulse_time_ns,
-                pulses_per_revolution: 1,
-                shaft: "driving".to_owned(),
-            };
-            (
-                encode_block(&record, BlockEncoding::Protobuf),
-                tachometer.encode_to_vec(),
-            )
+            let tachometer =
+                message::Tachometer { pulse_time_ns, pulses_per_revolution: 1, shaft: "driving".to_owned() };
+            (encode_block(&record, BlockEncoding::Protobuf), tachometer.encode_to_vec())
         } else {
             let tachometer = json!({ "pulse_time_ns": pulse_time_ns, "pulses_per_revolution": 1 });
-            (
-                encode_block(&record, BlockEncoding::Json),
-                tachometer.to_string().into_bytes(),
-            )
+            (encode_block(&record, BlockEncoding::Json), tachometer.to_string().into_bytes())
         };
         let mut messages = [(topics[0], block), (topics[1], pulses)];
         if tachometer_first {
@@ -297,21 +238,14 @@ fn tachometer_messages_of_a_recording_reach_its_records() {
     let service = Service::start();
     service.plain_asset("pump");
     let expected = service.upload("pump", &with_tachometer(2));
-    for (n, (encoding, first)) in [("protobuf", false), ("protobuf", true), ("json", false)]
-        .into_iter()
-        .enumerate()
+    for (n, (encoding, first)) in
+        [("protobuf", false), ("protobuf", true), ("json", false)].into_iter().enumerate()
     {
         let bytes = recording(encoding, first);
-        let records: Vec<_> = McapReader::new(Cursor::new(bytes.clone()))
-            .map(Result::unwrap)
-            .collect();
+        let records: Vec<_> = McapReader::new(Cursor::new(bytes.clone())).map(Result::unwrap).collect();
         assert_eq!(records.len(), 3);
         for recorded in &records {
-            assert_eq!(
-                recorded.record.tachometer().unwrap().pulse_times_s.len(),
-                22,
-                "{encoding}"
-            );
+            assert_eq!(recorded.record.tachometer().unwrap().pulse_times_s.len(), 22, "{encoding}");
             // What is kept of the block brings the pulses along.
             let again =
                 flankwatch::recording::decode_block(&recorded.raw, recorded.encoding, &Default::default())
@@ -321,22 +255,11 @@ fn tachometer_messages_of_a_recording_reach_its_records() {
         let asset = format!("pump-{n}");
         service.plain_asset(&asset);
         let answer = service
-            .post(
-                &format!("/v1/assets/{asset}/segments"),
-                "application/mcap",
-                &bytes,
-            )
+            .post(&format!("/v1/assets/{asset}/segments"), "application/mcap", &bytes)
             .expect(201)
             .json();
-        assert_eq!(
-            (&answer["stored"], &answer["refused_count"]),
-            (&json!(3), &json!(0)),
-            "{answer}"
-        );
-        let segments = service
-            .get(&format!("/v1/assets/{asset}/segments"))
-            .expect(200)
-            .json();
+        assert_eq!((&answer["stored"], &answer["refused_count"]), (&json!(3), &json!(0)), "{answer}");
+        let segments = service.get(&format!("/v1/assets/{asset}/segments")).expect(200).json();
         let second = &segments["items"][1];
         assert_eq!(second["shaft_angle"], expected["shaft_angle"]);
         for name in ["omx_tracked", "fm4", "fm0"] {
@@ -354,11 +277,8 @@ fn the_command_line_shows_them_in_every_format() {
         writer.write("/pump/1/waveform", &with_tachometer(n)).unwrap();
     }
     std::fs::write(at("run.mcap"), writer.finish().unwrap().into_inner()).unwrap();
-    std::fs::write(
-        at("asset.toml"),
-        "id = \"pump\"\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10\n",
-    )
-    .unwrap();
+    std::fs::write(at("asset.toml"), "id = \"pump\"\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10\n")
+        .unwrap();
     let analyze = |format: &str| {
         let words = [
             "analyze",
@@ -383,16 +303,8 @@ fn the_command_line_shows_them_in_every_format() {
     assert_eq!(json[3]["shaft_angle"]["source"], "tachometer");
     let csv = analyze("csv");
     let mut rows = csv::Reader::from_reader(csv.as_bytes());
-    let column = rows
-        .headers()
-        .unwrap()
-        .iter()
-        .position(|name| name == "nb4")
-        .unwrap();
-    let nb4: Vec<f64> = rows
-        .records()
-        .map(|row| row.unwrap()[column].parse().unwrap())
-        .collect();
+    let column = rows.headers().unwrap().iter().position(|name| name == "nb4").unwrap();
+    let nb4: Vec<f64> = rows.records().map(|row| row.unwrap()[column].parse().unwrap()).collect();
     let html = std::fs::read_to_string(at("report.html")).unwrap();
     assert!(html.contains("NA4") && html.contains("tachometer ±"));
 
@@ -402,11 +314,7 @@ fn the_command_line_shows_them_in_every_format() {
     for (n, nb4) in (1..=4).zip(nb4) {
         let segment = service.upload("pump", &with_tachometer(n));
         for name in ["na4", "nb4", "fm4"] {
-            assert_eq!(
-                segment["indicators"][name],
-                json[n as usize - 1]["indicators"][name],
-                "{name}"
-            );
+            assert_eq!(segment["indicators"][name], json[n as usize - 1]["indicators"][name], "{name}");
         }
         assert_eq!(value(&segment, "nb4"), nb4);
     }

@@ -10,8 +10,7 @@ fn taken() -> Vec<String> {
     let mut lines = rules.lines();
     assert_eq!(lines.next(), Some("*"), "what is not named is left out");
     let named = lines.map(|line| {
-        line.strip_prefix('!')
-            .unwrap_or_else(|| panic!("{line:?} leaves out again what was taken"))
+        line.strip_prefix('!').unwrap_or_else(|| panic!("{line:?} leaves out again what was taken"))
     });
     named.map(str::to_owned).collect()
 }
@@ -63,19 +62,9 @@ fn what_sources_include_is_in_the_image() {
         }
         for file in included(&source) {
             count += 1;
-            assert!(
-                root().join(&file).is_file(),
-                "{}: there is no {}",
-                source.display(),
-                file.display()
-            );
+            assert!(root().join(&file).is_file(), "{}: there is no {}", source.display(), file.display());
             let is_taken = taken.iter().any(|name| file.starts_with(name));
-            assert!(
-                is_taken,
-                "{} includes {}, which the image leaves out",
-                source.display(),
-                file.display()
-            );
+            assert!(is_taken, "{} includes {}, which the image leaves out", source.display(), file.display());
         }
     }
     assert!(count > 20, "{count} files are included");
@@ -94,14 +83,7 @@ fn cargo_finds_all_that_manifests_name_in_the_image() {
     }
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let said = Command::new(cargo)
-        .args([
-            "metadata",
-            "--locked",
-            "--offline",
-            "--no-deps",
-            "--format-version",
-            "1",
-        ])
+        .args(["metadata", "--locked", "--offline", "--no-deps", "--format-version", "1"])
         .current_dir(image.path())
         .output()
         .unwrap();

@@ -22,9 +22,7 @@ impl Drop for Running {
 
 fn on_path(name: &str) -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&path)
-        .map(|folder| folder.join(name))
-        .find(|path| path.is_file())
+    std::env::split_paths(&path).map(|folder| folder.join(name)).find(|path| path.is_file())
 }
 
 #[test]
@@ -42,14 +40,8 @@ fn prometheus_scrapes_service_and_assets() {
     std::fs::write(folder.path().join("prometheus.yml"), config).unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let child = Command::new(program)
-        .arg(format!(
-            "--config.file={}",
-            folder.path().join("prometheus.yml").display()
-        ))
-        .arg(format!(
-            "--storage.tsdb.path={}",
-            folder.path().join("data").display()
-        ))
+        .arg(format!("--config.file={}", folder.path().join("prometheus.yml").display()))
+        .arg(format!("--storage.tsdb.path={}", folder.path().join("data").display()))
         .arg(format!("--web.listen-address={free}"))
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -57,10 +49,8 @@ fn prometheus_scrapes_service_and_assets() {
         .unwrap();
     let _prometheus = Running(child);
     let value = |query: &str| -> Option<f64> {
-        let mut answer = ureq::get(format!("http://{free}/api/v1/query"))
-            .query("query", query)
-            .call()
-            .ok()?;
+        let mut answer =
+            ureq::get(format!("http://{free}/api/v1/query")).query("query", query).call().ok()?;
         let answer: Value = serde_json::from_str(&answer.body_mut().read_to_string().ok()?).ok()?;
         answer["data"]["result"][0]["value"][1].as_str()?.parse().ok()
     };
@@ -113,90 +103,47 @@ with open(sys.argv[1], "rb") as file:
 #[ignore = "needs Python's MCAP reader (pip install mcap mcap-protobuf-support)"]
 fn pythons_reader_opens_an_exported_history() {
     let python = on_path("python3").filter(|python| {
-        let has_reader = Command::new(python)
-            .args(["-c", "import mcap.reader, mcap_protobuf.decoder"])
-            .output();
+        let has_reader =
+            Command::new(python).args(["-c", "import mcap.reader, mcap_protobuf.decoder"]).output();
         has_reader.is_ok_and(|output| output.status.success())
     });
-    let python = needed(
-        python,
-        "Python's MCAP reader (pip install mcap mcap-protobuf-support)",
-    );
+    let python = needed(python, "Python's MCAP reader (pip install mcap mcap-protobuf-support)");
     let service = Service::start();
     service.plain_asset("pump");
     let segments: Vec<Value> = (0..6).map(|n| service.upload("pump", &record("in", n))).collect();
     service.upload("pump", &record("out", 9));
-    let export = service
-        .get("/v1/assets/pump/export?channel=in&spectra=3")
-        .expect(200);
+    let export = service.get("/v1/assets/pump/export?channel=in&spectra=3").expect(200);
     assert_eq!(export.header("content-type"), "application/mcap");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("pump.mcap");
     std::fs::write(&path, &export.bytes).unwrap();
-    let output = Command::new(python)
-        .args(["-c", READ])
-        .arg(&path)
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let output = Command::new(python).args(["-c", READ]).arg(&path).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let lines = String::from_utf8(output.stdout).unwrap();
-    let messages: Vec<Value> = lines
-        .lines()
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect();
-    let (metadata, messages): (Vec<Value>, Vec<Value>) = messages
-        .into_iter()
-        .partition(|message| message["topic"] == "metadata");
-    let names: Vec<&str> = metadata
-        .iter()
-        .map(|record| record["name"].as_str().unwrap())
-        .collect();
+    let messages: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let (metadata, messages): (Vec<Value>, Vec<Value>) =
+        messages.into_iter().partition(|message| message["topic"] == "metadata");
+    let names: Vec<&str> = metadata.iter().map(|record| record["name"].as_str().unwrap()).collect();
     assert_eq!(names, ["asset", "sensor", "gear_pair", "acquisition"]);
     assert_eq!(metadata[2]["entries"]["teeth"], "[31,62]");
     assert_eq!(metadata[3]["entries"]["channel"], "in");
     let of = |kind: &str| -> Vec<&Value> {
-        messages
-            .iter()
-            .filter(|message| message["topic"] == format!("/pump/in/{kind}"))
-            .collect()
+        messages.iter().filter(|message| message["topic"] == format!("/pump/in/{kind}")).collect()
     };
     assert_eq!(messages.len(), 6 + 6 + 3);
     let rms: Vec<&Value> = of("indicators").iter().map(|message| &message["rms"]).collect();
-    let expected: Vec<&Value> = segments
-        .iter()
-        .map(|segment| &segment["indicators"]["rms"])
-        .collect();
+    let expected: Vec<&Value> = segments.iter().map(|segment| &segment["indicators"]["rms"]).collect();
     assert_eq!(rms, expected);
-    assert!(
-        of("wear")
-            .iter()
-            .all(|message| message["status"] == "collecting_baseline")
-    );
+    assert!(of("wear").iter().all(|message| message["status"] == "collecting_baseline"));
     assert_eq!(of("spectrum").len(), 3);
-    let spectrum = service.get(&format!(
-        "/v1/segments/{}/spectrum?max_points=200000",
-        segments[0]["id"].as_str().unwrap()
-    ));
+    let spectrum = service
+        .get(&format!("/v1/segments/{}/spectrum?max_points=200000", segments[0]["id"].as_str().unwrap()));
     let spectrum = spectrum.expect(200).json();
-    let peak = spectrum["amplitude"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|x| x.as_f64().unwrap())
-        .fold(0.0, f64::max);
+    let peak =
+        spectrum["amplitude"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).fold(0.0, f64::max);
     assert_eq!(of("spectrum")[0]["peak"].as_f64(), Some(peak));
-    let left: Vec<_> = std::fs::read_dir(service.folder().join("uploads"))
-        .unwrap()
-        .collect();
+    let left: Vec<_> = std::fs::read_dir(service.folder().join("uploads")).unwrap().collect();
     assert!(left.is_empty(), "{left:?}");
-    service
-        .get("/v1/assets/none/export")
-        .expect_problem(404, &["none"]);
-    service
-        .get("/v1/assets/pump/export?spectra=99999")
-        .expect_problem(400, &["spectra"]);
+    service.get("/v1/assets/none/export").expect_problem(404, &["none"]);
+    service.get("/v1/assets/pump/export?spectra=99999").expect_problem(400, &["spectra"]);
 }

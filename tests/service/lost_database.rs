@@ -41,10 +41,7 @@ fn a_lost_database_takes_no_raw_recording_with_it() {
     for _ in 0..2 {
         service.launch();
         let ready = service.get("/readyz").expect(200).json();
-        assert!(
-            ready["raw_recordings"].as_str().unwrap().contains("rebuild"),
-            "{ready}"
-        );
+        assert!(ready["raw_recordings"].as_str().unwrap().contains("rebuild"), "{ready}");
         wait_for_sweep();
         service.stop();
         assert_eq!(raw_objects(service.folder()).len(), 5);
@@ -54,10 +51,7 @@ fn a_lost_database_takes_no_raw_recording_with_it() {
     move_database(lost.path(), service.folder());
     service.launch();
     assert_eq!(service.get("/readyz").expect(200).json()["raw_recordings"], "ok");
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
-        5
-    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 5);
 }
 
 #[test]
@@ -71,13 +65,7 @@ fn an_older_database_takes_no_newer_raw_recording_away() {
     let older = tempfile::tempdir().unwrap();
     for file in std::fs::read_dir(service.folder()).unwrap() {
         let path = file.unwrap().path();
-        if path
-            .file_name()
-            .unwrap()
-            .to_str()
-            .unwrap()
-            .starts_with("flankwatch.db")
-        {
+        if path.file_name().unwrap().to_str().unwrap().starts_with("flankwatch.db") {
             std::fs::copy(&path, older.path().join(path.file_name().unwrap())).unwrap();
         }
     }
@@ -90,10 +78,7 @@ fn an_older_database_takes_no_newer_raw_recording_away() {
     move_database(older.path(), service.folder());
     service.launch();
     let ready = service.get("/readyz").expect(200).json();
-    assert!(
-        ready["raw_recordings"].as_str().unwrap().contains("older"),
-        "{ready}"
-    );
+    assert!(ready["raw_recordings"].as_str().unwrap().contains("older"), "{ready}");
     wait_for_sweep();
     // Nor does a quota, or who deletes the asset.
     service.upload("pump", &record("1", 7));
@@ -107,29 +92,17 @@ fn an_older_database_takes_no_newer_raw_recording_away() {
 fn the_raw_recordings_of_a_deleted_asset_are_in_quarantine_for_as_long_as_was_asked_for() {
     let mut service = Service::start();
     service.plain_asset("pump");
-    let name = service.upload("pump", &record("1", 1))["raw"]["sha256"]
-        .as_str()
-        .unwrap()
-        .to_owned();
+    let name = service.upload("pump", &record("1", 1))["raw"]["sha256"].as_str().unwrap().to_owned();
     service.delete("/v1/assets/pump").expect(204);
     assert!(raw_objects(service.folder()).is_empty());
     assert_eq!(quarantined(service.folder()), [name]);
     service.stop();
     // As if it had been there for 31 days.
     let folder = service.folder().join("raw/quarantine");
-    let path = std::fs::read_dir(&folder)
-        .unwrap()
-        .next()
-        .unwrap()
-        .unwrap()
-        .path();
+    let path = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
     let long_ago = jiff::Timestamp::now() - jiff::SignedDuration::from_hours(31 * 24);
     let name = path.extension().unwrap().to_str().unwrap();
-    std::fs::rename(
-        &path,
-        folder.join(format!("{}.{name}", long_ago.strftime("%Y%m%dT%H%M%SZ"))),
-    )
-    .unwrap();
+    std::fs::rename(&path, folder.join(format!("{}.{name}", long_ago.strftime("%Y%m%dT%H%M%SZ")))).unwrap();
     service.launch();
     let began = std::time::Instant::now();
     while !quarantined(service.folder()).is_empty() && !is_elsewhere() {

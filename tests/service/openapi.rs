@@ -25,11 +25,7 @@ fn every_field_parameter_and_operation_is_described() {
         let parts = schema["allOf"].as_array().into_iter().flatten().chain([schema]);
         for (field, property) in parts.filter_map(|part| part["properties"].as_object()).flatten() {
             // That of an optional structure stands beside the reference to it.
-            let mut places = property["oneOf"]
-                .as_array()
-                .into_iter()
-                .flatten()
-                .chain([property]);
+            let mut places = property["oneOf"].as_array().into_iter().flatten().chain([property]);
             if !places.any(|place| place["description"].as_str().is_some_and(|text| !text.is_empty())) {
                 silent.push(format!("{name}.{field}"));
             }
@@ -59,11 +55,7 @@ fn the_page_of_the_description_asks_nothing_of_other_hosts() {
     let page = service.get("/docs").expect(200);
     let text = String::from_utf8(page.bytes).unwrap();
     assert!(!text.contains("http://") && !text.contains("https://"), "{text}");
-    for file in text
-        .split("src=\"")
-        .skip(1)
-        .map(|rest| rest.split('"').next().unwrap())
-    {
+    for file in text.split("src=\"").skip(1).map(|rest| rest.split('"').next().unwrap()) {
         assert!(
             service
                 .get(&format!("/{file}"))
@@ -78,48 +70,27 @@ fn the_page_of_the_description_asks_nothing_of_other_hosts() {
 #[test]
 fn every_example_of_a_request_runs() {
     let service = Service::start();
-    service
-        .post_json("/v1/assets", &watched("gearbox-1", &at_once()))
-        .expect(201);
+    service.post_json("/v1/assets", &watched("gearbox-1", &at_once())).expect(201);
     service.upload("gearbox-1", &loud(0, 4.0));
-    let alarm = service.get("/v1/alarms").expect(200).json()["items"][0]["id"]
-        .as_str()
-        .unwrap()
-        .to_owned();
-    std::fs::write(
-        service.folder().join("recordings/run.mcap"),
-        mcap(&[record("a1", 5)]),
-    )
-    .unwrap();
-    let token = Tokens::of(service.folder())
-        .create("examples", Scope::Admin, Timestamp::UNIX_EPOCH)
-        .unwrap();
+    let alarm = service.get("/v1/alarms").expect(200).json()["items"][0]["id"].as_str().unwrap().to_owned();
+    std::fs::write(service.folder().join("recordings/run.mcap"), mcap(&[record("a1", 5)])).unwrap();
+    let token = Tokens::of(service.folder()).create("examples", Scope::Admin, Timestamp::UNIX_EPOCH).unwrap();
     let authorization = format!("Bearer {token}");
     let document = description(&service);
     let mut sent = 0;
     for (path, methods) in document["paths"].as_object().unwrap() {
         for (method, operation) in methods.as_object().unwrap() {
-            for (media_type, content) in operation["requestBody"]["content"]
-                .as_object()
-                .into_iter()
-                .flatten()
+            for (media_type, content) in operation["requestBody"]["content"].as_object().into_iter().flatten()
             {
                 let example = &content["example"];
                 if !["application/json", "application/toml"].contains(&media_type.as_str()) {
                     continue;
                 }
-                assert!(
-                    !example.is_null(),
-                    "{method} {path} has no example of {media_type}"
-                );
-                let body = example
-                    .as_str()
-                    .map_or_else(|| example.to_string(), str::to_owned);
+                assert!(!example.is_null(), "{method} {path} has no example of {media_type}");
+                let body = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
                 let address = path.replace("{asset}", "gearbox-1").replace("{alarm}", &alarm);
-                let headers = [
-                    ("content-type", media_type.as_str()),
-                    ("authorization", authorization.as_str()),
-                ];
+                let headers =
+                    [("content-type", media_type.as_str()), ("authorization", authorization.as_str())];
                 let answer = service.send(&method.to_uppercase(), &address, &headers, body.as_bytes());
                 let mut documented = operation["responses"].as_object().unwrap().keys();
                 let success = documented.find(|status| status.starts_with('2')).unwrap();
@@ -150,9 +121,7 @@ fn schemathesis() -> PathBuf {
 fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
     let tool = schemathesis();
     let service = Service::start();
-    service
-        .post_json("/v1/assets", &watched("gearbox-1", &at_once()))
-        .expect(201);
+    service.post_json("/v1/assets", &watched("gearbox-1", &at_once())).expect(201);
     let segment = service.upload("gearbox-1", &loud(0, 4.0));
     let segment = segment["id"].as_str().unwrap();
     let alarm = service.get("/v1/alarms").expect(200).json()["items"][0]["id"].clone();
@@ -205,22 +174,15 @@ fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
-    assert!(
-        output.status.success(),
-        "{said}{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
 }
 
 /// The names in the first cells of the table of docs/api.md whose first heading this is.
 fn documented(heading: &str) -> Vec<String> {
     let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/api.md")).unwrap();
-    let table = text
-        .split_once(&format!("| `{heading}` |"))
-        .unwrap_or_else(|| panic!("no table {heading}"));
+    let table = text.split_once(&format!("| `{heading}` |")).unwrap_or_else(|| panic!("no table {heading}"));
     let rows = table.1.lines().skip(2).take_while(|line| line.starts_with("| `"));
-    rows.map(|row| row[3..].split('`').next().unwrap().to_owned())
-        .collect()
+    rows.map(|row| row[3..].split('`').next().unwrap().to_owned()).collect()
 }
 
 #[test]
@@ -231,13 +193,7 @@ fn every_name_of_an_estimate_is_documented_and_said_by_the_dashboard() {
         let schema = &document["components"]["schemas"][schema];
         // Those with a description each stand one by one.
         let each = schema["oneOf"].as_array().into_iter().flatten();
-        let each = each.flat_map(|one| {
-            one["enum"]
-                .as_array()
-                .into_iter()
-                .flatten()
-                .chain(one.get("const"))
-        });
+        let each = each.flat_map(|one| one["enum"].as_array().into_iter().flatten().chain(one.get("const")));
         let all = schema["enum"].as_array().into_iter().flatten().chain(each);
         all.map(|name| name.as_str().unwrap().to_owned()).collect()
     };
@@ -247,23 +203,14 @@ fn every_name_of_an_estimate_is_documented_and_said_by_the_dashboard() {
         ("MachineSign", "novelty.machine_sign", "match-words.js"),
     ] {
         let (names, documented) = (names(schema), documented(heading));
-        assert!(
-            !names.is_empty(),
-            "{schema}: {}",
-            document["components"]["schemas"][schema]
-        );
+        assert!(!names.is_empty(), "{schema}: {}", document["components"]["schemas"][schema]);
         let [mut of_code, mut of_docs] = [names.clone(), documented];
         of_code.sort();
         of_docs.sort();
-        assert_eq!(
-            of_code, of_docs,
-            "{schema} and the table {heading:?} of docs/api.md"
-        );
-        let words = std::fs::read_to_string(format!(
-            "{}/src/http/dashboard/{page}",
-            env!("CARGO_MANIFEST_DIR")
-        ))
-        .unwrap();
+        assert_eq!(of_code, of_docs, "{schema} and the table {heading:?} of docs/api.md");
+        let words =
+            std::fs::read_to_string(format!("{}/src/http/dashboard/{page}", env!("CARGO_MANIFEST_DIR")))
+                .unwrap();
         for name in names {
             assert!(words.contains(&name), "{page} has no words for {name}");
         }

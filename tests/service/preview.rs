@@ -41,12 +41,8 @@ fn a_preview_is_what_the_model_says_and_quick() {
     let resolved = pair.resolve().unwrap();
     let wear = FlankWear::from_shape(&resolved, 30e-3).unwrap();
     let mean = |state: &Value| {
-        let values: Vec<f64> = state["stiffness_n_per_m"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .filter_map(Value::as_f64)
-            .collect();
+        let values: Vec<f64> =
+            state["stiffness_n_per_m"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
         values.iter().sum::<f64>() / values.len() as f64
     };
     for (state, wear) in [("unworn", FlankWear::none()), ("worn", wear)] {
@@ -63,12 +59,7 @@ fn a_preview_is_what_the_model_says_and_quick() {
     assert!((depths.iter().copied().fold(0.0, f64::max) - 30.0).abs() < 1e-3);
     let harmonics = answer["model"]["harmonics"].as_array().unwrap();
     assert_eq!(harmonics.len(), 10);
-    assert!(
-        harmonics
-            .iter()
-            .any(|line| line["change_db"].as_f64().unwrap().abs() > 1.0),
-        "{harmonics:?}"
-    );
+    assert!(harmonics.iter().any(|line| line["change_db"].as_f64().unwrap().abs() > 1.0), "{harmonics:?}");
 }
 
 #[test]
@@ -79,30 +70,21 @@ fn a_pair_that_cannot_be_is_told_all_its_faults_with_its_geometry() {
     pair.geometry.bore_radius_mm = [4.5, 5.0];
     let mut gear = mesh(&pair);
     gear["shaft_speed_hz"] = json!(0.0);
-    let answer = service
-        .post_json("/v1/preview", &json!({ "gear": gear }))
-        .expect(200)
-        .json();
+    let answer = service.post_json("/v1/preview", &json!({ "gear": gear })).expect(200).json();
     let fields: Vec<&str> = answer["refusals"]
         .as_array()
         .unwrap()
         .iter()
         .filter_map(|refusal| refusal["field"].as_str())
         .collect();
-    for field in [
-        "gear.shaft_speed_hz",
-        "gear.pair.geometry.bore_radius_mm",
-        "gear.pair.geometry.addendum",
-    ] {
+    for field in ["gear.shaft_speed_hz", "gear.pair.geometry.bore_radius_mm", "gear.pair.geometry.addendum"] {
         assert!(fields.contains(&field), "{field} in {fields:?}");
     }
     assert!(answer["model"].is_null());
     assert_eq!(answer["geometry"]["gears"][0]["teeth"], 11);
     let measures = answer["geometry"]["measures"].as_array().unwrap();
     let bad = |quantity: &str| {
-        measures
-            .iter()
-            .any(|measure| measure["quantity"] == quantity && measure["verdict"] == "impossible")
+        measures.iter().any(|measure| measure["quantity"] == quantity && measure["verdict"] == "impossible")
     };
     assert!(bad("undercut_margin") && bad("root_to_bore"), "{measures:?}");
     // The same pair is refused as an asset, for one of them.
@@ -117,10 +99,7 @@ fn wear_and_torque_beyond_what_can_be_are_refused_at_their_field() {
     for (field, request) in [
         ("wear_um", json!({ "gear": mesh(&pair()), "wear_um": 1e6 })),
         ("torque_nm", json!({ "gear": mesh(&pair()), "torque_nm": 1e6 })),
-        (
-            "shaft_speed_hz",
-            json!({ "gear": mesh(&pair()), "shaft_speed_hz": -1.0 }),
-        ),
+        ("shaft_speed_hz", json!({ "gear": mesh(&pair()), "shaft_speed_hz": -1.0 })),
         ("gear.pair.geometry.teeth", {
             let mut gear = mesh(&pair());
             gear["teeth"] = json!([20, 41]);
@@ -131,9 +110,7 @@ fn wear_and_torque_beyond_what_can_be_are_refused_at_their_field() {
         assert_eq!(answer["refusals"][0]["field"], field, "{}", answer["refusals"]);
         assert!(answer["model"].is_null() && answer["geometry"].is_object());
     }
-    service
-        .post_json("/v1/preview", &json!({ "wear_um": 1.0 }))
-        .expect_problem(422, &["gear"]);
+    service.post_json("/v1/preview", &json!({ "wear_um": 1.0 })).expect_problem(422, &["gear"]);
 }
 
 #[test]
@@ -153,19 +130,12 @@ fn presets_can_be_previewed_and_wear_after_archard_too() {
                 .json()
         };
         assert!(preview(&pair)["model"].is_object(), "{}", item["name"]);
-        println!(
-            "{}: first answer after {} ms",
-            item["name"],
-            began.elapsed().as_millis()
-        );
+        println!("{}: first answer after {} ms", item["name"], began.elapsed().as_millis());
         if item["name"] == "steel-module-1" {
             pair.wear.shape = flankwatch::gear::WearShape::Archard;
             let began = Instant::now();
             let answer = preview(&pair);
-            println!(
-                "after Archard: first answer after {} ms",
-                began.elapsed().as_millis()
-            );
+            println!("after Archard: first answer after {} ms", began.elapsed().as_millis());
             assert!(answer["model"].is_object(), "{answer}");
         }
     }

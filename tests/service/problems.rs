@@ -18,52 +18,24 @@ fn a_wrong_path_method_type_or_parameter_is_a_problem() {
     assert_eq!(wrong_method.header("allow"), "GET,HEAD,POST");
     wrong_method.expect_problem(405, &["PATCH"]);
     let segments = "/v1/assets/pump/segments";
-    service
-        .post(segments, "image/png", b"x")
-        .expect_problem(415, &["image/png", "audio/wav"]);
-    service
-        .send("POST", segments, &[], b"x")
-        .expect_problem(415, &["content-type is"]);
-    service
-        .post("/v1/assets", "text/plain", b"x")
-        .expect_problem(415, &["text/plain"]);
+    service.post(segments, "image/png", b"x").expect_problem(415, &["image/png", "audio/wav"]);
+    service.send("POST", segments, &[], b"x").expect_problem(415, &["content-type is"]);
+    service.post("/v1/assets", "text/plain", b"x").expect_problem(415, &["text/plain"]);
     let gzip = [("content-type", "audio/wav"), ("content-encoding", "br")];
-    service
-        .send("POST", segments, &gzip, b"x")
-        .expect_problem(415, &["content-encoding"]);
-    assert_eq!(
-        service.get("/v1/assets?limt=3").expect_problem(400, &["limt"])["field"],
-        "limt"
-    );
-    for query in [
-        "limit=0",
-        "limit=1001",
-        "limit=x",
-        "cursor=x",
-        "from=yesterday",
-        "order=random",
-    ] {
-        service
-            .get(&format!("{segments}?{query}"))
-            .expect_problem(400, &[]);
+    service.send("POST", segments, &gzip, b"x").expect_problem(415, &["content-encoding"]);
+    assert_eq!(service.get("/v1/assets?limt=3").expect_problem(400, &["limt"])["field"], "limt");
+    for query in ["limit=0", "limit=1001", "limit=x", "cursor=x", "from=yesterday", "order=random"] {
+        service.get(&format!("{segments}?{query}")).expect_problem(400, &[]);
     }
-    service
-        .get("/v1/assets/pump/wear/history?max_points=1")
-        .expect_problem(400, &["max_points"]);
-    service
-        .get("/v1/assets/pump/wear?channel=9")
-        .expect_problem(404, &["9"]);
-    service
-        .get("/v1/assets/none/segments")
-        .expect_problem(404, &["none"]);
+    service.get("/v1/assets/pump/wear/history?max_points=1").expect_problem(400, &["max_points"]);
+    service.get("/v1/assets/pump/wear?channel=9").expect_problem(404, &["9"]);
+    service.get("/v1/assets/none/segments").expect_problem(404, &["none"]);
     service.get("/v1/assets/NONE").expect_problem(404, &["NONE"]);
     service.get("/v1/segments/0123").expect_problem(404, &["0123"]);
     service.get("/v1/libraries/none").expect_problem(404, &["none"]);
     service.get("/v1/libraries/..%2Fsecret").expect_problem(404, &[]);
     service.get("/v1/replays/77").expect_problem(404, &["77"]);
-    service
-        .post("/v1/assets/none/segments", "audio/wav", &wav(&[samples(1)]))
-        .expect_problem(404, &["none"]);
+    service.post("/v1/assets/none/segments", "audio/wav", &wav(&[samples(1)])).expect_problem(404, &["none"]);
 }
 
 #[test]
@@ -73,56 +45,28 @@ fn bytes_that_are_no_record_are_refused_and_nothing_is_stored() {
     let segments = "/v1/assets/pump/segments";
     let whole = wav(&[samples(1)]);
     for bytes in [&b""[..], b"RIFF", b"hello, world", &whole[..30]] {
-        service
-            .post(segments, "audio/wav", bytes)
-            .expect_problem(422, &[]);
+        service.post(segments, "audio/wav", bytes).expect_problem(422, &[]);
     }
-    service
-        .post(segments, "application/json", b"{")
-        .expect_problem(422, &[]);
-    service
-        .post(segments, "application/json", b"[]")
-        .expect_problem(422, &[]);
-    service
-        .post(segments, "application/mcap", b"hello, world")
-        .expect_problem(422, &[]);
+    service.post(segments, "application/json", b"{").expect_problem(422, &[]);
+    service.post(segments, "application/json", b"[]").expect_problem(422, &[]);
+    service.post(segments, "application/mcap", b"hello, world").expect_problem(422, &[]);
     let mut broken = samples(1);
     broken[7] = f32::NAN;
-    service
-        .post(segments, "audio/wav", &wav(&[broken]))
-        .expect_problem(422, &["NaN"]);
-    for query in [
-        "shaft_speed_hz=-1",
-        "channel=",
-        "reference_wear_um=-3",
-        "torque_nm=NaN",
-    ] {
-        service
-            .post(&format!("{segments}?{query}"), "audio/wav", &whole)
-            .expect_problem(422, &[]);
+    service.post(segments, "audio/wav", &wav(&[broken])).expect_problem(422, &["NaN"]);
+    for query in ["shaft_speed_hz=-1", "channel=", "reference_wear_um=-3", "torque_nm=NaN"] {
+        service.post(&format!("{segments}?{query}"), "audio/wav", &whole).expect_problem(422, &[]);
     }
-    assert_eq!(
-        service.get(segments).expect(200).json(),
-        json!({ "items": [], "next_cursor": null })
-    );
+    assert_eq!(service.get(segments).expect(200).json(), json!({ "items": [], "next_cursor": null }));
     assert_eq!(crate::durability::raw_objects(service.folder()).len(), 0);
 }
 
 #[test]
 fn json_that_is_none_is_told_from_json_that_does_not_fit() {
     let service = Service::start();
+    service.post("/v1/assets", "application/json", b"{\"id\": ").expect_problem(400, &["line 1"]);
+    service.post("/v1/assets", "application/json", b"[1, 2]").expect_problem(422, &[]);
     service
-        .post("/v1/assets", "application/json", b"{\"id\": ")
-        .expect_problem(400, &["line 1"]);
-    service
-        .post("/v1/assets", "application/json", b"[1, 2]")
-        .expect_problem(422, &[]);
-    service
-        .post(
-            "/v1/replays",
-            "application/json",
-            b"{\"asset\": \"a\", \"file\": \"f\", \"pace\": \"slow\"}",
-        )
+        .post("/v1/replays", "application/json", b"{\"asset\": \"a\", \"file\": \"f\", \"pace\": \"slow\"}")
         .expect_problem(422, &["slow"]);
 }
 
@@ -136,15 +80,9 @@ fn a_body_too_large_is_refused_whether_it_says_so_or_not() {
     service.plain_asset("pump");
     let large = wav(&[samples(1), samples(2)]);
     assert!(large.len() > 10_000);
-    service
-        .post("/v1/assets/pump/segments", "audio/wav", &large)
-        .expect_problem(413, &["10000"]);
-    service
-        .post("/v1/assets/pump/segments", "application/mcap", &large)
-        .expect_problem(413, &["10000"]);
-    service
-        .post("/v1/assets", "application/json", &[b' '; 1001])
-        .expect_problem(413, &["1000"]);
+    service.post("/v1/assets/pump/segments", "audio/wav", &large).expect_problem(413, &["10000"]);
+    service.post("/v1/assets/pump/segments", "application/mcap", &large).expect_problem(413, &["10000"]);
+    service.post("/v1/assets", "application/json", &[b' '; 1001]).expect_problem(413, &["1000"]);
     // In pieces of unknown total length.
     let mut large_mcap = mcap(&[record("1", 1)]);
     large_mcap.resize(large.len(), 0);
@@ -156,9 +94,7 @@ fn a_body_too_large_is_refused_whether_it_says_so_or_not() {
         );
     }
     let small = wav(&[samples(1)[..1000].to_vec()]);
-    service
-        .post("/v1/assets/pump/segments", "audio/wav", &small)
-        .expect(201);
+    service.post("/v1/assets/pump/segments", "audio/wav", &small).expect(201);
 }
 
 /// Sends a body in chunks and reads the answer.
@@ -201,10 +137,7 @@ fn a_full_queue_says_when_to_come_again() {
     slow.write_all(&block[..10]).unwrap();
     let began = std::time::Instant::now();
     while service.get("/readyz").status != 503 {
-        assert!(
-            began.elapsed() < Duration::from_secs(20),
-            "the slow upload never took its place"
-        );
+        assert!(began.elapsed() < Duration::from_secs(20), "the slow upload never took its place");
     }
     let refused = service.post("/v1/assets/pump/segments", "application/json", &block);
     assert!(refused.header("retry-after").parse::<u32>().unwrap() >= 1);
@@ -212,11 +145,7 @@ fn a_full_queue_says_when_to_come_again() {
     service.get("/v1/assets/pump").expect(200);
     drop(slow);
     let began = std::time::Instant::now();
-    while service
-        .post("/v1/assets/pump/segments", "application/json", &block)
-        .status
-        != 201
-    {
+    while service.post("/v1/assets/pump/segments", "application/json", &block).status != 201 {
         assert!(began.elapsed() < Duration::from_secs(20));
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -227,15 +156,9 @@ fn exchange(stream: &mut BufReader<TcpStream>, request: &[u8]) -> (String, Vec<u
     stream.get_mut().write_all(request).unwrap();
     let mut head = String::new();
     while !head.ends_with("\r\n\r\n") {
-        assert!(
-            stream.read_line(&mut head).unwrap() > 0,
-            "the connection ended after {head:?}"
-        );
+        assert!(stream.read_line(&mut head).unwrap() > 0, "the connection ended after {head:?}");
     }
-    let length = head
-        .lines()
-        .find_map(|line| line.strip_prefix("content-length: "))
-        .unwrap();
+    let length = head.lines().find_map(|line| line.strip_prefix("content-length: ")).unwrap();
     let mut body = vec![0; length.parse().unwrap()];
     stream.read_exact(&mut body).unwrap();
     (head, body)
@@ -247,10 +170,7 @@ fn a_refusal_before_the_body_was_read_keeps_the_connection() {
     service.plain_asset("pump");
     let address = service.url("").trim_start_matches("http://").to_string();
     let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
-    stream
-        .get_ref()
-        .set_read_timeout(Some(Duration::from_secs(20)))
-        .unwrap();
+    stream.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
     let body = vec![b'x'; 3_000_000];
     for (path, media_type, status) in [
         ("/v1/assets/pump/segments", "image/png", "415"),
@@ -264,15 +184,9 @@ fn a_refusal_before_the_body_was_read_keeps_the_connection() {
             body.len()
         );
         let (head, _) = exchange(&mut stream, &[head.as_bytes(), &body].concat());
-        assert!(
-            head.starts_with(&format!("HTTP/1.1 {status} ")),
-            "{path} {media_type}: {head}"
-        );
+        assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{path} {media_type}: {head}");
         let (head, _) = exchange(&mut stream, b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n");
-        assert!(
-            head.starts_with("HTTP/1.1 200 "),
-            "after {path} {media_type}: {head}"
-        );
+        assert!(head.starts_with("HTTP/1.1 200 "), "after {path} {media_type}: {head}");
     }
 }
 
@@ -281,17 +195,11 @@ fn a_refusal_of_a_body_that_was_not_asked_for_says_that_the_connection_ends() {
     let service = Service::start();
     let address = service.url("").trim_start_matches("http://").to_string();
     let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
-    stream
-        .get_ref()
-        .set_read_timeout(Some(Duration::from_secs(20)))
-        .unwrap();
+    stream.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
     let request =
         b"POST /v1/nothing HTTP/1.1\r\nhost: localhost\r\ncontent-type: audio/wav\r\ncontent-length: 9\r\nexpect: 100-continue\r\n\r\n";
     let (head, _) = exchange(&mut stream, request);
-    assert!(
-        head.starts_with("HTTP/1.1 404 ") && head.contains("connection: close\r\n"),
-        "{head}"
-    );
+    assert!(head.starts_with("HTTP/1.1 404 ") && head.contains("connection: close\r\n"), "{head}");
     assert_eq!(stream.read(&mut [0]).unwrap(), 0);
 }
 
@@ -312,12 +220,7 @@ fn a_body_that_does_not_come_gives_its_place_back() {
         slow.write_all(head.as_bytes()).unwrap();
         while service.get("/readyz").status != 503 {}
         // Whoever asks for what is stored does not wait for senders.
-        service
-            .get(&format!(
-                "/v1/segments/{}/spectrum",
-                stored["id"].as_str().unwrap()
-            ))
-            .expect(200);
+        service.get(&format!("/v1/segments/{}/spectrum", stored["id"].as_str().unwrap())).expect(200);
         let mut reader = BufReader::new(slow.try_clone().unwrap());
         let done = std::sync::atomic::AtomicBool::new(!trickles);
         let mut answer = String::new();
@@ -343,9 +246,7 @@ fn every_answer_is_counted_also_those_that_no_operation_gives() {
     let service = Service::start();
     service.get("/nowhere").expect(404);
     service.delete("/v1/assets").expect(405);
-    service
-        .send("POST", "/v1/assets", &[("origin", "http://evil.example")], b"")
-        .expect(403);
+    service.send("POST", "/v1/assets", &[("origin", "http://evil.example")], b"").expect(403);
     service.send("TRACE", "/v1/assets", &[], b"").expect(405);
     let metrics = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
     for labels in [
@@ -355,10 +256,7 @@ fn every_answer_is_counted_also_those_that_no_operation_gives() {
         r#"method="other",route="/v1/assets",status="4xx""#,
     ] {
         let line = format!("flankwatch_requests_total{{{labels}}} 1");
-        assert!(
-            metrics.lines().any(|found| found == line),
-            "{line} is not in\n{metrics}"
-        );
+        assert!(metrics.lines().any(|found| found == line), "{line} is not in\n{metrics}");
     }
 }
 
@@ -376,12 +274,7 @@ fn what_is_no_mcap_is_refused_by_its_first_bytes() {
     service.plain_asset("pump");
     let fields = [("content-type", "application/mcap"), ("content-encoding", "gzip")];
     service
-        .send(
-            "POST",
-            "/v1/assets/pump/segments",
-            &fields,
-            &gzip_of_zeros(64 << 20),
-        )
+        .send("POST", "/v1/assets/pump/segments", &fields, &gzip_of_zeros(64 << 20))
         .expect_problem(422, &["00 00"]);
     let whole = wav(&[samples(1)]);
     service
@@ -394,45 +287,23 @@ fn a_field_that_does_not_fit_is_named_with_its_value_and_what_was_expected() {
     let service = Service::start();
     let mut asset = crate::running::plain_asset("pump");
     asset["gear"]["teeth"] = json!([24, 26, 27]);
-    let refused = service
-        .post_json("/v1/assets", &asset)
-        .expect_problem(422, &["gear.teeth is [24, 26, 27]"]);
+    let refused =
+        service.post_json("/v1/assets", &asset).expect_problem(422, &["gear.teeth is [24, 26, 27]"]);
     assert_eq!(
         (&refused["field"], &refused["value"], &refused["expected"]),
-        (
-            &json!("gear.teeth"),
-            &json!("[24, 26, 27]"),
-            &json!("two tooth numbers from 4 to 1000")
-        )
+        (&json!("gear.teeth"), &json!("[24, 26, 27]"), &json!("two tooth numbers from 4 to 1000"))
     );
     service.plain_asset("pump");
-    for (name, value) in [
-        ("torque_nm", "1e308"),
-        ("shaft_speed_hz", "1e308"),
-        ("reference_wear_um", "1e308"),
-    ] {
+    for (name, value) in [("torque_nm", "1e308"), ("shaft_speed_hz", "1e308"), ("reference_wear_um", "1e308")]
+    {
         let path = format!("/v1/assets/pump/segments?{name}={value}");
-        service
-            .post(&path, "audio/wav", &wav(&[samples(1)]))
-            .expect_problem(422, &[name, "expected"]);
+        service.post(&path, "audio/wav", &wav(&[samples(1)])).expect_problem(422, &[name, "expected"]);
     }
     // Nothing of how the program writes it down.
     let missing = service.send("POST", "/v1/uploads", &[("tus-resumable", "1.0.0")], b"");
     let problem = missing.expect_problem(400, &["upload-length", "missing"]);
-    assert!(
-        !problem.to_string().contains("Some(") && !problem.to_string().contains("None"),
-        "{problem}"
-    );
-    let empty = service.send(
-        "POST",
-        "/v1/uploads",
-        &[("tus-resumable", "1.0.0"), ("upload-length", "")],
-        b"",
-    );
-    assert!(
-        !empty
-            .expect_problem(400, &["upload-length"])
-            .to_string()
-            .contains("Some(")
-    );
+    assert!(!problem.to_string().contains("Some(") && !problem.to_string().contains("None"), "{problem}");
+    let empty =
+        service.send("POST", "/v1/uploads", &[("tus-resumable", "1.0.0"), ("upload-length", "")], b"");
+    assert!(!empty.expect_problem(400, &["upload-length"]).to_string().contains("Some("));
 }

@@ -11,9 +11,7 @@ fn recomputed(service: &Service, asset: &str) -> Value {
     let list = service.wait_for(&format!("/v1/recomputations?asset={asset}"), |list| {
         let items = list["items"].as_array().unwrap();
         !items.is_empty()
-            && items
-                .iter()
-                .all(|item| !item["finished_at"].is_null() || item["state"] == "failed")
+            && items.iter().all(|item| !item["finished_at"].is_null() || item["state"] == "failed")
     });
     list["items"][0].clone()
 }
@@ -21,10 +19,7 @@ fn recomputed(service: &Service, asset: &str) -> Value {
 /// Every number of every record in the order of time.
 fn history(service: &Service, asset: &str) -> [Value; 2] {
     ["wear/history", "indicators"].map(|path| {
-        let mut answer = service
-            .get(&format!("/v1/assets/{asset}/{path}"))
-            .expect(200)
-            .json();
+        let mut answer = service.get(&format!("/v1/assets/{asset}/{path}")).expect(200).json();
         for item in answer["items"].as_array_mut().unwrap() {
             item.as_object_mut().unwrap().remove("segment_id");
         }
@@ -48,12 +43,7 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
     service.put_json("/v1/assets/pump", &description).expect(200);
     let done = recomputed(&service, "pump");
     assert_eq!(
-        (
-            &done["state"],
-            &done["analysed"],
-            &done["without_raw"],
-            &done["folded"]
-        ),
+        (&done["state"], &done["analysed"], &done["without_raw"], &done["folded"]),
         (&json!("finished"), &json!(11), &json!(1), &json!(12)),
         "{done}"
     );
@@ -65,18 +55,9 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
     }
     let ([wear, found], [fresh_wear, fresh]) = (history(&service, "pump"), history(&service, "fresh"));
     assert_eq!(wear, fresh_wear);
-    for (n, (found, fresh)) in found
-        .as_array()
-        .unwrap()
-        .iter()
-        .zip(fresh.as_array().unwrap())
-        .enumerate()
-    {
+    for (n, (found, fresh)) in found.as_array().unwrap().iter().zip(fresh.as_array().unwrap()).enumerate() {
         if n == 5 {
-            assert_eq!(
-                (&found["band_mesh"], &found["rms"]),
-                (&Value::Null, &fresh["rms"])
-            );
+            assert_eq!((&found["band_mesh"], &found["rms"]), (&Value::Null, &fresh["rms"]));
         } else {
             assert!(found["band_mesh"].is_number());
             assert_eq!(found, fresh);
@@ -87,10 +68,7 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
     for asset in ["pump", "fresh"] {
         service.upload(asset, &record("1", 12));
     }
-    assert_eq!(
-        service.get("/v1/recomputations").expect(200).json()["items"],
-        json!([])
-    );
+    assert_eq!(service.get("/v1/recomputations").expect(200).json()["items"], json!([]));
     assert_eq!(history(&service, "pump")[0], history(&service, "fresh")[0]);
 }
 
@@ -99,9 +77,7 @@ fn old_answers_are_served_until_the_new_ones_are_complete() {
     let service = Service::start();
     service.plain_asset("pump");
     let records: Vec<_> = (0..150).map(|n| record("1", n)).collect();
-    service
-        .post("/v1/assets/pump/segments", "application/mcap", &mcap(&records))
-        .expect(201);
+    service.post("/v1/assets/pump/segments", "application/mcap", &mcap(&records)).expect(201);
     let old = history(&service, "pump");
     let mut description = plain_asset("pump");
     description["gear"]["shaft_speed_hz"] = json!(10.1);
@@ -136,16 +112,11 @@ fn a_record_that_comes_after_hundreds_of_later_ones_is_folded_in_the_background(
         service.plain_asset(asset);
     }
     let records: Vec<_> = (0..700).map(|n| record("1", n)).collect();
-    let without: Vec<_> = records
-        .iter()
-        .filter(|record| record.start_time() != records[3].start_time())
-        .cloned()
-        .collect();
+    let without: Vec<_> =
+        records.iter().filter(|record| record.start_time() != records[3].start_time()).cloned().collect();
     for (asset, records) in [("late", &without), ("in-order", &records)] {
         let path = format!("/v1/assets/{asset}/segments");
-        service
-            .post(&path, "application/mcap", &mcap(records))
-            .expect(201);
+        service.post(&path, "application/mcap", &mcap(records)).expect(201);
     }
     assert_ne!(history(&service, "late"), history(&service, "in-order"));
     let answer = service.upload("late", &records[3]);

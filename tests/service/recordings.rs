@@ -32,10 +32,7 @@ fn an_mcap_is_taken_record_by_record_and_a_repeat_stores_nothing() {
     assert_eq!(answer["wear"]["status"], "no_library");
     let again = service.post(path, "application/mcap", &bytes).expect(201).json();
     assert_eq!((&again["stored"], &again["repeated"]), (&json!(0), &json!(24)));
-    assert_eq!(
-        service.get("/v1/assets/one").expect(200).json()["summary"]["segments"],
-        24
-    );
+    assert_eq!(service.get("/v1/assets/one").expect(200).json()["summary"]["segments"], 24);
     // One by one over another way in: the same indicators.
     for record in &records {
         service.upload("two", record);
@@ -51,12 +48,7 @@ fn an_mcap_is_taken_record_by_record_and_a_repeat_stores_nothing() {
         };
         assert_eq!(trend("one"), trend("two"));
     }
-    assert_eq!(
-        std::fs::read_dir(service.folder().join("uploads"))
-            .unwrap()
-            .count(),
-        0
-    );
+    assert_eq!(std::fs::read_dir(service.folder().join("uploads")).unwrap().count(), 0);
 }
 
 #[test]
@@ -65,24 +57,13 @@ fn a_segment_of_an_mcap_gives_its_samples_back() {
     service.plain_asset("pump");
     let sent = record("x", 3);
     service
-        .post(
-            "/v1/assets/pump/segments",
-            "application/mcap",
-            &mcap(std::slice::from_ref(&sent)),
-        )
+        .post("/v1/assets/pump/segments", "application/mcap", &mcap(std::slice::from_ref(&sent)))
         .expect(201);
     let list = service.get("/v1/assets/pump/segments").expect(200).json();
     let id = list["items"][0]["id"].as_str().unwrap();
-    let waveform = service
-        .get(&format!("/v1/segments/{id}/waveform"))
-        .expect(200)
-        .json();
-    let value: Vec<f32> = waveform["value"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|x| x.as_f64().unwrap() as f32)
-        .collect();
+    let waveform = service.get(&format!("/v1/segments/{id}/waveform")).expect(200).json();
+    let value: Vec<f32> =
+        waveform["value"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect();
     assert_eq!(value, sent.samples());
 }
 
@@ -93,16 +74,10 @@ fn a_replay_feeds_a_recording_and_tells_how_far_it_is() {
     let records: Vec<_> = (0..40).map(|n| record("1", n)).collect();
     std::fs::write(service.folder().join("recordings/run.mcap"), mcap(&records)).unwrap();
     let started = service
-        .post_json(
-            "/v1/replays",
-            &json!({ "asset": "pump", "file": "run.mcap", "pace": "max" }),
-        )
+        .post_json("/v1/replays", &json!({ "asset": "pump", "file": "run.mcap", "pace": "max" }))
         .expect(202);
     let replay = started.json();
-    assert_eq!(
-        started.header("location"),
-        format!("/v1/replays/{}", replay["id"].as_str().unwrap())
-    );
+    assert_eq!(started.header("location"), format!("/v1/replays/{}", replay["id"].as_str().unwrap()));
     assert_eq!(
         (&replay["asset"], &replay["file"], &replay["pace"]),
         (&json!("pump"), &json!("run.mcap"), &json!("max"))
@@ -116,22 +91,14 @@ fn a_replay_feeds_a_recording_and_tells_how_far_it_is() {
     assert_eq!(ended["record_seconds_done"], 20.0);
     assert!(ended["times_real_time"].as_f64().unwrap() > 0.0);
     assert_eq!(ended["error"], json!(null));
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
-        40
-    );
-    let again = service
-        .post_json("/v1/replays", &json!({ "asset": "pump", "file": "run.mcap" }))
-        .expect(202)
-        .json();
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 40);
+    let again =
+        service.post_json("/v1/replays", &json!({ "asset": "pump", "file": "run.mcap" })).expect(202).json();
     assert_eq!(wait_for_end(&service, &again)["repeated"], 40);
     let list = service.get("/v1/replays?limit=1").expect(200).json();
     assert_eq!(list["items"][0]["id"], again["id"]);
     let next = service
-        .get(&format!(
-            "/v1/replays?cursor={}",
-            list["next_cursor"].as_str().unwrap()
-        ))
+        .get(&format!("/v1/replays?cursor={}", list["next_cursor"].as_str().unwrap()))
         .expect(200)
         .json();
     assert_eq!(next["items"][0]["id"], replay["id"]);
@@ -148,10 +115,7 @@ fn a_paced_replay_waits_and_can_be_stopped() {
     let path = format!("/v1/replays/{}", replay["id"].as_str().unwrap());
     service.wait_for(&path, |replay| replay["records_done"] == 1);
     let stopped = service.delete(&path).expect(200).json();
-    assert_eq!(
-        (&stopped["state"], &stopped["records_done"]),
-        (&json!("stopped"), &json!(1))
-    );
+    assert_eq!((&stopped["state"], &stopped["records_done"]), (&json!("stopped"), &json!(1)));
     assert_ne!(stopped["finished_at"], json!(null));
     assert_eq!(service.delete(&path).expect(200).json(), stopped);
 }
@@ -162,25 +126,12 @@ fn only_recordings_inside_the_folder_are_replayed() {
     service.plain_asset("pump");
     std::fs::write(service.folder().join("secret.mcap"), b"x").unwrap();
     let absolute = service.folder().join("secret.mcap");
-    for file in [
-        "../secret.mcap",
-        "",
-        ".",
-        "none.mcap",
-        absolute.to_str().unwrap(),
-        "a/../../secret.mcap",
-    ] {
+    for file in ["../secret.mcap", "", ".", "none.mcap", absolute.to_str().unwrap(), "a/../../secret.mcap"] {
         let problem = service.post_json("/v1/replays", &json!({ "asset": "pump", "file": file }));
         assert_eq!(problem.expect_problem(422, &[])["field"], "file");
     }
-    service
-        .post_json("/v1/replays", &json!({ "asset": "none", "file": "x" }))
-        .expect_problem(404, &["none"]);
-    std::fs::write(
-        service.folder().join("recordings/broken.mcap"),
-        b"not a recording",
-    )
-    .unwrap();
+    service.post_json("/v1/replays", &json!({ "asset": "none", "file": "x" })).expect_problem(404, &["none"]);
+    std::fs::write(service.folder().join("recordings/broken.mcap"), b"not a recording").unwrap();
     let replay = service
         .post_json("/v1/replays", &json!({ "asset": "pump", "file": "broken.mcap" }))
         .expect(202)
@@ -201,9 +152,7 @@ fn every_measuring_point_has_its_unit_however_its_records_come() {
         let segments = service.get("/v1/assets/pump/segments").expect(200).json();
         let items = segments["items"].as_array().unwrap().iter();
         let text = |value: &Value| value.as_str().unwrap().to_owned();
-        items
-            .map(|segment| (text(&segment["channel"]), text(&segment["unit"])))
-            .collect()
+        items.map(|segment| (text(&segment["channel"]), text(&segment["unit"]))).collect()
     };
     let expected = |pairs: &[(&str, &str)]| -> BTreeMap<String, String> {
         let owned = |(channel, unit): &(&str, &str)| ((*channel).to_owned(), (*unit).to_owned());
@@ -226,10 +175,7 @@ fn every_measuring_point_has_its_unit_however_its_records_come() {
         (&stored["segments"][0]["unit"], &stored["segments"][1]["unit"]),
         (&json!("m/s2"), &json!("m/s2"))
     );
-    assert_eq!(
-        stored["segments"][1]["operating_point"],
-        json!({ "temperature_c": 62.5 })
-    );
+    assert_eq!(stored["segments"][1]["operating_point"], json!({ "temperature_c": 62.5 }));
     service.delete("/v1/assets/pump").expect(204);
 
     service.post_json("/v1/assets", &asset).expect(201);
@@ -237,18 +183,10 @@ fn every_measuring_point_has_its_unit_however_its_records_come() {
     service.post_json("/v1/assets/pump/segments", &block).expect(201);
     let without_unit = |channel: &str, n: u32| {
         let record = record(channel, n);
-        Record::new(
-            channel,
-            record.start_time(),
-            record.sample_rate_hz(),
-            "",
-            record.samples().to_vec(),
-        )
-        .unwrap()
+        Record::new(channel, record.start_time(), record.sample_rate_hz(), "", record.samples().to_vec())
+            .unwrap()
     };
     let recording = mcap(&[without_unit("velocity", 3), without_unit("elsewhere", 3)]);
-    service
-        .post("/v1/assets/pump/segments", "application/mcap", &recording)
-        .expect(201);
+    service.post("/v1/assets/pump/segments", "application/mcap", &recording).expect(201);
     assert_eq!(units(), expected(&[("velocity", "mm/s"), ("elsewhere", "m/s2")]));
 }

@@ -14,15 +14,9 @@ use crate::running::{Service, mcap, plain_asset, record};
 fn base64(text: &str) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let chunk = |chunk: &[u8]| -> String {
-        let word = (0..3).fold(0_u32, |word, n| {
-            word << 8 | u32::from(chunk.get(n).copied().unwrap_or(0))
-        });
+        let word = (0..3).fold(0_u32, |word, n| word << 8 | u32::from(chunk.get(n).copied().unwrap_or(0)));
         let digit = |n: usize| {
-            if n <= chunk.len() {
-                char::from(DIGITS[(word >> (18 - 6 * n) & 63) as usize])
-            } else {
-                '='
-            }
+            if n <= chunk.len() { char::from(DIGITS[(word >> (18 - 6 * n) & 63) as usize]) } else { '=' }
         };
         (0..4).map(digit).collect()
     };
@@ -56,32 +50,18 @@ fn a_large_recording_is_resumed_also_after_a_restart() {
     service
         .send("POST", "/v1/uploads", &[("upload-length", "1")], b"")
         .expect_problem(412, &["tus-resumable"]);
-    let location = begin(&metadata, &length)
-        .expect(201)
-        .header("location")
-        .to_string();
-    let given_up = begin(&metadata, &length)
-        .expect(201)
-        .header("location")
-        .to_string();
+    let location = begin(&metadata, &length).expect(201).header("location").to_string();
+    let given_up = begin(&metadata, &length).expect(201).header("location").to_string();
     service.send("DELETE", &given_up, &[tus], b"").expect(204);
     service.send("HEAD", &given_up, &[tus], b"").expect(404);
     let patch = |service: &Service, at: usize, bytes: &[u8]| {
         let at = at.to_string();
-        let headers = [
-            tus,
-            ("upload-offset", at.as_str()),
-            ("content-type", "application/offset+octet-stream"),
-        ];
+        let headers =
+            [tus, ("upload-offset", at.as_str()), ("content-type", "application/offset+octet-stream")];
         service.send("PATCH", &location, &headers, bytes)
     };
     let half = recording.len() / 2;
-    assert_eq!(
-        patch(&service, 0, &recording[..half])
-            .expect(204)
-            .header("upload-offset"),
-        half.to_string()
-    );
+    assert_eq!(patch(&service, 0, &recording[..half]).expect(204).header("upload-offset"), half.to_string());
     patch(&service, 0, &recording[..half]).expect_problem(409, &["upload-offset"]);
     service.restart();
     let head = service.send("HEAD", &location, &[tus], b"").expect(200);
@@ -94,21 +74,14 @@ fn a_large_recording_is_resumed_also_after_a_restart() {
     let at: usize = head.header("upload-offset").parse().unwrap();
     patch(&service, at, &recording[at..]).expect(204);
     let done = service.wait_for(&location, |upload| upload["state"] == "finished");
-    assert_eq!(
-        (&done["result"]["stored"], &done["error"]),
-        (&5.into(), &Value::Null)
-    );
+    assert_eq!((&done["result"]["stored"], &done["error"]), (&5.into(), &Value::Null));
     service.let_uploads_expire();
     begin_again(&service, &metadata);
     service.get(&location).expect_problem(404, &[]);
 }
 
 fn begin_again(service: &Service, metadata: &str) {
-    let headers = [
-        ("tus-resumable", "1.0.0"),
-        ("upload-length", "1"),
-        ("upload-metadata", metadata),
-    ];
+    let headers = [("tus-resumable", "1.0.0"), ("upload-length", "1"), ("upload-metadata", metadata)];
     service.send("POST", "/v1/uploads", &headers, b"").expect(201);
 }
 
@@ -179,11 +152,7 @@ mod in_a_folder {
         program.make(&plain_asset("pump"));
         let whole = recording(0, 300);
         let length = whole.len().to_string();
-        let headers = [
-            TUS,
-            ("upload-length", length.as_str()),
-            ("upload-metadata", "asset cHVtcA=="),
-        ];
+        let headers = [TUS, ("upload-length", length.as_str()), ("upload-metadata", "asset cHVtcA==")];
         let path = program.send("POST", "/v1/uploads", &headers, b"").headers()["location"]
             .to_str()
             .unwrap()

@@ -15,10 +15,7 @@ fn a_wav_becomes_a_segment_with_its_indicators() {
     service.plain_asset("pump");
     let samples = samples(1);
     let path = "/v1/assets/pump/segments?start_time=2026-03-01T12:00:00.000000001Z&shaft_speed_hz=10&torque_nm=60&channel=gearbox/x&reference_wear_um=12.5";
-    let segment = service
-        .post(path, "audio/wav", &wav(std::slice::from_ref(&samples)))
-        .expect(201)
-        .json();
+    let segment = service.post(path, "audio/wav", &wav(std::slice::from_ref(&samples))).expect(201).json();
     assert_eq!(segment["asset_id"], "pump");
     assert_eq!(segment["channel"], "gearbox/x");
     assert_eq!(segment["start_time"], "2026-03-01T12:00:00.000000001Z");
@@ -26,10 +23,7 @@ fn a_wav_becomes_a_segment_with_its_indicators() {
     assert_eq!(segment["sample_rate_hz"], 4000.0);
     assert_eq!(segment["samples"], 2000);
     assert_eq!(segment["unit"], "m/s2");
-    assert_eq!(
-        segment["operating_point"],
-        json!({ "shaft_speed_hz": 10.0, "torque_nm": 60.0 })
-    );
+    assert_eq!(segment["operating_point"], json!({ "shaft_speed_hz": 10.0, "torque_nm": 60.0 }));
     assert_eq!(segment["shaft_speed"]["mesh_frequency_hz"], 310.0);
     assert_eq!(segment["shaft_speed"]["source"], "record");
     assert_eq!(segment["reference_wear_um"], 12.5);
@@ -38,10 +32,7 @@ fn a_wav_becomes_a_segment_with_its_indicators() {
     let rms = (samples.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>() / samples.len() as f64).sqrt();
     assert!(close(&segment["indicators"]["rms"], rms, 1e-9 * rms));
     assert_eq!(segment["wear"]["status"], "collecting_baseline");
-    let shown = service
-        .get(&format!("/v1/segments/{}", segment["id"].as_str().unwrap()))
-        .expect(200)
-        .json();
+    let shown = service.get(&format!("/v1/segments/{}", segment["id"].as_str().unwrap())).expect(200).json();
     assert_eq!(shown, segment);
 }
 
@@ -52,35 +43,18 @@ fn the_same_samples_as_wav_protobuf_and_json_give_the_same_indicators() {
     let record = record("1", 4);
     let path = "/v1/assets/pump/segments";
     let from_json = service
-        .post(
-            path,
-            "application/json",
-            &encode_block(&record, BlockEncoding::Json),
-        )
+        .post(path, "application/json", &encode_block(&record, BlockEncoding::Json))
         .expect(201)
         .json();
     service.plain_asset("pump2");
     let path = "/v1/assets/pump2/segments";
     let protobuf = encode_block(&record, BlockEncoding::Protobuf);
-    let from_protobuf = service
-        .post(path, "application/x-protobuf", &protobuf)
-        .expect(201)
-        .json();
+    let from_protobuf = service.post(path, "application/x-protobuf", &protobuf).expect(201).json();
     service.plain_asset("pump3");
     let path = "/v1/assets/pump3/segments?start_time=2026-01-01T00:04:00Z";
-    let from_wav = service
-        .post(path, "audio/wav", &wav(&[record.samples().to_vec()]))
-        .expect(201)
-        .json();
+    let from_wav = service.post(path, "audio/wav", &wav(&[record.samples().to_vec()])).expect(201).json();
     for segment in [&from_protobuf, &from_wav] {
-        for key in [
-            "indicators",
-            "features",
-            "start_time",
-            "channel",
-            "unit",
-            "sample_rate_hz",
-        ] {
+        for key in ["indicators", "features", "start_time", "channel", "unit", "sample_rate_hz"] {
             assert_eq!(segment[key], from_json[key], "{key}");
         }
     }
@@ -99,16 +73,9 @@ fn a_wav_of_several_channels_becomes_as_many_segments() {
     assert_eq!(service.post(path, "audio/wav", &bytes).expect(201).json(), answer);
     for (segment, n) in segments.iter().zip(1..) {
         let id = segment["id"].as_str().unwrap();
-        let waveform = service
-            .get(&format!("/v1/segments/{id}/waveform"))
-            .expect(200)
-            .json();
-        let value: Vec<f32> = waveform["value"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|x| x.as_f64().unwrap() as f32)
-            .collect();
+        let waveform = service.get(&format!("/v1/segments/{id}/waveform")).expect(200).json();
+        let value: Vec<f32> =
+            waveform["value"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect();
         assert_eq!(value, samples(n));
     }
 }
@@ -122,10 +89,7 @@ fn a_repeat_is_answered_as_the_first_was() {
     let second = service.upload("pump", &record("1", 2));
     assert_eq!(service.upload("pump", &record("1", 1)), first);
     assert_eq!(service.upload("pump", &record("1", 2)), second);
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
-        2
-    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 2);
     let metrics = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
     for line in [
         "flankwatch_records_total{outcome=\"stored\"} 2",
@@ -142,16 +106,12 @@ fn eight_clients_with_the_same_record_store_it_once() {
     let service = Service::start();
     service.plain_asset("pump");
     let answers: Vec<Value> = std::thread::scope(|scope| {
-        let clients: Vec<_> = (0..8)
-            .map(|_| scope.spawn(|| service.upload("pump", &record("1", 1))))
-            .collect();
+        let clients: Vec<_> =
+            (0..8).map(|_| scope.spawn(|| service.upload("pump", &record("1", 1)))).collect();
         clients.into_iter().map(|client| client.join().unwrap()).collect()
     });
     assert!(answers.iter().all(|answer| *answer == answers[0]));
-    assert_eq!(
-        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
-        1
-    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 1);
 }
 
 #[test]
@@ -159,10 +119,8 @@ fn a_record_without_a_time_is_of_the_time_of_receipt() {
     let service = Service::start();
     service.plain_asset("pump");
     service.clock.advance(90);
-    let segment = service
-        .post("/v1/assets/pump/segments", "audio/wav", &wav(&[samples(1)]))
-        .expect(201)
-        .json();
+    let segment =
+        service.post("/v1/assets/pump/segments", "audio/wav", &wav(&[samples(1)])).expect(201).json();
     assert_eq!(segment["start_time"], "2026-01-01T00:01:30Z");
     assert_eq!(segment["channel"], "1");
 }
@@ -180,10 +138,8 @@ fn a_list_of_segments_comes_in_pages_in_either_order_over_all_channels() {
         let mut found = Vec::new();
         let mut cursor = String::new();
         loop {
-            let page = service
-                .get(&format!("/v1/assets/pump/segments?limit=2&{query}{cursor}"))
-                .expect(200)
-                .json();
+            let page =
+                service.get(&format!("/v1/assets/pump/segments?limit=2&{query}{cursor}")).expect(200).json();
             for item in page["items"].as_array().unwrap() {
                 assert!(item.get("features").is_none() && item["wear"].get("posterior").is_none());
                 let time = item["start_time"].as_str().unwrap();
@@ -203,10 +159,7 @@ fn a_list_of_segments_comes_in_pages_in_either_order_over_all_channels() {
     assert_eq!(backwards, all);
     assert_eq!(walk("channel=a"), ["a1", "a3", "a5"]);
     assert_eq!(walk("channel=c"), [""; 0]);
-    assert_eq!(
-        walk("channel=b&from=2026-01-01T00:02:00Z&to=2026-01-01T00:04:00Z"),
-        ["b2", "b3"]
-    );
+    assert_eq!(walk("channel=b&from=2026-01-01T00:02:00Z&to=2026-01-01T00:04:00Z"), ["b2", "b3"]);
 }
 
 #[test]
@@ -217,21 +170,11 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
     spiked[1234] = 77.0;
     spiked[321] = -55.0;
     let path = "/v1/assets/pump/segments?start_time=2026-01-01T00:00:00Z&shaft_speed_hz=10";
-    let segment = service
-        .post(path, "audio/wav", &wav(&[spiked]))
-        .expect(201)
-        .json();
+    let segment = service.post(path, "audio/wav", &wav(&[spiked])).expect(201).json();
     let id = segment["id"].as_str().unwrap();
-    let waveform = service
-        .get(&format!("/v1/segments/{id}/waveform?max_points=50"))
-        .expect(200)
-        .json();
-    let values: Vec<f64> = waveform["value"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|x| x.as_f64().unwrap())
-        .collect();
+    let waveform = service.get(&format!("/v1/segments/{id}/waveform?max_points=50")).expect(200).json();
+    let values: Vec<f64> =
+        waveform["value"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
     let times = waveform["time_s"].as_array().unwrap();
     assert_eq!(waveform["reduced"], true);
     assert!(values.len() <= 50 && times.len() == values.len());
@@ -245,44 +188,23 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
     };
     let most = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
     for kind in ["spectrum", "envelope"] {
-        let whole = service
-            .get(&format!("/v1/segments/{id}/{kind}"))
-            .expect(200)
-            .json();
-        let reduced = service
-            .get(&format!("/v1/segments/{id}/{kind}?max_points=20"))
-            .expect(200)
-            .json();
-        assert_eq!(
-            (&whole["reduced"], &reduced["reduced"]),
-            (&json!(false), &json!(true))
-        );
+        let whole = service.get(&format!("/v1/segments/{id}/{kind}")).expect(200).json();
+        let reduced = service.get(&format!("/v1/segments/{id}/{kind}?max_points=20")).expect(200).json();
+        assert_eq!((&whole["reduced"], &reduced["reduced"]), (&json!(false), &json!(true)));
         assert_eq!(whole["quantity"], "amplitude_peak");
         assert_eq!(whole["unit"], "m/s2");
         assert!(numbers(&reduced, "amplitude").len() <= 20);
-        assert_eq!(
-            most(&numbers(&reduced, "amplitude")),
-            most(&numbers(&whole, "amplitude"))
-        );
-        assert_eq!(
-            numbers(&whole, "amplitude").len(),
-            numbers(&whole, "frequency_hz").len()
-        );
+        assert_eq!(most(&numbers(&reduced, "amplitude")), most(&numbers(&whole, "amplitude")));
+        assert_eq!(numbers(&whole, "amplitude").len(), numbers(&whole, "frequency_hz").len());
         assert!(most(&numbers(&whole, "frequency_hz")) <= 2000.0);
         assert_eq!(whole["mesh_frequency_hz"], 310.0);
         assert!(close(&whole["mesh_harmonics"][0]["frequency_hz"], 310.0, 4.0));
         let part = format!("/v1/segments/{id}/{kind}?from_hz=200&to_hz=500");
         let range = service.get(&part).expect(200).json();
         let within = |hz: &f64| (200.0..=500.0).contains(hz);
-        let lines = numbers(&whole, "frequency_hz")
-            .into_iter()
-            .zip(numbers(&whole, "amplitude"));
+        let lines = numbers(&whole, "frequency_hz").into_iter().zip(numbers(&whole, "amplitude"));
         let (frequency_hz, amplitude): (Vec<f64>, Vec<f64>) = lines.filter(|(hz, _)| within(hz)).unzip();
-        assert_eq!(
-            numbers(&range, "frequency_hz"),
-            frequency_hz,
-            "every line of the range and no other"
-        );
+        assert_eq!(numbers(&range, "frequency_hz"), frequency_hz, "every line of the range and no other");
         assert_eq!(numbers(&range, "amplitude"), amplitude);
         let reduced = service.get(&format!("{part}&max_points=20")).expect(200).json();
         assert_eq!(reduced["reduced"], true);
@@ -293,23 +215,16 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
         }
     }
     let envelope = service
-        .get(&format!(
-            "/v1/segments/{id}/envelope?band_low_hz=200&band_high_hz=900"
-        ))
+        .get(&format!("/v1/segments/{id}/envelope?band_low_hz=200&band_high_hz=900"))
         .expect(200)
         .json();
-    assert_eq!(
-        (&envelope["band_hz"], &envelope["band_source"]),
-        (&json!([200.0, 900.0]), &json!("query"))
-    );
+    assert_eq!((&envelope["band_hz"], &envelope["band_source"]), (&json!([200.0, 900.0]), &json!("query")));
     for band in [
         "band_low_hz=200",
         "band_low_hz=900&band_high_hz=200",
         "band_low_hz=100&band_high_hz=2001",
         "band_low_hz=NaN&band_high_hz=9",
     ] {
-        service
-            .get(&format!("/v1/segments/{id}/envelope?{band}"))
-            .expect_problem(400, &["band"]);
+        service.get(&format!("/v1/segments/{id}/envelope?{band}")).expect_problem(400, &["band"]);
     }
 }

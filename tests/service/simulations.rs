@@ -25,11 +25,7 @@ fn asset_with_pair(id: &str, face_width_mm: f64) -> Value {
 fn library_path(service: &Service, asset: &Value) -> PathBuf {
     let pair: PairSpec = serde_json::from_value(asset["gear"]["pair"].clone()).unwrap();
     let id = library_id(&pair, &GridSettings::default().for_pair(&pair));
-    service
-        .folder()
-        .join("libraries")
-        .join(id)
-        .with_extension("fwlib")
+    service.folder().join("libraries").join(id).with_extension("fwlib")
 }
 
 /// Holds up a simulation where it looks for parts that an earlier one has left: in their place is a pipe.
@@ -54,14 +50,9 @@ impl HeldSimulation {
 }
 
 fn history(service: &Service, asset: &str) -> Vec<Value> {
-    let mut history = service
-        .get(&format!("/v1/assets/{asset}/wear/history?channel=1"))
-        .expect(200)
-        .json();
+    let mut history = service.get(&format!("/v1/assets/{asset}/wear/history?channel=1")).expect(200).json();
     let items = history["items"].as_array_mut().unwrap();
-    items
-        .iter_mut()
-        .for_each(|item| drop(item.as_object_mut().unwrap().remove("segment_id")));
+    items.iter_mut().for_each(|item| drop(item.as_object_mut().unwrap().remove("segment_id")));
     std::mem::take(items)
 }
 
@@ -92,21 +83,14 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
         assert_eq!(segment["wear"]["status"], "awaiting_library", "{segment}");
         let reason = segment["wear"]["reason"].as_str().unwrap();
         assert!(reason.contains("being simulated"), "{reason}");
-        assert!(
-            segment["indicators"]["rms"].is_number() && segment["features"].is_object(),
-            "{segment}"
-        );
+        assert!(segment["indicators"]["rms"].is_number() && segment["features"].is_object(), "{segment}");
         service.upload("other", &record("1", n));
     }
     let late = service.upload("new", &record("2", 0));
     assert_eq!(late["wear"]["baseline"], json!({ "have": 1, "need": 8 }));
     let summary = &service.get("/v1/assets/new").expect(200).json()["summary"];
     assert_eq!(
-        (
-            &summary["library_state"],
-            &summary["simulation"]["stage"],
-            &summary["category"]
-        ),
+        (&summary["library_state"], &summary["simulation"]["stage"], &summary["category"]),
         (&json!("building"), &json!("library"), &json!("check_function")),
         "{summary}"
     );
@@ -123,10 +107,7 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
     }
     let history = history(&service, "new");
     assert_eq!(history, self::history(&service, "after"));
-    assert!(
-        history.iter().any(|item| item["median_um"].is_number()),
-        "{history:?}"
-    );
+    assert!(history.iter().any(|item| item["median_um"].is_number()), "{history:?}");
 }
 
 #[test]
@@ -144,10 +125,7 @@ fn an_asset_whose_library_fails_stores_records_and_says_why() {
     for n in 1..12 {
         let segment = service.upload("pump", &record("1", n));
         assert_eq!(segment["wear"]["status"], "library_failed", "{segment}");
-        assert!(
-            segment["wear"]["reason"].as_str().unwrap().contains(reason),
-            "{segment}"
-        );
+        assert!(segment["wear"]["reason"].as_str().unwrap().contains(reason), "{segment}");
     }
     wait_for_status(&service, "pump", "library_failed", true);
     assert_eq!(
@@ -176,18 +154,12 @@ fn a_simulation_ends_with_the_last_asset_that_wants_it() {
         let path = library_path(&service, &asset);
         let held = HeldSimulation::of(&path);
         service.post_json("/v1/assets", &asset).expect(201);
-        service
-            .post_json("/v1/assets", &asset_with_pair("next", face_width_mm + 10.0))
-            .expect(201);
-        service.wait_for("/v1/assets/next", |asset| {
-            asset["summary"]["simulation"]["stage"] == "waiting"
-        });
+        service.post_json("/v1/assets", &asset_with_pair("next", face_width_mm + 10.0)).expect(201);
+        service.wait_for("/v1/assets/next", |asset| asset["summary"]["simulation"]["stage"] == "waiting");
         if is_deleted {
             service.delete("/v1/assets/gone").expect(204);
         } else {
-            service
-                .put_json("/v1/assets/gone", &plain_asset("gone"))
-                .expect(200);
+            service.put_json("/v1/assets/gone", &plain_asset("gone")).expect(200);
         }
         held.let_go();
         wait_for_library(&service, "next", "ready");
@@ -199,9 +171,7 @@ fn a_simulation_ends_with_the_last_asset_that_wants_it() {
 #[test]
 fn a_history_goes_on_with_the_library_that_is_kept() {
     let mut service = Service::start();
-    service
-        .post_json("/v1/assets", &asset_with_pair("pump", 25.0))
-        .expect(201);
+    service.post_json("/v1/assets", &asset_with_pair("pump", 25.0)).expect(201);
     wait_for_library(&service, "pump", "ready");
     for n in 0..10 {
         service.upload("pump", &record("1", n));
@@ -209,8 +179,5 @@ fn a_history_goes_on_with_the_library_that_is_kept() {
     service.restart();
     let segment = service.upload("pump", &record("1", 10));
     assert!(segment["wear"]["library_id"].is_string(), "{segment}");
-    assert_eq!(
-        service.get("/v1/recomputations").expect(200).json()["items"],
-        json!([])
-    );
+    assert_eq!(service.get("/v1/recomputations").expect(200).json()["items"], json!([]));
 }

@@ -8,15 +8,8 @@ use crate::running::{Answer, Service};
 
 fn as_bearer(service: &Service, token: &str, method: &str, path: &str, body: &Value) -> Answer {
     let authorization = format!("Bearer {token}");
-    let headers = [
-        ("authorization", authorization.as_str()),
-        ("content-type", "application/json"),
-    ];
-    let text = if body.is_null() {
-        String::new()
-    } else {
-        body.to_string()
-    };
+    let headers = [("authorization", authorization.as_str()), ("content-type", "application/json")];
+    let text = if body.is_null() { String::new() } else { body.to_string() };
     service.send(method, path, &headers, text.as_bytes())
 }
 
@@ -31,21 +24,15 @@ fn the_first_token_closes_the_service_and_others_are_made_and_revoked_with_it() 
         let answer = service.post_json("/v1/tokens", &json!({ "name": name, "scope": "admin" }));
         assert_eq!(answer.expect_problem(422, &["name"])["field"], "name");
     }
-    let made = service
-        .post_json("/v1/tokens", &json!({ "name": "desk", "scope": "admin" }))
-        .expect(201);
+    let made = service.post_json("/v1/tokens", &json!({ "name": "desk", "scope": "admin" })).expect(201);
     assert_eq!(made.header("cache-control"), "no-store");
     let made = made.json();
     let admin = made["token"].as_str().unwrap().to_owned();
     service.get("/v1/tokens").expect_problem(401, &["token"]);
-    service
-        .post_json("/v1/tokens", &json!({ "name": "x", "scope": "admin" }))
-        .expect_problem(401, &[]);
+    service.post_json("/v1/tokens", &json!({ "name": "x", "scope": "admin" })).expect_problem(401, &[]);
 
     let request = json!({ "name": "press line", "scope": "write" });
-    let other = as_bearer(&service, &admin, "POST", "/v1/tokens", &request)
-        .expect(201)
-        .json();
+    let other = as_bearer(&service, &admin, "POST", "/v1/tokens", &request).expect(201).json();
     let write = other["token"].as_str().unwrap().to_owned();
     as_bearer(&service, &write, "GET", "/v1/assets", &Value::Null).expect(200);
     for (method, path) in [
@@ -56,39 +43,19 @@ fn the_first_token_closes_the_service_and_others_are_made_and_revoked_with_it() 
         as_bearer(&service, &write, method, &path, &request).expect_problem(403, &["write", "admin"]);
     }
 
-    let list = as_bearer(&service, &admin, "GET", "/v1/tokens", &Value::Null)
-        .expect(200)
-        .json();
-    let names: Vec<&Value> = list["items"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|token| &token["name"])
-        .collect();
+    let list = as_bearer(&service, &admin, "GET", "/v1/tokens", &Value::Null).expect(200).json();
+    let names: Vec<&Value> = list["items"].as_array().unwrap().iter().map(|token| &token["name"]).collect();
     assert_eq!(names.len(), 2);
-    assert!(
-        names.contains(&&json!("desk")) && names.contains(&&json!("press line")),
-        "{list}"
-    );
+    assert!(names.contains(&&json!("desk")) && names.contains(&&json!("press line")), "{list}");
     for secret in [&admin, &write] {
         let secret = secret.rsplit('_').next().unwrap();
-        assert!(
-            !list.to_string().contains(secret) && !list.to_string().contains("sha256"),
-            "{list}"
-        );
+        assert!(!list.to_string().contains(secret) && !list.to_string().contains("sha256"), "{list}");
         let kept = std::fs::read_to_string(service.folder().join("tokens.json")).unwrap();
         assert!(!kept.contains(secret));
     }
-    let first = as_bearer(&service, &admin, "GET", "/v1/tokens?limit=1", &Value::Null)
-        .expect(200)
-        .json();
-    let next = format!(
-        "/v1/tokens?limit=1&cursor={}",
-        first["next_cursor"].as_str().unwrap()
-    );
-    let second = as_bearer(&service, &admin, "GET", &next, &Value::Null)
-        .expect(200)
-        .json();
+    let first = as_bearer(&service, &admin, "GET", "/v1/tokens?limit=1", &Value::Null).expect(200).json();
+    let next = format!("/v1/tokens?limit=1&cursor={}", first["next_cursor"].as_str().unwrap());
+    let second = as_bearer(&service, &admin, "GET", &next, &Value::Null).expect(200).json();
     assert_ne!(first["items"][0]["id"], second["items"][0]["id"]);
     assert_eq!(second["next_cursor"], Value::Null);
 
@@ -104,17 +71,11 @@ fn the_first_token_closes_the_service_and_others_are_made_and_revoked_with_it() 
 fn without_tokens_by_order_nobody_makes_one_over_http() {
     let service = Service::start_with(|config| config.insecure_no_tokens = true);
     let request = json!({ "name": "later", "scope": "admin" });
-    service
-        .get("/v1/tokens")
-        .expect_problem(403, &["insecure-no-tokens"]);
-    service
-        .post_json("/v1/tokens", &request)
-        .expect_problem(403, &["insecure-no-tokens"]);
+    service.get("/v1/tokens").expect_problem(403, &["insecure-no-tokens"]);
+    service.post_json("/v1/tokens", &request).expect_problem(403, &["insecure-no-tokens"]);
     let tokens = Tokens::of(service.folder());
     assert!(tokens.list().unwrap().is_none());
     tokens.create("a", Scope::Admin, Timestamp::UNIX_EPOCH).unwrap();
     let id = tokens.list().unwrap().unwrap()[0].id.clone();
-    service
-        .delete(&format!("/v1/tokens/{id}"))
-        .expect_problem(403, &["insecure-no-tokens"]);
+    service.delete(&format!("/v1/tokens/{id}")).expect_problem(403, &["insecure-no-tokens"]);
 }

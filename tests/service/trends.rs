@@ -6,10 +6,7 @@ use crate::running::{Service, record};
 
 /// A history as one that depends on the order would show it: every number of every record.
 fn history(service: &Service, asset: &str) -> Value {
-    let mut history = service
-        .get(&format!("/v1/assets/{asset}/wear/history"))
-        .expect(200)
-        .json();
+    let mut history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
     for item in history["items"].as_array_mut().unwrap() {
         item.as_object_mut().unwrap().remove("segment_id");
     }
@@ -39,9 +36,7 @@ fn late_records_give_the_history_that_records_in_order_give() {
     for id in ["in-order", "shuffled", "backwards"] {
         service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
     }
-    service.wait_for("/v1/assets/in-order", |asset| {
-        asset["summary"]["library_state"] == "ready"
-    });
+    service.wait_for("/v1/assets/in-order", |asset| asset["summary"]["library_state"] == "ready");
     for n in 0..14 {
         service.upload("in-order", &record("1", n));
     }
@@ -56,10 +51,7 @@ fn late_records_give_the_history_that_records_in_order_give() {
     assert_eq!(history(&service, "shuffled"), expected);
     assert_eq!(history(&service, "backwards"), expected);
     let latest = |asset: &str| {
-        let mut wear = service
-            .get(&format!("/v1/assets/{asset}/wear"))
-            .expect(200)
-            .json();
+        let mut wear = service.get(&format!("/v1/assets/{asset}/wear")).expect(200).json();
         for key in ["asset_id", "segment_id"] {
             wear.as_object_mut().unwrap().remove(key);
         }
@@ -75,17 +67,13 @@ fn a_changed_baseline_folds_the_history_again() {
     for id in ["changed", "from-the-start"] {
         service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
     }
-    service.wait_for("/v1/assets/changed", |asset| {
-        asset["summary"]["library_state"] == "ready"
-    });
+    service.wait_for("/v1/assets/changed", |asset| asset["summary"]["library_state"] == "ready");
     for n in 0..14 {
         service.upload("changed", &record("1", n));
     }
     let mut description = asset_with_pair("from-the-start");
     description["baseline"]["records"] = json!(11);
-    service
-        .put_json("/v1/assets/from-the-start", &description)
-        .expect(200);
+    service.put_json("/v1/assets/from-the-start", &description).expect(200);
     for n in 0..14 {
         service.upload("from-the-start", &record("1", n));
     }
@@ -100,12 +88,8 @@ fn a_changed_baseline_folds_the_history_again() {
 #[test]
 fn the_small_curve_of_an_asset_follows_its_history() {
     let service = Service::start();
-    service
-        .post_json("/v1/assets", &asset_with_pair("pump"))
-        .expect(201);
-    service.wait_for("/v1/assets/pump", |asset| {
-        asset["summary"]["library_state"] == "ready"
-    });
+    service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201);
+    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
     let look = |picks: &[usize]| {
         let history = history(&service, "pump");
         let curve = service.get("/v1/assets/pump").expect(200).json()["summary"]["recent_wear_um"].clone();
@@ -133,32 +117,22 @@ fn the_small_curve_of_an_asset_follows_its_history() {
 #[test]
 fn the_library_of_an_asset_can_be_looked_at() {
     let service = Service::start();
-    let asset = service
-        .post_json("/v1/assets", &asset_with_pair("pump"))
-        .expect(201)
-        .json();
+    let asset = service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201).json();
     let id = asset["summary"]["library_id"].as_str().unwrap().to_string();
-    service.wait_for("/v1/assets/pump", |asset| {
-        asset["summary"]["library_state"] == "ready"
-    });
+    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
     let list = service.get("/v1/libraries").expect(200).json();
     assert_eq!(list["items"][0]["id"], id);
     assert_eq!(list["items"][0]["pair_name"], "test pair");
     let library = service.get(&format!("/v1/libraries/{id}")).expect(200).json();
     assert_eq!(library["pair"]["geometry"]["teeth"], json!([31, 62]));
     let states = library["states"].as_u64().unwrap();
-    let state = service
-        .get(&format!("/v1/libraries/{id}/states/{}", states - 1))
-        .expect(200)
-        .json();
+    let state = service.get(&format!("/v1/libraries/{id}/states/{}", states - 1)).expect(200).json();
     assert_eq!(state["library_id"], id);
     let points = state["phi1_rad"].as_array().unwrap().len();
     for key in ["stiffness_n_per_m", "uste_rad", "pairs_in_contact"] {
         assert_eq!(state[key].as_array().unwrap().len(), points, "{key}");
     }
-    service
-        .get(&format!("/v1/libraries/{id}/states/{states}"))
-        .expect_problem(404, &["no state"]);
+    service.get(&format!("/v1/libraries/{id}/states/{states}")).expect_problem(404, &["no state"]);
 }
 
 #[test]
@@ -170,14 +144,8 @@ fn an_asset_without_records_says_so() {
     assert_eq!(wear["baseline"], json!({ "have": 0, "need": 8 }));
     assert_eq!(wear["segment_id"], json!(null));
     let empty = json!({ "channel": null, "items": [], "reduced": false });
-    assert_eq!(
-        service.get("/v1/assets/pump/wear/history").expect(200).json(),
-        empty
-    );
-    assert_eq!(
-        service.get("/v1/assets/pump/indicators").expect(200).json()["items"],
-        json!([])
-    );
+    assert_eq!(service.get("/v1/assets/pump/wear/history").expect(200).json(), empty);
+    assert_eq!(service.get("/v1/assets/pump/indicators").expect(200).json()["items"], json!([]));
 }
 
 #[test]
@@ -192,10 +160,7 @@ fn a_trend_is_in_time_order_and_no_longer_than_asked() {
         service.get("/v1/assets/pump/indicators?names=rms").expect(200);
     }
     rms.sort_by_key(|(n, _)| *n);
-    let trend = service
-        .get("/v1/assets/pump/indicators?names=rms,kurtosis")
-        .expect(200)
-        .json();
+    let trend = service.get("/v1/assets/pump/indicators?names=rms,kurtosis").expect(200).json();
     assert_eq!(trend["channel"], "1");
     assert_eq!(trend["units"]["rms"], "m/s2");
     assert_eq!(trend["units"]["kurtosis"], "1");
@@ -204,41 +169,21 @@ fn a_trend_is_in_time_order_and_no_longer_than_asked() {
     let found: Vec<&Value> = items.iter().map(|item| &item["rms"]).collect();
     let expected: Vec<&Value> = rms.iter().map(|(_, value)| value).collect();
     assert_eq!(found, expected);
-    assert!(
-        items.iter().all(|item| item.as_object().unwrap().len() == 4),
-        "{items:?}"
-    );
-    let refused = service
-        .get("/v1/assets/pump/indicators?names=rms,nonsense")
-        .expect(400)
-        .json();
+    assert!(items.iter().all(|item| item.as_object().unwrap().len() == 4), "{items:?}");
+    let refused = service.get("/v1/assets/pump/indicators?names=rms,nonsense").expect(400).json();
     assert_eq!(refused["field"], "names");
-    let reduced = service
-        .get("/v1/assets/pump/indicators?names=rms&max_points=10")
-        .expect(200)
-        .json();
+    let reduced = service.get("/v1/assets/pump/indicators?names=rms&max_points=10").expect(200).json();
     let kept = reduced["items"].as_array().unwrap();
     assert_eq!(reduced["reduced"], true);
     assert!(
         kept.len() <= 10
-            && kept
-                .iter()
-                .all(|item| items.iter().any(|of| of["start_time"] == item["start_time"]))
+            && kept.iter().all(|item| items.iter().any(|of| of["start_time"] == item["start_time"]))
     );
     let of = |items: &[Value]| {
         let values = items.iter().map(|item| item["rms"].as_f64().unwrap());
-        (
-            values.clone().fold(f64::MAX, f64::min),
-            values.fold(0.0, f64::max),
-        )
+        (values.clone().fold(f64::MAX, f64::min), values.fold(0.0, f64::max))
     };
     assert_eq!(of(kept), of(items));
     let part = "/v1/assets/pump/indicators?names=rms&from=2026-01-01T00:03:00Z&to=2026-01-01T00:06:00Z";
-    assert_eq!(
-        service.get(part).expect(200).json()["items"]
-            .as_array()
-            .unwrap()
-            .len(),
-        3
-    );
+    assert_eq!(service.get(part).expect(200).json()["items"].as_array().unwrap().len(), 3);
 }

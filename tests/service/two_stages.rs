@@ -20,10 +20,7 @@ fn second(of: &str) -> Value {
 }
 
 fn segments(service: &Service, asset: &str) -> Vec<Value> {
-    let list = service
-        .get(&format!("/v1/assets/{asset}/segments?limit=1000"))
-        .expect(200)
-        .json();
+    let list = service.get(&format!("/v1/assets/{asset}/segments?limit=1000")).expect(200).json();
     list["items"].as_array().unwrap().clone()
 }
 
@@ -63,28 +60,18 @@ fn records_of_a_sensor_come_to_every_mesh_that_it_hears() {
         service.upload("first", record);
     }
     let batch = mcap(&[records[3].clone(), at_speed(record("in", 7), 10.0)]);
-    service
-        .post("/v1/assets/first/segments", "application/mcap", &batch)
-        .expect(201);
+    service.post("/v1/assets/first/segments", "application/mcap", &batch).expect(201);
     let path = "/v1/assets/second";
     service.wait_for(path, |asset| asset["summary"]["segments"] == 10);
     let heard = segments(&service, "second");
     let times: Vec<&Value> = heard.iter().map(|segment| &segment["start_time"]).collect();
     let sent = segments(&service, "first");
-    assert_eq!(
-        times,
-        sent.iter()
-            .map(|segment| &segment["start_time"])
-            .collect::<Vec<_>>()
-    );
+    assert_eq!(times, sent.iter().map(|segment| &segment["start_time"]).collect::<Vec<_>>());
     for (heard, sent) in heard.iter().zip(&sent) {
         // The raw bytes are the same object; the speed is that of its own shaft.
         assert_eq!(heard["raw"], sent["raw"]);
         assert_eq!(
-            (
-                &heard["shaft_speed"]["shaft_speed_hz"],
-                &sent["shaft_speed"]["shaft_speed_hz"]
-            ),
+            (&heard["shaft_speed"]["shaft_speed_hz"], &sent["shaft_speed"]["shaft_speed_hz"]),
             (&json!(5.0), &json!(10.0))
         );
     }
@@ -111,24 +98,16 @@ fn records_of_a_sensor_come_to_every_mesh_that_it_hears() {
 fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
     let service = Service::start();
     service.plain_asset("first");
-    service
-        .post_json("/v1/assets", &second("nowhere"))
-        .expect_problem(422, &["sensor.of", "nowhere"]);
-    service
-        .post_json("/v1/assets", &second("second"))
-        .expect_problem(422, &["sensor.of"]);
+    service.post_json("/v1/assets", &second("nowhere")).expect_problem(422, &["sensor.of", "nowhere"]);
+    service.post_json("/v1/assets", &second("second")).expect_problem(422, &["sensor.of"]);
     service.post_json("/v1/assets", &second("first")).expect(201);
     let mut third = second("second");
     third["id"] = json!("third");
-    service
-        .post_json("/v1/assets", &third)
-        .expect_problem(422, &["sensor.of", "second"]);
+    service.post_json("/v1/assets", &third).expect_problem(422, &["sensor.of", "second"]);
     let mut first = plain_asset("first");
     third["sensor"] = json!({});
     third["gear"]["shaft_ratio"] = json!([0, 3]);
-    service
-        .post_json("/v1/assets", &third)
-        .expect_problem(422, &["gear.shaft_ratio"]);
+    service.post_json("/v1/assets", &third).expect_problem(422, &["gear.shaft_ratio"]);
     third["gear"]["shaft_ratio"] = json!([2, 3]);
     service.post_json("/v1/assets", &third).expect(201);
     first["sensor"]["of"] = json!("third");
@@ -142,25 +121,15 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
         .post("/v1/assets/second/segments", "application/json", &body)
         .expect_problem(409, &["second", "first"]);
     service
-        .post(
-            "/v1/assets/second/segments",
-            "application/mcap",
-            &mcap(&[record("in", 0)]),
-        )
+        .post("/v1/assets/second/segments", "application/mcap", &mcap(&[record("in", 0)]))
         .expect_problem(409, &["first"]);
     let sent = service.upload("first", &record("in", 0));
     let mut moved = second("third");
-    service
-        .put_json("/v1/assets/second", &moved)
-        .expect_problem(422, &["sensor.of", "what it was before"]);
+    service.put_json("/v1/assets/second", &moved).expect_problem(422, &["sensor.of", "what it was before"]);
     moved["sensor"] = json!({});
-    service
-        .put_json("/v1/assets/second", &moved)
-        .expect_problem(422, &["not given"]);
+    service.put_json("/v1/assets/second", &moved).expect_problem(422, &["not given"]);
 
-    service
-        .delete("/v1/assets/first")
-        .expect_problem(409, &["second"]);
+    service.delete("/v1/assets/first").expect_problem(409, &["second"]);
     let name = sent["raw"]["sha256"].as_str().unwrap();
     let raw = service.folder().join("raw").join(&name[..2]).join(name);
     service.delete("/v1/assets/second").expect(204);
@@ -175,11 +144,7 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
 fn the_wear_of_both_stages_is_followed_through_one_sensor() {
     const RECORDS: u32 = 60;
     let service = Service::start_with(|config| {
-        config.grid = GridSettings {
-            states: 60,
-            seconds: 1.0,
-            ..GridSettings::default()
-        };
+        config.grid = GridSettings { states: 60, seconds: 1.0, ..GridSettings::default() };
     });
     let pairs = pairs();
     let plan = |pair: &PairSpec, max_wear_um: f64, wear_exponent: f64| RunPlan {
@@ -216,35 +181,23 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
         service.post_json("/v1/assets", &asset).expect(201);
     }
     for id in ["input", "output"] {
-        service.wait_for(&format!("/v1/assets/{id}"), |asset| {
-            asset["summary"]["library_state"] == "ready"
-        });
+        service.wait_for(&format!("/v1/assets/{id}"), |asset| asset["summary"]["library_state"] == "ready");
     }
     let records: Vec<Record> = (0..RECORDS)
         .map(|n| {
             let [one, two] = [0, 1].map(|stage: usize| runs[stage].record(n).unwrap().record);
             let other = further.apply(&two.samples().iter().map(|x| f64::from(*x)).collect::<Vec<_>>());
-            let sum = one
-                .samples()
-                .iter()
-                .zip(other)
-                .map(|(x, y)| x + y as f32)
-                .collect();
+            let sum = one.samples().iter().zip(other).map(|(x, y)| x + y as f32).collect();
             Record::new("in", one.start_time(), 20_000.0, "m/s2", sum)
                 .and_then(|record| record.with_operating_point(one.operating_point()))
                 .unwrap()
         })
         .collect();
     for batch in records.chunks(10) {
-        service
-            .post("/v1/assets/input/segments", "application/mcap", &mcap(batch))
-            .expect(201);
+        service.post("/v1/assets/input/segments", "application/mcap", &mcap(batch)).expect(201);
     }
     for (stage, id) in ["input", "output"].into_iter().enumerate() {
-        let history = service
-            .get(&format!("/v1/assets/{id}/wear/history"))
-            .expect(200)
-            .json();
+        let history = service.get(&format!("/v1/assets/{id}/wear/history")).expect(200).json();
         let rows = history["items"].as_array().unwrap();
         assert_eq!(rows.len(), RECORDS as usize);
         let (mut within, mut told, mut last) = (0, 0, (0.0, 0.0));
@@ -264,11 +217,7 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
         assert!(last.0 > 0.5 * last.1, "{id}: {} µm at {} µm", last.0, last.1);
         assert!(within * 10 >= told * 8, "{id}: {within} of {told}");
         let alarms = service.get(&format!("/v1/alarms?asset={id}")).expect(200).json();
-        let raised = alarms["items"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .find(|alarm| alarm["quantity"] == "wear_um");
+        let raised = alarms["items"].as_array().unwrap().iter().find(|alarm| alarm["quantity"] == "wear_um");
         assert_eq!(raised.unwrap()["severity"], "danger", "{id}: {alarms}");
     }
 }

@@ -9,17 +9,9 @@ use crate::running::{Service, mcap, plain_asset, record, samples, wav};
 const SEGMENTS: &str = "/v1/assets/pump/segments";
 
 fn waveform(service: &Service, segment: &Value) -> Vec<f32> {
-    let path = format!(
-        "/v1/segments/{}/waveform?max_points=200000",
-        segment["id"].as_str().unwrap()
-    );
+    let path = format!("/v1/segments/{}/waveform?max_points=200000", segment["id"].as_str().unwrap());
     let answer = service.get(&path).expect(200).json();
-    answer["value"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|x| x.as_f64().unwrap() as f32)
-        .collect()
+    answer["value"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
 }
 
 fn gzip(bytes: &[u8]) -> Vec<u8> {
@@ -32,40 +24,21 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
 fn csv_is_taken_with_its_own_rate_and_units() {
     let service = Service::start();
     service.plain_asset("pump");
-    let lines: String = samples(1)
-        .iter()
-        .enumerate()
-        .map(|(n, x)| format!("{};{x}\n", n as f64 / 4000.0))
-        .collect();
+    let lines: String =
+        samples(1).iter().enumerate().map(|(n, x)| format!("{};{x}\n", n as f64 / 4000.0)).collect();
     let text = format!("Messung;7\nZeit [s];a1 [m/s2]\n{lines}").replace('.', ",");
     let path = format!("{SEGMENTS}?start_time=2026-01-01T00:00:00Z");
-    let segment = service
-        .post(&path, "text/csv; charset=utf-8", text.as_bytes())
-        .expect(201)
-        .json();
-    assert_eq!(
-        (&segment["channel"], &segment["unit"]),
-        (&"a1".into(), &"m/s2".into())
-    );
+    let segment = service.post(&path, "text/csv; charset=utf-8", text.as_bytes()).expect(201).json();
+    assert_eq!((&segment["channel"], &segment["unit"]), (&"a1".into(), &"m/s2".into()));
     assert_eq!(segment["sample_rate_hz"], 4000.0);
     assert_eq!(waveform(&service, &segment), samples(1));
     service
-        .post(
-            &format!("{path}&sample_rate_hz=4010"),
-            "text/csv",
-            text.as_bytes(),
-        )
+        .post(&format!("{path}&sample_rate_hz=4010"), "text/csv", text.as_bytes())
         .expect_problem(422, &["4010", "expected 4000"]);
-    service
-        .post(&path, "text/csv", b"a\n1\n2\n")
-        .expect_problem(422, &["the sampling rate"]);
+    service.post(&path, "text/csv", b"a\n1\n2\n").expect_problem(422, &["the sampling rate"]);
     // The rate that was said beside the file is kept for reading it again.
     let bare = service
-        .post(
-            &format!("{path}&sample_rate_hz=1000&channel=a2&unit=m/s2"),
-            "text/csv",
-            b"1\n2.5\n",
-        )
+        .post(&format!("{path}&sample_rate_hz=1000&channel=a2&unit=m/s2"), "text/csv", b"1\n2.5\n")
         .expect(201)
         .json();
     assert_eq!(waveform(&service, &bare), [1.0, 2.5]);
@@ -80,17 +53,11 @@ fn bare_samples_are_taken_with_what_is_said_beside_them() {
     let time = "start_time=2026-01-01T00:00:00Z";
     let path = format!("{SEGMENTS}?sample=f32&sample_rate_hz=4000&unit=m/s2&channel=a1&{time}");
     let segment = service.post(&path, bare, &floats).expect(201).json();
-    assert_eq!(
-        (&segment["channel"], &segment["samples"]),
-        (&"a1".into(), &2000.into())
-    );
+    assert_eq!((&segment["channel"], &segment["samples"]), (&"a1".into(), &2000.into()));
     assert_eq!(waveform(&service, &segment), samples(1));
     // The same samples as WAV have the same indicators.
     let as_wav = format!("{SEGMENTS}?channel=a2&unit=m/s2&{time}");
-    let from_wav = service
-        .post(&as_wav, "audio/wav", &wav(&[samples(1)]))
-        .expect(201)
-        .json();
+    let from_wav = service.post(&as_wav, "audio/wav", &wav(&[samples(1)])).expect(201).json();
     assert_eq!(segment["indicators"], from_wav["indicators"]);
     let integers: Vec<u8> = (0..4000_i16).flat_map(|n| (n % 100).to_le_bytes()).collect();
     let path =
@@ -109,18 +76,10 @@ fn bare_samples_are_taken_with_what_is_said_beside_them() {
         answer.expect_problem(status, &[word]);
     }
     service
-        .post(
-            &format!("{SEGMENTS}?sample=f32&sample_rate_hz=4000"),
-            bare,
-            &floats[..7],
-        )
+        .post(&format!("{SEGMENTS}?sample=f32&sample_rate_hz=4000"), bare, &floats[..7])
         .expect_problem(422, &["7"]);
     service
-        .post(
-            &format!("{SEGMENTS}?channel_names=a,b"),
-            "audio/wav",
-            &wav(&[samples(1)]),
-        )
+        .post(&format!("{SEGMENTS}?channel_names=a,b"), "audio/wav", &wav(&[samples(1)]))
         .expect_problem(422, &["channel_names"]);
 }
 
@@ -134,34 +93,21 @@ fn coded_bodies_are_decoded_and_capped() {
     let whole = wav(&[samples(1)]);
     let time = format!("{SEGMENTS}?start_time=2026-01-01T00:00:00Z");
     let plain = service.post(&time, "audio/wav", &whole).expect(201).json();
-    for (coding, coded) in [
-        ("gzip", gzip(&whole)),
-        ("zstd", zstd::bulk::compress(&whole, 3).unwrap()),
-    ] {
+    for (coding, coded) in [("gzip", gzip(&whole)), ("zstd", zstd::bulk::compress(&whole, 3).unwrap())] {
         let headers = [("content-type", "audio/wav"), ("content-encoding", coding)];
-        assert_eq!(
-            service.send("POST", &time, &headers, &coded).expect(201).json(),
-            plain
-        );
+        assert_eq!(service.send("POST", &time, &headers, &coded).expect(201).json(), plain);
         service
             .send("POST", &time, &headers, &coded[..coded.len() / 2])
             .expect_problem(400, &["content-encoding"]);
-        service
-            .send("POST", &time, &headers, b"not coded")
-            .expect_problem(400, &["content-encoding"]);
+        service.send("POST", &time, &headers, b"not coded").expect_problem(400, &["content-encoding"]);
     }
     // 64 MiB of zeros in a few kilobytes.
     let zeros = vec![0; 64 << 20];
-    for (coding, coded) in [
-        ("gzip", gzip(&zeros)),
-        ("zstd", zstd::bulk::compress(&zeros, 3).unwrap()),
-    ] {
+    for (coding, coded) in [("gzip", gzip(&zeros)), ("zstd", zstd::bulk::compress(&zeros, 3).unwrap())] {
         assert!(coded.len() < 500_000);
         for media_type in ["audio/wav", "application/mcap"] {
             let headers = [("content-type", media_type), ("content-encoding", coding)];
-            service
-                .send("POST", SEGMENTS, &headers, &coded)
-                .expect_problem(413, &["100000"]);
+            service.send("POST", SEGMENTS, &headers, &coded).expect_problem(413, &["100000"]);
         }
     }
 }
@@ -174,15 +120,9 @@ fn an_upload_under_a_key_happens_once() {
     let headers = |key: &'static str, media_type: &'static str| {
         [("idempotency-key", key), ("content-type", media_type)]
     };
-    let first = service
-        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
-        .expect(201)
-        .json();
+    let first = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201).json();
     service.clock.advance(3600);
-    let again = service
-        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
-        .expect(201)
-        .json();
+    let again = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201).json();
     assert_eq!(again, first);
     service.restart();
     // Also where the segment is not what it was any more.
@@ -191,54 +131,26 @@ fn an_upload_under_a_key_happens_once() {
     service.put_json("/v1/assets/pump", &changed).expect(200);
     let segment = format!("/v1/segments/{}", first["id"].as_str().unwrap());
     service.wait_for(&segment, |now| now["indicators"] != first["indicators"]);
-    let again = service
-        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
-        .expect(201);
+    let again = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201);
     assert_eq!(again.header("idempotency-replayed"), "true");
     assert_eq!(again.json(), first);
     service
-        .send(
-            "POST",
-            SEGMENTS,
-            &headers("one", "audio/wav"),
-            &wav(&[samples(2)]),
-        )
+        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &wav(&[samples(2)]))
         .expect_problem(409, &["one"]);
     // Under another key it is another record, of another time.
-    let other = service
-        .send("POST", SEGMENTS, &headers("two", "audio/wav"), &bytes)
-        .expect(201)
-        .json();
+    let other = service.send("POST", SEGMENTS, &headers("two", "audio/wav"), &bytes).expect(201).json();
     assert_ne!(other["id"], first["id"]);
     let recording = mcap(&[record("2", 1), record("2", 2)]);
-    let stored = service
-        .send(
-            "POST",
-            SEGMENTS,
-            &headers("three", "application/mcap"),
-            &recording,
-        )
-        .expect(201);
-    let replayed = service
-        .send(
-            "POST",
-            SEGMENTS,
-            &headers("three", "application/mcap"),
-            &recording,
-        )
-        .expect(201);
+    let stored =
+        service.send("POST", SEGMENTS, &headers("three", "application/mcap"), &recording).expect(201);
+    let replayed =
+        service.send("POST", SEGMENTS, &headers("three", "application/mcap"), &recording).expect(201);
     assert_eq!(
-        (
-            replayed.header("idempotency-replayed"),
-            stored.header("idempotency-replayed")
-        ),
+        (replayed.header("idempotency-replayed"), stored.header("idempotency-replayed")),
         ("true", "")
     );
     assert_eq!(replayed.json(), stored.json());
     service.clock.advance(8 * 24 * 3600);
-    let later = service
-        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
-        .expect(201)
-        .json();
+    let later = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201).json();
     assert_ne!(later["id"], first["id"], "the key is forgotten");
 }

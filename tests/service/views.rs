@@ -13,19 +13,12 @@ const PAIR: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 const RATE_HZ: f64 = 12_800.0;
 
 fn numbers(value: &Value) -> Vec<f64> {
-    value
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|number| number.as_f64().unwrap())
-        .collect()
+    value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
 }
 
 /// Position of the greatest of some values.
 fn highest(values: &[f64]) -> usize {
-    (0..values.len())
-        .max_by(|a, b| values[*a].total_cmp(&values[*b]))
-        .unwrap()
+    (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])).unwrap()
 }
 
 /// An asset with 12 records of a run to failure, 8 of them its baseline; `pair` for the library where wanted.
@@ -41,9 +34,7 @@ fn fed(service: &Service, with_library: bool) -> String {
         asset["gear"]["pair"] = serde_json::to_value(&pair).unwrap();
     }
     service.post_json("/v1/assets", &asset).expect(201);
-    service.wait_for("/v1/assets/gearbox", |asset| {
-        asset["summary"]["library_state"] != "building"
-    });
+    service.wait_for("/v1/assets/gearbox", |asset| asset["summary"]["library_state"] != "building");
     let run = Run::new(RunPlan {
         pair,
         records: 12,
@@ -63,10 +54,8 @@ fn fed(service: &Service, with_library: bool) -> String {
     let mut last = String::new();
     for index in 0..12 {
         let body = encode_block(&run.record(index).unwrap().record, BlockEncoding::Protobuf);
-        let answer = service
-            .post("/v1/assets/gearbox/segments", "application/x-protobuf", &body)
-            .expect(201)
-            .json();
+        let answer =
+            service.post("/v1/assets/gearbox/segments", "application/x-protobuf", &body).expect(201).json();
         last = answer["id"].as_str().unwrap().to_string();
     }
     last
@@ -82,9 +71,7 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
             .unwrap();
 
     let part = service
-        .get(&format!(
-            "/v1/segments/{id}/waveform?from_s=0.25&to_s=0.26&max_points=1000"
-        ))
+        .get(&format!("/v1/segments/{id}/waveform?from_s=0.25&to_s=0.26&max_points=1000"))
         .expect(200)
         .json();
     let time_s = numbers(&part["time_s"]);
@@ -95,56 +82,39 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
         .get(&format!("/v1/segments/{id}/waveform?from_s=2&to_s=1"))
         .expect_problem(400, &["from_s", "to_s"]);
 
-    let orders = service
-        .get(&format!("/v1/segments/{id}/orders?from_order=10&to_order=30"))
-        .expect(200)
-        .json();
+    let orders =
+        service.get(&format!("/v1/segments/{id}/orders?from_order=10&to_order=30")).expect(200).json();
     let (order, amplitude) = (numbers(&orders["order"]), numbers(&orders["amplitude"]));
     let around_mesh: Vec<f64> = order
         .iter()
         .zip(&amplitude)
         .map(|(order, a)| if (order - 24.0).abs() < 3.0 { *a } else { 0.0 })
         .collect();
-    assert!(
-        (order[highest(&around_mesh)] - 24.0).abs() < 0.1,
-        "the mesh line is order 24"
-    );
+    assert!((order[highest(&around_mesh)] - 24.0).abs() < 0.1, "the mesh line is order 24");
     assert!(order[0] >= 10.0 && order.last().unwrap() <= &30.0 && orders["unit"] == "m/s2");
     assert_eq!(orders["mesh_amplitudes"][0], amplitude[highest(&around_mesh)]);
 
     let turn = service.get(&format!("/v1/segments/{id}/turn")).expect(200).json();
     let turns = turn["turns"].as_f64().unwrap();
     // Whole turns; where the phase is followed from the mesh, a turn at either end is left out.
-    assert!(
-        (speed_hz - 3.0..=speed_hz).contains(&turns),
-        "{turns} turns in a second at {speed_hz} Hz"
-    );
+    assert!((speed_hz - 3.0..=speed_hz).contains(&turns), "{turns} turns in a second at {speed_hz} Hz");
     assert_eq!(numbers(&turn["angle_deg"]).len(), numbers(&turn["average"]).len());
 
-    let cepstrum = service
-        .get(&format!("/v1/segments/{id}/cepstrum?max_s=0.1&max_points=500"))
-        .expect(200)
-        .json();
+    let cepstrum =
+        service.get(&format!("/v1/segments/{id}/cepstrum?max_s=0.1&max_points=500")).expect(200).json();
     let quefrency_s = numbers(&cepstrum["quefrency_s"]);
     assert!(quefrency_s.len() <= 500 && quefrency_s[0] > 0.0 && *quefrency_s.last().unwrap() <= 0.1 + 1e-9);
     for (query, field) in [("orders?to_order=0", "to_order"), ("cepstrum?max_s=-1", "max_s")] {
-        service
-            .get(&format!("/v1/segments/{id}/{query}"))
-            .expect_problem(400, &[field]);
+        service.get(&format!("/v1/segments/{id}/{query}")).expect_problem(400, &[field]);
     }
-    service
-        .get(&format!("/v1/segments/{id}/match"))
-        .expect_problem(404, &["nothing to match"]);
+    service.get(&format!("/v1/segments/{id}/match")).expect_problem(404, &["nothing to match"]);
 }
 
 #[test]
 fn a_waterfall_has_the_mesh_line_in_one_column() {
     let service = Service::start();
     service.plain_asset("idle");
-    assert_eq!(
-        service.get("/v1/assets/idle/waterfall").expect(200).json()["items"],
-        json!([])
-    );
+    assert_eq!(service.get("/v1/assets/idle/waterfall").expect(200).json()["items"], json!([]));
     fed(&service, false);
     let path = "/v1/assets/gearbox/waterfall?axis=orders&cells=300&max=30&max_records=5";
     let waterfall = service.get(path).expect(200).json();
@@ -153,29 +123,12 @@ fn a_waterfall_has_the_mesh_line_in_one_column() {
     let position = numbers(&waterfall["position"]);
     for item in items {
         let levels = numbers(&item["level_db"]);
-        let near: Vec<f64> = (0..300)
-            .map(|n| {
-                if (position[n] - 24.0).abs() < 2.0 {
-                    levels[n]
-                } else {
-                    -300.0
-                }
-            })
-            .collect();
-        assert!(
-            (position[highest(&near)] - 24.0).abs() < 0.16,
-            "{}",
-            position[highest(&near)]
-        );
+        let near: Vec<f64> =
+            (0..300).map(|n| if (position[n] - 24.0).abs() < 2.0 { levels[n] } else { -300.0 }).collect();
+        assert!((position[highest(&near)] - 24.0).abs() < 0.16, "{}", position[highest(&near)]);
     }
-    assert_eq!(
-        service.get(path).expect(200).json(),
-        waterfall,
-        "a look again is the same"
-    );
-    service
-        .get("/v1/assets/gearbox/waterfall?max_records=601")
-        .expect_problem(400, &["max_records", "600"]);
+    assert_eq!(service.get(path).expect(200).json(), waterfall, "a look again is the same");
+    service.get("/v1/assets/gearbox/waterfall?max_records=601").expect_problem(400, &["max_records", "600"]);
 }
 
 #[test]
@@ -190,10 +143,7 @@ fn a_report_is_one_page_without_scripts() {
     let answer = service.get("/v1/assets/gearbox/report").expect(200);
     assert_eq!(answer.header("content-type"), "text/html; charset=utf-8");
     let html = String::from_utf8_lossy(&answer.bytes);
-    assert!(
-        html.contains("12 records") && html.matches("<svg viewBox=\"0 0 760").count() >= 4,
-        "{html}"
-    );
+    assert!(html.contains("12 records") && html.matches("<svg viewBox=\"0 0 760").count() >= 4, "{html}");
     assert!(!html.contains("<script"));
 }
 
@@ -201,25 +151,15 @@ fn a_report_is_one_page_without_scripts() {
 fn a_match_is_of_the_same_features_as_the_library() {
     let service = Service::start();
     let id = fed(&service, true);
-    let found = service.wait_for(&format!("/v1/segments/{id}"), |segment| {
-        segment["wear"]["library_id"].is_string()
-    });
+    let found =
+        service.wait_for(&format!("/v1/segments/{id}"), |segment| segment["wear"]["library_id"].is_string());
     let library = found["wear"]["library_id"].as_str().unwrap();
-    let matched = service
-        .get(&format!("/v1/segments/{id}/match"))
-        .expect(200)
-        .json();
-    assert_eq!(
-        (&matched["library_id"], matched["baseline_records"].as_u64()),
-        (&json!(library), Some(8))
-    );
+    let matched = service.get(&format!("/v1/segments/{id}/match")).expect(200).json();
+    assert_eq!((&matched["library_id"], matched["baseline_records"].as_u64()), (&json!(library), Some(8)));
     let features = matched["features"].as_array().unwrap();
     let mesh = features.iter().find(|row| row["name"] == "ln_mesh_1").unwrap();
     // The library's change from its own states at the depth nearest to the median.
-    let states = service
-        .get(&format!("/v1/libraries/{library}/states"))
-        .expect(200)
-        .json();
+    let states = service.get(&format!("/v1/libraries/{library}/states")).expect(200).json();
     let rows = states["items"].as_array().unwrap();
     let wear_um = matched["wear_um"].as_f64().unwrap();
     let nearest = rows
@@ -231,16 +171,10 @@ fn a_match_is_of_the_same_features_as_the_library() {
         .unwrap();
     let expected_db =
         20.0 * (nearest["mesh_1"].as_f64().unwrap() / rows[0]["mesh_1"].as_f64().unwrap()).log10();
-    assert!(
-        (mesh["expected_db"].as_f64().unwrap() - expected_db).abs() < 1.0,
-        "{mesh} {expected_db}"
-    );
+    assert!((mesh["expected_db"].as_f64().unwrap() - expected_db).abs() < 1.0, "{mesh} {expected_db}");
     assert!(rows[0]["stiffness_mean_n_per_m"].as_f64() > nearest["stiffness_mean_n_per_m"].as_f64());
 
-    let flank = service
-        .get(&format!("/v1/libraries/{library}/flank?wear_um=100"))
-        .expect(200)
-        .json();
+    let flank = service.get(&format!("/v1/libraries/{library}/flank?wear_um=100")).expect(200).json();
     for gear in flank["gears"].as_array().unwrap() {
         let depth_um = numbers(&gear["depth_um"]);
         assert!((depth_um[highest(&depth_um)] - 100.0).abs() < 1e-6);

@@ -8,10 +8,7 @@ use flankwatch_test_support::needed;
 
 /// A certificate for localhost in `folder`, made by OpenSSL.
 pub(crate) fn certificate(folder: &Path) -> TlsFiles {
-    let files = TlsFiles {
-        certificate: folder.join("c.pem"),
-        key: folder.join("k.pem"),
-    };
+    let files = TlsFiles { certificate: folder.join("c.pem"), key: folder.join("k.pem") };
     // Rustls takes no certificate of an authority for that of a server.
     let request = folder.join("request.cnf");
     let extensions = "basicConstraints = critical,CA:FALSE\nsubjectAltName = IP:127.0.0.1\n";

@@ -24,11 +24,7 @@ impl Said {
     #[track_caller]
     pub(crate) fn expect_refusal(self, words: &[&str]) -> Self {
         let said = self.err();
-        assert!(
-            matches!(self.0.status.code(), Some(1 | 2)),
-            "{:?}: {said}",
-            self.0.status
-        );
+        assert!(matches!(self.0.status.code(), Some(1 | 2)), "{:?}: {said}", self.0.status);
         for word in words {
             assert!(said.contains(word), "{word:?} in {said:?}");
         }
@@ -38,10 +34,5 @@ impl Said {
 
 /// Runs the program and waits for it.
 pub(crate) fn flankwatch(words: &[&str]) -> Said {
-    Said(
-        Command::new(env!("CARGO_BIN_EXE_flankwatch"))
-            .args(words)
-            .output()
-            .unwrap(),
-    )
+    Said(Command::new(env!("CARGO_BIN_EXE_flankwatch")).args(words).output().unwrap())
 }

@@ -27,11 +27,7 @@ impl EventStream {
         let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
         let last = last.map_or_else(String::new, |last| format!("last-event-id: {last}\r\n"));
-        write!(
-            stream,
-            "GET /v1/events{query} HTTP/1.1\r\nhost: localhost\r\n{last}\r\n"
-        )
-        .unwrap();
+        write!(stream, "GET /v1/events{query} HTTP/1.1\r\nhost: localhost\r\n{last}\r\n").unwrap();
         let mut reader = BufReader::new(stream);
         let mut line = String::new();
         reader.read_line(&mut line).unwrap();

@@ -45,9 +45,7 @@ impl Program {
             while let Ok(count) = err.read(&mut piece)
                 && count > 0
             {
-                said.lock()
-                    .unwrap()
-                    .push_str(&String::from_utf8_lossy(&piece[..count]));
+                said.lock().unwrap().push_str(&String::from_utf8_lossy(&piece[..count]));
             }
         });
         let mut url = String::new();
@@ -61,22 +59,12 @@ impl Program {
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(60)))
             .build();
-        Self {
-            child,
-            url,
-            log,
-            agent: agent.into(),
-        }
+        Self { child, url, log, agent: agent.into() }
     }
 
     pub(crate) fn get(&self, path: &str) -> Value {
         let mut response = self.agent.get(format!("{}{path}", self.url)).call().unwrap();
-        let text = response
-            .body_mut()
-            .with_config()
-            .limit(256 << 20)
-            .read_to_string()
-            .unwrap();
+        let text = response.body_mut().with_config().limit(256 << 20).read_to_string().unwrap();
         assert!(response.status().is_success(), "{path}: {text}");
         serde_json::from_str(&text).unwrap()
     }
@@ -88,9 +76,7 @@ impl Program {
         headers: &[(&str, &str)],
         body: &[u8],
     ) -> ureq::http::Response<ureq::Body> {
-        let mut request = ureq::http::Request::builder()
-            .method(method)
-            .uri(format!("{}{path}", self.url));
+        let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.url));
         for (name, value) in headers {
             request = request.header(*name, *value);
         }
@@ -100,13 +86,8 @@ impl Program {
     /// The segment of an upload that was acknowledged; none where the program is gone.
     pub(crate) fn upload(&self, asset: &str, n: u32) -> Option<Value> {
         let body = encode_block(&record("1", n), BlockEncoding::Protobuf);
-        let request = self
-            .agent
-            .post(format!("{}/v1/assets/{asset}/segments", self.url));
-        let mut response = request
-            .content_type("application/x-protobuf")
-            .send(&body[..])
-            .ok()?;
+        let request = self.agent.post(format!("{}/v1/assets/{asset}/segments", self.url));
+        let mut response = request.content_type("application/x-protobuf").send(&body[..]).ok()?;
         let status = response.status().as_u16();
         let text = response.body_mut().read_to_string().ok()?;
         assert_eq!(status, 201, "{text}");
@@ -115,10 +96,7 @@ impl Program {
 
     pub(crate) fn make(&self, asset: &Value) {
         let request = self.agent.post(format!("{}/v1/assets", self.url));
-        let response = request
-            .content_type("application/json")
-            .send(asset.to_string().as_bytes())
-            .unwrap();
+        let response = request.content_type("application/json").send(asset.to_string().as_bytes()).unwrap();
         assert!([201, 409].contains(&response.status().as_u16()));
     }
 

@@ -13,11 +13,7 @@ pub(crate) const OFFSET_TYPE: (&str, &str) = ("content-type", "application/offse
 pub(crate) fn ask(service: &Service, length: usize) -> Answer {
     let length = length.to_string();
     // "pump" in base64
-    let headers = [
-        TUS,
-        ("upload-length", length.as_str()),
-        ("upload-metadata", "asset cHVtcA=="),
-    ];
+    let headers = [TUS, ("upload-length", length.as_str()), ("upload-metadata", "asset cHVtcA==")];
     service.send("POST", "/v1/uploads", &headers, b"")
 }
 
@@ -41,24 +37,16 @@ pub(crate) fn offset(service: &Service, path: &str) -> usize {
 /// Waits until an upload is read, and checks that so many records of it are stored.
 #[track_caller]
 pub(crate) fn expect_read(service: &Service, path: &str, records: u64) {
-    let done = service.wait_for(path, |upload| {
-        upload["error"] != Value::Null || upload["state"] == "finished"
-    });
+    let done =
+        service.wait_for(path, |upload| upload["error"] != Value::Null || upload["state"] == "finished");
     let count = |what: &str| done["result"][what].as_u64().unwrap_or_default();
     assert_eq!(count("stored") + count("repeated"), records, "{done}");
-    assert_eq!(
-        (&done["error"], &done["waits_for"]),
-        (&Value::Null, &Value::Null),
-        "{done}"
-    );
+    assert_eq!((&done["error"], &done["waits_for"]), (&Value::Null, &Value::Null), "{done}");
 }
 
 /// The folder of an upload's pieces.
 pub(crate) fn pieces(service: &Service, path: &str) -> PathBuf {
-    service
-        .folder()
-        .join("raw/uploads")
-        .join(path.rsplit('/').next().unwrap())
+    service.folder().join("raw/uploads").join(path.rsplit('/').next().unwrap())
 }
 
 /// A recording of the records `from..to`.

@@ -79,10 +79,7 @@ impl Answer {
         let problem = answer.json();
         assert_eq!(problem["status"], status);
         for key in ["type", "title", "detail"] {
-            assert!(
-                problem[key].as_str().is_some_and(|text| !text.is_empty()),
-                "{key} in {problem}"
-            );
+            assert!(problem[key].as_str().is_some_and(|text| !text.is_empty()), "{key} in {problem}");
         }
         let detail = problem["detail"].as_str().unwrap();
         for word in words {
@@ -139,9 +136,7 @@ impl Service {
         config.work.neighbours = EnsembleSettings::described_alone();
         #[cfg(feature = "cluster")]
         if let Some(database) = &self.database {
-            config.store = Some(flankwatch::store::StoreSettings::Shared(
-                database.settings(self.folder()),
-            ));
+            config.store = Some(flankwatch::store::StoreSettings::Shared(database.settings(self.folder())));
         }
         (self.change)(&mut config);
         let clock = Arc::clone(&self.clock);
@@ -195,12 +190,7 @@ impl Service {
     }
 
     pub(crate) fn put_json(&self, path: &str, body: &Value) -> Answer {
-        self.send(
-            "PUT",
-            path,
-            &[("content-type", "application/json")],
-            body.to_string().as_bytes(),
-        )
+        self.send("PUT", path, &[("content-type", "application/json")], body.to_string().as_bytes())
     }
 
     pub(crate) fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
@@ -212,12 +202,7 @@ impl Service {
         Answer {
             status: response.status().as_u16(),
             headers: response.headers().clone(),
-            bytes: response
-                .body_mut()
-                .with_config()
-                .limit(64 << 20)
-                .read_to_vec()
-                .unwrap(),
+            bytes: response.body_mut().with_config().limit(64 << 20).read_to_vec().unwrap(),
         }
     }
 
@@ -320,9 +305,7 @@ pub(crate) fn mcap(records: &[Record]) -> Vec<u8> {
     use flankwatch::recording::{McapOptions, McapWriter};
     let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
     for record in records {
-        writer
-            .write(&format!("/asset/{}/waveform", record.channel()), record)
-            .unwrap();
+        writer.write(&format!("/asset/{}/waveform", record.channel()), record).unwrap();
     }
     writer.finish().unwrap().into_inner()
 }

@@ -23,16 +23,9 @@ impl TestDatabase {
 
     /// A schema of its own in a database.
     pub(crate) fn on(server: String) -> Self {
-        let schema = format!(
-            "test_{}_{}",
-            std::process::id(),
-            SCHEMAS.fetch_add(1, Ordering::Relaxed)
-        );
+        let schema = format!("test_{}_{}", std::process::id(), SCHEMAS.fetch_add(1, Ordering::Relaxed));
         let database = Self { server, schema };
-        database.run(&format!(
-            "DROP SCHEMA IF EXISTS {0} CASCADE; CREATE SCHEMA {0}",
-            database.schema
-        ));
+        database.run(&format!("DROP SCHEMA IF EXISTS {0} CASCADE; CREATE SCHEMA {0}", database.schema));
         database
     }
 
@@ -68,9 +61,7 @@ impl TestDatabase {
     /// Has all resumable uploads expire earlier by `age`.
     pub(crate) fn age_uploads(&self, age: Duration) {
         let (schema, age_ns) = (&self.schema, age.as_nanos());
-        self.run(&format!(
-            "UPDATE {schema}.resumable_uploads SET expires_at_ns = expires_at_ns - {age_ns}"
-        ));
+        self.run(&format!("UPDATE {schema}.resumable_uploads SET expires_at_ns = expires_at_ns - {age_ns}"));
     }
 
     /// Has PostgreSQL answer every new segment that its disk is full, or not any more.
@@ -100,10 +91,7 @@ impl TestDatabase {
 
     /// Runs statements beside the service's.
     pub(crate) fn run(&self, statements: &str) {
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let outcome = runtime.block_on(async {
             sqlx::any::install_default_drivers();
             let mut connection = sqlx::AnyConnection::connect(&self.server).await?;

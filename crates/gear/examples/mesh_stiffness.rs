@@ -25,17 +25,12 @@ const POINTS: usize = 16;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let text = arguments
-        .next()
-        .map_or_else(|| Ok(PAIR.to_owned()), std::fs::read_to_string)?;
+    let text = arguments.next().map_or_else(|| Ok(PAIR.to_owned()), std::fs::read_to_string)?;
     let depth_mm = arguments.next().map_or(Ok(0.15), |depth| depth.parse())?;
     let pair = PairSpec::from_toml(&text)?.resolve()?;
     let unworn = MeshCycle::compute(&pair, &FlankWear::none(), POINTS)?;
     let worn = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm)?, POINTS)?;
-    println!(
-        "contact ratio {:.3}; worn by {depth_mm} mm at the deepest place\n",
-        pair.contact_ratio()
-    );
+    println!("contact ratio {:.3}; worn by {depth_mm} mm at the deepest place\n", pair.contact_ratio());
     println!("             stiffness in N/µm    pairs in contact   transmission");
     println!("  φ₁ in °    unworn      worn    unworn    worn   error in µrad");
     for i in 0..POINTS {

@@ -17,11 +17,9 @@ const REFINED: usize = 64;
 #[test]
 fn features_are_those_of_a_refined_step() {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
-    for (contact, torque) in [
-        (ContactRule::Threshold, 1.0),
-        (ContactRule::Loaded, 1.0),
-        (ContactRule::Loaded, 0.5),
-    ] {
+    for (contact, torque) in
+        [(ContactRule::Threshold, 1.0), (ContactRule::Loaded, 1.0), (ContactRule::Loaded, 0.5)]
+    {
         let mut spec = shen2022_spec();
         spec.dynamics.contact = contact;
         spec.operation.torque_nm *= torque;
@@ -49,22 +47,14 @@ fn features_are_those_of_a_refined_step() {
                 worst = greater(worst, error, || format!("{name} of state {state}"));
             }
         }
-        println!(
-            "{contact}, {torque} of the torque: {:.4} % at {}",
-            100.0 * worst.0,
-            worst.1
-        );
+        println!("{contact}, {torque} of the torque: {:.4} % at {}", 100.0 * worst.0, worst.1);
         assert!(worst.0 < 1e-3, "{contact}, {torque} of the torque: {worst:?}");
     }
 }
 
 fn greater(worst: (f64, String), error: f64, name: impl Fn() -> String) -> (f64, String) {
     // Not a number must not pass.
-    if error.abs() <= worst.0 {
-        worst
-    } else {
-        (error.abs(), name())
-    }
+    if error.abs() <= worst.0 { worst } else { (error.abs(), name()) }
 }
 
 fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f64]) -> Analysis {
@@ -74,14 +64,8 @@ fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f
         torque_nm: Some(run.torque_nm),
         ..OperatingPoint::default()
     };
-    let record = Record::new(
-        "simulated",
-        Timestamp::UNIX_EPOCH,
-        run.sample_rate_hz,
-        "m/s2",
-        samples,
-    )
-    .unwrap();
+    let record =
+        Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples).unwrap();
     let record = record.with_operating_point(point).unwrap();
     let mesh = MeshContext {
         teeth,
@@ -134,11 +118,8 @@ fn features_of_small_pairs_are_those_of_a_refined_step() {
         let refined = simulate_refined(&pair, &cycles, &run, 512);
         let mut worst = (0.0, String::new());
         for (state, (usual, refined)) in usual.iter().zip(&refined).enumerate() {
-            let [usual, refined] = [usual, refined].map(|response| {
-                analyze(&mut analyzer, pair.gears[0].teeth, &run, response)
-                    .features
-                    .values
-            });
+            let [usual, refined] = [usual, refined]
+                .map(|response| analyze(&mut analyzer, pair.gears[0].teeth, &run, response).features.values);
             let lines = usual.iter().filter(|(name, _)| {
                 name.starts_with("ln_mesh") || name.ends_with("rms") || name.ends_with("kurtosis")
             });
@@ -148,11 +129,7 @@ fn features_of_small_pairs_are_those_of_a_refined_step() {
                 });
             }
         }
-        println!(
-            "{contact}, supports {stiffness_n_per_m:?}: {:.4} % at {}",
-            100.0 * worst.0,
-            worst.1
-        );
+        println!("{contact}, supports {stiffness_n_per_m:?}: {:.4} % at {}", 100.0 * worst.0, worst.1);
         assert!(worst.0 < limit, "{worst:?}");
     }
 }

@@ -62,10 +62,7 @@ prop_compose! {
 fn cycle(spec: &PairSpec, depth_mm: f64) -> Result<(f64, MeshCycle), GearError> {
     let pair = spec.resolve()?;
     let wear = FlankWear::from_shape(&pair, depth_mm)?;
-    Ok((
-        pair.gears[1].base_radius_mm,
-        MeshCycle::compute(&pair, &wear, 16)?,
-    ))
+    Ok((pair.gears[1].base_radius_mm, MeshCycle::compute(&pair, &wear, 16)?))
 }
 
 proptest! {

@@ -115,10 +115,7 @@ struct Course<'a> {
 impl FlankCells {
     fn new(pair: &GearPair, i: usize) -> Self {
         let gear = &pair.gears[i];
-        let (start, end) = (
-            arc_mm(gear, gear.root_angle_rad),
-            arc_mm(gear, gear.tip_angle_rad),
-        );
+        let (start, end) = (arc_mm(gear, gear.root_angle_rad), arc_mm(gear, gear.tip_angle_rad));
         let cell_mm = (end - start) / CELLS as f64;
         let arcs_mm: Vec<f64> = (0..=CELLS).map(|cell| start + cell as f64 * cell_mm).collect();
         let alphas_rad: Vec<f64> = arcs_mm.iter().map(|arc| alpha_rad(gear, *arc)).collect();
@@ -184,12 +181,8 @@ impl<'a> Course<'a> {
 
     fn wear(&self) -> FlankWear {
         let profile = |flank: &FlankCells| {
-            let points: Vec<(f64, f64)> = flank
-                .radii_mm
-                .iter()
-                .copied()
-                .zip(flank.depths_mm.iter().copied())
-                .collect();
+            let points: Vec<(f64, f64)> =
+                flank.radii_mm.iter().copied().zip(flank.depths_mm.iter().copied()).collect();
             WearProfile::Table(DepthCurve::new(&points))
         };
         if self.deepest_mm() > 0.0 {
@@ -200,10 +193,7 @@ impl<'a> Course<'a> {
     }
 
     fn state(&self) -> ArchardWear {
-        ArchardWear {
-            wear: self.wear(),
-            driving_turns: self.driving_turns,
-        }
+        ArchardWear { wear: self.wear(), driving_turns: self.driving_turns }
     }
 
     fn deepest_mm(&self) -> f64 {
@@ -213,13 +203,8 @@ impl<'a> Course<'a> {
     /// What both flanks rub off each other in a turn of the driving gear, k times as much as this.
     fn rubbings(&self, wear: &FlankWear) -> Result<Vec<Rubbing>, GearError> {
         let loads = contact_loads(self.pair, wear, self.bodies.as_ref())?;
-        let band = ContactBand::new(
-            self.pair,
-            wear,
-            &self.outlines,
-            self.flanks[0].cell_mm / PLACES,
-            self.step_mm,
-        );
+        let band =
+            ContactBand::new(self.pair, wear, &self.outlines, self.flanks[0].cell_mm / PLACES, self.step_mm);
         let mut rubbings = Vec::new();
         for load in &loads {
             band.rub(load, &mut rubbings);
@@ -256,14 +241,10 @@ impl<'a> Course<'a> {
             let fastest = rates.iter().flatten().copied().fold(0.0, f64::max);
             let left = match goal {
                 Goal::Depth(depth) => {
-                    let cells = self
-                        .flanks
-                        .iter()
-                        .flat_map(|flank| &flank.depths_mm)
-                        .zip(rates.iter().flatten());
-                    let turns = cells
-                        .filter(|(_, rate)| **rate > 0.0)
-                        .map(|(worn, rate)| (depth - worn) / rate);
+                    let cells =
+                        self.flanks.iter().flat_map(|flank| &flank.depths_mm).zip(rates.iter().flatten());
+                    let turns =
+                        cells.filter(|(_, rate)| **rate > 0.0).map(|(worn, rate)| (depth - worn) / rate);
                     turns.fold(f64::INFINITY, f64::min)
                 }
                 Goal::Turns(turns) => turns - self.driving_turns,
@@ -296,10 +277,7 @@ impl<'a> Course<'a> {
         match goal {
             Goal::Depth(depth) => {
                 let scale = depth / self.deepest_mm();
-                self.flanks
-                    .iter_mut()
-                    .flat_map(|flank| &mut flank.depths_mm)
-                    .for_each(|worn| *worn *= scale);
+                self.flanks.iter_mut().flat_map(|flank| &mut flank.depths_mm).for_each(|worn| *worn *= scale);
             }
             Goal::Turns(turns) => self.driving_turns = turns,
         }

@@ -124,13 +124,7 @@ impl GearPair {
             let sap_length_mm = (gear.root_angle_rad + gear.base_half_angle_rad) * gear.base_radius_mm;
             let involute_mm = sap_length_mm - limits::form_length_mm(basic, i, alpha0);
             measures.extend([
-                at_least(
-                    TipClearance,
-                    number,
-                    clearance,
-                    -1e-9 / module,
-                    USUAL_CLEARANCE_MODULES,
-                ),
+                at_least(TipClearance, number, clearance, -1e-9 / module, USUAL_CLEARANCE_MODULES),
                 at_least(
                     TipThickness,
                     number,
@@ -164,11 +158,7 @@ impl GearPair {
             value: load,
             least: None,
             most: Some(1.0),
-            verdict: if load <= 1.0 {
-                Verdict::Good
-            } else {
-                Verdict::Impossible
-            },
+            verdict: if load <= 1.0 { Verdict::Good } else { Verdict::Impossible },
         });
         measures
     }
@@ -189,14 +179,7 @@ fn at_least(
     } else {
         Verdict::Impossible
     };
-    GeometryMeasure {
-        quantity,
-        gear,
-        value,
-        least: Some(least),
-        most: None,
-        verdict,
-    }
+    GeometryMeasure { quantity, gear, value, least: Some(least), most: None, verdict }
 }
 
 #[cfg(test)]
@@ -222,11 +205,7 @@ mod tests {
         spec.material.poisson_ratio = 0.7;
         assert_eq!(
             fields(&spec),
-            [
-                "geometry.module_mm",
-                "geometry.bore_radius_mm",
-                "material.poisson_ratio"
-            ]
+            ["geometry.module_mm", "geometry.bore_radius_mm", "material.poisson_ratio"]
         );
         assert!(spec.assess().pair.is_none());
     }
@@ -238,10 +217,7 @@ mod tests {
         spec.geometry.centre_distance_mm = Some(100.0);
         spec.geometry.bore_radius_mm = [29.0, 20.0];
         let assessment = spec.assess();
-        assert!(
-            assessment.pair.is_none(),
-            "base circles that overlap have no line of action"
-        );
+        assert!(assessment.pair.is_none(), "base circles that overlap have no line of action");
         spec.geometry.centre_distance_mm = None;
         let assessment = spec.assess();
         assert!(assessment.pair.is_some());
@@ -251,18 +227,9 @@ mod tests {
             .filter(|measure| measure.verdict == Verdict::Impossible)
             .map(|measure| (measure.quantity, measure.gear))
             .collect();
-        assert!(
-            impossible.contains(&(MeasuredQuantity::UndercutMargin, Some(1))),
-            "{impossible:?}"
-        );
-        assert!(
-            impossible.contains(&(MeasuredQuantity::InterferenceMargin, Some(1))),
-            "{impossible:?}"
-        );
-        assert!(
-            impossible.contains(&(MeasuredQuantity::RootToBore, Some(1))),
-            "{impossible:?}"
-        );
+        assert!(impossible.contains(&(MeasuredQuantity::UndercutMargin, Some(1))), "{impossible:?}");
+        assert!(impossible.contains(&(MeasuredQuantity::InterferenceMargin, Some(1))), "{impossible:?}");
+        assert!(impossible.contains(&(MeasuredQuantity::RootToBore, Some(1))), "{impossible:?}");
         assert_eq!(fields(&spec)[0], "geometry.bore_radius_mm");
     }
 
@@ -273,11 +240,7 @@ mod tests {
         let assessment = shen2022_spec().assess();
         assert!(assessment.refusals.is_empty());
         let value = |quantity| {
-            let measure = assessment
-                .measures
-                .iter()
-                .find(|measure| measure.quantity == quantity)
-                .unwrap();
+            let measure = assessment.measures.iter().find(|measure| measure.quantity == quantity).unwrap();
             assert_eq!(measure.verdict, Verdict::Good, "{measure:?}");
             measure.value
         };

@@ -14,59 +14,19 @@ const REFUSALS: [(&str, &str, &str, &str); 16] = [
     ("undercut", "geometry.teeth", "12", "at least 18 teeth on gear 1"),
     ("pointed-rack", "geometry.dedendum", "2.2", "less than 2.1579"),
     ("pointed-tip", "geometry.addendum", "1", "below 0.1 it is pointed"),
-    (
-        "no-contact",
-        "geometry.centre_distance_mm",
-        "163",
-        "less than 162.0000",
-    ),
-    (
-        "contact-ratio-below-1",
-        "geometry.addendum",
-        "[0.4, 0.4]",
-        "at least 1 carries the mesh on",
-    ),
-    (
-        "jammed",
-        "geometry.centre_distance_mm",
-        "149",
-        "at least 150.0000",
-    ),
-    (
-        "wear-deeper-than-tooth",
-        "wear depth in mm",
-        "0.245",
-        "half of the tooth is",
-    ),
+    ("no-contact", "geometry.centre_distance_mm", "163", "less than 162.0000"),
+    ("contact-ratio-below-1", "geometry.addendum", "[0.4, 0.4]", "at least 1 carries the mesh on"),
+    ("jammed", "geometry.centre_distance_mm", "149", "at least 150.0000"),
+    ("wear-deeper-than-tooth", "wear depth in mm", "0.245", "half of the tooth is"),
     ("zero-torque", "operation.torque_nm", "0", "above 0"),
     ("nan-torque", "operation.torque_nm", "NaN", "above 0"),
-    (
-        "infinite-speed",
-        "operation.shaft_speed_hz",
-        "inf",
-        "not above 10000",
-    ),
+    ("infinite-speed", "operation.shaft_speed_hz", "inf", "not above 10000"),
     ("nan-module", "geometry.module_mm", "NaN", "not above 200"),
     ("nan-bore", "geometry.bore_radius_mm", "NaN", "above 0"),
     ("nan-wear", "wear.floor", "NaN", "from 0 to 1"),
-    (
-        "negative-wear-coefficient",
-        "wear.coefficient",
-        "-0.000001",
-        "above 0",
-    ),
-    (
-        "nan-hardness",
-        "wear.hardness_pa",
-        "NaN",
-        "from 1000000 to 1000000000000",
-    ),
-    (
-        "wear-table-without-depth",
-        "wear.table",
-        "1 points",
-        "at least one depth above 0",
-    ),
+    ("negative-wear-coefficient", "wear.coefficient", "-0.000001", "above 0"),
+    ("nan-hardness", "wear.hardness_pa", "NaN", "from 1000000 to 1000000000000"),
+    ("wear-table-without-depth", "wear.table", "1 points", "at least one depth above 0"),
 ];
 
 /// The file whose wear leaves rigid teeth out of contact.
@@ -82,35 +42,23 @@ fn bad_pair_files_are_refused_with_field_value_and_limit() {
             .resolve()
             .and_then(|pair| FlankWear::from_shape(&pair, LIBRARY_WEAR_MM))
             .unwrap_err();
-        let GearError::Field {
-            field,
-            value,
-            expected,
-        } = &refusal
-        else {
+        let GearError::Field { field, value, expected } = &refusal else {
             panic!("{name}: {refusal}");
         };
-        assert_eq!(
-            (*field, value.as_str()),
-            (wanted_field, wanted_value),
-            "{name}: {refusal}"
-        );
+        assert_eq!((*field, value.as_str()), (wanted_field, wanted_value), "{name}: {refusal}");
         assert!(expected.contains(limit), "{name}: {refusal}");
     }
     let names = REFUSALS.iter().map(|(name, ..)| *name).chain([OUT_OF_CONTACT]);
     let listed: BTreeSet<String> = names.map(|name| format!("{name}.toml")).collect();
-    let present = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let present =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
     assert_eq!(present.collect::<BTreeSet<_>>(), listed);
 }
 
 /// By the threshold rule the period has a part without contact; under loaded contact the tip edges bridge it.
 #[test]
 fn wear_that_leaves_rigid_teeth_out_of_contact_is_refused() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../fixtures/pairs/bad")
-        .join(OUT_OF_CONTACT);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/pairs/bad").join(OUT_OF_CONTACT);
     let mut spec = PairSpec::from_toml(&fs::read_to_string(path.with_extension("toml")).unwrap()).unwrap();
     let cycle = |spec: &PairSpec| {
         let pair = spec.resolve()?;
@@ -123,11 +71,5 @@ fn wear_that_leaves_rigid_teeth_out_of_contact_is_refused() {
     );
     assert!(refusal.to_string().contains("expected less wear"), "{refusal}");
     spec.dynamics.contact = ContactRule::Loaded;
-    assert!(
-        cycle(&spec)
-            .unwrap()
-            .pairs_in_contact
-            .iter()
-            .all(|pairs| *pairs > 0)
-    );
+    assert!(cycle(&spec).unwrap().pairs_in_contact.iter().all(|pairs| *pairs > 0));
 }

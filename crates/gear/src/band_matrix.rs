@@ -11,11 +11,7 @@ pub(super) struct BandMatrix {
 
 impl BandMatrix {
     pub(super) fn zeros(size: usize, half_band: usize) -> Self {
-        Self {
-            size,
-            half_band,
-            rows: vec![0.0; size * (half_band + 1)],
-        }
+        Self { size, half_band, rows: vec![0.0; size * (half_band + 1)] }
     }
 
     /// Adds to the entry of a row and a column at or before it, within the band.
@@ -61,12 +57,7 @@ impl BandMatrix {
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (a_chunks, b_chunks) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = a_chunks
-        .remainder()
-        .iter()
-        .zip(b_chunks.remainder())
-        .map(|(a, b)| a * b)
-        .sum();
+    let rest: f64 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(a, b)| a * b).sum();
     for (a, b) in a_chunks.zip(b_chunks) {
         for (lane, (a, b)) in lanes.iter_mut().zip(a.iter().zip(b)) {
             *lane += a * b;
@@ -88,10 +79,7 @@ impl BandFactor {
     pub(super) fn solve(&self, values: &mut [f64], count: usize) {
         let (size, half_band) = (self.lower.size, self.lower.half_band);
         // Rows before the first that is loaded stay zero.
-        let loaded = values
-            .iter()
-            .position(|value| *value != 0.0)
-            .map_or(size, |place| place / count);
+        let loaded = values.iter().position(|value| *value != 0.0).map_or(size, |place| place / count);
         for row in loaded..size {
             let first = self.first[row].max(loaded);
             let (before, rest) = values.split_at_mut(row * count);
@@ -130,10 +118,7 @@ fn subtract(target: &mut [f64], factors: &[f64], rows: &[f64]) {
     }
     for (i, factor) in rest.iter().enumerate() {
         let row = &rows[(4 * fours.len() + i) * count..][..count];
-        target
-            .iter_mut()
-            .zip(row)
-            .for_each(|(t, value)| *t -= factor * value);
+        target.iter_mut().zip(row).for_each(|(t, value)| *t -= factor * value);
     }
 }
 

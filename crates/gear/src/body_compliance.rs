@@ -75,9 +75,8 @@ impl BodyCompliance {
         let sector = RingSector::new(&mesh, elasticity, outline.pitch_angle_rad)
             .ok_or(GearError::ElasticModel { gear: gear + 1 })?;
         let reach = REACH.min((teeth - 2) / 2);
-        let sides = sector
-            .side_displacements(teeth, reach)
-            .ok_or(GearError::ElasticModel { gear: gear + 1 })?;
+        let sides =
+            sector.side_displacements(teeth, reach).ok_or(GearError::ElasticModel { gear: gear + 1 })?;
 
         let stations = &mesh.flank;
         let across = (0..=2 * reach)
@@ -99,13 +98,7 @@ impl BodyCompliance {
             .collect();
         let radii_mm: Vec<f64> = stations.iter().map(|station| station.radius_mm).collect();
         let tip = TipWedge::new(outline, module_mm, elasticity, &radii_mm, &own);
-        Ok(Self {
-            radii_mm,
-            own,
-            across,
-            reach,
-            tip,
-        })
+        Ok(Self { radii_mm, own, across, reach, tip })
     }
 
     /// Displacement in mm along the direction `(sin, cos)` of a force of 1 N/mm in the same direction at a
@@ -128,9 +121,8 @@ impl BodyCompliance {
     /// Displacement in mm at a place of the tooth `offset` teeth towards positive Y from the one that a force
     /// of 1 N/mm loads.
     pub(super) fn across(&self, offset: i32, load: (f64, [f64; 2]), place: (f64, [f64; 2])) -> f64 {
-        let Some(table) = usize::try_from(offset + self.reach as i32)
-            .ok()
-            .and_then(|index| self.across.get(index))
+        let Some(table) =
+            usize::try_from(offset + self.reach as i32).ok().and_then(|index| self.across.get(index))
         else {
             return 0.0;
         };
@@ -140,11 +132,7 @@ impl BodyCompliance {
         let mut tensor = Tensor::default();
         for (i, a) in load_weights.iter().enumerate() {
             for (j, b) in place_weights.iter().enumerate() {
-                add(
-                    &mut tensor,
-                    &table[(first_load + i) * count + first_place + j],
-                    a * b,
-                );
+                add(&mut tensor, &table[(first_load + i) * count + first_place + j], a * b);
             }
         }
         project(&tensor, load.1, place.1)
@@ -167,15 +155,10 @@ impl TipWedge {
         let half = 0.5 * (FRAC_PI_2 + profile_angle);
         let (sin, cos) = outline.inclination(tip).sin_cos();
         // From the edge into the tooth between flank and tip circle, and across it.
-        let bisector = [
-            -cos * half.cos() - sin * half.sin(),
-            sin * half.cos() - cos * half.sin(),
-        ];
+        let bisector = [-cos * half.cos() - sin * half.sin(), sin * half.cos() - cos * half.sin()];
         let aside = [-bisector[1], bisector[0]];
-        let (along, across) = (
-            1.0 / (half + 0.5 * (2.0 * half).sin()),
-            1.0 / (half - 0.5 * (2.0 * half).sin()),
-        );
+        let (along, across) =
+            (1.0 / (half + 0.5 * (2.0 * half).sin()), 1.0 / (half - 0.5 * (2.0 * half).sin()));
         let mut logarithm = Tensor::default();
         for i in 0..2 {
             for j in 0..2 {
@@ -219,31 +202,19 @@ impl TipWedge {
 
 fn add(sum: &mut Tensor, tensor: &Tensor, factor: f64) {
     for (row, other) in sum.iter_mut().zip(tensor) {
-        row.iter_mut()
-            .zip(other)
-            .for_each(|(value, part)| *value += factor * part);
+        row.iter_mut().zip(other).for_each(|(value, part)| *value += factor * part);
     }
 }
 
 fn project(tensor: &Tensor, load: [f64; 2], place: [f64; 2]) -> f64 {
-    (0..2)
-        .map(|i| load[i] * (tensor[i][0] * place[0] + tensor[i][1] * place[1]))
-        .sum()
+    (0..2).map(|i| load[i] * (tensor[i][0] * place[0] + tensor[i][1] * place[1])).sum()
 }
 
 /// First node and weights of the cubic through the four nodes around `x`.
 fn cubic_weights(nodes: &[f64], x: f64) -> (usize, [f64; 4]) {
-    let first = nodes
-        .partition_point(|node| *node <= x)
-        .saturating_sub(2)
-        .min(nodes.len() - 4);
+    let first = nodes.partition_point(|node| *node <= x).saturating_sub(2).min(nodes.len() - 4);
     let four = &nodes[first..first + 4];
-    let weight = |i: usize| {
-        (0..4)
-            .filter(|j| *j != i)
-            .map(|j| (x - four[j]) / (four[i] - four[j]))
-            .product()
-    };
+    let weight = |i: usize| (0..4).filter(|j| *j != i).map(|j| (x - four[j]) / (four[i] - four[j])).product();
     (first, std::array::from_fn(weight))
 }
 

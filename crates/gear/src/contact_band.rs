@@ -104,18 +104,10 @@ impl<'a> ContactBand<'a> {
             offset += place.stiffness_mpa * place.gap_mm;
             closing = offset / stiffness;
         }
-        rubbings.extend(
-            places
-                .iter()
-                .take_while(|place| place.gap_mm < closing)
-                .map(|place| Rubbing {
-                    arcs_mm: place.arcs_mm,
-                    work_n: place.stiffness_mpa
-                        * (closing - place.gap_mm)
-                        * place.slide_mm_per_rad
-                        * load.turn_rad,
-                }),
-        );
+        rubbings.extend(places.iter().take_while(|place| place.gap_mm < closing).map(|place| Rubbing {
+            arcs_mm: place.arcs_mm,
+            work_n: place.stiffness_mpa * (closing - place.gap_mm) * place.slide_mm_per_rad * load.turn_rad,
+        }));
     }
 
     /// The places that face the driven flank at a load's rotation and can carry its force.
@@ -132,10 +124,7 @@ impl<'a> ContactBand<'a> {
         };
         let [driving, driven] = &self.pair.gears;
         let half_width = self.half_width_mm(
-            [
-                driving_length_mm(driving, first),
-                flank_length_mm(driven, *radius_mm),
-            ],
+            [driving_length_mm(driving, first), flank_length_mm(driven, *radius_mm)],
             load.force_n_per_mm,
         );
         let soft = 8.0 * half_width / (3.0 * PI * self.contact_modulus_mpa);
@@ -158,11 +147,7 @@ impl<'a> ContactBand<'a> {
             }
         };
         let most = load.force_n_per_mm * (soft + worn) / self.spacing_mm;
-        meetings
-            .iter()
-            .map(place)
-            .filter(|place| place.gap_mm < most)
-            .collect()
+        meetings.iter().map(place).filter(|place| place.gap_mm < most).collect()
     }
 
     /// Hertz's half-width in mm between involutes with these radii of curvature.
@@ -180,9 +165,7 @@ fn driving_length_mm(gear: &Gear, point: &FlankPoint) -> f64 {
 
 /// The same from the point's radius in mm.
 fn flank_length_mm(gear: &Gear, radius_mm: f64) -> f64 {
-    (radius_mm * radius_mm - gear.base_radius_mm.powi(2))
-        .max(0.0)
-        .sqrt()
+    (radius_mm * radius_mm - gear.base_radius_mm.powi(2)).max(0.0).sqrt()
 }
 
 /// Length of the unworn involute in mm from the base circle to α₁ = `alpha_rad`: ∫ R_b (α₁ + α₂) dα₁.
@@ -210,11 +193,7 @@ mod tests {
     /// wear.
     fn rubbed(pair: &GearPair, wear: &FlankWear, phi1_rad: f64) -> Vec<Rubbing> {
         let outlines = [0, 1].map(|i| ToothOutline::new(pair, i));
-        let load = ContactLoad {
-            phi1_rad,
-            force_n_per_mm: FORCE_N_PER_MM,
-            turn_rad: 1.0,
-        };
+        let load = ContactLoad { phi1_rad, force_n_per_mm: FORCE_N_PER_MM, turn_rad: 1.0 };
         let mut rubbings = Vec::new();
         ContactBand::new(pair, wear, &outlines, 0.01, 1e-9).rub(&load, &mut rubbings);
         rubbings
@@ -245,18 +224,12 @@ mod tests {
                 width_mm(&rubbings, i)
             );
             let work: f64 = rubbings.iter().map(|rubbing| rubbing.work_n).sum();
-            let middle = rubbings
-                .iter()
-                .map(|rubbing| rubbing.work_n * rubbing.arcs_mm[i])
-                .sum::<f64>()
-                / work;
+            let middle =
+                rubbings.iter().map(|rubbing| rubbing.work_n * rubbing.arcs_mm[i]).sum::<f64>() / work;
             let gear = &pair.gears[i];
             let place = arc_mm(gear, length / gear.base_radius_mm - gear.base_half_angle_rad);
             assert!((middle - place).abs() < 0.01, "{middle} {place}");
-            assert!(
-                (work / (FORCE_N_PER_MM * (1.0 + 24.0 / 26.0) * x) - 1.0).abs() < 0.01,
-                "{work}"
-            );
+            assert!((work / (FORCE_N_PER_MM * (1.0 + 24.0 / 26.0) * x) - 1.0).abs() < 0.01, "{work}");
         }
     }
 
@@ -271,18 +244,12 @@ mod tests {
             .concat();
         let wear = FlankWear::from_table_csv(&pair, &format!("gear,radius_mm,depth_um\n{table}")).unwrap();
         let rubbings = rubbed(&pair, &wear, 0.05);
-        let place = arc_mm(
-            &pair.gears[0],
-            32.44 / pair.gears[0].base_radius_mm - pair.gears[0].base_half_angle_rad,
-        );
+        let place =
+            arc_mm(&pair.gears[0], 32.44 / pair.gears[0].base_radius_mm - pair.gears[0].base_half_angle_rad);
         let (before, behind): (Vec<Rubbing>, Vec<Rubbing>) =
             rubbings.iter().partition(|rubbing| rubbing.arcs_mm[0] < place);
         assert!(!before.is_empty() && !behind.is_empty());
-        assert!(
-            rubbings
-                .iter()
-                .all(|rubbing| (rubbing.arcs_mm[0] - place).abs() > 0.1)
-        );
+        assert!(rubbings.iter().all(|rubbing| (rubbing.arcs_mm[0] - place).abs() > 0.1));
     }
 
     /// Before the nominal start of contact the driven tip's edge carries, with a finite pressure over a
@@ -292,14 +259,7 @@ mod tests {
         let pair = shen2022_spec().resolve().unwrap();
         let rubbings = rubbed(&pair, &FlankWear::none(), pair.start_of_contact_rad() - 0.02);
         let tip = arc_mm(&pair.gears[1], pair.gears[1].tip_angle_rad);
-        let farthest = rubbings
-            .iter()
-            .map(|rubbing| tip - rubbing.arcs_mm[1])
-            .fold(0.0, f64::max);
-        assert!(
-            rubbings.len() > 3 && farthest > 0.02 && farthest < 0.24,
-            "{} {farthest}",
-            rubbings.len()
-        );
+        let farthest = rubbings.iter().map(|rubbing| tip - rubbing.arcs_mm[1]).fold(0.0, f64::max);
+        assert!(rubbings.len() > 3 && farthest > 0.02 && farthest < 0.24, "{} {farthest}", rubbings.len());
     }
 }

@@ -79,10 +79,7 @@ mod tests {
                 let work: f64 = loads.iter().map(|load| load.force_n_per_mm * load.turn_rad).sum();
                 let whole = pair.spec.operation.torque_nm * 1e3 / (pair.gears[0].base_radius_mm * 50.0)
                     * pair.gears[0].pitch_angle_rad();
-                assert!(
-                    (work / whole - 1.0).abs() < 1e-9,
-                    "{rule}, {depth_mm} mm: {work} {whole}"
-                );
+                assert!((work / whole - 1.0).abs() < 1e-9, "{rule}, {depth_mm} mm: {work} {whole}");
             }
         }
     }

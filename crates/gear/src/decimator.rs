@@ -47,9 +47,7 @@ impl<const LANES: usize> Decimator<LANES> {
     /// number 2 × reach + 1.
     #[inline]
     pub(super) fn push(&mut self, values: [f64; LANES]) -> Option<[f64; LANES]> {
-        self.first
-            .push(values)
-            .and_then(|values| self.second.push(values))
+        self.first.push(values).and_then(|values| self.second.push(values))
     }
 }
 
@@ -65,12 +63,7 @@ struct Stage<const LANES: usize> {
 
 impl<const LANES: usize> Stage<LANES> {
     fn new(taps: Vec<f64>, factor: usize) -> Self {
-        Self {
-            taps,
-            factor,
-            buffer: Vec::new(),
-            next: 0,
-        }
+        Self { taps, factor, buffer: Vec::new(), next: 0 }
     }
 
     #[inline]
@@ -119,11 +112,8 @@ fn low_pass(pass: f64, stop: f64) -> Vec<f64> {
         .map(|i| {
             let place = i as f64 - half as f64;
             let window = bessel_i0(beta * (1.0 - (place / half as f64).powi(2)).max(0.0).sqrt());
-            let sinc = if i == half {
-                2.0 * cutoff
-            } else {
-                (2.0 * PI * cutoff * place).sin() / (PI * place)
-            };
+            let sinc =
+                if i == half { 2.0 * cutoff } else { (2.0 * PI * cutoff * place).sin() / (PI * place) };
             sinc * window
         })
         .collect();
@@ -143,9 +133,7 @@ fn without_droop(taps: &[f64]) -> Vec<f64> {
     power[reach..reach + taps.len()].copy_from_slice(taps);
     let mut sum = vec![0.0; power.len()];
     for factor in SERIES {
-        sum.iter_mut()
-            .zip(&power)
-            .for_each(|(sum, value)| *sum += factor * value);
+        sum.iter_mut().zip(&power).for_each(|(sum, value)| *sum += factor * value);
         // u is minus a quarter of the second difference.
         let at = |i: Option<usize>| i.and_then(|i| power.get(i)).copied().unwrap_or(0.0);
         power = (0..power.len())
@@ -194,10 +182,7 @@ mod tests {
         }
         assert_eq!(i64::from(j), outputs);
         let count = f64::from(j);
-        (
-            (2.0 * sine / count).hypot(2.0 * cosine / count),
-            cosine.atan2(sine),
-        )
+        ((2.0 * sine / count).hypot(2.0 * cosine / count), cosine.atan2(sine))
     }
 
     #[test]

@@ -56,9 +56,7 @@ impl Motion {
         let operation = &pair.spec.operation;
         // The driven torque keeps its proportion to the driving one; where not given it balances.
         let balanced = driven.base_radius_mm / driving.base_radius_mm;
-        let proportion = operation
-            .output_torque_nm
-            .map_or(balanced, |output| output / operation.torque_nm);
+        let proportion = operation.output_torque_nm.map_or(balanced, |output| output / operation.torque_nm);
         let push = |torque: f64, gear: &super::Gear| torque * gear.base_radius_mm * 1e-3 / gear.inertia_kg_m2;
         let mesh_mass = pair.mesh_mass_kg();
         Self {
@@ -79,11 +77,7 @@ impl Motion {
     /// The motion of one lane.
     #[inline(always)]
     pub(super) fn of_lane<const LANES: usize>(&self, differing: &LaneMotion<LANES>, lane: usize) -> Self {
-        Self {
-            mesh_damping: differing.mesh_damping[lane],
-            backlash_m: differing.backlash_m[lane],
-            ..*self
-        }
+        Self { mesh_damping: differing.mesh_damping[lane], backlash_m: differing.backlash_m[lane], ..*self }
     }
 
     /// Static balance under constant excitation.
@@ -91,9 +85,7 @@ impl Motion {
         let force = self.drive_m_per_s2 / self.inverse_mass[0];
         let mesh = force / excitation.stiffness;
         let support = force / self.support_stiffness;
-        let part = self
-            .inverse_mass
-            .map(|inverse| self.mesh_damping * mesh * inverse);
+        let part = self.inverse_mass.map(|inverse| self.mesh_damping * mesh * inverse);
         let x = mesh + 2.0 * support + excitation.error;
         [x, support, -support, part[0], -part[1], part[2]]
     }
@@ -150,13 +142,10 @@ impl Motion {
         step: f64,
     ) {
         for lane in 0..LANES {
-            let three = excitation.map(|[stiffness, error]| Excitation {
-                stiffness: stiffness[lane],
-                error: error[lane],
-            });
+            let three = excitation
+                .map(|[stiffness, error]| Excitation { stiffness: stiffness[lane], error: error[lane] });
             let after =
-                self.of_lane(differing, lane)
-                    .step(&std::array::from_fn(|i| states[i][lane]), &three, step);
+                self.of_lane(differing, lane).step(&std::array::from_fn(|i| states[i][lane]), &three, step);
             for (row, value) in states.iter_mut().zip(after) {
                 row[lane] = value;
             }
@@ -187,11 +176,7 @@ impl Motion {
         };
         let mesh = decay(self.inverse_mass[0], self.mesh_damping, stiffness);
         let supports = [1, 2].map(|i| {
-            decay(
-                self.inverse_mass[i],
-                self.support_damping + self.mesh_damping,
-                self.support_stiffness,
-            )
+            decay(self.inverse_mass[i], self.support_damping + self.mesh_damping, self.support_stiffness)
         });
         mesh.min(supports[0]).min(supports[1])
     }
@@ -230,14 +215,7 @@ mod tests {
             support_damping: 1e3,
             backlash_m: 0.0,
         };
-        (
-            motion,
-            Excitation {
-                stiffness,
-                error: 0.0,
-            },
-            (stiffness / mass).sqrt(),
-        )
+        (motion, Excitation { stiffness, error: 0.0 }, (stiffness / mass).sqrt())
     }
 
     fn run(motion: &Motion, mut state: State, excitation: Excitation, step: f64, steps: usize) -> State {
@@ -278,16 +256,9 @@ mod tests {
         let parted = run_for(0.5 * flight);
         assert!((parted[0] + 0.5 * backlash).abs() < 1e-12 && (parted[3] + speed).abs() < 1e-12);
         let deepest = run_for(flight + 0.5 * std::f64::consts::PI / omega);
-        assert!(
-            (deepest[0] + backlash + speed / omega).abs() < 1e-4 * speed / omega,
-            "{}",
-            deepest[0]
-        );
+        assert!((deepest[0] + backlash + speed / omega).abs() < 1e-4 * speed / omega, "{}", deepest[0]);
         let again = run_for(2.0 * flight + 2.0 * std::f64::consts::PI / omega);
-        assert!(
-            again[0].abs() < 1e-4 * backlash && (again[3] / speed + 1.0).abs() < 1e-4,
-            "{again:?}"
-        );
+        assert!(again[0].abs() < 1e-4 * backlash && (again[3] / speed + 1.0).abs() < 1e-4, "{again:?}");
     }
 
     /// The damper is not felt in flight, and not where the teeth stay closed.
@@ -328,15 +299,10 @@ mod tests {
             support_damping: 0.0,
             backlash_m: 0.0,
         };
-        let excitation = Excitation {
-            stiffness: 6e8,
-            error: 0.0,
-        };
+        let excitation = Excitation { stiffness: 6e8, error: 0.0 };
         let energy = |s: &State| {
             let mesh = s[0] - s[1] + s[2];
-            let kinetic: f64 = (0..3)
-                .map(|i| 0.5 * s[3 + i].powi(2) / motion.inverse_mass[i])
-                .sum();
+            let kinetic: f64 = (0..3).map(|i| 0.5 * s[3 + i].powi(2) / motion.inverse_mass[i]).sum();
             kinetic + 0.5 * 6e8 * mesh * mesh + 0.5 * 6.56e7 * (s[1] * s[1] + s[2] * s[2])
         };
         let start = [3e-6, 1e-6, -2e-6, 0.01, 0.0, 0.002];
@@ -353,18 +319,10 @@ mod tests {
         let (mut motion, excitation, _) = oscillator(0.1);
         motion.inverse_mass = [0.5, 0.15, 0.13];
         motion.drive_m_per_s2 = 1e4;
-        let excitation = Excitation {
-            error: 5e-6,
-            ..excitation
-        };
+        let excitation = Excitation { error: 5e-6, ..excitation };
         let start = motion.at_rest(excitation);
         let end = run(&motion, start, excitation, 1e-6, 1000);
-        assert!(
-            motion
-                .velocities(&end, 5e-6)
-                .iter()
-                .all(|velocity| velocity.abs() < 1e-12)
-        );
+        assert!(motion.velocities(&end, 5e-6).iter().all(|velocity| velocity.abs() < 1e-12));
         assert!((start[0] - end[0]).abs() < 1e-15);
     }
 }

@@ -83,11 +83,7 @@ impl GearError {
         value: impl std::fmt::Display,
         expected: impl Into<String>,
     ) -> Self {
-        Self::Field {
-            field,
-            value: value.to_string(),
-            expected: expected.into(),
-        }
+        Self::Field { field, value: value.to_string(), expected: expected.into() }
     }
 }
 
@@ -96,11 +92,7 @@ pub(super) fn within(field: &'static str, value: f64, least: f64, most: f64) -> 
     if value >= least && value <= most {
         Ok(value)
     } else {
-        Err(GearError::field(
-            field,
-            value,
-            format!("a number from {least} to {most}"),
-        ))
+        Err(GearError::field(field, value, format!("a number from {least} to {most}")))
     }
 }
 
@@ -109,10 +101,6 @@ pub(super) fn positive(field: &'static str, value: f64, most: f64) -> Result<f64
     if value > 0.0 && value <= most {
         Ok(value)
     } else {
-        Err(GearError::field(
-            field,
-            value,
-            format!("a number above 0 and not above {most}"),
-        ))
+        Err(GearError::field(field, value, format!("a number above 0 and not above {most}")))
     }
 }

@@ -45,32 +45,19 @@ impl ExcitationPiece {
         let first = ((piece.start * cells) as usize).min(CELLS - 1);
         let last = ((piece.end * cells).ceil() as usize).clamp(first + 1, CELLS);
         let cell = |cell: usize| {
-            let (start, end) = (
-                (cell as f64).max(piece.start * cells),
-                (cell as f64 + 1.0).min(piece.end * cells),
-            );
+            let (start, end) =
+                ((cell as f64).max(piece.start * cells), (cell as f64 + 1.0).min(piece.end * cells));
             let ([k, e], [next_k, next_e]) = (at(start / cells), at(end / cells));
             let width = (end - start).max(f64::MIN_POSITIVE);
-            Cell {
-                start,
-                stiffness: [k, (next_k - k) / width],
-                error: [e, (next_e - e) / width],
-            }
+            Cell { start, stiffness: [k, (next_k - k) / width], error: [e, (next_e - e) / width] }
         };
-        Self {
-            start: piece.start,
-            end: piece.end,
-            first,
-            cells: (first..last).map(cell).collect(),
-        }
+        Self { start: piece.start, end: piece.end, first, cells: (first..last).map(cell).collect() }
     }
 
     /// At a place in mesh periods.
     pub(super) fn at(&self, phase: f64) -> Excitation {
         let place = phase * CELLS as f64;
-        let cell = &self.cells[(place as usize)
-            .saturating_sub(self.first)
-            .min(self.cells.len() - 1)];
+        let cell = &self.cells[(place as usize).saturating_sub(self.first).min(self.cells.len() - 1)];
         let part = place - cell.start;
         Excitation {
             stiffness: cell.stiffness[0] + part * cell.stiffness[1],
@@ -102,11 +89,8 @@ impl<const LANES: usize> ExcitationLanes<LANES> {
             cut: vec![0; CELLS],
         };
         for (lane, cycle) in cycles.iter().enumerate() {
-            let pieces: Vec<ExcitationPiece> = cycle
-                .pieces
-                .iter()
-                .map(|piece| ExcitationPiece::new(piece, pair))
-                .collect();
+            let pieces: Vec<ExcitationPiece> =
+                cycle.pieces.iter().map(|piece| ExcitationPiece::new(piece, pair)).collect();
             for piece in &pieces {
                 for (i, cell) in piece.cells.iter().enumerate() {
                     let [k, k_rise, e, e_rise] = &mut lanes.cells[piece.first + i];

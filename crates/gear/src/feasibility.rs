@@ -132,11 +132,7 @@ mod tests {
     #[test]
     fn vibration_that_grows_without_bound_is_refused() {
         let mut spec = shen2022_spec();
-        (
-            spec.geometry.teeth,
-            spec.geometry.module_mm,
-            spec.geometry.face_width_mm,
-        ) = ([36, 66], 1.33, 6.6);
+        (spec.geometry.teeth, spec.geometry.module_mm, spec.geometry.face_width_mm) = ([36, 66], 1.33, 6.6);
         (spec.geometry.bore_radius_mm, spec.geometry.centre_distance_mm) = ([5.0, 9.0], None);
         (spec.material.youngs_modulus_pa, spec.material.density_kg_per_m3) = (2.8e9, 1410.0);
         (spec.operation.torque_nm, spec.operation.output_torque_nm) = (0.025, None);
@@ -158,24 +154,15 @@ mod tests {
     /// `fixtures/pairs/bad/worn-out-of-contact.toml`, whose library would fail after a part of its states.
     #[test]
     fn wear_that_parts_rigid_flanks_is_refused_with_the_depth_that_it_carries() {
-        let mut spec = PairSpec::from_toml(include_str!(
-            "../../../fixtures/pairs/bad/worn-out-of-contact.toml"
-        ))
-        .unwrap();
+        let mut spec =
+            PairSpec::from_toml(include_str!("../../../fixtures/pairs/bad/worn-out-of-contact.toml"))
+                .unwrap();
         let refusal = spec.check().unwrap_err();
-        let GearError::Field {
-            field,
-            value,
-            expected,
-        } = &refusal
-        else {
+        let GearError::Field { field, value, expected } = &refusal else {
             panic!("{refusal}");
         };
         assert_eq!((*field, value.as_str()), ("dynamics.contact", "threshold"));
-        assert!(
-            expected.starts_with("loaded, or") && expected.contains("of 245.000 µm"),
-            "{expected}"
-        );
+        assert!(expected.starts_with("loaded, or") && expected.contains("of 245.000 µm"), "{expected}");
         spec.dynamics.contact = ContactRule::Loaded;
         assert!(spec.check().is_ok());
     }

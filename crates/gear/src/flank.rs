@@ -64,10 +64,7 @@ impl<'a> Flank<'a> {
     /// # Panics
     /// Where `index` is neither 0 nor 1.
     pub fn new(gear: &'a Gear, wear: &'a FlankWear, index: usize) -> Self {
-        Self {
-            gear,
-            wear: &wear.profiles[index],
-        }
+        Self { gear, wear: &wear.profiles[index] }
     }
 
     /// The point at α₁ = `alpha_rad`, from −α₂ (the base circle) on.
@@ -104,11 +101,7 @@ impl<'a> Flank<'a> {
 
     /// Angles in rad where a derivative of the wear jumps.
     pub(super) fn kinks_rad(&self) -> Vec<f64> {
-        self.wear
-            .kinks_mm()
-            .into_iter()
-            .map(|radius| self.alpha_at_radius_rad(radius))
-            .collect()
+        self.wear.kinks_mm().into_iter().map(|radius| self.alpha_at_radius_rad(radius)).collect()
     }
 
     /// `count` + 1 points evenly over α₁ from the start of active profile to the tip.

@@ -86,12 +86,7 @@ impl GearPair {
         let zero_backlash = refusals.take(zero_backlash_angle(basic, alpha0))?;
         let least_centre_mm = (base[0] + base[1]) / zero_backlash.cos();
         let centre_distance_mm = basic.centre_distance_mm.unwrap_or(least_centre_mm);
-        refusals.note(limits::check_centre(
-            basic,
-            centre_distance_mm,
-            base,
-            least_centre_mm,
-        ));
+        refusals.note(limits::check_centre(basic, centre_distance_mm, base, least_centre_mm));
         if centre_distance_mm <= base[0] + base[1] {
             return None;
         }
@@ -107,10 +102,8 @@ impl GearPair {
             if tip[i] + root[1 - i] > centre_distance_mm + 1e-9 {
                 let most = (centre_distance_mm - root[1 - i] - reference[i]) / basic.module_mm
                     - basic.profile_shift[i];
-                let expected = format!(
-                    "at most {most:.4}, where the tip of gear {} reaches the other's root",
-                    i + 1
-                );
+                let expected =
+                    format!("at most {most:.4}, where the tip of gear {} reaches the other's root", i + 1);
                 refusals.add(GearError::field("geometry.addendum", basic.addendum[i], expected));
             }
             let teeth = f64::from(basic.teeth[i]);
@@ -185,11 +178,7 @@ impl GearPair {
                     "less: the tip of gear {} would be {thickness:.3} modules thick, below {LEAST_TIP_THICKNESS_MODULES} it is pointed",
                     i + 1
                 );
-                refusals.add(GearError::field(
-                    "geometry.addendum",
-                    self.spec.geometry.addendum[i],
-                    expected,
-                ));
+                refusals.add(GearError::field("geometry.addendum", self.spec.geometry.addendum[i], expected));
             }
         }
         let ratio = self.contact_ratio();
@@ -266,16 +255,12 @@ fn disc_mass(spec: &PairSpec, radius_mm: f64) -> f64 {
 }
 
 fn mass(spec: &PairSpec, i: usize, radius_mm: f64) -> f64 {
-    spec.dynamics
-        .mass_kg
-        .map_or_else(|| disc_mass(spec, radius_mm), |masses| masses[i])
+    spec.dynamics.mass_kg.map_or_else(|| disc_mass(spec, radius_mm), |masses| masses[i])
 }
 
 fn inertia(spec: &PairSpec, i: usize, radius_mm: f64) -> f64 {
     let disc = || disc_mass(spec, radius_mm) * (radius_mm * 1e-3).powi(2) / 2.0;
-    spec.dynamics
-        .inertia_kg_m2
-        .map_or_else(disc, |inertias| inertias[i])
+    spec.dynamics.inertia_kg_m2.map_or_else(disc, |inertias| inertias[i])
 }
 
 #[cfg(test)]
@@ -294,11 +279,7 @@ mod tests {
         spec.geometry.centre_distance_mm = None;
         let pair = spec.resolve().unwrap();
         let angle = pair.pressure_angle_rad;
-        assert!(
-            (angle.tan() - angle - 0.020_970_7).abs() < 2e-7,
-            "inv {}",
-            angle.tan() - angle
-        );
+        assert!((angle.tan() - angle - 0.020_970_7).abs() < 2e-7, "inv {}", angle.tan() - angle);
         assert!((pair.centre_distance_mm - 90.0 * 20.0_f64.to_radians().cos() / angle.cos()).abs() < 1e-9);
         assert!((pair.gears[0].pitch_radius_mm * 3.0 - pair.centre_distance_mm).abs() < 1e-9);
         // Zero backlash: the two operating pitch circles' thicknesses fill one pitch.

@@ -28,22 +28,12 @@ pub(super) fn check_basic(basic: &GeometrySpec, refusals: &mut Refusals) {
     }
     refusals.note(positive("geometry.module_mm", basic.module_mm, 200.0));
     refusals.note(positive("geometry.face_width_mm", basic.face_width_mm, 10_000.0));
-    refusals.note(within(
-        "geometry.pressure_angle_deg",
-        basic.pressure_angle_deg,
-        10.0,
-        40.0,
-    ));
+    refusals.note(within("geometry.pressure_angle_deg", basic.pressure_angle_deg, 10.0, 40.0));
     for i in 0..2 {
         refusals.note(positive("geometry.addendum", basic.addendum[i], 3.0));
         refusals.note(positive("geometry.dedendum", basic.dedendum[i], 4.0));
         refusals.note(positive("geometry.bore_radius_mm", basic.bore_radius_mm[i], 1e6));
-        refusals.note(within(
-            "geometry.profile_shift",
-            basic.profile_shift[i],
-            -3.0,
-            3.0,
-        ));
+        refusals.note(within("geometry.profile_shift", basic.profile_shift[i], -3.0, 3.0));
     }
     if let Some(centre) = basic.centre_distance_mm {
         refusals.note(positive("geometry.centre_distance_mm", centre, 1e7));
@@ -52,11 +42,7 @@ pub(super) fn check_basic(basic: &GeometrySpec, refusals: &mut Refusals) {
 
 /// Range of every number of material, load, supports, dynamics and errors.
 pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
-    let MaterialSpec {
-        youngs_modulus_pa,
-        poisson_ratio,
-        density_kg_per_m3,
-    } = spec.material;
+    let MaterialSpec { youngs_modulus_pa, poisson_ratio, density_kg_per_m3 } = spec.material;
     refusals.note(within("material.youngs_modulus_pa", youngs_modulus_pa, 1e6, 1e13));
     refusals.note(within("material.poisson_ratio", poisson_ratio, 0.0, 0.499));
     refusals.note(within("material.density_kg_per_m3", density_kg_per_m3, 1.0, 1e5));
@@ -64,27 +50,15 @@ pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
     if let Some(torque) = spec.operation.output_torque_nm {
         refusals.note(positive("operation.output_torque_nm", torque, 1e9));
     }
-    refusals.note(positive(
-        "operation.shaft_speed_hz",
-        spec.operation.shaft_speed_hz,
-        1e4,
-    ));
+    refusals.note(positive("operation.shaft_speed_hz", spec.operation.shaft_speed_hz, 1e4));
     if let Some(stiffness) = spec.supports.stiffness_n_per_m {
         refusals.note(positive("supports.stiffness_n_per_m", stiffness, 1e13));
     }
     if let Some(damping) = spec.supports.damping_n_s_per_m {
         refusals.note(within("supports.damping_n_s_per_m", damping, 0.0, 1e10));
     }
-    refusals.note(positive(
-        "dynamics.mesh_damping_ratio",
-        spec.dynamics.mesh_damping_ratio,
-        2.0,
-    ));
-    refusals.note(positive(
-        "dynamics.contact_threshold_rad",
-        spec.dynamics.contact_threshold_rad,
-        0.1,
-    ));
+    refusals.note(positive("dynamics.mesh_damping_ratio", spec.dynamics.mesh_damping_ratio, 2.0));
+    refusals.note(positive("dynamics.contact_threshold_rad", spec.dynamics.contact_threshold_rad, 0.1));
     for i in 0..2 {
         if let Some(masses) = spec.dynamics.mass_kg {
             refusals.note(positive("dynamics.mass_kg", masses[i], 1e8));
@@ -176,11 +150,7 @@ pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError
             "less than {:.4}, the sum of the tip radii: beyond it no teeth are in contact",
             tip[0] + tip[1]
         );
-        return Err(GearError::field(
-            "geometry.centre_distance_mm",
-            centre_mm,
-            expected,
-        ));
+        return Err(GearError::field("geometry.centre_distance_mm", centre_mm, expected));
     }
     Ok(())
 }
@@ -239,10 +209,7 @@ pub(super) fn form_length_mm(basic: &GeometrySpec, i: usize, alpha0: f64) -> f64
 fn check_rack(basic: &GeometrySpec, i: usize, alpha0: f64) -> Result<(), GearError> {
     let most = FRAC_PI_4 / alpha0.tan();
     if basic.dedendum[i] >= most {
-        let expected = format!(
-            "less than {most:.4}, where the rack that cuts gear {} is pointed",
-            i + 1
-        );
+        let expected = format!("less than {most:.4}, where the rack that cuts gear {} is pointed", i + 1);
         return Err(GearError::field("geometry.dedendum", basic.dedendum[i], expected));
     }
     Ok(())
@@ -268,11 +235,7 @@ pub(super) fn check_active_profile(
             i + 1,
             form_length_mm - sap_length_mm
         );
-        return Err(GearError::field(
-            "geometry.addendum",
-            basic.addendum[1 - i],
-            expected,
-        ));
+        return Err(GearError::field("geometry.addendum", basic.addendum[1 - i], expected));
     }
     Ok(())
 }
@@ -292,12 +255,8 @@ mod tests {
             ("geometry.module_mm", |s| s.geometry.module_mm = 0.0),
             ("geometry.module_mm", |s| s.geometry.module_mm = f64::NAN),
             ("geometry.face_width_mm", |s| s.geometry.face_width_mm = -50.0),
-            ("geometry.pressure_angle_deg", |s| {
-                s.geometry.pressure_angle_deg = 0.0
-            }),
-            ("geometry.pressure_angle_deg", |s| {
-                s.geometry.pressure_angle_deg = 90.0
-            }),
+            ("geometry.pressure_angle_deg", |s| s.geometry.pressure_angle_deg = 0.0),
+            ("geometry.pressure_angle_deg", |s| s.geometry.pressure_angle_deg = 90.0),
             ("geometry.addendum", |s| s.geometry.addendum[1] = f64::INFINITY),
             ("geometry.addendum", |s| s.geometry.addendum = [0.3, 0.3]),
             ("geometry.addendum", |s| s.geometry.addendum = [1.3, 1.0]),
@@ -307,45 +266,23 @@ mod tests {
             ("wear.tip_ratio", |s| s.wear.tip_ratio = 1.5),
             ("wear.exponent", |s| s.wear.exponent = 1.0),
             ("wear.table", |s| s.wear.shape = WearShape::Table),
-            ("geometry.profile_shift", |s| {
-                s.geometry.profile_shift[0] = f64::NAN
-            }),
+            ("geometry.profile_shift", |s| s.geometry.profile_shift[0] = f64::NAN),
             ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[0] = 64.5),
             ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[1] = 0.0),
-            ("geometry.centre_distance_mm", |s| {
-                s.geometry.centre_distance_mm = Some(140.0)
-            }),
-            ("geometry.centre_distance_mm", |s| {
-                s.geometry.centre_distance_mm = Some(149.0)
-            }),
-            ("geometry.addendum", |s| {
-                s.geometry.centre_distance_mm = Some(158.0)
-            }),
-            ("material.youngs_modulus_pa", |s| {
-                s.material.youngs_modulus_pa = 0.0
-            }),
+            ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(140.0)),
+            ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(149.0)),
+            ("geometry.addendum", |s| s.geometry.centre_distance_mm = Some(158.0)),
+            ("material.youngs_modulus_pa", |s| s.material.youngs_modulus_pa = 0.0),
             ("material.poisson_ratio", |s| s.material.poisson_ratio = 0.5),
-            ("material.density_kg_per_m3", |s| {
-                s.material.density_kg_per_m3 = f64::NAN
-            }),
+            ("material.density_kg_per_m3", |s| s.material.density_kg_per_m3 = f64::NAN),
             ("operation.torque_nm", |s| s.operation.torque_nm = 0.0),
             ("operation.torque_nm", |s| s.operation.torque_nm = f64::NAN),
-            ("operation.output_torque_nm", |s| {
-                s.operation.output_torque_nm = Some(-1.0)
-            }),
+            ("operation.output_torque_nm", |s| s.operation.output_torque_nm = Some(-1.0)),
             ("operation.shaft_speed_hz", |s| s.operation.shaft_speed_hz = 0.0),
-            ("supports.stiffness_n_per_m", |s| {
-                s.supports.stiffness_n_per_m = Some(0.0)
-            }),
-            ("supports.damping_n_s_per_m", |s| {
-                s.supports.damping_n_s_per_m = Some(-1.0)
-            }),
-            ("dynamics.mesh_damping_ratio", |s| {
-                s.dynamics.mesh_damping_ratio = 0.0
-            }),
-            ("dynamics.contact_threshold_rad", |s| {
-                s.dynamics.contact_threshold_rad = f64::NAN
-            }),
+            ("supports.stiffness_n_per_m", |s| s.supports.stiffness_n_per_m = Some(0.0)),
+            ("supports.damping_n_s_per_m", |s| s.supports.damping_n_s_per_m = Some(-1.0)),
+            ("dynamics.mesh_damping_ratio", |s| s.dynamics.mesh_damping_ratio = 0.0),
+            ("dynamics.contact_threshold_rad", |s| s.dynamics.contact_threshold_rad = f64::NAN),
             ("dynamics.mass_kg", |s| s.dynamics.mass_kg = Some([1.0, 0.0])),
             ("errors.random_clock_hz", |s| s.errors.random_clock_hz = 0.0),
         ];
@@ -369,20 +306,11 @@ mod tests {
             spec.resolve().unwrap_err().to_string()
         };
         let steel = refusal(|s| s.operation.torque_nm = 130_000.0);
-        assert!(
-            steel.starts_with("operation.torque_nm is 130000, expected at most 83219."),
-            "{steel}"
-        );
+        assert!(steel.starts_with("operation.torque_nm is 130000, expected at most 83219."), "{steel}");
         let plastic = refusal(|s| s.material.youngs_modulus_pa = 2.8e9);
-        assert!(
-            plastic.starts_with("operation.torque_nm is 1300, expected at most 1136."),
-            "{plastic}"
-        );
+        assert!(plastic.starts_with("operation.torque_nm is 1300, expected at most 1136."), "{plastic}");
         let output = refusal(|s| s.operation.output_torque_nm = Some(1e9));
-        assert!(
-            output.starts_with("operation.output_torque_nm is 1000000000"),
-            "{output}"
-        );
+        assert!(output.starts_with("operation.output_torque_nm is 1000000000"), "{output}");
     }
 
     #[test]

@@ -35,27 +35,17 @@ impl LineContact {
         let half_width = (4.0 * unit / curvature).sqrt();
         let from_edge = -angle / curvature;
         if from_edge >= half_width {
-            return Approach {
-                depth_mm: 2.0 * unit * ((2.0 / half_width).ln() + 0.5),
-                centre_mm: from_edge,
-            };
+            return Approach { depth_mm: 2.0 * unit * ((2.0 / half_width).ln() + 0.5), centre_mm: from_edge };
         }
         // P = π E* c/4 (β + 3 κ c/4); the form without cancellation for β > 0.
         let root = (angle * angle + 12.0 * curvature * unit).sqrt();
-        let width = if angle > 0.0 {
-            8.0 * unit / (root + angle)
-        } else {
-            (root - angle) / (1.5 * curvature)
-        };
+        let width =
+            if angle > 0.0 { 8.0 * unit / (root + angle) } else { (root - angle) / (1.5 * curvature) };
         // In units of E*.
         let linear = 0.25 * curvature * width;
         let constant = 0.5 * (angle + 0.5 * curvature * width) + linear;
         // Measured from the point that touches first, which is beside the edge for β < 0.
-        let beside = if angle < 0.0 {
-            0.5 * angle * angle / curvature
-        } else {
-            0.0
-        };
+        let beside = if angle < 0.0 { 0.5 * angle * angle / curvature } else { 0.0 };
         Approach {
             depth_mm: 2.0 * unit * (4.0 / width).ln() + width * (constant - 1.25 * linear) + beside,
             centre_mm: 0.25 * width * constant / (constant - 0.5 * linear),
@@ -74,10 +64,7 @@ mod tests {
     fn far_from_the_edge_it_is_hertz() {
         let (young, poisson, force, curvature) = (205e3, 0.3, 400.0, 0.09);
         let modulus = young / (2.0 * (1.0 - poisson * poisson));
-        let contact = LineContact {
-            curvature_per_mm: curvature,
-            edge_angle_rad: -1.0,
-        };
+        let contact = LineContact { curvature_per_mm: curvature, edge_angle_rad: -1.0 };
         let half_width = (4.0 * force / (std::f64::consts::PI * modulus * curvature)).sqrt();
         let depth: f64 = 1.7;
         let compression = force * (1.0 - poisson * poisson) / (std::f64::consts::PI * young)
@@ -93,11 +80,7 @@ mod tests {
         let (modulus, force, curvature) = (112_637.0, 400.0, 0.09_f64);
         let half_width = (4.0 * force / (std::f64::consts::PI * modulus * curvature)).sqrt();
         let at = |angle: f64| {
-            LineContact {
-                curvature_per_mm: curvature,
-                edge_angle_rad: angle,
-            }
-            .approach(force, modulus)
+            LineContact { curvature_per_mm: curvature, edge_angle_rad: angle }.approach(force, modulus)
         };
         let limit = -curvature * half_width;
         let (inside, outside) = (at(limit * (1.0 + 1e-9)), at(limit * (1.0 - 1e-9)));
@@ -114,10 +97,7 @@ mod tests {
     #[test]
     fn a_straight_edge_is_known_in_closed_form() {
         let (modulus, force, angle) = (112_637.0, 250.0, 0.03);
-        let contact = LineContact {
-            curvature_per_mm: 1e-12,
-            edge_angle_rad: angle,
-        };
+        let contact = LineContact { curvature_per_mm: 1e-12, edge_angle_rad: angle };
         let width = 4.0 * force / (std::f64::consts::PI * modulus * angle);
         let wanted = 2.0 * force / (std::f64::consts::PI * modulus) * ((4.0 / width).ln() + 1.0);
         let approach = contact.approach(force, modulus);

@@ -28,10 +28,7 @@ pub struct ElasticBodies {
 #[derive(Debug, Clone, PartialEq)]
 enum Compliance {
     /// Whole gears, in which the force on one tooth moves the others too.
-    Bodies {
-        elasticity: PlaneElasticity,
-        bodies: Box<[BodyCompliance; 2]>,
-    },
+    Bodies { elasticity: PlaneElasticity, bodies: Box<[BodyCompliance; 2]> },
     /// Every pair of teeth by itself, a spring of the stiffness of Section 3.3. The table has the driving
     /// flank's rising radius in mm and the compliance in mm/(N/mm).
     Teeth(Vec<[f64; 2]>),
@@ -73,10 +70,7 @@ impl ElasticBodies {
             BodyCompliance::new(i, &outlines[i], &flank, module, &elasticity)
         };
         Ok(Self {
-            compliance: Compliance::Bodies {
-                bodies: Box::new([body(0)?, body(1)?]),
-                elasticity,
-            },
+            compliance: Compliance::Bodies { bodies: Box::new([body(0)?, body(1)?]), elasticity },
             outlines,
         })
     }
@@ -125,17 +119,12 @@ impl ElasticBodies {
             Compliance::Bodies { elasticity, bodies } => (elasticity, bodies),
             Compliance::Teeth(table) => return at_radius(table, touch.radii_mm[0]),
         };
-        let approach = touch
-            .line
-            .approach(force_n_per_mm, elasticity.contact_modulus_mpa());
+        let approach = touch.line.approach(force_n_per_mm, elasticity.contact_modulus_mpa());
         let body = |i: usize| {
             let radius = touch.radii_mm[i];
             // Under a tip's edge the pressure's centre, not the edge itself, is loaded.
-            let inside = if touch.edge == i {
-                bodies[i].radius_at(approach.centre_mm)
-            } else {
-                f64::INFINITY
-            };
+            let inside =
+                if touch.edge == i { bodies[i].radius_at(approach.centre_mm) } else { f64::INFINITY };
             bodies[i].own(radius.min(inside), touch.normals[i])
         };
         approach.depth_mm / force_n_per_mm + body(0) + body(1)
@@ -146,9 +135,7 @@ impl ElasticBodies {
     pub(super) fn share(&self, candidates: &[Candidate], torque_n: f64) -> Sharing {
         let count = candidates.len().min(MOST_PAIRS);
         let candidates = &candidates[..count];
-        let gaps = candidates
-            .iter()
-            .map(|candidate| candidate.behind_rad * candidate.touch.arms_mm[1]);
+        let gaps = candidates.iter().map(|candidate| candidate.behind_rad * candidate.touch.arms_mm[1]);
         let mut system = Balance {
             count,
             compliance: [[0.0; MOST_PAIRS]; MOST_PAIRS],
@@ -170,9 +157,7 @@ impl ElasticBodies {
                 system.compliance[i][i] = self.own(&candidate.touch, forces[i].max(LEAST_PART * whole));
             }
             let (next, rotation) = system.solve();
-            let change = (0..count)
-                .map(|i| (next[i] - forces[i]).abs())
-                .fold(0.0, f64::max);
+            let change = (0..count).map(|i| (next[i] - forces[i]).abs()).fold(0.0, f64::max);
             (forces, rotation_rad) = (next, rotation);
             if change <= TOLERANCE * whole {
                 break;
@@ -180,13 +165,11 @@ impl ElasticBodies {
         }
         Sharing {
             rotation_rad,
-            shares: std::array::from_fn(|i| {
-                if i < count {
-                    forces[i] * system.arms[i] / torque_n
-                } else {
-                    0.0
-                }
-            }),
+            shares: std::array::from_fn(
+                |i| {
+                    if i < count { forces[i] * system.arms[i] / torque_n } else { 0.0 }
+                },
+            ),
             carrying: forces[..count].iter().filter(|force| **force > 0.0).count() as u32,
         }
     }
@@ -200,24 +183,15 @@ impl ElasticBodies {
 
 /// Linear between the table's radii, held at its ends: a tip's edge carries as the flank beside it.
 fn at_radius(table: &[[f64; 2]], radius_mm: f64) -> f64 {
-    let after = table
-        .partition_point(|row| row[0] <= radius_mm)
-        .clamp(1, table.len() - 1);
+    let after = table.partition_point(|row| row[0] <= radius_mm).clamp(1, table.len() - 1);
     let ([r0, c0], [r1, c1]) = (table[after - 1], table[after]);
-    let part = if r1 > r0 {
-        ((radius_mm - r0) / (r1 - r0)).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
+    let part = if r1 > r0 { ((radius_mm - r0) / (r1 - r0)).clamp(0.0, 1.0) } else { 0.0 };
     c0 + part * (c1 - c0)
 }
 
 fn collect(values: impl Iterator<Item = f64>) -> [f64; MOST_PAIRS] {
     let mut array = [0.0; MOST_PAIRS];
-    array
-        .iter_mut()
-        .zip(values)
-        .for_each(|(place, value)| *place = value);
+    array.iter_mut().zip(values).for_each(|(place, value)| *place = value);
     array
 }
 
@@ -285,23 +259,13 @@ impl Balance {
                     *other = row;
                 } else {
                     let factor = other[pivot];
-                    other
-                        .iter_mut()
-                        .zip(row)
-                        .for_each(|(value, part)| *value -= factor * part);
+                    other.iter_mut().zip(row).for_each(|(value, part)| *value -= factor * part);
                 }
             }
         }
-        let dot = |column: usize| {
-            (0..MOST_PAIRS)
-                .map(|i| self.arms[i] * matrix[i][column])
-                .sum::<f64>()
-        };
+        let dot = |column: usize| (0..MOST_PAIRS).map(|i| self.arms[i] * matrix[i][column]).sum::<f64>();
         let rotation = (self.torque + dot(MOST_PAIRS + 1)) / dot(MOST_PAIRS);
-        (
-            std::array::from_fn(|i| rotation * matrix[i][MOST_PAIRS] - matrix[i][MOST_PAIRS + 1]),
-            rotation,
-        )
+        (std::array::from_fn(|i| rotation * matrix[i][MOST_PAIRS] - matrix[i][MOST_PAIRS + 1]), rotation)
     }
 }
 
@@ -327,11 +291,7 @@ mod tests {
         {
             let numbers: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
             let (phi1, wanted) = (numbers[0], numbers[1]);
-            let alone = Candidate {
-                tooth: 0,
-                touch: teeth.touch(phi1).unwrap(),
-                behind_rad: 0.0,
-            };
+            let alone = Candidate { tooth: 0, touch: teeth.touch(phi1).unwrap(), behind_rad: 0.0 };
             let sharing = bodies.share(&[alone], torque_n);
             assert_eq!(sharing.carrying, 1);
             let base_m = pair.gears[0].base_radius_mm * 1e-3;
@@ -340,11 +300,7 @@ mod tests {
                 greatest = (error, phi1);
             }
         }
-        println!(
-            "one pair alone: {:.2} % at {:.4} rad",
-            100.0 * greatest.0,
-            greatest.1
-        );
+        println!("one pair alone: {:.2} % at {:.4} rad", 100.0 * greatest.0, greatest.1);
         assert!(greatest.0 < 0.02);
     }
 
@@ -366,11 +322,7 @@ mod tests {
                 behind_rad: lead - touch.phi2_rad + ahead * pitches[1],
             });
             let sharing = bodies.share(&candidates, 1300e3 / 50.0);
-            assert!(
-                (sharing.shares[0] - wanted).abs() < 0.01,
-                "{phi1}: {}",
-                sharing.shares[0]
-            );
+            assert!((sharing.shares[0] - wanted).abs() < 0.01, "{phi1}: {}", sharing.shares[0]);
             assert!((sharing.shares[0] + sharing.shares[1] - 1.0).abs() < 1e-9);
         }
     }

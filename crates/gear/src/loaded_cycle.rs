@@ -87,10 +87,8 @@ impl<'a> Passage<'a> {
     /// Pairs in reach at a cell of the period, the leading one first; `pitch_rad` is the driven gear's.
     fn candidates(&self, cell: usize, pitch_rad: f64) -> Vec<Candidate> {
         let (cells, last) = (self.cells as i64, self.first + self.touches.len() as i64 - 1);
-        let (least, most) = (
-            (self.first - cell as i64).div_euclid(cells),
-            (last - cell as i64).div_euclid(cells),
-        );
+        let (least, most) =
+            ((self.first - cell as i64).div_euclid(cells), (last - cell as i64).div_euclid(cells));
         let mut candidates: Vec<Candidate> = (least..=most)
             .filter_map(|tooth| {
                 let index = usize::try_from(cell as i64 + tooth * cells - self.first).ok()?;
@@ -104,9 +102,7 @@ impl<'a> Passage<'a> {
             .collect();
         candidates.sort_by(|a, b| a.behind_rad.total_cmp(&b.behind_rad));
         if let Some(lead) = candidates.first().map(|leader| leader.behind_rad) {
-            candidates
-                .iter_mut()
-                .for_each(|candidate| candidate.behind_rad -= lead);
+            candidates.iter_mut().for_each(|candidate| candidate.behind_rad -= lead);
         }
         candidates
     }
@@ -134,11 +130,7 @@ impl<'a> Passage<'a> {
         if !(sharing.rotation_rad > 0.0 && sharing.rotation_rad.is_finite()) {
             return Err(overloaded);
         }
-        Ok(Shared {
-            leader,
-            candidates,
-            sharing,
-        })
+        Ok(Shared { leader, candidates, sharing })
     }
 }
 
@@ -200,9 +192,7 @@ impl MeshCycle {
         for cell in 0..cells {
             if !cell.is_multiple_of(stride) {
                 let before = cell / stride;
-                let around = before
-                    .checked_sub(1)
-                    .and_then(|first| known.get(first..first + 4));
+                let around = before.checked_sub(1).and_then(|first| known.get(first..first + 4));
                 let [stiffness, uste] = match around.and_then(between) {
                     Some(between) => between,
                     None => {
@@ -263,18 +253,10 @@ pub(super) fn tooth_shares(
     let (start, pitch) = (pair.start_of_contact_rad(), pair.gears[0].pitch_angle_rad());
     let mut shares = Vec::new();
     for cell in 0..cells {
-        let Shared {
-            candidates, sharing, ..
-        } = passage.shared(pair, bodies, cell)?;
-        let carrying = candidates
-            .iter()
-            .zip(sharing.shares)
-            .filter(|(_, share)| *share > 0.0);
+        let Shared { candidates, sharing, .. } = passage.shared(pair, bodies, cell)?;
+        let carrying = candidates.iter().zip(sharing.shares).filter(|(_, share)| *share > 0.0);
         shares.extend(carrying.map(|(candidate, share)| {
-            (
-                start + pitch * (cell as f64 / cells as f64 + f64::from(candidate.tooth)),
-                share,
-            )
+            (start + pitch * (cell as f64 / cells as f64 + f64::from(candidate.tooth)), share)
         }));
     }
     Ok(shares)
@@ -308,9 +290,7 @@ mod tests {
     fn greatest_error(csv: &str, spec: &PairSpec) -> (f64, f64) {
         let table = table(csv);
         let cycle = cycle(&spec.resolve().unwrap(), table.len() - 1);
-        let errors = table
-            .iter()
-            .zip(cycle.phi1_rad.iter().zip(&cycle.stiffness_n_per_m));
+        let errors = table.iter().zip(cycle.phi1_rad.iter().zip(&cycle.stiffness_n_per_m));
         errors.fold((0.0, 0.0), |most, ([phi1, wanted], (at, stiffness))| {
             assert!((phi1 - at).abs() < 1e-8, "{phi1} in the table, {at} in the cycle");
             let error = (stiffness / wanted - 1.0).abs();
@@ -365,10 +345,7 @@ mod tests {
             spec.geometry.bore_radius_mm = [bore, bore];
             spec.dynamics.plane = plane;
             let (error, place) = greatest_error(csv, &spec);
-            println!(
-                "{torque} N·m, bore {bore} mm, {plane:?}: {:.2} % at {place:.4} rad",
-                100.0 * error
-            );
+            println!("{torque} N·m, bore {bore} mm, {plane:?}: {:.2} % at {place:.4} rad", 100.0 * error);
             assert!(error <= limit);
         }
     }
@@ -396,9 +373,8 @@ mod tests {
     #[test]
     fn worn_flanks_are_those_of_a_second_method() {
         let mut greatest = (0.0, String::new());
-        for line in include_str!("../../../fixtures/reference/loaded-contact-worn/stiffness.csv")
-            .lines()
-            .skip(1)
+        for line in
+            include_str!("../../../fixtures/reference/loaded-contact-worn/stiffness.csv").lines().skip(1)
         {
             let (shape, numbers) = line.split_once(',').unwrap();
             let numbers: Vec<f64> = numbers.split(',').map(|cell| cell.parse().unwrap()).collect();
@@ -407,11 +383,7 @@ mod tests {
             };
             let mut spec = shen2022_spec();
             (spec.wear.floor, spec.wear.tip_ratio, spec.wear.exponent) = (floor, tip_ratio, exponent);
-            spec.wear.shape = if shape == "floor" {
-                WearShape::Floor
-            } else {
-                WearShape::Parabolic
-            };
+            spec.wear.shape = if shape == "floor" { WearShape::Floor } else { WearShape::Parabolic };
             spec.operation.torque_nm = torque;
             let pair = spec.resolve().unwrap();
             let wear = FlankWear::from_shape(&pair, depth).unwrap();
@@ -435,26 +407,15 @@ mod tests {
             MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 1000).unwrap();
         let steps = |values: &[f64]| {
             let next = values.iter().cycle().skip(1);
-            values
-                .iter()
-                .zip(next)
-                .map(|(a, b)| (b - a).abs())
-                .fold(0.0, f64::max)
+            values.iter().zip(next).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max)
         };
         // The steepest ramp takes 2e8 N/m over a tenth of a period; the error a few micrometres over a
         // period's half.
-        assert!(
-            steps(&cycle.stiffness_n_per_m) < 5e6,
-            "{}",
-            steps(&cycle.stiffness_n_per_m)
-        );
+        assert!(steps(&cycle.stiffness_n_per_m) < 5e6, "{}", steps(&cycle.stiffness_n_per_m));
         let step_um = steps(&cycle.uste_rad) * pair.gears[1].base_radius_mm * 1e3;
         assert!(step_um < 0.3, "{step_um}");
         assert_eq!(cycle.pieces.len(), 1);
-        assert_eq!(
-            cycle.pieces[0].stiffness_n_per_m.last(),
-            cycle.pieces[0].stiffness_n_per_m.first()
-        );
+        assert_eq!(cycle.pieces[0].stiffness_n_per_m.last(), cycle.pieces[0].stiffness_n_per_m.first());
     }
 
     /// Without load the two rules know the same mesh relationship wherever flanks touch.
@@ -505,10 +466,7 @@ mod tests {
         for torque_nm in [1e9, 1e15, f64::INFINITY, f64::NAN] {
             pair.spec.operation.torque_nm = torque_nm;
             let refusal = MeshCycle::loaded(&pair, &bodies, &FlankWear::none(), 16).unwrap_err();
-            assert!(
-                matches!(refusal, GearError::Overloaded { .. }),
-                "{torque_nm}: {refusal}"
-            );
+            assert!(matches!(refusal, GearError::Overloaded { .. }), "{torque_nm}: {refusal}");
         }
     }
 
@@ -538,9 +496,7 @@ mod tests {
                 let (least, most) = cycle
                     .stiffness_n_per_m
                     .iter()
-                    .fold((f64::INFINITY, 0.0_f64), |(least, most), k| {
-                        (least.min(*k), most.max(*k))
-                    });
+                    .fold((f64::INFINITY, 0.0_f64), |(least, most), k| (least.min(*k), most.max(*k)));
                 // Single to double contact of common gears: 8 to 25 N/(mm µm) (ISO 6336-1 gives 20 for the
                 // mean).
                 assert!(

@@ -169,10 +169,7 @@ impl MeshCycle {
 
     /// Mean of k over the mesh period in N/m.
     pub fn mean_stiffness_n_per_m(&self) -> f64 {
-        self.pieces
-            .iter()
-            .map(|piece| (piece.end - piece.start) * piece.mean_stiffness())
-            .sum()
+        self.pieces.iter().map(|piece| (piece.end - piece.start) * piece.mean_stiffness()).sum()
     }
 }
 
@@ -181,9 +178,7 @@ impl CyclePiece {
     fn mean_stiffness(&self) -> f64 {
         let ends =
             0.5 * (self.stiffness_n_per_m[0] + self.stiffness_n_per_m[self.stiffness_n_per_m.len() - 1]);
-        let inner: f64 = self.stiffness_n_per_m[1..self.stiffness_n_per_m.len() - 1]
-            .iter()
-            .sum();
+        let inner: f64 = self.stiffness_n_per_m[1..self.stiffness_n_per_m.len() - 1].iter().sum();
         (ends + inner) / (self.stiffness_n_per_m.len() - 1) as f64
     }
 }
@@ -211,11 +206,7 @@ impl<'a> Mesh<'a> {
             .clamp(-1.0, self.most_pairs as f64 - 1.0);
         let carrying = self.carrying(phi1 - ahead * pitch)?;
         let carries = carrying.pairs >> (ahead as i32 + 1) & 1 == 1;
-        let own = self
-            .curve
-            .at(phi1)
-            .filter(|_| carries)
-            .map_or(0.0, |(_, stiffness)| stiffness);
+        let own = self.curve.at(phi1).filter(|_| carries).map_or(0.0, |(_, stiffness)| stiffness);
         Ok(own / carrying.stiffness_n_per_m)
     }
 
@@ -227,10 +218,8 @@ impl<'a> Mesh<'a> {
         let mut leader = None;
         for (n, contact) in contacts.iter_mut().enumerate().take(self.most_pairs + 1) {
             let ahead = n as f64 - 1.0;
-            *contact = self
-                .curve
-                .at(phi1 + ahead * pitches[0])
-                .map(|(phi2, k)| (phi2 - ahead * pitches[1], k));
+            *contact =
+                self.curve.at(phi1 + ahead * pitches[0]).map(|(phi2, k)| (phi2 - ahead * pitches[1], k));
             if let Some((phi2, _)) = contact
                 && leader.is_none_or(|(_, most)| *phi2 > most + TIE_RAD)
             {
@@ -246,12 +235,7 @@ impl<'a> Mesh<'a> {
             return Err(GearError::NoContact { phi1_rad: phi1 });
         };
         let threshold = self.pair.spec.dynamics.contact_threshold_rad;
-        let mut carrying = Carrying {
-            pairs: 0,
-            leader,
-            phi2_rad,
-            stiffness_n_per_m: 0.0,
-        };
+        let mut carrying = Carrying { pairs: 0, leader, phi2_rad, stiffness_n_per_m: 0.0 };
         for (n, contact) in contacts.iter().enumerate() {
             if let Some((phi2, stiffness)) = contact
                 && phi2_rad - phi2 < threshold
@@ -265,10 +249,8 @@ impl<'a> Mesh<'a> {
 
     /// The period cut where the carrying pairs or the leader change.
     fn pieces(&self, cells: usize) -> Result<Vec<CyclePiece>, GearError> {
-        let key = |place: f64| {
-            self.carrying(self.phi1_at(place))
-                .map(|carrying| (carrying.pairs, carrying.leader))
-        };
+        let key =
+            |place: f64| self.carrying(self.phi1_at(place)).map(|carrying| (carrying.pairs, carrying.leader));
         let mut cuts = vec![0.0];
         // Looked at in the cells' middles, so that the rounding of a change at the period's own ends is not
         // one.
@@ -283,10 +265,7 @@ impl<'a> Mesh<'a> {
                     |place: f64| key(place).map_or(1.0, |at| if at == before.1 { -1.0 } else { 1.0 });
                 let cut = root::find(differs, (before.0, -1.0), (after.0, 1.0), PLACE_TOLERANCE);
                 cuts.push(cut);
-                before = (
-                    cut + 2.0 * PLACE_TOLERANCE,
-                    key((cut + 4.0 * PLACE_TOLERANCE).min(after.0))?,
-                );
+                before = (cut + 2.0 * PLACE_TOLERANCE, key((cut + 4.0 * PLACE_TOLERANCE).min(after.0))?);
                 if cuts.len() > cells {
                     break;
                 }
@@ -343,12 +322,7 @@ mod tests {
         let pair = shen2022();
         let cycle = MeshCycle::compute(&pair, &FlankWear::none(), 10_000).unwrap();
         let twos = cycle.pairs_in_contact.iter().filter(|pairs| **pairs == 2).count();
-        assert!(
-            cycle
-                .pairs_in_contact
-                .iter()
-                .all(|pairs| *pairs == 1 || *pairs == 2)
-        );
+        assert!(cycle.pairs_in_contact.iter().all(|pairs| *pairs == 1 || *pairs == 2));
         // Contact ratio 1.61140: 0.61140 of the period has two pairs.
         assert!((twos as f64 / 1e4 - 0.6114).abs() < 2e-4, "{twos}");
         assert!(cycle.uste_rad.iter().all(|lag| lag.abs() < 1e-12));
@@ -363,11 +337,7 @@ mod tests {
         let cycle = MeshCycle::compute(&pair, &wear, 4000).unwrap();
         let pieces = &cycle.pieces;
         assert_eq!((pieces[0].start, pieces[pieces.len() - 1].end), (0.0, 1.0));
-        assert!(
-            pieces
-                .windows(2)
-                .all(|two| (two[0].end - two[1].start).abs() < 1e-9)
-        );
+        assert!(pieces.windows(2).all(|two| (two[0].end - two[1].start).abs() < 1e-9));
         for piece in pieces {
             let count = piece.uste_rad.len() - 1;
             for i in 0..count {
@@ -400,9 +370,8 @@ mod tests {
         let at =
             |depth| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 2000).unwrap();
         let cycles = [0.0, 0.05, 0.1, 0.2].map(at);
-        let doubles = cycles
-            .each_ref()
-            .map(|cycle| cycle.pairs_in_contact.iter().filter(|pairs| **pairs == 2).count());
+        let doubles =
+            cycles.each_ref().map(|cycle| cycle.pairs_in_contact.iter().filter(|pairs| **pairs == 2).count());
         assert!(doubles.windows(2).all(|two| two[1] < two[0]), "{doubles:?}");
         let swing = |cycle: &MeshCycle| {
             cycle.uste_rad.iter().copied().fold(f64::MIN, f64::max)
@@ -411,10 +380,7 @@ mod tests {
         assert!(cycles.windows(2).all(|two| swing(&two[1]) > swing(&two[0])));
         let most = |cycle: &MeshCycle, pairs| {
             let stiffness = cycle.stiffness_n_per_m.iter().zip(&cycle.pairs_in_contact);
-            stiffness
-                .filter(|(_, at)| **at == pairs)
-                .map(|(k, _)| *k)
-                .fold(0.0, f64::max)
+            stiffness.filter(|(_, at)| **at == pairs).map(|(k, _)| *k).fold(0.0, f64::max)
         };
         assert!((most(&cycles[3], 1) / most(&cycles[0], 1) - 1.0).abs() < 0.03);
         // The driven gear of worn flanks lags.
@@ -445,12 +411,7 @@ mod tests {
         let wear = FlankWear::from_table_csv(&pair, table).unwrap();
         let cycle = MeshCycle::compute(&pair, &wear, 500).unwrap();
         assert!(cycle.pairs_in_contact.iter().all(|pairs| (1..=2).contains(pairs)));
-        assert!(
-            cycle
-                .stiffness_n_per_m
-                .iter()
-                .all(|stiffness| (1e8..1.5e9).contains(stiffness))
-        );
+        assert!(cycle.stiffness_n_per_m.iter().all(|stiffness| (1e8..1.5e9).contains(stiffness)));
         // Less material never pushes the driven gear further; where the hollow is not met the lag is that of
         // perfect flanks.
         assert!(

@@ -13,11 +13,7 @@ type Tables = [Vec<(f64, f64)>; 2];
 fn cycle(spec: &PairSpec, tables: [&[(f64, f64)]; 2]) -> (MeshCycle, f64, f64) {
     let pair = spec.resolve().unwrap();
     let rows: String = (0..2)
-        .flat_map(|i| {
-            tables[i]
-                .iter()
-                .map(move |(radius, depth)| format!("{},{radius},{depth}\n", i + 1))
-        })
+        .flat_map(|i| tables[i].iter().map(move |(radius, depth)| format!("{},{radius},{depth}\n", i + 1)))
         .collect();
     let wear = FlankWear::from_table_csv(&pair, &format!("gear,radius_mm,depth_um\n{rows}")).unwrap();
     let cycle = MeshCycle::compute(&pair, &wear, 1000).unwrap();
@@ -46,10 +42,8 @@ fn difference(torque_nm: f64, tables: &Tables) -> f64 {
             let phi1 = seen.phi1_rad[i];
             let rolled = base * (phi1 + PI / 48.0) - other_base * seen.uste_rad[i];
             let mirrored_phi1 = -PI / 52.0 - rolled / other_base;
-            let wanted = at(
-                &mirrored.stiffness_n_per_m,
-                (mirrored_phi1 - mirrored.phi1_rad[0]) * 26.0 / (2.0 * PI),
-            );
+            let wanted =
+                at(&mirrored.stiffness_n_per_m, (mirrored_phi1 - mirrored.phi1_rad[0]) * 26.0 / (2.0 * PI));
             (seen.stiffness_n_per_m[i] / wanted - 1.0).abs()
         })
         .fold(0.0, f64::max)
@@ -63,15 +57,8 @@ fn parabola(gear: usize, h_um: f64) -> Vec<(f64, f64)> {
     (0..=60)
         .map(|i| {
             let radius = sap + (tip - sap) * f64::from(i) / 60.0;
-            let (side, top) = if radius < pitch {
-                (pitch - sap, 1.0)
-            } else {
-                (tip - pitch, 0.7)
-            };
-            (
-                radius,
-                h_um * (0.05 + (top - 0.05) * ((radius - pitch) / side).powi(4)),
-            )
+            let (side, top) = if radius < pitch { (pitch - sap, 1.0) } else { (tip - pitch, 0.7) };
+            (radius, h_um * (0.05 + (top - 0.05) * ((radius - pitch) / side).powi(4)))
         })
         .collect()
 }
@@ -86,10 +73,7 @@ fn stiffness_is_the_same_from_both_sides() {
         ("200 µm", [parabola(0, 200.0), parabola(1, 200.0)]),
         ("200 µm on gear 1 alone", [parabola(0, 200.0), none()]),
         ("200 µm on gear 2 alone", [none(), parabola(1, 200.0)]),
-        (
-            "a hollow 3 mm wide",
-            [none(), vec![(78.5, 0.0), (79.1, 60.0), (80.9, 60.0), (81.5, 0.0)]],
-        ),
+        ("a hollow 3 mm wide", [none(), vec![(78.5, 0.0), (79.1, 60.0), (80.9, 60.0), (81.5, 0.0)]]),
     ];
     for (name, tables) in cases {
         for torque_nm in [130.0, 1300.0] {

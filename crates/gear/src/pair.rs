@@ -160,9 +160,7 @@ impl FromStr for ContactRule {
         match name {
             "threshold" => Ok(Self::Threshold),
             "loaded" => Ok(Self::Loaded),
-            _ => Err(format!(
-                "{name:?} is not a contact rule, expected threshold or loaded"
-            )),
+            _ => Err(format!("{name:?} is not a contact rule, expected threshold or loaded")),
         }
     }
 }
@@ -320,11 +318,7 @@ mod defaults {
 
 impl Default for MaterialSpec {
     fn default() -> Self {
-        Self {
-            youngs_modulus_pa: 2.05e11,
-            poisson_ratio: 0.3,
-            density_kg_per_m3: 7850.0,
-        }
+        Self { youngs_modulus_pa: 2.05e11, poisson_ratio: 0.3, density_kg_per_m3: 7850.0 }
     }
 }
 

@@ -27,11 +27,9 @@ impl PairCurve {
             stiffness_n_per_m: contacts
                 .map(|(alpha1, prime)| stiffness.single_pair_n_per_m(*alpha1, *prime))
                 .collect(),
-            range: phi1
-                .iter()
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), phi1| {
-                    (least.min(*phi1), most.max(*phi1))
-                }),
+            range: phi1.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), phi1| {
+                (least.min(*phi1), most.max(*phi1))
+            }),
             rising: phi1.windows(2).all(|two| two[0] < two[1]),
             relationship,
         })
@@ -61,30 +59,19 @@ impl PairCurve {
         let phi1 = phi1.clamp(self.range.0, self.range.1);
         let nodes = &self.relationship.phi1_rad;
         if self.rising {
-            let after = nodes
-                .partition_point(|node| *node <= phi1)
-                .clamp(1, nodes.len() - 1);
+            let after = nodes.partition_point(|node| *node <= phi1).clamp(1, nodes.len() - 1);
             return Some((after - 1, phi1));
         }
         // Worn flanks can fold: the branch that pushes the driven gear furthest is the one that touches.
         (0..nodes.len() - 1)
             .filter(|i| nodes[*i] <= phi1 && phi1 <= nodes[i + 1] && nodes[*i] < nodes[i + 1])
-            .max_by(|a, b| {
-                self.interpolate(*a, phi1)
-                    .0
-                    .total_cmp(&self.interpolate(*b, phi1).0)
-            })
+            .max_by(|a, b| self.interpolate(*a, phi1).0.total_cmp(&self.interpolate(*b, phi1).0))
             .map(|i| (i, phi1))
     }
 
     /// Between nodes `i` and `i` + 1: φ₂ by the cubic with the exact slopes at both, the stiffness linearly.
     fn interpolate(&self, i: usize, phi1: f64) -> (f64, f64) {
-        let MeshRelationship {
-            phi1_rad: x,
-            phi2_rad: y,
-            phi2_slope: slope,
-            ..
-        } = &self.relationship;
+        let MeshRelationship { phi1_rad: x, phi2_rad: y, phi2_slope: slope, .. } = &self.relationship;
         let width = x[i + 1] - x[i];
         let t = (phi1 - x[i]) / width;
         let rise = y[i + 1] - y[i];

@@ -5,23 +5,12 @@ use std::f64::consts::PI;
 use super::{MaterialSpec, PlaneState};
 
 /// Abscissas and weights of Gauss's rule with three points.
-const GAUSS: [(f64, f64); 3] = [
-    (-0.774_596_669_241_483_4, 5.0 / 9.0),
-    (0.0, 8.0 / 9.0),
-    (0.774_596_669_241_483_4, 5.0 / 9.0),
-];
+const GAUSS: [(f64, f64); 3] =
+    [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
 /// Places ξ, η of the element's nodes: the corners, then the middles of the sides between them.
-const NODES: [[f64; 2]; 8] = [
-    [-1.0, -1.0],
-    [1.0, -1.0],
-    [1.0, 1.0],
-    [-1.0, 1.0],
-    [0.0, -1.0],
-    [1.0, 0.0],
-    [0.0, 1.0],
-    [-1.0, 0.0],
-];
+const NODES: [[f64; 2]; 8] =
+    [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [0.0, -1.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]];
 
 /// Stiffness matrix of an element, rows and columns x and y of each node in turn, in N/mm for 1 mm of width.
 pub(super) type ElementStiffness = [[f64; 16]; 16];
@@ -106,14 +95,8 @@ impl PlaneElasticity {
         let mixed = along_mm * deep_mm / squared;
         let unit = 1.0 / (2.0 * PI * self.shear_mpa);
         [
-            [
-                unit * (along_mm * along_mm / squared - logarithm),
-                unit * (mixed + angle),
-            ],
-            [
-                unit * (mixed - angle),
-                unit * (deep_mm * deep_mm / squared - logarithm),
-            ],
+            [unit * (along_mm * along_mm / squared - logarithm), unit * (mixed + angle)],
+            [unit * (mixed - angle), unit * (deep_mm * deep_mm / squared - logarithm)],
         ]
     }
 }
@@ -156,13 +139,7 @@ mod tests {
         // theorem below.
         let energy = |motion: &dyn Fn([f64; 2]) -> [f64; 2]| -> f64 {
             let flat: Vec<f64> = nodes.iter().flat_map(|node| motion(*node)).collect();
-            (0..16)
-                .map(|i| {
-                    (0..16)
-                        .map(|j| 0.5 * flat[i] * stiffness[i][j] * flat[j])
-                        .sum::<f64>()
-                })
-                .sum()
+            (0..16).map(|i| (0..16).map(|j| 0.5 * flat[i] * stiffness[i][j] * flat[j]).sum::<f64>()).sum()
         };
         let stretch = energy(&|[x, _]| [1e-3 * x, 0.0]);
         let shear = energy(&|[_, y]| [1e-3 * y, 0.0]);

@@ -70,9 +70,7 @@ fn stiffness_errors() -> Vec<(f64, f64)> {
 
 fn stiffness_error_at(phi1: f64) -> f64 {
     let errors = stiffness_errors();
-    let nearest = errors
-        .iter()
-        .min_by(|a, b| (a.0 - phi1).abs().total_cmp(&(b.0 - phi1).abs()));
+    let nearest = errors.iter().min_by(|a, b| (a.0 - phi1).abs().total_cmp(&(b.0 - phi1).abs()));
     nearest.unwrap().1
 }
 
@@ -81,20 +79,11 @@ fn the_model_gives_every_reference_number() {
     let reference: Reference =
         toml::from_str(include_str!("../../../fixtures/reference/shen2022.toml")).unwrap();
     assert_eq!(reference.number.len(), 17);
-    for Number {
-        name,
-        value,
-        tolerance,
-        source,
-    } in reference.number
-    {
+    for Number { name, value, tolerance, source } in reference.number {
         let given = given(&name);
         assert_eq!(given.len(), value.len(), "{name}");
         for (given, wanted) in given.iter().zip(value) {
-            assert!(
-                (given - wanted).abs() <= tolerance,
-                "{name}: {given}, expected {wanted} ({source})"
-            );
+            assert!((given - wanted).abs() <= tolerance, "{name}: {given}, expected {wanted} ({source})");
         }
     }
 }

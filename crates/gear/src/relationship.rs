@@ -52,10 +52,7 @@ impl MeshRelationship {
     /// # Errors
     /// [`GearError::NoContact`] where the flanks do not touch at all within their active profiles.
     pub fn solve(pair: &GearPair, wear: &FlankWear) -> Result<Self, GearError> {
-        let flanks = [
-            Flank::new(&pair.gears[0], wear, 0),
-            Flank::new(&pair.gears[1], wear, 1),
-        ];
+        let flanks = [Flank::new(&pair.gears[0], wear, 0), Flank::new(&pair.gears[1], wear, 1)];
         let solver = Solver {
             driven: flanks[1].active_points(CELLS).collect(),
             flanks,
@@ -63,9 +60,7 @@ impl MeshRelationship {
             ratio: pair.gears[0].base_radius_mm / pair.gears[1].base_radius_mm,
         };
         let driving: Vec<FlankPoint> = solver.flanks[0].active_points(CELLS).collect();
-        let no_contact = || GearError::NoContact {
-            phi1_rad: pair.start_of_contact_rad(),
-        };
+        let no_contact = || GearError::NoContact { phi1_rad: pair.start_of_contact_rad() };
         let first = solver.first_contact(&driving).ok_or_else(no_contact)?;
         let last = solver.last_contact(&driving).ok_or_else(no_contact)?;
         let (start, end) = (first.0.alpha_rad, last.0.alpha_rad);
@@ -102,8 +97,7 @@ impl MeshRelationship {
         self.alpha1_prime_rad.push(contact.1.alpha_rad);
         self.phi1_rad.push(phi1);
         self.phi2_rad.push(phi2);
-        self.phi2_slope
-            .push(contact.0.normal_arm_mm() / contact.1.normal_arm_mm());
+        self.phi2_slope.push(contact.0.normal_arm_mm() / contact.1.normal_arm_mm());
     }
 }
 
@@ -189,12 +183,8 @@ impl Solver<'_> {
             let (before, after) = (self.residual(&low, &limit), self.residual(&high, &limit));
             if before <= 0.0 && after > 0.0 {
                 let residual = |alpha| self.residual(&self.flanks[0].at(alpha), &limit);
-                let alpha = root::find(
-                    residual,
-                    (low.alpha_rad, before),
-                    (high.alpha_rad, after),
-                    TOLERANCE_RAD,
-                );
+                let alpha =
+                    root::find(residual, (low.alpha_rad, before), (high.alpha_rad, after), TOLERANCE_RAD);
                 return Some((self.flanks[0].at(alpha), limit));
             }
         }
@@ -242,34 +232,21 @@ mod tests {
         for i in 1..600 {
             let width = solved.phi1_rad[i + 1] - solved.phi1_rad[i - 1];
             let slope = (solved.phi2_rad[i + 1] - solved.phi2_rad[i - 1]) / width;
-            assert!(
-                (slope - solved.phi2_slope[i]).abs() < 1e-4,
-                "{slope} {}",
-                solved.phi2_slope[i]
-            );
+            assert!((slope - solved.phi2_slope[i]).abs() < 1e-4, "{slope} {}", solved.phi2_slope[i]);
         }
     }
 
     #[test]
     fn every_contact_obeys_equations_9_to_17() {
         let (pair, wear) = typical_wear();
-        let flanks = [
-            Flank::new(&pair.gears[0], &wear, 0),
-            Flank::new(&pair.gears[1], &wear, 1),
-        ];
+        let flanks = [Flank::new(&pair.gears[0], &wear, 0), Flank::new(&pair.gears[1], &wear, 1)];
         let solved = MeshRelationship::solve(&pair, &wear).unwrap();
         for i in 0..solved.phi1_rad.len() {
-            let (one, two) = (
-                flanks[0].at(solved.alpha1_rad[i]),
-                flanks[1].at(solved.alpha1_prime_rad[i]),
-            );
+            let (one, two) = (flanks[0].at(solved.alpha1_rad[i]), flanks[1].at(solved.alpha1_prime_rad[i]));
             let psi1 = one.gamma_rad() + solved.phi1_rad[i];
             let psi2 = solved.phi2_rad[i] - two.gamma_rad();
             let across = one.worn_radius_mm() * psi1.cos() + two.worn_radius_mm() * psi2.cos();
-            assert!(
-                (across - pair.centre_distance_mm).abs() < 1e-9,
-                "Eq. (9): {across}"
-            );
+            assert!((across - pair.centre_distance_mm).abs() < 1e-9, "Eq. (9): {across}");
             assert!(
                 (one.worn_radius_mm() * psi1.sin() - two.worn_radius_mm() * psi2.sin()).abs() < 1e-9,
                 "Eq. (10)"
@@ -285,12 +262,7 @@ mod tests {
         let at = |i: usize| flank.at(from + (to - from) * i as f64 / (count - 1) as f64);
         let point = |i| {
             let point = at(i);
-            [
-                point.alpha_rad,
-                point.gamma_rad(),
-                point.worn_radius_mm(),
-                point.lambda_rad,
-            ]
+            [point.alpha_rad, point.gamma_rad(), point.worn_radius_mm(), point.lambda_rad]
         };
         (0..count).map(point).collect()
     }
@@ -299,18 +271,10 @@ mod tests {
     /// where it is nearer than `tolerance_mm`. Gives (α₁, α₁′, φ₁, φ₂).
     fn double_scan(pair: &GearPair, wear: &FlankWear, count: usize, tolerance_mm: f64) -> Vec<[f64; 4]> {
         let [gear1, gear2] = &pair.gears;
-        let driving = algorithm_points(
-            &Flank::new(gear1, wear, 0),
-            gear1.root_angle_rad,
-            gear1.tip_angle_rad,
-            count,
-        );
-        let driven = algorithm_points(
-            &Flank::new(gear2, wear, 1),
-            gear2.tip_angle_rad,
-            gear2.root_angle_rad,
-            count,
-        );
+        let driving =
+            algorithm_points(&Flank::new(gear1, wear, 0), gear1.root_angle_rad, gear1.tip_angle_rad, count);
+        let driven =
+            algorithm_points(&Flank::new(gear2, wear, 1), gear2.tip_angle_rad, gear2.root_angle_rad, count);
         let mut found = Vec::new();
         for [alpha1, gamma1, r1, lambda1] in driving {
             let mut best = (f64::INFINITY, [0.0; 4]);
@@ -351,11 +315,7 @@ mod tests {
         let solved = MeshRelationship::solve(&pair, &wear).unwrap();
         let (start, end) = (solved.alpha1_rad[0], solved.alpha1_rad[600]);
         let wanted = ((end - start) / (gear1.tip_angle_rad - gear1.root_angle_rad) * 1610.0).round() as usize;
-        assert!(
-            scanned.len().abs_diff(wanted) <= 3,
-            "{} contacts scanned, {wanted} expected",
-            scanned.len()
-        );
+        assert!(scanned.len().abs_diff(wanted) <= 3, "{} contacts scanned, {wanted} expected", scanned.len());
         for [alpha1, prime, phi1, phi2] in scanned {
             if alpha1 < start || alpha1 > end {
                 continue;
@@ -363,11 +323,7 @@ mod tests {
             let point = solver.flanks[0].at(alpha1);
             let mate = solver.mate(&point).unwrap();
             let (exact1, exact2) = super::rotations(&(point, mate));
-            assert!(
-                (mate.alpha_rad - prime).abs() <= 0.51 * cell,
-                "{} {prime}",
-                mate.alpha_rad
-            );
+            assert!((mate.alpha_rad - prime).abs() <= 0.51 * cell, "{} {prime}", mate.alpha_rad);
             assert!((exact1 - phi1).abs() <= cell && (exact2 - phi2).abs() <= cell);
         }
     }

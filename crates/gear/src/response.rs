@@ -71,10 +71,7 @@ pub fn simulate_together(
         });
     }
     // Once beyond all numbers a record stays there.
-    if records
-        .iter()
-        .any(|record| record.last().is_some_and(|sample| !sample.is_finite()))
-    {
+    if records.iter().any(|record| record.last().is_some_and(|sample| !sample.is_finite())) {
         let shaft_speed_hz = run.shaft_speed_hz;
         return Err(GearError::Unstable { shaft_speed_hz });
     }
@@ -89,10 +86,7 @@ pub(crate) fn simulate_refined(
     run: &RunSettings,
     oversampling: usize,
 ) -> Vec<Vec<f64>> {
-    let steps = Steps {
-        oversampling,
-        stiff: false,
-    };
+    let steps = Steps { oversampling, stiff: false };
     let run = Run::<SIDE_BY_SIDE>::new(pair, cycles, run, &motions(pair, cycles, run), steps);
     run.records(None).unwrap()
 }
@@ -100,20 +94,11 @@ pub(crate) fn simulate_refined(
 /// Whether [`simulate_together`] takes implicit steps.
 #[cfg(test)]
 pub(crate) fn is_stiff(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> bool {
-    Steps::of(
-        f64::from(pair.gears[0].teeth),
-        cycles,
-        &motions(pair, cycles, run),
-        run,
-    )
-    .stiff
+    Steps::of(f64::from(pair.gears[0].teeth), cycles, &motions(pair, cycles, run), run).stiff
 }
 
 fn motions(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> Vec<Motion> {
-    cycles
-        .iter()
-        .map(|cycle| Motion::new(pair, cycle, run.torque_nm))
-        .collect()
+    cycles.iter().map(|cycle| Motion::new(pair, cycle, run.torque_nm)).collect()
 }
 
 /// How a run is integrated.
@@ -137,11 +122,8 @@ impl Steps {
         let needed = fastest.fold(0.0, f64::max) / STEP_PER_RATE / run.sample_rate_hz;
         let stiff = needed > MOST_OVERSAMPLING as f64;
         let resolved = (needed.ceil() as usize).next_multiple_of(2);
-        let (least, most) = if stiff {
-            STIFF_OVERSAMPLING
-        } else {
-            (resolved.max(LEAST_OVERSAMPLING), MOST_OVERSAMPLING)
-        };
+        let (least, most) =
+            if stiff { STIFF_OVERSAMPLING } else { (resolved.max(LEAST_OVERSAMPLING), MOST_OVERSAMPLING) };
         let is_clear = |oversampling: &usize| {
             // Steps and their middles.
             [1.0, 2.0].iter().all(|part| {
@@ -150,10 +132,7 @@ impl Steps {
                 (mesh_lines - mesh_lines.round()).abs() * teeth > CLEAR_SHAFTS
             })
         };
-        Self {
-            oversampling: (least..=most).step_by(2).find(is_clear).unwrap_or(least),
-            stiff,
-        }
+        Self { oversampling: (least..=most).step_by(2).find(is_clear).unwrap_or(least), stiff }
     }
 }
 
@@ -212,9 +191,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
     }
 
     fn records(mut self, stop: Option<&AtomicBool>) -> Result<Vec<Vec<f64>>, GearError> {
-        let samples = (self.settings.seconds * self.settings.sample_rate_hz)
-            .round()
-            .max(1.0) as usize;
+        let samples = (self.settings.seconds * self.settings.sample_rate_hz).round().max(1.0) as usize;
         let step = 1.0 / (self.settings.sample_rate_hz * self.steps.oversampling as f64);
         let stiff = self.steps.stiff.then(|| StiffStep::new(&self.motion, step));
         let mut decimator = Decimator::<LANES>::new(self.steps.oversampling);
@@ -242,10 +219,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
             };
             for lane in (0..LANES).filter(|lane| cut >> lane & 1 == 1) {
                 let state = self.cut_step(lane, before.map(|row| row[lane]), (phase, seconds), step);
-                states
-                    .iter_mut()
-                    .zip(state)
-                    .for_each(|(row, value)| row[lane] = value);
+                states.iter_mut().zip(state).for_each(|(row, value)| row[lane] = value);
             }
             (start, phase) = (end, (phase + width).fract());
             let after = self.response_positions(&states);
@@ -254,10 +228,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
                     (after[lane] - 2.0 * positions[1][lane] + positions[0][lane]) * per_square
                 });
                 if let Some(sample) = decimator.push(acceleration) {
-                    records
-                        .iter_mut()
-                        .zip(sample)
-                        .for_each(|(record, value)| record.push(value));
+                    records.iter_mut().zip(sample).for_each(|(record, value)| record.push(value));
                 }
             }
             positions = [positions[1], after];
@@ -275,15 +246,10 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         (phase, seconds): (f64, f64),
         step: f64,
     ) -> LaneExcitation<LANES> {
-        let mut at = |part: f64| {
-            self.with_common(
-                (phase + part * step * self.mesh_hz).fract(),
-                seconds + part * step,
-            )
-        };
+        let mut at =
+            |part: f64| self.with_common((phase + part * step * self.mesh_hz).fract(), seconds + part * step);
         let (middle, end) = (at(0.5), at(1.0));
-        self.motion
-            .step_lanes(&self.differing, states, [start, &middle, &end], step);
+        self.motion.step_lanes(&self.differing, states, [start, &middle, &end], step);
         end
     }
 
@@ -315,10 +281,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         step: f64,
     ) -> State {
         let motion = self.motion.of_lane(&self.differing, lane);
-        let alone = LaneMotion {
-            mesh_damping: [motion.mesh_damping],
-            backlash_m: [motion.backlash_m],
-        };
+        let alone = LaneMotion { mesh_damping: [motion.mesh_damping], backlash_m: [motion.backlash_m] };
         let pieces = &self.excitation.pieces[lane];
         let mut piece = pieces.iter().position(|piece| phase < piece.end).unwrap_or(0);
         let mut rest = step;
@@ -358,22 +321,13 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         let common = self.common.at(seconds);
         let mut states = [[0.0; LANES]; 6];
         for lane in 0..LANES {
-            let motion = Motion {
-                mesh_damping: self.differing.mesh_damping[lane],
-                ..self.motion
-            };
+            let motion = Motion { mesh_damping: self.differing.mesh_damping[lane], ..self.motion };
             let pieces = &self.excitation.pieces[lane];
-            let piece = pieces
-                .iter()
-                .find(|piece| phase < piece.end)
-                .unwrap_or(&pieces[0]);
+            let piece = pieces.iter().find(|piece| phase < piece.end).unwrap_or(&pieces[0]);
             let mut excitation = piece.at(phase);
             excitation.error += common;
             let state = motion.at_rest(excitation);
-            states
-                .iter_mut()
-                .zip(state)
-                .for_each(|(row, value)| row[lane] = value);
+            states.iter_mut().zip(state).for_each(|(row, value)| row[lane] = value);
         }
         states
     }
@@ -415,11 +369,7 @@ struct CommonError<'a> {
 
 impl<'a> CommonError<'a> {
     fn new(spec: &'a Errors, settings: &'a RunSettings) -> Self {
-        Self {
-            spec,
-            settings,
-            random: RandomError::new(spec, settings.seed),
-        }
+        Self { spec, settings, random: RandomError::new(spec, settings.seed) }
     }
 
     /// In m at a time.
@@ -488,11 +438,7 @@ mod tests {
             dynamic[(2, 2)] += support;
             let force = Vector3::from_fn(|i, _| mesh * signs[i] * 15e-6);
             let solved = dynamic.lu().solve(&force).unwrap();
-            let q = if row == 3 {
-                solved[0] - solved[1] + solved[2]
-            } else {
-                solved[row]
-            };
+            let q = if row == 3 { solved[0] - solved[1] + solved[2] } else { solved[row] };
             let wanted = -omega * omega * q;
 
             let run = RunSettings::nominal(&pair, 20_000.0, 0.5);
@@ -502,11 +448,7 @@ mod tests {
                 (value - (wanted * Complex::from_polar(1.0, omega * n as f64 / 20_000.0)).im).abs()
             });
             let worst = worst.fold(0.0, f64::max);
-            assert!(
-                worst < 1e-4 * wanted.norm(),
-                "{response:?}: {worst} of {}",
-                wanted.norm()
-            );
+            assert!(worst < 1e-4 * wanted.norm(), "{response:?}: {worst} of {}", wanted.norm());
         }
     }
 
@@ -517,17 +459,8 @@ mod tests {
         let with = |oversampling| simulate_refined(&pair, &[&cycle], &settings, oversampling).remove(0);
         let (used, halved) = (with(8), with(16));
         let difference: Vec<f64> = used.iter().zip(&halved).map(|(a, b)| a - b).collect();
-        assert!(
-            rms(&difference) < 1e-3 * rms(&halved),
-            "{} of {}",
-            rms(&difference),
-            rms(&halved)
-        );
-        assert!(
-            (rms(&used) / rms(&halved) - 1.0).abs() < 2e-4,
-            "{}",
-            rms(&used) / rms(&halved) - 1.0
-        );
+        assert!(rms(&difference) < 1e-3 * rms(&halved), "{} of {}", rms(&difference), rms(&halved));
+        assert!((rms(&used) / rms(&halved) - 1.0).abs() < 2e-4, "{}", rms(&used) / rms(&halved) - 1.0);
     }
 
     #[test]
@@ -540,10 +473,7 @@ mod tests {
             let kurtosis = signal.iter().map(|value| value.powi(4)).sum::<f64>()
                 / signal.len() as f64
                 / mean_square.powi(2);
-            assert!(
-                (3.0..25.0).contains(&kurtosis),
-                "kurtosis {kurtosis} at {depth} mm"
-            );
+            assert!((3.0..25.0).contains(&kurtosis), "kurtosis {kurtosis} at {depth} mm");
             // Every mesh period has its impact: the largest is no outlier of the typical one.
             let mut peaks: Vec<f64> = signal
                 .chunks(50)
@@ -570,11 +500,7 @@ mod tests {
         run.start_phase_turns = 16.64 * 0.1;
         let later = simulate(&pair, &cycle, &run).unwrap();
         let difference: Vec<f64> = later.iter().zip(&from_zero[2000..]).map(|(a, b)| a - b).collect();
-        assert!(
-            rms(&difference) < 1e-5 * rms(&later),
-            "{}",
-            rms(&difference) / rms(&later)
-        );
+        assert!(rms(&difference) < 1e-5 * rms(&later), "{}", rms(&difference) / rms(&later));
     }
 
     #[test]
@@ -585,14 +511,8 @@ mod tests {
         assert_eq!(simulate(&pair, &cycle, &run).unwrap(), base);
         for changed in [
             RunSettings { seed: 2, ..run },
-            RunSettings {
-                torque_nm: 900.0,
-                ..run
-            },
-            RunSettings {
-                shaft_speed_hz: 15.0,
-                ..run
-            },
+            RunSettings { torque_nm: 900.0, ..run },
+            RunSettings { shaft_speed_hz: 15.0, ..run },
         ] {
             assert_ne!(simulate(&pair, &cycle, &changed).unwrap(), base);
         }
@@ -615,11 +535,7 @@ mod tests {
         for (cycle, record) in cycles.iter().zip(together) {
             let alone = simulate(&pair, cycle, &run).unwrap();
             let difference: Vec<f64> = alone.iter().zip(&record).map(|(a, b)| a - b).collect();
-            assert!(
-                rms(&difference) < 1e-6 * rms(&alone),
-                "{}",
-                rms(&difference) / rms(&alone)
-            );
+            assert!(rms(&difference) < 1e-6 * rms(&alone), "{}", rms(&difference) / rms(&alone));
         }
         let stop = AtomicBool::new(true);
         let stopped = simulate_together(&pair, &[&cycles[0]], &run, Some(&stop)).unwrap_err();

@@ -96,16 +96,8 @@ impl RingSector {
                 inner_count += 2;
             }
         }
-        let freedoms: Vec<Option<usize>> = place
-            .iter()
-            .map(|at| {
-                if let Place::Inner(first) = at {
-                    Some(*first)
-                } else {
-                    None
-                }
-            })
-            .collect();
+        let freedoms: Vec<Option<usize>> =
+            place.iter().map(|at| if let Place::Inner(first) = at { Some(*first) } else { None }).collect();
         let spread = |element: &[usize; 8]| {
             let inner = element.iter().filter_map(|node| freedoms[*node]);
             let (least, most) =
@@ -133,10 +125,7 @@ impl RingSector {
                     }
                     Place::Side(first, true) => {
                         let turned = if component == 0 { [cos, -sin] } else { [sin, cos] };
-                        [
-                            (Freedom::Side(first), turned[0]),
-                            (Freedom::Side(first + 1), turned[1]),
-                        ]
+                        [(Freedom::Side(first), turned[0]), (Freedom::Side(first + 1), turned[1])]
                     }
                     Place::Held => [(Freedom::Held, 0.0); 2],
                 }
@@ -157,9 +146,8 @@ impl RingSector {
                 }
             }
         }
-        let coupling: Vec<f64> = (0..inner_count)
-            .flat_map(|row| right[row * count..row * count + sides].to_vec())
-            .collect();
+        let coupling: Vec<f64> =
+            (0..inner_count).flat_map(|row| right[row * count..row * count + sides].to_vec()).collect();
         let mut loaded = Vec::with_capacity(loads);
         for (station, at) in mesh.flank.iter().enumerate() {
             let first = freedoms[at.node]?;
@@ -244,14 +232,9 @@ impl RingSector {
             for (component, value) in row.iter_mut().enumerate() {
                 let inner = &self.inner[(first + component) * count..][..count];
                 let column = 2 * station + load;
-                let by_sides: f64 = (0..self.sides)
-                    .map(|side| inner[side] * near.values[(start + side, column)])
-                    .sum();
-                let direct = if index == near.reach {
-                    inner[self.sides + column]
-                } else {
-                    0.0
-                };
+                let by_sides: f64 =
+                    (0..self.sides).map(|side| inner[side] * near.values[(start + side, column)]).sum();
+                let direct = if index == near.reach { inner[self.sides + column] } else { 0.0 };
                 *value = by_sides + direct;
             }
         }

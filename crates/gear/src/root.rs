@@ -29,16 +29,8 @@ pub(super) fn find(
         let secant = (fb * a - fa * b) / (fb - fa);
         let sign = (half - secant).signum();
         let shift = k1 * (b - a).powi(2);
-        let truncated = if shift <= (half - secant).abs() {
-            secant + sign * shift
-        } else {
-            half
-        };
-        let projected = if (truncated - half).abs() <= radius {
-            truncated
-        } else {
-            half - sign * radius
-        };
+        let truncated = if shift <= (half - secant).abs() { secant + sign * shift } else { half };
+        let projected = if (truncated - half).abs() <= radius { truncated } else { half - sign * radius };
         let value = rising * f(projected);
         if value > 0.0 {
             (b, fb) = (projected, value);
@@ -80,10 +72,6 @@ mod tests {
             x.exp() - 1.5
         };
         find(f, (0.0, -0.5), (1.0, 1.0_f64.exp() - 1.5), 1e-13);
-        assert!(
-            count.get() <= 12,
-            "{} evaluations; bisection takes 43",
-            count.get()
-        );
+        assert!(count.get() <= 12, "{} evaluations; bisection takes 43", count.get());
     }
 }

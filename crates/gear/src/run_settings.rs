@@ -43,12 +43,7 @@ impl RunSettings {
         positive("shaft_speed_hz", self.shaft_speed_hz, 1e4)?;
         positive("torque_nm", self.torque_nm, 1e9)?;
         within("start_phase_turns", self.start_phase_turns, -1e6, 1e6)?;
-        within(
-            "seconds × sample_rate_hz",
-            self.seconds * self.sample_rate_hz,
-            1.0,
-            MOST_SAMPLES,
-        )?;
+        within("seconds × sample_rate_hz", self.seconds * self.sample_rate_hz, 1.0, MOST_SAMPLES)?;
         Ok(())
     }
 }
@@ -65,36 +60,12 @@ mod tests {
         let cycle = MeshCycle::compute(&pair, &FlankWear::none(), 1000).unwrap();
         let run = RunSettings::nominal(&pair, 20_000.0, 0.1);
         let cases = [
-            (
-                "sample_rate_hz",
-                RunSettings {
-                    sample_rate_hz: f64::NAN,
-                    ..run
-                },
-            ),
+            ("sample_rate_hz", RunSettings { sample_rate_hz: f64::NAN, ..run }),
             ("seconds", RunSettings { seconds: 0.0, ..run }),
             ("seconds × sample_rate_hz", RunSettings { seconds: 1e7, ..run }),
-            (
-                "shaft_speed_hz",
-                RunSettings {
-                    shaft_speed_hz: -1.0,
-                    ..run
-                },
-            ),
-            (
-                "torque_nm",
-                RunSettings {
-                    torque_nm: 0.0,
-                    ..run
-                },
-            ),
-            (
-                "start_phase_turns",
-                RunSettings {
-                    start_phase_turns: f64::INFINITY,
-                    ..run
-                },
-            ),
+            ("shaft_speed_hz", RunSettings { shaft_speed_hz: -1.0, ..run }),
+            ("torque_nm", RunSettings { torque_nm: 0.0, ..run }),
+            ("start_phase_turns", RunSettings { start_phase_turns: f64::INFINITY, ..run }),
         ];
         for (field, run) in cases {
             let refusal = simulate(&pair, &cycle, &run).unwrap_err().to_string();

@@ -67,21 +67,20 @@ impl Grid {
     /// the tip.
     fn elements(&self, columns: usize, outwards: bool) -> impl Iterator<Item = [usize; 8]> + '_ {
         let rows = (0..self.first.len() - 2).step_by(2);
-        rows.flat_map(move |i| (0..columns).step_by(2).map(move |j| (i, j)))
-            .map(move |(i, j)| {
-                let (low, high) = if outwards { (i, i + 2) } else { (i + 2, i) };
-                // X points out and Y across, so counter-clockwise is up along a column first.
-                [
-                    self.node(low, j),
-                    self.node(high, j),
-                    self.node(high, j + 2),
-                    self.node(low, j + 2),
-                    self.node(i + 1, j),
-                    self.node(high, j + 1),
-                    self.node(i + 1, j + 2),
-                    self.node(low, j + 1),
-                ]
-            })
+        rows.flat_map(move |i| (0..columns).step_by(2).map(move |j| (i, j))).map(move |(i, j)| {
+            let (low, high) = if outwards { (i, i + 2) } else { (i + 2, i) };
+            // X points out and Y across, so counter-clockwise is up along a column first.
+            [
+                self.node(low, j),
+                self.node(high, j),
+                self.node(high, j + 2),
+                self.node(low, j + 2),
+                self.node(i + 1, j),
+                self.node(high, j + 1),
+                self.node(i + 1, j + 2),
+                self.node(low, j + 1),
+            ]
+        })
     }
 }
 
@@ -101,9 +100,7 @@ impl SectorMesh {
         let inwards = fractions(&inwards);
 
         let mut nodes = Vec::new();
-        let mut tooth = Grid {
-            first: vec![0; TOOTH_ROWS + 1],
-        };
+        let mut tooth = Grid { first: vec![0; TOOTH_ROWS + 1] };
         for row in (1..=TOOTH_ROWS).rev() {
             tooth.first[row] = nodes.len();
             nodes.extend(columns(row, TOOTH_COLUMNS).map(|column| edge.inside(outline, row, across[column])));
@@ -123,24 +120,13 @@ impl SectorMesh {
         let station = |row: usize| FlankStation {
             radius_mm: edge.radii_mm[row - 2 * UPPER_FILLET_ELEMENTS],
             node: tooth.node(row, TOOTH_COLUMNS),
-            inside: [
-                tooth.node(row, TOOTH_COLUMNS - 2),
-                tooth.node(row, TOOTH_COLUMNS - 4),
-            ],
+            inside: [tooth.node(row, TOOTH_COLUMNS - 2), tooth.node(row, TOOTH_COLUMNS - 4)],
         };
         Self {
-            elements: tooth
-                .elements(TOOTH_COLUMNS, true)
-                .chain(ring.elements(RING_COLUMNS, false))
-                .collect(),
-            flank: (2 * UPPER_FILLET_ELEMENTS..=TOOTH_ROWS)
-                .step_by(2)
-                .map(station)
-                .collect(),
+            elements: tooth.elements(TOOTH_COLUMNS, true).chain(ring.elements(RING_COLUMNS, false)).collect(),
+            flank: (2 * UPPER_FILLET_ELEMENTS..=TOOTH_ROWS).step_by(2).map(station).collect(),
             sides: [0, RING_COLUMNS].map(|column| (0..RING_ROWS).map(|row| ring.node(row, column)).collect()),
-            bore: (0..=RING_COLUMNS)
-                .map(|column| ring.node(RING_ROWS, column))
-                .collect(),
+            bore: (0..=RING_COLUMNS).map(|column| ring.node(RING_ROWS, column)).collect(),
             nodes,
         }
     }
@@ -181,22 +167,16 @@ impl FlankEdge {
             .rev()
             .collect();
         let height = outline.tip_radius_mm - outline.form_radius_mm;
-        let radii_mm: Vec<f64> = fractions(&widths)
-            .iter()
-            .map(|part| outline.form_radius_mm + height * part)
-            .collect();
+        let radii_mm: Vec<f64> =
+            fractions(&widths).iter().map(|part| outline.form_radius_mm + height * part).collect();
         let upper = 2 * UPPER_FILLET_ELEMENTS;
         let fillet = (0..upper)
             .map(|i| outline.fillet(outline.fillet_normal(BASE_LINE_PART * (1.0 - i as f64 / upper as f64))));
         let at_form = depth_mm(outline.form_radius_mm);
         let run_out = (0..upper).map(|i| at_form * i as f64 / upper as f64);
         Self {
-            depths_mm: run_out
-                .chain(radii_mm.iter().map(|radius| depth_mm(*radius)))
-                .collect(),
-            points: fillet
-                .chain(radii_mm.iter().map(|radius| outline.flank(*radius)))
-                .collect(),
+            depths_mm: run_out.chain(radii_mm.iter().map(|radius| depth_mm(*radius))).collect(),
+            points: fillet.chain(radii_mm.iter().map(|radius| outline.flank(*radius))).collect(),
             radii_mm,
         }
     }
@@ -212,24 +192,16 @@ impl FlankEdge {
         let tip_angle = half.atan2(high) * lateral;
         let rise = outline.tip_radius_mm * tip_angle.cos() - high;
         let shift = outline.tip_radius_mm * tip_angle.sin() - half * lateral;
-        [
-            x + bend * rise,
-            y * lateral + bend * shift - self.depths_mm[row] * across,
-        ]
+        [x + bend * rise, y * lateral + bend * shift - self.depths_mm[row] * across]
     }
 }
 
 /// Lengths of the involute's elements from the tip on: growing from a fine one up to a greatest.
 fn element_lengths(height_mm: f64, module_mm: f64) -> Vec<f64> {
     let mean = height_mm / FLANK_ELEMENTS as f64;
-    let (first, greatest) = (
-        (TIP_ELEMENT_MODULES * module_mm).min(0.5 * mean),
-        GREATEST_OVER_MEAN * mean,
-    );
+    let (first, greatest) = ((TIP_ELEMENT_MODULES * module_mm).min(0.5 * mean), GREATEST_OVER_MEAN * mean);
     let lengths = |growth: f64| -> Vec<f64> {
-        (0..FLANK_ELEMENTS)
-            .map(|i| (first * growth.powi(i as i32)).min(greatest))
-            .collect()
+        (0..FLANK_ELEMENTS).map(|i| (first * growth.powi(i as i32)).min(greatest)).collect()
     };
     let (mut low, mut high) = (1.0, 20.0);
     for _ in 0..50 {
@@ -262,9 +234,7 @@ fn ring_top(outline: &ToothOutline, edge: &FlankEdge, across: &[f64]) -> Vec<Poi
     let lower: Vec<Point> = (0..count)
         .map(|i| {
             let wanted = total * i as f64 / count as f64;
-            let after = lengths
-                .partition_point(|length| *length <= wanted)
-                .clamp(1, lengths.len() - 1);
+            let after = lengths.partition_point(|length| *length <= wanted).clamp(1, lengths.len() - 1);
             let part = (wanted - lengths[after - 1]) / (lengths[after] - lengths[after - 1]);
             let (a, b) = (curve[after - 1], curve[after]);
             [a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1])]
@@ -288,12 +258,9 @@ mod tests {
         let mut spec = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap();
         spec.geometry.centre_distance_mm = None;
         let elasticity = PlaneElasticity::new(&MaterialSpec::default(), PlaneState::Strain);
-        for (teeth, shift, bore) in [
-            ([24, 26], 0.0, 20.0),
-            ([12, 90], 0.45, 8.0),
-            ([17, 300], 0.2, 12.0),
-            ([40, 41], -0.3, 70.0),
-        ] {
+        for (teeth, shift, bore) in
+            [([24, 26], 0.0, 20.0), ([12, 90], 0.45, 8.0), ([17, 300], 0.2, 12.0), ([40, 41], -0.3, 70.0)]
+        {
             spec.geometry.teeth = teeth;
             spec.geometry.profile_shift = [shift, -0.2 * shift];
             spec.geometry.bore_radius_mm = [bore, bore];
@@ -303,9 +270,7 @@ mod tests {
                 let mesh = SectorMesh::new(&outline, 6.0, bore, |_| 0.05);
                 for element in &mesh.elements {
                     assert!(
-                        elasticity
-                            .stiffness(&element.map(|node| mesh.nodes[node]))
-                            .is_some(),
+                        elasticity.stiffness(&element.map(|node| mesh.nodes[node])).is_some(),
                         "{teeth:?} {i}"
                     );
                 }

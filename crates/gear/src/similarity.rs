@@ -121,10 +121,7 @@ mod tests {
         let given = shen2022_spec();
         let mut silent = given.clone();
         (silent.supports, silent.errors) = (SupportSpec::default(), ErrorSpec::default());
-        assert_eq!(
-            (silent.supports(), silent.errors()),
-            (given.supports(), given.errors())
-        );
+        assert_eq!((silent.supports(), silent.errors()), (given.supports(), given.errors()));
         assert_eq!(silent.usual_wear_um(), 245.0);
     }
 

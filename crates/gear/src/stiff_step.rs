@@ -18,10 +18,7 @@ pub(super) const PLACES: [f64; STAGES] = [0.0, 2.0 * DIAGONAL, 0.6, 1.0];
 /// What each stage takes of those before it; the last one is the step's end.
 const WEIGHTS: [&[f64]; STAGES - 1] = [
     &[DIAGONAL],
-    &[
-        2_746_238_789_719.0 / 10_658_868_560_708.0,
-        -640_167_445_237.0 / 6_845_629_431_997.0,
-    ],
+    &[2_746_238_789_719.0 / 10_658_868_560_708.0, -640_167_445_237.0 / 6_845_629_431_997.0],
     &[
         1_471_266_399_579.0 / 7_840_856_788_654.0,
         -4_482_444_167_858.0 / 7_529_755_066_697.0,
@@ -52,10 +49,7 @@ impl StiffStep {
             1.0 / (1.0
                 + part * motion.inverse_mass[i] * (motion.support_damping + part * motion.support_stiffness))
         });
-        Self {
-            length,
-            stage: Stage { part, left },
-        }
+        Self { length, stage: Stage { part, left } }
     }
 
     pub(super) fn length(&self) -> f64 {
@@ -97,10 +91,7 @@ impl StiffStep {
 }
 
 impl Stage {
-    const EXPLICIT: Self = Self {
-        part: 0.0,
-        left: [1.0, 1.0],
-    };
+    const EXPLICIT: Self = Self { part: 0.0, left: [1.0, 1.0] };
 
     /// The slopes at `known` + `part` × slope.
     #[inline(always)]
@@ -174,12 +165,9 @@ mod tests {
                 let Excitation { stiffness, error } = excitation((n as f64 + place) * length);
                 [[stiffness], [error]]
             });
-            let differing = LaneMotion {
-                mesh_damping: [motion.mesh_damping],
-                backlash_m: [motion.backlash_m],
-            };
-            step.advance(motion, &differing, &state.map(|part| [part]), stages.each_ref())
-                .map(|[part]| part)
+            let differing =
+                LaneMotion { mesh_damping: [motion.mesh_damping], backlash_m: [motion.backlash_m] };
+            step.advance(motion, &differing, &state.map(|part| [part]), stages.each_ref()).map(|[part]| part)
         })
     }
 
@@ -217,11 +205,7 @@ mod tests {
         let exact = explicitly(&motion, start, 5e-3, 200_000);
         let coarse = implicitly(&motion, start, 5e-3, 800);
         let way = difference(&exact, &start);
-        assert!(
-            difference(&coarse, &exact) < 1e-4 * way,
-            "{} of {way}",
-            difference(&coarse, &exact)
-        );
+        assert!(difference(&coarse, &exact) < 1e-4 * way, "{} of {way}", difference(&coarse, &exact));
     }
 
     /// Teeth that fly through their backlash and come back.
@@ -232,14 +216,8 @@ mod tests {
         motion.drive_m_per_s2 = 50.0;
         let mut start = motion.at_rest(excitation(0.0));
         start[3] -= 0.04;
-        let (exact, found) = (
-            explicitly(&motion, start, 2e-3, 40_000),
-            implicitly(&motion, start, 2e-3, 4_000),
-        );
-        assert!(
-            difference(&found, &exact) < 1e-8,
-            "{} {exact:?}",
-            difference(&found, &exact)
-        );
+        let (exact, found) =
+            (explicitly(&motion, start, 2e-3, 40_000), implicitly(&motion, start, 2e-3, 4_000));
+        assert!(difference(&found, &exact) < 1e-8, "{} {exact:?}", difference(&found, &exact));
     }
 }

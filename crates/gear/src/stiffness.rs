@@ -16,10 +16,7 @@ pub struct PairStiffness<'a> {
 impl<'a> PairStiffness<'a> {
     /// Works out the sections' integrals once, for any number of contact points.
     pub fn new(pair: &'a GearPair, wear: &'a FlankWear) -> Self {
-        let flanks = [
-            Flank::new(&pair.gears[0], wear, 0),
-            Flank::new(&pair.gears[1], wear, 1),
-        ];
+        let flanks = [Flank::new(&pair.gears[0], wear, 0), Flank::new(&pair.gears[1], wear, 1)];
         let material = &pair.spec.material;
         let width = pair.spec.geometry.face_width_mm;
         Self {
@@ -45,9 +42,6 @@ impl<'a> PairStiffness<'a> {
     /// Compliances of the driving and the driven tooth.
     pub fn teeth_compliances(&self, alpha1_rad: f64, alpha1_prime_rad: f64) -> [ToothCompliance; 2] {
         let loads: [FlankPoint; 2] = [self.flanks[0].at(alpha1_rad), self.flanks[1].at(alpha1_prime_rad)];
-        [
-            self.teeth[0].compliance(&loads[0]),
-            self.teeth[1].compliance(&loads[1]),
-        ]
+        [self.teeth[0].compliance(&loads[0]), self.teeth[1].compliance(&loads[1])]
     }
 }

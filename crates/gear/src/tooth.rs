@@ -102,15 +102,9 @@ impl<'a> Tooth<'a> {
             root_x_mm = root.x_mm;
         }
         let tip = gear.tip_angle_rad;
-        let mut ends: Vec<f64> = (0..=count)
-            .map(|i| start + (tip - start) * i as f64 / count as f64)
-            .collect();
-        ends.extend(
-            flank
-                .kinks_rad()
-                .into_iter()
-                .filter(|kink| *kink > start && *kink < tip),
-        );
+        let mut ends: Vec<f64> =
+            (0..=count).map(|i| start + (tip - start) * i as f64 / count as f64).collect();
+        ends.extend(flank.kinks_rad().into_iter().filter(|kink| *kink > start && *kink < tip));
         ends.sort_by(f64::total_cmp);
 
         let mut tooth = Self {
@@ -139,22 +133,15 @@ impl<'a> Tooth<'a> {
             // dx/dα = R_b (α₁ + α₂) cos α₁.
             let dx =
                 gear.base_radius_mm * (point.alpha_rad + gear.base_half_angle_rad) * point.alpha_rad.cos();
-            integrals.add(
-                point.x_mm - self.root_x_mm,
-                2.0 * point.y_mm - point.depth_mm,
-                weight * half * dx,
-            );
+            integrals.add(point.x_mm - self.root_x_mm, 2.0 * point.y_mm - point.depth_mm, weight * half * dx);
         }
         integrals
     }
 
     /// Compliance under a unit force along the worn flank's normal at `load`.
     pub(super) fn compliance(&self, load: &FlankPoint) -> ToothCompliance {
-        let panel = self
-            .panels
-            .partition_point(|(end, _)| *end <= load.alpha_rad)
-            .clamp(1, self.panels.len())
-            - 1;
+        let panel =
+            self.panels.partition_point(|(end, _)| *end <= load.alpha_rad).clamp(1, self.panels.len()) - 1;
         let (from, integrals) = self.panels[panel];
         let SectionIntegrals { inertia, area } = self.integrate(integrals, from, load.alpha_rad);
         let (sin, cos) = load.lambda_sin_cos;
@@ -210,9 +197,8 @@ mod tests {
     /// Composite Simpson rule.
     fn simpson(f: impl Fn(f64) -> f64, from: f64, to: f64, count: usize) -> f64 {
         let h = (to - from) / count as f64;
-        let inner: f64 = (1..count)
-            .map(|i| if i % 2 == 1 { 4.0 } else { 2.0 } * f(from + h * i as f64))
-            .sum();
+        let inner: f64 =
+            (1..count).map(|i| if i % 2 == 1 { 4.0 } else { 2.0 } * f(from + h * i as f64)).sum();
         (f(from) + inner + f(to)) * h / 3.0
     }
 
@@ -229,11 +215,8 @@ mod tests {
             flank.alpha_at_radius_rad(gear.root_radius_mm)
         };
         let low = flank.at(lowest);
-        let root_x = if situation_1 {
-            (gear.root_radius_mm.powi(2) - low.y_mm.powi(2)).sqrt()
-        } else {
-            low.x_mm
-        };
+        let root_x =
+            if situation_1 { (gear.root_radius_mm.powi(2) - low.y_mm.powi(2)).sqrt() } else { low.x_mm };
         let thickness = |x: f64| {
             if x <= low.x_mm {
                 return 2.0 * low.y_mm - low.depth_mm;
@@ -241,11 +224,7 @@ mod tests {
             let (mut a, mut b) = (lowest, alpha);
             for _ in 0..60 {
                 let middle = 0.5 * (a + b);
-                if flank.at(middle).x_mm < x {
-                    a = middle
-                } else {
-                    b = middle
-                }
+                if flank.at(middle).x_mm < x { a = middle } else { b = middle }
             }
             let point = flank.at(a);
             2.0 * point.y_mm - point.depth_mm
@@ -282,11 +261,7 @@ mod tests {
         for (pair, wear) in both_situations() {
             for (i, gear) in pair.gears.iter().enumerate() {
                 let flank = Flank::new(gear, &wear, i);
-                let tooth = Tooth::new(
-                    flank.clone(),
-                    &pair.spec.material,
-                    pair.spec.geometry.face_width_mm,
-                );
+                let tooth = Tooth::new(flank.clone(), &pair.spec.material, pair.spec.geometry.face_width_mm);
                 for part in [0.02, 0.37, 0.71, 1.0] {
                     let alpha = gear.root_angle_rad + part * (gear.tip_angle_rad - gear.root_angle_rad);
                     let found = tooth.compliance(&flank.at(alpha));

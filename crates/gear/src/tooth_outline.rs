@@ -120,10 +120,7 @@ impl GearPair {
         let middle = 0.5 * outline.pitch_angle_rad;
         let count = points.max(2) - 1;
         let part = |place: usize| place as f64 / count as f64;
-        let root = [
-            outline.root_radius_mm * middle.cos(),
-            outline.root_radius_mm * middle.sin(),
-        ];
+        let root = [outline.root_radius_mm * middle.cos(), outline.root_radius_mm * middle.sin()];
         let fillet = (0..=count).map(|place| outline.fillet(outline.fillet_normal(1.0 - part(place))));
         let tip = outline.tip_radius_mm;
         let form = outline.form_radius_mm.min(tip);
@@ -146,11 +143,7 @@ mod tests {
             .resolve()
             .unwrap();
         let outline = ToothOutline::new(&pair, 0);
-        assert!(
-            (outline.form_radius_mm - 68.027_632_593).abs() < 1e-8,
-            "{}",
-            outline.form_radius_mm
-        );
+        assert!((outline.form_radius_mm - 68.027_632_593).abs() < 1e-8, "{}", outline.form_radius_mm);
         let [x, y] = outline.fillet(outline.fillet_normal(0.0));
         let [flank_x, flank_y] = outline.flank(outline.form_radius_mm);
         assert!(
@@ -164,9 +157,6 @@ mod tests {
         assert_eq!(profile.len(), 1 + 8 + 7);
         let radius = |[x, y]: [f64; 2]| x.hypot(y);
         assert!((radius(profile[0]) - 64.5).abs() < 1e-9 && (radius(profile[15]) - 78.0).abs() < 1e-9);
-        assert!(
-            profile.windows(2).all(|two| two[0][1] > two[1][1]),
-            "it narrows from root to tip"
-        );
+        assert!(profile.windows(2).all(|two| two[0][1] > two[1][1]), "it narrows from root to tip");
     }
 }

@@ -74,17 +74,11 @@ impl DrivenFlank {
             let slope = -(point.lambda_rad + gamma).tan() / radius;
             [radius, gamma, slope, point.lambda_rad, point.radius_mm]
         };
-        let table: Vec<[f64; 5]> = involute_points(flank, outline, DRIVEN_POINTS)
-            .into_iter()
-            .map(row)
-            .collect();
+        let table: Vec<[f64; 5]> =
+            involute_points(flank, outline, DRIVEN_POINTS).into_iter().map(row).collect();
         let base_mm = flank.gear.base_radius_mm;
         let length = |row: &[f64; 5]| (row[0] * row[0] - base_mm * base_mm).max(0.0).sqrt();
-        Self {
-            lengths_mm: (length(&table[0]), length(&table[table.len() - 1])),
-            table,
-            base_mm,
-        }
+        Self { lengths_mm: (length(&table[0]), length(&table[table.len() - 1])), table, base_mm }
     }
 
     /// Radii between which the flank exists.
@@ -95,9 +89,7 @@ impl DrivenFlank {
     fn at(&self, radius_mm: f64) -> DrivenPoint {
         // The table is even in α₁, which is √(r² − R_b²) without wear: a first guess, then a step or two.
         let last = self.table.len() - 1;
-        let length = (radius_mm * radius_mm - self.base_mm * self.base_mm)
-            .max(0.0)
-            .sqrt();
+        let length = (radius_mm * radius_mm - self.base_mm * self.base_mm).max(0.0).sqrt();
         let part = (length - self.lengths_mm.0) / (self.lengths_mm.1 - self.lengths_mm.0);
         let mut after = ((part.max(0.0) * last as f64) as usize + 1).min(last);
         while after < last && self.table[after][0] <= radius_mm {
@@ -120,23 +112,15 @@ impl DrivenFlank {
 
 /// Points evenly over α₁ from the end of the fillet to the tip.
 fn involute_points(flank: &Flank<'_>, outline: &ToothOutline, count: usize) -> Vec<FlankPoint> {
-    let (form, tip) = (
-        flank.alpha_at_radius_rad(outline.form_radius_mm),
-        flank.gear.tip_angle_rad,
-    );
-    (0..=count)
-        .map(|i| flank.at(form + (tip - form) * i as f64 / count as f64))
-        .collect()
+    let (form, tip) = (flank.alpha_at_radius_rad(outline.form_radius_mm), flank.gear.tip_angle_rad);
+    (0..=count).map(|i| flank.at(form + (tip - form) * i as f64 / count as f64)).collect()
 }
 
 /// Where from 0 to `end` a function is greatest that has few peaks, none much narrower than [`SCAN_STEP`]:
 /// looked at in these steps, then all around each peak that shows.
 fn highest(end: usize, value: impl Fn(usize) -> f64) -> usize {
-    let looked_at: Vec<(usize, f64)> = (0..end)
-        .step_by(SCAN_STEP)
-        .chain([end])
-        .map(|i| (i, value(i)))
-        .collect();
+    let looked_at: Vec<(usize, f64)> =
+        (0..end).step_by(SCAN_STEP).chain([end]).map(|i| (i, value(i))).collect();
     let mut best = (0, f64::NEG_INFINITY);
     for (j, (i, here)) in looked_at.iter().enumerate() {
         let (before, after) = (j.checked_sub(1).map(|j| looked_at[j]), looked_at.get(j + 1));
@@ -188,11 +172,7 @@ impl<'a> ToothPair<'a> {
         let (squared, beside, above) = self.driven_polar(point, turned);
         let radius_mm = squared.sqrt();
         let driven = self.driven.at(radius_mm);
-        Reach {
-            phi2_rad: above.atan2(beside) + driven.gamma_rad,
-            radius_mm,
-            driven,
-        }
+        Reach { phi2_rad: above.atan2(beside) + driven.gamma_rad, radius_mm, driven }
     }
 
     /// Angle between the tangents of the driving point and of the driven one that reaches it: φ₂ rises along
@@ -212,11 +192,7 @@ impl<'a> ToothPair<'a> {
             return None;
         }
         let driven = self.driven.at(radius);
-        Some((
-            above.atan2(beside) + driven.gamma_rad,
-            driven.radius_mm,
-            [beside, above],
-        ))
+        Some((above.atan2(beside) + driven.gamma_rad, driven.radius_mm, [beside, above]))
     }
 
     /// The first touch at φ₁ = `phi1_rad` of the driving tooth; none where the teeth cannot reach each other.
@@ -225,14 +201,8 @@ impl<'a> ToothPair<'a> {
         let (least, most) = self.driven.range();
         let polar = |point: &FlankPoint| self.driven_polar(point, turned);
         // The distance from the driven centre falls along the driving flank.
-        let first = self
-            .points
-            .iter()
-            .position(|point| polar(point).0 <= most * most)?;
-        let last = self
-            .points
-            .iter()
-            .rposition(|point| polar(point).0 >= least * least)?;
+        let first = self.points.iter().position(|point| polar(point).0 <= most * most)?;
+        let last = self.points.iter().rposition(|point| polar(point).0 >= least * least)?;
         if last < first {
             return None;
         }
@@ -242,16 +212,8 @@ impl<'a> ToothPair<'a> {
             let (low, high) = (alpha(inside.min(outside)), alpha(inside.max(outside)));
             root::find(value, (low, value(low)), (high, value(high)), TOLERANCE_RAD)
         };
-        let low = if first > 0 {
-            limit(first, first - 1, most)
-        } else {
-            alpha(0)
-        };
-        let high = if last + 1 < self.points.len() {
-            limit(last, last + 1, least)
-        } else {
-            alpha(last)
-        };
+        let low = if first > 0 { limit(first, first - 1, most) } else { alpha(0) };
+        let high = if last + 1 < self.points.len() { limit(last, last + 1, least) } else { alpha(last) };
         let at = |alpha: f64| {
             let point = self.driving.at(alpha);
             let reach = self.reach(&point, turned);
@@ -298,20 +260,15 @@ impl<'a> ToothPair<'a> {
         let turn = self.turn(&point, &reach, phi1_rad);
         let driving_edge = place >= high && turn < 0.0;
         // At the driving tip's edge the normal is the driven flank's, else the driving one's.
-        let normal_rad = if driving_edge {
-            reach.driven.lambda_rad + reach.phi2_rad
-        } else {
-            point.lambda_rad - phi1_rad
-        };
+        let normal_rad =
+            if driving_edge { reach.driven.lambda_rad + reach.phi2_rad } else { point.lambda_rad - phi1_rad };
         let normals = [normal_rad + phi1_rad, normal_rad - reach.phi2_rad].map(|angle| {
             let (sin, cos) = angle.sin_cos();
             [sin, cos]
         });
         let (sin, cos) = reach.driven.gamma_rad.sin_cos();
-        let places = [
-            [point.x_mm, point.y_mm - point.depth_mm],
-            [reach.radius_mm * cos, reach.radius_mm * sin],
-        ];
+        let places =
+            [[point.x_mm, point.y_mm - point.depth_mm], [reach.radius_mm * cos, reach.radius_mm * sin]];
         let arms_mm = [0, 1].map(|i| places[i][0] * normals[i][1] - places[i][1] * normals[i][0]);
 
         let position = |alpha: f64| {
@@ -331,11 +288,7 @@ impl<'a> ToothPair<'a> {
         let curvature_per_mm =
             if bend.is_finite() { bend } else { 0.0 }.max(LEAST_CURVATURE / self.module_mm);
 
-        let from_driven_tip = if tip_reaches {
-            distance(places[0], position(low))
-        } else {
-            f64::INFINITY
-        };
+        let from_driven_tip = if tip_reaches { distance(places[0], position(low)) } else { f64::INFINITY };
         let from_driving_tip = distance(places[0], position(self.driving.gear.tip_angle_rad));
         let edge = usize::from(from_driven_tip < from_driving_tip);
         let edge_angle_rad = if driving_edge {
@@ -350,10 +303,7 @@ impl<'a> ToothPair<'a> {
             radii_mm: [point.radius_mm, reach.driven.radius_mm],
             normals,
             arms_mm,
-            line: LineContact {
-                curvature_per_mm,
-                edge_angle_rad,
-            },
+            line: LineContact { curvature_per_mm, edge_angle_rad },
             edge,
         }
     }
@@ -388,11 +338,7 @@ mod tests {
             let touch = teeth.touch(phi1 + theta).unwrap();
             // The reference sees touches at its nodes, 0.025 mm apart: times the edge's angle (0.03) that is
             // 0.8 µm, and 5.1 µrad is what it differs by at most; the scan below is the exact check.
-            assert!(
-                (touch.phi2_rad - rolled).abs() < 6e-6,
-                "{phi1}: {}",
-                touch.phi2_rad - rolled
-            );
+            assert!((touch.phi2_rad - rolled).abs() < 6e-6, "{phi1}: {}", touch.phi2_rad - rolled);
             corners += usize::from(touch.line.edge_angle_rad > 1e-3);
         }
         assert!(corners >= 4, "{corners}");
@@ -410,10 +356,7 @@ mod tests {
             let mut greatest = f64::NEG_INFINITY;
             for point in driving.active_points(1000) {
                 let angle = point.gamma_rad() + phi1;
-                let (x, y) = (
-                    point.worn_radius_mm() * angle.cos(),
-                    point.worn_radius_mm() * angle.sin(),
-                );
+                let (x, y) = (point.worn_radius_mm() * angle.cos(), point.worn_radius_mm() * angle.sin());
                 let radius = (pair.centre_distance_mm - x).hypot(y);
                 let (mut low, mut high) = (pair.gears[1].root_angle_rad, pair.gears[1].tip_angle_rad);
                 if radius > tip || radius < driven.at(low).worn_radius_mm() {
@@ -431,16 +374,8 @@ mod tests {
             }
             let touch = teeth.touch(phi1).unwrap();
             // A step of 10 µm beside a touch leaves κ t²/2 or β t of the gap: 0.5 µm at the edges.
-            assert!(
-                touch.phi2_rad >= greatest - 1e-10,
-                "{phi1}: {}",
-                touch.phi2_rad - greatest
-            );
-            assert!(
-                touch.phi2_rad <= greatest + 1e-5,
-                "{phi1}: {}",
-                touch.phi2_rad - greatest
-            );
+            assert!(touch.phi2_rad >= greatest - 1e-10, "{phi1}: {}", touch.phi2_rad - greatest);
+            assert!(touch.phi2_rad <= greatest + 1e-5, "{phi1}: {}", touch.phi2_rad - greatest);
         }
     }
 }

@@ -108,9 +108,8 @@ mod tests {
         let spec = shen2022_spec().errors();
         let mut error = RandomError::new(&spec, 1);
         let ticks = 20_000;
-        let values: Vec<f64> = (0..ticks)
-            .map(|tick| error.at((f64::from(tick) + 1e-9) / spec.random_clock_hz))
-            .collect();
+        let values: Vec<f64> =
+            (0..ticks).map(|tick| error.at((f64::from(tick) + 1e-9) / spec.random_clock_hz)).collect();
         let mean = values.iter().sum::<f64>() / f64::from(ticks);
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / f64::from(ticks);
         // A uniform distribution on [0, r]: mean r/2, variance r²/12; five standard errors of 20 000 draws.

@@ -92,10 +92,7 @@ impl FlankWear {
     }
 
     pub(super) fn new(profiles: [WearProfile; 2]) -> Self {
-        Self {
-            profiles,
-            driving_turns: None,
-        }
+        Self { profiles, driving_turns: None }
     }
 
     /// Turns of the driving gear that the wear took, where its shape is that of Archard's law: load cycles of
@@ -115,10 +112,9 @@ impl FlankWear {
         within("wear depth in mm", h_max_mm, 0.0, f64::MAX)?;
         let spec = &pair.spec.wear;
         let profiles = match spec.shape {
-            WearShape::Parabolic => pair
-                .gears
-                .each_ref()
-                .map(|gear| WearProfile::Parabolic(parabola(spec, gear, h_max_mm))),
+            WearShape::Parabolic => {
+                pair.gears.each_ref().map(|gear| WearProfile::Parabolic(parabola(spec, gear, h_max_mm)))
+            }
             WearShape::Floor => [WearProfile::Floor(h_max_mm), WearProfile::Floor(h_max_mm)],
             WearShape::Table => wear_table::from_points(&spec.table, h_max_mm)?.map(WearProfile::Table),
             WearShape::Archard => {
@@ -157,15 +153,9 @@ impl FlankWear {
         match pair.spec.wear.shape {
             WearShape::Archard => Ok(ArchardWear::at_depths_in_steps(pair, depths_mm, step_modules)?
                 .into_iter()
-                .map(|state| Self {
-                    driving_turns: Some(state.driving_turns),
-                    ..state.wear
-                })
+                .map(|state| Self { driving_turns: Some(state.driving_turns), ..state.wear })
                 .collect()),
-            _ => depths_mm
-                .iter()
-                .map(|depth| Self::from_shape(pair, *depth))
-                .collect(),
+            _ => depths_mm.iter().map(|depth| Self::from_shape(pair, *depth)).collect(),
         }
     }
 
@@ -193,10 +183,7 @@ impl FlankWear {
     pub fn greatest_depth_mm(&self, pair: &GearPair) -> [f64; 2] {
         [0, 1].map(|i| {
             let flank = Flank::new(&pair.gears[i], self, i);
-            flank
-                .active_points(CHECKED_POINTS)
-                .map(|point| point.depth_mm)
-                .fold(0.0, f64::max)
+            flank.active_points(CHECKED_POINTS).map(|point| point.depth_mm).fold(0.0, f64::max)
         })
     }
 
@@ -288,11 +275,7 @@ mod tests {
     fn a_table_is_scaled_to_the_greatest_depth() {
         let mut spec = shen2022_spec();
         spec.wear.shape = WearShape::Table;
-        let point = |gear, radius_mm, depth_um| WearPoint {
-            gear,
-            radius_mm,
-            depth_um,
-        };
+        let point = |gear, radius_mm, depth_um| WearPoint { gear, radius_mm, depth_um };
         spec.wear.table = vec![point(1, 78.0, 10.0), point(1, 70.0, 40.0), point(2, 80.0, 20.0)];
         let pair = spec.resolve().unwrap();
         let wear = FlankWear::from_shape(&pair, 0.1).unwrap();
@@ -308,26 +291,12 @@ mod tests {
         let pair = shen2022();
         for depth in [-0.01, f64::NAN, f64::INFINITY, 4.5] {
             let refusal = FlankWear::from_shape(&pair, depth).unwrap_err();
-            assert!(
-                matches!(
-                    refusal,
-                    GearError::Field {
-                        field: "wear depth in mm",
-                        ..
-                    }
-                ),
-                "{refusal}"
-            );
+            assert!(matches!(refusal, GearError::Field { field: "wear depth in mm", .. }), "{refusal}");
         }
         let mut spec = shen2022_spec();
         for exponent in [1.0, 0.0, f64::NAN, 50.0] {
             spec.wear.exponent = exponent;
-            assert!(
-                spec.resolve()
-                    .unwrap_err()
-                    .to_string()
-                    .starts_with("wear.exponent")
-            );
+            assert!(spec.resolve().unwrap_err().to_string().starts_with("wear.exponent"));
         }
     }
 }

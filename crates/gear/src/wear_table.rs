@@ -22,11 +22,7 @@ impl DepthCurve {
     pub(super) fn new(points: &[(f64, f64)]) -> Self {
         let (radii_mm, depths_mm): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
         let slopes = (0..points.len()).map(|i| knot_slope(points, i)).collect();
-        Self {
-            radii_mm,
-            depths_mm,
-            slopes,
-        }
+        Self { radii_mm, depths_mm, slopes }
     }
 
     pub(super) fn radii_mm(&self) -> &[f64] {
@@ -49,10 +45,7 @@ impl DepthCurve {
         let before = after - 1;
         let width = self.radii_mm[after] - self.radii_mm[before];
         let t = (radius_mm - self.radii_mm[before]) / width;
-        let (start, rise) = (
-            self.depths_mm[before],
-            self.depths_mm[after] - self.depths_mm[before],
-        );
+        let (start, rise) = (self.depths_mm[before], self.depths_mm[after] - self.depths_mm[before]);
         let (m0, m1) = (self.slopes[before] * width, self.slopes[after] * width);
         // Hermite's cubic in the powers of t.
         let (c2, c3) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
@@ -69,10 +62,7 @@ fn knot_slope(points: &[(f64, f64)], i: usize) -> f64 {
         return 0.0;
     }
     let widths = [points[i].0 - points[i - 1].0, points[i + 1].0 - points[i].0];
-    let chords = [
-        (points[i].1 - points[i - 1].1) / widths[0],
-        (points[i + 1].1 - points[i].1) / widths[1],
-    ];
+    let chords = [(points[i].1 - points[i - 1].1) / widths[0], (points[i + 1].1 - points[i].1) / widths[1]];
     if chords[0] * chords[1] <= 0.0 {
         return 0.0;
     }
@@ -95,18 +85,10 @@ pub(super) fn from_points(table: &[WearPoint], h_max_mm: f64) -> Result<[DepthCu
             return Err(GearError::field("wear.table.gear", point.gear, "1 or 2"));
         }
         if !(point.radius_mm > 0.0 && point.radius_mm.is_finite()) {
-            return Err(GearError::field(
-                "wear.table.radius_mm",
-                point.radius_mm,
-                "a number above 0",
-            ));
+            return Err(GearError::field("wear.table.radius_mm", point.radius_mm, "a number above 0"));
         }
         if !(point.depth_um >= 0.0 && point.depth_um.is_finite()) {
-            return Err(GearError::field(
-                "wear.table.depth_um",
-                point.depth_um,
-                "a number from 0",
-            ));
+            return Err(GearError::field("wear.table.depth_um", point.depth_um, "a number from 0"));
         }
         points[point.gear as usize - 1].push((point.radius_mm, point.depth_um));
     }
@@ -121,11 +103,7 @@ pub(super) fn from_points(table: &[WearPoint], h_max_mm: f64) -> Result<[DepthCu
     for points in &mut points {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         if let Some(twice) = points.windows(2).find(|two| two[0].0 == two[1].0) {
-            return Err(GearError::field(
-                "wear.table.radius_mm",
-                twice[0].0,
-                "each radius of a gear once",
-            ));
+            return Err(GearError::field("wear.table.radius_mm", twice[0].0, "each radius of a gear once"));
         }
         for point in points.iter_mut() {
             point.1 *= h_max_mm / greatest_um;
@@ -144,9 +122,7 @@ struct TextRow {
 
 /// A table in CSV, depths as they are.
 pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], GearError> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let headers = reader.headers()?.clone();
     if headers.iter().collect::<Vec<_>>() != ["gear", "radius_mm", "depth_um"] {
         let value = headers.iter().collect::<Vec<_>>().join(",");
@@ -180,21 +156,11 @@ pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], G
         };
         points[gear].push((radius_mm, depth_um * 1e-3, line));
         if points[gear].len() > MOST_POINTS {
-            return Err(row_error(
-                line,
-                "gear",
-                row.gear,
-                &format!("at most {MOST_POINTS} lines a gear"),
-            ));
+            return Err(row_error(line, "gear", row.gear, &format!("at most {MOST_POINTS} lines a gear")));
         }
     }
     if points.iter().all(Vec::is_empty) {
-        return Err(row_error(
-            2,
-            "gear",
-            String::new(),
-            "at least one line below the header",
-        ));
+        return Err(row_error(2, "gear", String::new(), "at least one line below the header"));
     }
     for points in &mut points {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -211,12 +177,7 @@ pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], G
 }
 
 fn row_error(line: u64, field: &'static str, value: String, expected: &str) -> GearError {
-    GearError::WearTable {
-        line,
-        field,
-        value,
-        expected: expected.to_owned(),
-    }
+    GearError::WearTable { line, field, value, expected: expected.to_owned() }
 }
 
 #[cfg(test)]
@@ -279,9 +240,7 @@ mod tests {
     fn broken_tables_are_refused_with_line_field_and_value() {
         let refusal = |rows: &str| {
             let text = format!("gear,radius_mm,depth_um\n{rows}");
-            FlankWear::from_table_csv(&shen2022(), &text)
-                .unwrap_err()
-                .to_string()
+            FlankWear::from_table_csv(&shen2022(), &text).unwrap_err().to_string()
         };
         assert!(refusal("1,70,5\n3,70,5\n").starts_with("wear table line 3: gear is \"3\""));
         assert!(refusal("1,70,5\n1,-70,5\n").starts_with("wear table line 3: radius_mm is \"-70\""));
@@ -292,9 +251,8 @@ mod tests {
         assert!(refusal("1,70\n").contains("line: 2"));
         assert!(refusal("").contains("at least one line"));
         assert!(refusal("1,70,9000\n").contains("half of the tooth"));
-        let other = FlankWear::from_table_csv(&shen2022(), "gear,radius,depth\n1,70,5\n")
-            .unwrap_err()
-            .to_string();
+        let other =
+            FlankWear::from_table_csv(&shen2022(), "gear,radius,depth\n1,70,5\n").unwrap_err().to_string();
         assert!(other.contains("gear,radius_mm,depth_um"), "{other}");
         assert!(FlankWear::from_table_csv(&shen2022(), "").is_err());
     }

@@ -23,12 +23,8 @@ fn main() {
         .expect("the pair file is valid");
     let library =
         build(&pair, &GridSettings::default(), &BuildControl::silent()).expect("the pair can be simulated");
-    let ensemble = Ensemble::build(
-        Arc::new(library),
-        &EnsembleSettings::default(),
-        &BuildControl::silent(),
-    )
-    .expect("the pair can be simulated");
+    let ensemble = Ensemble::build(Arc::new(library), &EnsembleSettings::default(), &BuildControl::silent())
+        .expect("the pair can be simulated");
     let bank = Bank::build(BankPlan {
         pair,
         worn: 60,
@@ -52,10 +48,7 @@ fn main() {
         fault: None,
     };
     let run = observe(&bank, None, &shape, 1);
-    let settings = EstimatorSettings {
-        baseline_records: 20,
-        limit_um: Some(200.0),
-    };
+    let settings = EstimatorSettings { baseline_records: 20, limit_um: Some(200.0) };
     let tracker = Tracker::new(settings, Some(Arc::new(ensemble)));
     let at = |index: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(index as i64);
     let mut best = Duration::MAX;
@@ -103,8 +96,5 @@ fn reading() -> Duration {
         black_box(analyzer.analyze(&record, &mesh));
         began.elapsed()
     };
-    (0..REPEATS)
-        .map(|_| once(&mut analyzer))
-        .min()
-        .unwrap_or_default()
+    (0..REPEATS).map(|_| once(&mut analyzer)).min().unwrap_or_default()
 }

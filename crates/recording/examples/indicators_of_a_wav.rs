@@ -22,10 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("expected no argument, or FILE.wav TEETH SHAFT_HZ".into()),
     };
     // WAV has no unit: the caller knows it.
-    let defaults = RecordDefaults {
-        unit: Some("m/s2".to_owned()),
-        ..RecordDefaults::default()
-    };
+    let defaults = RecordDefaults { unit: Some("m/s2".to_owned()), ..RecordDefaults::default() };
     let settings = ConditionSettings {
         mesh: MeshContext {
             teeth,
@@ -44,16 +41,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let analysis = analyzer.condition(&record, &settings).analysis;
         println!("channel {}, {:.2} s", record.channel(), record.duration_s());
         if let Some(speed) = analysis.shaft_speed {
-            println!(
-                "  shaft {:.3} Hz, mesh {:.2} Hz",
-                speed.shaft_speed_hz, speed.mesh_frequency_hz
-            );
+            println!("  shaft {:.3} Hz, mesh {:.2} Hz", speed.shaft_speed_hz, speed.mesh_frequency_hz);
         }
         for (name, value) in &analysis.indicators.values {
-            println!(
-                "  {name} = {value:.6} {}",
-                Indicators::unit(name, record.unit(), &[])
-            );
+            println!("  {name} = {value:.6} {}", Indicators::unit(name, record.unit(), &[]));
         }
         for (name, reason) in &analysis.indicators.absent {
             println!("  {name} is absent: {reason:?}");
@@ -68,9 +59,7 @@ fn made_up() -> Result<Vec<u8>, Box<dyn Error>> {
     let mut writer = WavWriter::new(&mut bytes, 1, 20_000.0)?;
     for i in 0..80_000 {
         let turn = TAU * 25.0 * f64::from(i) / 20_000.0;
-        let mesh: f64 = (1..=3)
-            .map(|h| (24.0 * f64::from(h) * turn).sin() / f64::from(h))
-            .sum();
+        let mesh: f64 = (1..=3).map(|h| (24.0 * f64::from(h) * turn).sin() / f64::from(h)).sum();
         writer.write_frame(&[((1.0 + 0.1 * turn.cos()) * mesh) as f32])?;
     }
     writer.finish()?;

@@ -72,10 +72,7 @@ impl RecordDefaults {
 
     /// The unit of a channel where the recording has none: `"1"` if nobody knows it.
     pub(crate) fn unit_of(&self, channel: &str) -> &str {
-        self.channel_units
-            .get(channel)
-            .or(self.unit.as_ref())
-            .map_or("1", String::as_str)
+        self.channel_units.get(channel).or(self.unit.as_ref()).map_or("1", String::as_str)
     }
 }
 
@@ -133,10 +130,7 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
             }
             let block = match packed_samples::split(bytes) {
                 // What is split has no more than 64 KiB besides its samples, and so not too many pulses.
-                Some((samples, others)) => WaveformBlock {
-                    samples,
-                    ..WaveformBlock::decode(&others[..])?
-                },
+                Some((samples, others)) => WaveformBlock { samples, ..WaveformBlock::decode(&others[..])? },
                 None => {
                     pulse_count::check_block(bytes)?;
                     WaveformBlock::decode(bytes)?
@@ -148,11 +142,7 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                 unit: block.unit,
                 channel: block.channel,
                 samples: block.samples,
-                operating_point: block
-                    .operating_point
-                    .as_ref()
-                    .map(operating_point_of)
-                    .unwrap_or_default(),
+                operating_point: block.operating_point.as_ref().map(operating_point_of).unwrap_or_default(),
                 quality: block.quality.map_or_else(Quality::default, |quality| Quality {
                     clipped: quality.clipped,
                     gap: quality.gap,
@@ -184,11 +174,7 @@ impl DecodedBlock {
                 "at most 256 bytes without control characters",
             ));
         }
-        let unit = if self.unit.is_empty() {
-            defaults.unit_of(channel)
-        } else {
-            &self.unit
-        };
+        let unit = if self.unit.is_empty() { defaults.unit_of(channel) } else { &self.unit };
         if unit.len() > MAX_UNIT_BYTES || unit.chars().any(char::is_control) {
             return Err(RecordingError::field(
                 "unit",
@@ -223,10 +209,8 @@ pub(crate) fn message_of(record: &Record) -> WaveformBlock {
         first_sample_index: 0,
         unit: record.unit().to_owned(),
         samples: record.samples().to_vec(),
-        quality: (record.quality() != Quality::default()).then_some(message::Quality {
-            clipped: record.quality().clipped,
-            gap: record.quality().gap,
-        }),
+        quality: (record.quality() != Quality::default())
+            .then_some(message::Quality { clipped: record.quality().clipped, gap: record.quality().gap }),
         channel: record.channel().to_owned(),
         operating_point: (point != OperatingPoint::default()).then_some(message::OperatingPoint {
             start_time_ns: 0,
@@ -266,10 +250,7 @@ pub(crate) fn nanoseconds(time: Timestamp) -> i64 {
 /// Refuses a sample count that no record can have, before anything is kept.
 pub(crate) fn check_sample_count(channel: &str, samples: usize) -> Result<(), RecordError> {
     if samples > MAX_RECORD_SAMPLES {
-        return Err(RecordError::TooLong {
-            channel: channel.to_owned(),
-            samples,
-        });
+        return Err(RecordError::TooLong { channel: channel.to_owned(), samples });
     }
     Ok(())
 }
@@ -306,11 +287,7 @@ mod tests {
                     let time = Timestamp::from_nanosecond(time.into()).unwrap();
                     Record::new(channel, time, rate, unit, samples)
                         .unwrap()
-                        .with_operating_point(OperatingPoint {
-                            shaft_speed_hz,
-                            torque_nm,
-                            temperature_c,
-                        })
+                        .with_operating_point(OperatingPoint { shaft_speed_hz, torque_nm, temperature_c })
                         .unwrap()
                         .with_quality(Quality { clipped, gap })
                 },
@@ -346,11 +323,7 @@ mod tests {
 
     #[test]
     fn defaults_fill_what_a_block_leaves_out() {
-        let block = WaveformBlock {
-            sample_rate_hz: 100.0,
-            samples: vec![1.0],
-            ..Default::default()
-        };
+        let block = WaveformBlock { sample_rate_hz: 100.0, samples: vec![1.0], ..Default::default() };
         let defaults = RecordDefaults {
             channel: Some("x".to_owned()),
             start_time: Timestamp::from_second(5).unwrap(),
@@ -363,35 +336,21 @@ mod tests {
             ..RecordDefaults::default()
         };
         let record = decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &defaults).unwrap();
-        assert_eq!(
-            (record.channel(), record.unit(), record.start_time().as_second()),
-            ("x", "g", 5)
-        );
+        assert_eq!((record.channel(), record.unit(), record.start_time().as_second()), ("x", "g", 5));
         assert_eq!(record.operating_point().shaft_speed_hz, Some(30.0));
-        let bare = decode_block(
-            &block.encode_to_vec(),
-            BlockEncoding::Protobuf,
-            &RecordDefaults::default(),
-        )
-        .unwrap();
+        let bare = decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &RecordDefaults::default())
+            .unwrap();
         assert_eq!((bare.channel(), bare.unit()), ("1", "1"));
     }
 
     #[test]
     fn what_is_not_finite_is_refused() {
-        let mut block = WaveformBlock {
-            sample_rate_hz: 100.0,
-            samples: vec![0.0, f32::NAN],
-            ..Default::default()
-        };
+        let mut block =
+            WaveformBlock { sample_rate_hz: 100.0, samples: vec![0.0, f32::NAN], ..Default::default() };
         let refused = |block: &WaveformBlock| {
-            decode_block(
-                &block.encode_to_vec(),
-                BlockEncoding::Protobuf,
-                &RecordDefaults::default(),
-            )
-            .unwrap_err()
-            .to_string()
+            decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &RecordDefaults::default())
+                .unwrap_err()
+                .to_string()
         };
         assert!(refused(&block).contains("NaN at sample 1"));
         block.samples.pop();

@@ -88,11 +88,7 @@ impl<R: Read> CsvFrames<R> {
     /// column.
     pub fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         let skipped = self.head.lines;
-        if !self
-            .reader
-            .read_byte_record(&mut self.line)
-            .map_err(|error| csv_error(error, skipped))?
-        {
+        if !self.reader.read_byte_record(&mut self.line).map_err(|error| csv_error(error, skipped))? {
             return Ok(false);
         }
         for ((sample, &column), channel) in frame.iter_mut().zip(&self.columns).zip(&self.channels) {
@@ -127,9 +123,7 @@ impl<R: Read> CsvFrames<R> {
         match clock.read(field, &mut self.clock_decimals) {
             Some(moment) => Ok(Some(moment)),
             None => {
-                let at = (0..self.head.columns.len())
-                    .find(|&at| clock.has(at))
-                    .unwrap_or_default();
+                let at = (0..self.head.columns.len()).find(|&at| clock.has(at)).unwrap_or_default();
                 Err(RecordingError::CsvValue {
                     line: self.line(),
                     column: self.head.columns[at].label.clone(),
@@ -143,21 +137,10 @@ impl<R: Read> CsvFrames<R> {
 
 /// Columns of the chosen names, or all that are not a time.
 fn choose(head: &Head, chosen: &[String]) -> Result<Vec<usize>, RecordingError> {
-    let names = || {
-        head.columns
-            .iter()
-            .map(|column| column.label.as_str())
-            .collect::<Vec<_>>()
-            .join(", ")
-    };
-    let refuse = |what: String| RecordingError::CsvLine {
-        line: head.lines.max(1),
-        what,
-    };
+    let names = || head.columns.iter().map(|column| column.label.as_str()).collect::<Vec<_>>().join(", ");
+    let refuse = |what: String| RecordingError::CsvLine { line: head.lines.max(1), what };
     let columns: Vec<usize> = if chosen.is_empty() {
-        (0..head.columns.len())
-            .filter(|&at| !head.clock.is_some_and(|clock| clock.has(at)))
-            .collect()
+        (0..head.columns.len()).filter(|&at| !head.clock.is_some_and(|clock| clock.has(at))).collect()
     } else {
         let find = |wanted: &String| {
             let is_wanted = |column: &Column| column.label == *wanted || column.name == *wanted;
@@ -176,16 +159,11 @@ fn csv_error(error: csv::Error, skipped: u64) -> RecordingError {
     let line = skipped + error.position().map_or(1, csv::Position::line);
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error.into(),
-        csv::ErrorKind::UnequalLengths {
-            expected_len, len, ..
-        } => RecordingError::CsvLine {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => RecordingError::CsvLine {
             line,
             what: format!("{len} fields, expected {expected_len} as in the first line of samples"),
         },
-        other => RecordingError::CsvLine {
-            line,
-            what: format!("{other:?}"),
-        },
+        other => RecordingError::CsvLine { line, what: format!("{other:?}") },
     }
 }
 
@@ -198,20 +176,13 @@ struct LineLimit<R> {
 
 impl<R: Read> LineLimit<R> {
     fn new(reader: R) -> Self {
-        Self {
-            reader,
-            beginning: io::Cursor::new(Vec::new()),
-            line_bytes: 0,
-        }
+        Self { reader, beginning: io::Cursor::new(Vec::new()), line_bytes: 0 }
     }
 
     /// Reads the first bytes, which are passed on later.
     fn beginning(&mut self) -> Result<&[u8], RecordingError> {
         let mut beginning = Vec::new();
-        self.reader
-            .by_ref()
-            .take(BEGINNING_BYTES as u64)
-            .read_to_end(&mut beginning)?;
+        self.reader.by_ref().take(BEGINNING_BYTES as u64).read_to_end(&mut beginning)?;
         self.beginning = io::Cursor::new(beginning);
         Ok(self.beginning.get_ref())
     }
@@ -219,11 +190,8 @@ impl<R: Read> LineLimit<R> {
     /// Leaves out lines of the beginning.
     fn skip_lines(&mut self, lines: u64) {
         let beginning = self.beginning.get_ref();
-        let ends = beginning
-            .iter()
-            .enumerate()
-            .filter(|(_, byte)| **byte == b'\n')
-            .map(|(at, _)| at as u64 + 1);
+        let ends =
+            beginning.iter().enumerate().filter(|(_, byte)| **byte == b'\n').map(|(at, _)| at as u64 + 1);
         let start = match lines {
             0 if beginning.starts_with(b"\xef\xbb\xbf") => 3,
             0 => 0,
@@ -264,12 +232,7 @@ struct Squeezed<R> {
 
 impl<R: Read> Squeezed<R> {
     fn new(reader: R, active: bool) -> Self {
-        Self {
-            reader,
-            active,
-            begun: false,
-            space: false,
-        }
+        Self { reader, active, begun: false, space: false }
     }
 }
 
@@ -344,25 +307,15 @@ mod tests {
         assert_eq!(read(text, &["a2"]).unwrap().1, [[2.0]]);
         assert_eq!(read(text, &["a2", "a1"]).unwrap().1, [[2.0, 1.0]]);
         assert!(read(text, &["a3"]).unwrap_err().contains("no column \"a3\""));
-        assert!(
-            read("t\n1\n", &[])
-                .unwrap_err()
-                .contains("no column with samples")
-        );
-        assert_eq!(
-            read("torque\tt_s\tt_oil\n1\t0\t60\n", &[]).unwrap().0,
-            ["torque", "t_oil"]
-        );
+        assert!(read("t\n1\n", &[]).unwrap_err().contains("no column with samples"));
+        assert_eq!(read("torque\tt_s\tt_oil\n1\t0\t60\n", &[]).unwrap().0, ["torque", "t_oil"]);
     }
 
     #[test]
     fn an_error_names_line_column_and_value() {
         for (text, expected) in [
             ("", "0 bytes"),
-            (
-                "a,b\n1,2\n3,x\n",
-                "csv line 3, column \"b\": \"x\", expected a finite number",
-            ),
+            ("a,b\n1,2\n3,x\n", "csv line 3, column \"b\": \"x\", expected a finite number"),
             ("a\nNaN\n", "csv line 2, column \"a\": \"NaN\""),
             ("1\n2\ninf\n", "csv line 3, column \"1\": \"inf\""),
             ("a\n1e39\n", "csv line 2, column \"a\": \"1e39\""),

@@ -63,16 +63,9 @@ const UNITS: [(&str, &str); 50] = [
 
 /// A unit without its brackets as it is written here; none where it is not known.
 pub(super) fn unit(text: &str) -> Option<&'static str> {
-    let bare = text
-        .trim()
-        .trim_start_matches(['[', '('])
-        .trim_end_matches([']', ')'])
-        .trim();
+    let bare = text.trim().trim_start_matches(['[', '(']).trim_end_matches([']', ')']).trim();
     let bare = bare.to_lowercase();
-    UNITS
-        .iter()
-        .find(|(name, _)| *name == bare)
-        .map(|(_, unit)| *unit)
+    UNITS.iter().find(|(name, _)| *name == bare).map(|(_, unit)| *unit)
 }
 
 /// A column's name without the unit in brackets at its end.
@@ -116,10 +109,7 @@ pub(super) struct Decimals {
 
 impl Decimals {
     pub(super) fn separated_by(separator: u8) -> Self {
-        Self {
-            comma_allowed: separator != b',',
-            seen: None,
-        }
+        Self { comma_allowed: separator != b',', seen: None }
     }
 
     /// The number in a field.
@@ -134,12 +124,7 @@ impl Decimals {
         {
             return None;
         }
-        let value = if sign == ',' {
-            field.replace(',', ".").parse()
-        } else {
-            field.parse()
-        }
-        .ok()?;
+        let value = if sign == ',' { field.replace(',', ".").parse() } else { field.parse() }.ok()?;
         self.seen = Some(sign);
         Some(value)
     }
@@ -173,18 +158,14 @@ impl Moment {
         }
         let date_time = |text: &str| {
             let time = text.parse::<DateTime>().ok()?.to_zoned(TimeZone::UTC).ok()?;
-            i64::try_from(time.timestamp().as_nanosecond())
-                .ok()
-                .map(Self::Since1970)
+            i64::try_from(time.timestamp().as_nanosecond()).ok().map(Self::Since1970)
         };
         let (date, time) = field.split_once([' ', 'T']).unwrap_or(("", &field));
         if date.is_empty() {
             let time: jiff::civil::Time = time.parse().ok()?;
             let seconds =
                 i64::from(time.hour()) * 3600 + i64::from(time.minute()) * 60 + i64::from(time.second());
-            return Some(Self::SinceMidnight(
-                seconds * 1_000_000_000 + i64::from(time.subsec_nanosecond()),
-            ));
+            return Some(Self::SinceMidnight(seconds * 1_000_000_000 + i64::from(time.subsec_nanosecond())));
         }
         let parts: Vec<&str> = date.split('.').collect();
         match parts[..] {
@@ -231,10 +212,7 @@ mod tests {
         ] {
             assert_eq!(Moment::parse(text), Some(day), "{text}");
         }
-        assert_eq!(
-            Moment::parse("01:00:00.25"),
-            Some(Moment::SinceMidnight(3600 * second + second / 4))
-        );
+        assert_eq!(Moment::parse("01:00:00.25"), Some(Moment::SinceMidnight(3600 * second + second / 4)));
         for text in ["1.5", "25:00:00", "x:y", "2026-13-01 00:00:00", ""] {
             assert_eq!(Moment::parse(text), None, "{text}");
         }

@@ -56,13 +56,8 @@ impl Head {
             .find_map(|&separator| first_samples(&lines, separator, 2).map(|line| (separator, line)));
         let found = found.or_else(|| first_samples(&lines, b',', 1).map(|line| (b',', line)));
         let (separator, line) = found.unwrap_or_else(|| unknown(&lines));
-        let first = lines
-            .get(line)
-            .map(|line| fields(line, separator))
-            .unwrap_or_default();
-        let above = lines[..line.min(lines.len())]
-            .iter()
-            .rfind(|line| !line.trim().is_empty());
+        let first = lines.get(line).map(|line| fields(line, separator)).unwrap_or_default();
+        let above = lines[..line.min(lines.len())].iter().rfind(|line| !line.trim().is_empty());
         // A separator may end every line; but where the last column has a name, nothing in it is a value that
         // is missing.
         let is_named = above.is_some_and(|line| {
@@ -73,17 +68,10 @@ impl Head {
         let width = first.len() - usize::from(ends_open);
         check_header(&lines, line, separator, width)?;
         let (names, units, preamble) = header(&lines[..line.min(lines.len())], separator, width);
-        let width = if width == 0 {
-            names.as_ref().map_or(0, Vec::len)
-        } else {
-            width
-        };
+        let width = if width == 0 { names.as_ref().map_or(0, Vec::len) } else { width };
         if width > MAX_COLUMNS {
             let what = format!("{width} columns, expected at most {MAX_COLUMNS}");
-            return Err(RecordingError::CsvLine {
-                line: line as u64 + 1,
-                what,
-            });
+            return Err(RecordingError::CsvLine { line: line as u64 + 1, what });
         }
         let columns = columns(names.as_deref(), &units, width, line)?;
         let samples: Vec<Vec<String>> = lines[line.min(lines.len())..]
@@ -157,9 +145,7 @@ fn check_header(lines: &[&str], line: usize, separator: u8, width: usize) -> Res
     };
     let names = fields(above, separator);
     let named = names.len() - usize::from(names.last().is_some_and(String::is_empty));
-    let are_words = names[..named]
-        .iter()
-        .all(|name| !name.is_empty() && name.parse::<f64>().is_err());
+    let are_words = names[..named].iter().all(|name| !name.is_empty() && name.parse::<f64>().is_err());
     if width > 0 && named > 1 && named != width && are_words {
         return Err(RecordingError::CsvLine {
             line: line as u64 + 1,
@@ -173,13 +159,9 @@ fn check_header(lines: &[&str], line: usize, separator: u8, width: usize) -> Res
 /// and column.
 fn unknown(lines: &[&str]) -> (u8, usize) {
     let first = lines.first().copied().unwrap_or_default();
-    let separator = [b';', b'\t']
-        .into_iter()
-        .find(|&separator| first.contains(char::from(separator)))
-        .unwrap_or(b',');
-    let is_header = fields(first, separator)
-        .iter()
-        .any(|field| field.parse::<f64>().is_err());
+    let separator =
+        [b';', b'\t'].into_iter().find(|&separator| first.contains(char::from(separator))).unwrap_or(b',');
+    let is_header = fields(first, separator).iter().any(|field| field.parse::<f64>().is_err());
     (separator, usize::from(is_header))
 }
 
@@ -187,12 +169,8 @@ type Header = (Option<Vec<String>>, Vec<Option<&'static str>>, usize);
 
 /// Names of the columns, their units where a line of its own says them, and the number of lines before both.
 fn header(before: &[&str], separator: u8, width: usize) -> Header {
-    let mut rows = before
-        .iter()
-        .enumerate()
-        .rev()
-        .filter(|(_, line)| !line.trim().is_empty())
-        .map(|(at, line)| {
+    let mut rows =
+        before.iter().enumerate().rev().filter(|(_, line)| !line.trim().is_empty()).map(|(at, line)| {
             let mut row = fields(line, separator);
             if width > 0 && row.len() == width + 1 && row.last().is_some_and(String::is_empty) {
                 row.pop();
@@ -219,9 +197,7 @@ fn columns(
 ) -> Result<Vec<Column>, RecordingError> {
     let mut columns: Vec<Column> = Vec::with_capacity(width);
     for at in 0..width {
-        let label = names
-            .and_then(|names| names.get(at))
-            .filter(|name| !name.is_empty());
+        let label = names.and_then(|names| names.get(at)).filter(|name| !name.is_empty());
         let label = label.cloned().unwrap_or_else(|| (at + 1).to_string());
         if label.len() > MAX_CHANNEL_BYTES || label.chars().any(char::is_control) {
             return Err(RecordingError::CsvLine {
@@ -234,19 +210,11 @@ fn columns(
         }
         let (stem, of_name) = name_and_unit(&label);
         // A name that stands there twice would be one channel.
-        let name = match columns
-            .iter()
-            .filter(|column| name_and_unit(&column.label).0 == stem)
-            .count()
-        {
+        let name = match columns.iter().filter(|column| name_and_unit(&column.label).0 == stem).count() {
             0 => stem.to_owned(),
             count => format!("{stem}_{}", count + 1),
         };
-        columns.push(Column {
-            unit: units.get(at).copied().flatten().or(of_name),
-            name,
-            label,
-        });
+        columns.push(Column { unit: units.get(at).copied().flatten().or(of_name), name, label });
     }
     Ok(columns)
 }
@@ -255,9 +223,7 @@ fn columns(
 /// `timestamp_ns`, but not `t_oil`; with the unit that the name itself ends in.
 fn time_name(name: &str) -> Option<Option<&'static str>> {
     let name = name.to_lowercase();
-    let mut words = name
-        .split([' ', '(', '[', '_', ')', ']'])
-        .filter(|word| !word.is_empty());
+    let mut words = name.split([' ', '(', '[', '_', ')', ']']).filter(|word| !word.is_empty());
     let stem = words.next().unwrap_or_default();
     let is_time = matches!(
         stem,
@@ -265,38 +231,26 @@ fn time_name(name: &str) -> Option<Option<&'static str>> {
     );
     let units: Vec<&str> = words.collect();
     let of_time = |word: &&str| unit(word).is_some_and(|unit| unit == "utc" || seconds_of(unit).is_some());
-    (is_time && units.iter().all(of_time)).then(|| {
-        units
-            .iter()
-            .find_map(|word| unit(word))
-            .filter(|unit| *unit != "utc")
-    })
+    (is_time && units.iter().all(of_time))
+        .then(|| units.iter().find_map(|word| unit(word)).filter(|unit| *unit != "utc"))
 }
 
 fn clock(columns: &[Column], has_header: bool, samples: &[Vec<String>], separator: u8) -> Option<Clock> {
     let is_moment = |at: usize| {
-        samples
-            .first()
-            .and_then(|row| row.get(at))
-            .is_some_and(|field| Moment::parse(field).is_some())
+        samples.first().and_then(|row| row.get(at)).is_some_and(|field| Moment::parse(field).is_some())
     };
     if let Some(at) = (0..columns.len()).find(|&at| is_moment(at)) {
         return Some(Clock::Moment(at));
     }
     let named = |column: &Column| has_header.then(|| time_name(&column.label)).flatten();
-    if let Some((at, of_name)) = columns
-        .iter()
-        .enumerate()
-        .find_map(|(at, column)| Some((at, named(column)?)))
+    if let Some((at, of_name)) =
+        columns.iter().enumerate().find_map(|(at, column)| Some((at, named(column)?)))
     {
         let factor = columns[at].unit.or(of_name).and_then(seconds_of).unwrap_or(1.0);
         return Some(Clock::Seconds { column: at, factor });
     }
     let hours = |column: &Column| {
-        matches!(
-            column.name.to_lowercase().as_str(),
-            "h" | "hour" | "hours" | "stunde" | "std"
-        )
+        matches!(column.name.to_lowercase().as_str(), "h" | "hour" | "hours" | "stunde" | "std")
     };
     let may_be = columns.len() > 4 && (!has_header || hours(&columns[0]));
     (may_be && Clock::Parts.rises(samples, separator)).then_some(Clock::Parts)
@@ -308,11 +262,7 @@ fn stated_rate_hz(lines: &[&str]) -> Option<f64> {
         let at = line.find([':', '=', ';', '\t', ','])?;
         let (key, value) = (&line[..at], &line[at + 1..]);
         let (key, of_key) = name_and_unit(key.trim_matches(['#', '%', '"', ' ', '/']));
-        let key: String = key
-            .to_lowercase()
-            .chars()
-            .filter(|c| c.is_alphanumeric())
-            .collect();
+        let key: String = key.to_lowercase().chars().filter(|c| c.is_alphanumeric()).collect();
         let known = [
             "fs",
             "samplerate",
@@ -327,11 +277,7 @@ fn stated_rate_hz(lines: &[&str]) -> Option<f64> {
         }
         let mut words = value.split([';', '\t', ' ', '"']).filter(|word| !word.is_empty());
         let number: f64 = Decimals::separated_by(b';').parse(words.next()?.trim_end_matches("Hz"))?;
-        let factor = if words.next().and_then(unit).or(of_key) == Some("kHz") {
-            1e3
-        } else {
-            1.0
-        };
+        let factor = if words.next().and_then(unit).or(of_key) == Some("kHz") { 1e3 } else { 1.0 };
         Some(number * factor).filter(|rate| *rate > 0.0 && rate.is_finite())
     })
 }

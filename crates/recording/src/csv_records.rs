@@ -117,10 +117,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn read(text: &str, rate_hz: Option<f64>) -> Result<Vec<Record>, String> {
-        let defaults = RecordDefaults {
-            sample_rate_hz: rate_hz,
-            ..RecordDefaults::default()
-        };
+        let defaults = RecordDefaults { sample_rate_hz: rate_hz, ..RecordDefaults::default() };
         decode_csv(text.as_bytes(), &defaults).map_err(|error| error.to_string())
     }
 
@@ -134,16 +131,11 @@ mod tests {
     fn a_german_file_with_preamble_units_and_decimal_comma_is_read() {
         let text = "Messung;Getriebe 7\nAbtastrate;12,8;kHz\n\nZeit [ms];Eingang;Ausgang\nms;m/s²;g\n0,000;1,5;\"2,25\"\n0,078125;-3e-1;4\n";
         let records = read(text, None).unwrap();
-        let found: Vec<_> = records
-            .iter()
-            .map(|r| (r.channel(), r.unit(), r.sample_rate_hz(), r.samples()))
-            .collect();
+        let found: Vec<_> =
+            records.iter().map(|r| (r.channel(), r.unit(), r.sample_rate_hz(), r.samples())).collect();
         assert_eq!(
             found,
-            [
-                ("Eingang", "m/s2", 12_800.0, &[1.5, -0.3][..]),
-                ("Ausgang", "g", 12_800.0, &[2.25, 4.0][..])
-            ]
+            [("Eingang", "m/s2", 12_800.0, &[1.5, -0.3][..]), ("Ausgang", "g", 12_800.0, &[2.25, 4.0][..])]
         );
     }
 
@@ -154,23 +146,13 @@ mod tests {
             "a;b\n1;2.5\n3;4\n",
             "a\tb\n1\t2,5\n3\t4\n",
             "a b\n1 2.5\n3 4\n",
-            "  a   b\n  1.0   2,5\n  3.0   4,0\n"
-                .replace("1.0", "1,0")
-                .replace("3.0", "3,0")
-                .as_str(),
+            "  a   b\n  1.0   2,5\n  3.0   4,0\n".replace("1.0", "1,0").replace("3.0", "3,0").as_str(),
             "\u{feff}\"a\",\"b\"\r\n\"1\",\"2.5\"\r\n\r\n3,4\r\n",
             "a,b,\n1,2.5,\n3,4,\n",
         ] {
             let records = read(text, Some(10.0)).unwrap_or_else(|error| panic!("{text:?}: {error}"));
-            let found: Vec<_> = records
-                .iter()
-                .map(|record| (record.channel(), record.samples()))
-                .collect();
-            assert_eq!(
-                found,
-                [("a", &[1.0, 3.0][..]), ("b", &[2.5, 4.0][..])],
-                "{text:?}"
-            );
+            let found: Vec<_> = records.iter().map(|record| (record.channel(), record.samples())).collect();
+            assert_eq!(found, [("a", &[1.0, 3.0][..]), ("b", &[2.5, 4.0][..])], "{text:?}");
         }
     }
 
@@ -194,27 +176,14 @@ mod tests {
         );
         assert_eq!(read(&text, Some(25_640.0)).unwrap()[0].sample_rate_hz(), 25_640.0);
         // Whole numbers that are no clock are samples.
-        assert_eq!(
-            read("9,39,39,5,1\n3,70,2,1,4\n1,1,1,1,1\n", Some(1.0))
-                .unwrap()
-                .len(),
-            5
-        );
+        assert_eq!(read("9,39,39,5,1\n3,70,2,1,4\n1,1,1,1,1\n", Some(1.0)).unwrap().len(), 5);
     }
 
     #[test]
     fn dates_give_the_start() {
-        for first in [
-            "2026-03-01T08:00:00.0Z",
-            "2026-03-01 08:00:00.0",
-            "01.03.2026 08:00:00,0",
-        ] {
+        for first in ["2026-03-01T08:00:00.0Z", "2026-03-01 08:00:00.0", "01.03.2026 08:00:00,0"] {
             let second = first.replacen(".0", ".5", 1).replace(",0", ",5");
-            let second = if first.starts_with("01") {
-                "01.03.2026 08:00:00,5".to_owned()
-            } else {
-                second
-            };
+            let second = if first.starts_with("01") { "01.03.2026 08:00:00,5".to_owned() } else { second };
             let record = only(&format!("when;x\n{first};1\n{second};2\n"), None);
             assert_eq!(
                 (record.start_time().to_string().as_str(), record.sample_rate_hz()),
@@ -222,38 +191,17 @@ mod tests {
                 "{first}"
             );
         }
-        assert_eq!(
-            only("at,x\n08:00:00.1,1\n08:00:00.2,2\n", None)
-                .start_time()
-                .as_second(),
-            0
-        );
+        assert_eq!(only("at,x\n08:00:00.1,1\n08:00:00.2,2\n", None).start_time().as_second(), 0);
     }
 
     #[test]
     fn times_that_cannot_be_are_refused_with_their_line() {
         for (text, rate_hz, expected) in [
             ("a\n1\n2\n", None, "the sampling rate is missing"),
-            (
-                "t,a\n0,1\n0.1,2\n0.05,3\n",
-                None,
-                "csv line 4: its time lies before that of the line above",
-            ),
-            (
-                "t,a\n0,1\n1,1\n2,1\n3,1\n6,1\n7,1\n8,1\n",
-                None,
-                "csv line 6: 3 s after the line above",
-            ),
-            (
-                "t,a\n0,1\n0.1,2\n",
-                Some(10.02),
-                "the sampling rate is 10.02 Hz, expected 10 Hz",
-            ),
-            (
-                "fs=11\nt,a\n0,1\n0.1,2\n",
-                None,
-                "the sampling rate is 11 Hz, expected 10 Hz",
-            ),
+            ("t,a\n0,1\n0.1,2\n0.05,3\n", None, "csv line 4: its time lies before that of the line above"),
+            ("t,a\n0,1\n1,1\n2,1\n3,1\n6,1\n7,1\n8,1\n", None, "csv line 6: 3 s after the line above"),
+            ("t,a\n0,1\n0.1,2\n", Some(10.02), "the sampling rate is 10.02 Hz, expected 10 Hz"),
+            ("fs=11\nt,a\n0,1\n0.1,2\n", None, "the sampling rate is 11 Hz, expected 10 Hz"),
             (
                 "at,a\n08:00:00,1\n08:00:01,1\nnoon,1\n",
                 None,
@@ -269,26 +217,17 @@ mod tests {
 
     #[test]
     fn coarse_times_give_the_rate() {
-        let text: String = (0..20_000)
-            .map(|k| format!("{:.3},{k}\n", f64::from(k) / 12_800.0))
-            .collect();
+        let text: String = (0..20_000).map(|k| format!("{:.3},{k}\n", f64::from(k) / 12_800.0)).collect();
         let record = only(&format!("t,x\n{text}"), None);
-        assert!(
-            (record.sample_rate_hz() / 12_800.0 - 1.0).abs() < 1e-3,
-            "{}",
-            record.sample_rate_hz()
-        );
+        assert!((record.sample_rate_hz() / 12_800.0 - 1.0).abs() < 1e-3, "{}", record.sample_rate_hz());
         assert_eq!(record.samples().len(), 20_000);
     }
 
     #[test]
     fn the_rate_may_stand_before_the_header() {
-        for line in [
-            "Sample rate: 25600 Hz",
-            "# fs = 25600",
-            "Sampling Frequency (kHz),25.6",
-            "SampleRate;25600",
-        ] {
+        for line in
+            ["Sample rate: 25600 Hz", "# fs = 25600", "Sampling Frequency (kHz),25.6", "SampleRate;25600"]
+        {
             assert_eq!(
                 only(&format!("{line}\nOperator: Ada\nx\n1\n2\n"), None).sample_rate_hz(),
                 25_600.0,
@@ -300,15 +239,9 @@ mod tests {
     #[test]
     fn latin_1_and_names_that_stand_there_twice_are_read() {
         let bytes = b"Gr\xf6\xdfe;Gr\xf6\xdfe\n1;2\n3;4\n";
-        let defaults = RecordDefaults {
-            sample_rate_hz: Some(1.0),
-            ..RecordDefaults::default()
-        };
+        let defaults = RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() };
         let records = decode_csv(bytes, &defaults).unwrap();
-        assert_eq!(
-            records.iter().map(Record::channel).collect::<Vec<_>>(),
-            ["Größe", "Größe_2"]
-        );
+        assert_eq!(records.iter().map(Record::channel).collect::<Vec<_>>(), ["Größe", "Größe_2"]);
     }
 
     #[test]
@@ -321,10 +254,7 @@ mod tests {
         };
         let records = decode_csv(b"a [m/s2],b\n1,2\n", &defaults).unwrap();
         assert_eq!(
-            records
-                .iter()
-                .map(|r| (r.channel(), r.unit()))
-                .collect::<Vec<_>>(),
+            records.iter().map(|r| (r.channel(), r.unit())).collect::<Vec<_>>(),
             [("in", "m/s2"), ("out", "g")]
         );
     }

@@ -50,9 +50,7 @@ impl Clock {
             Self::Moment(column) => Moment::parse(field(column)),
             Self::Parts => {
                 let mut part = |at: usize, below: f64| {
-                    decimals
-                        .parse::<f64>(field(at))
-                        .filter(|value| (0.0..below).contains(value))
+                    decimals.parse::<f64>(field(at)).filter(|value| (0.0..below).contains(value))
                 };
                 let [hour, minute, second] = [part(0, 24.0)?, part(1, 60.0)?, part(2, 61.0)?];
                 let microsecond = part(3, 1e6)?;
@@ -72,10 +70,7 @@ impl Clock {
             |line: &Vec<String>| self.read(|at| line.get(at).map_or("", String::as_str), &mut decimals);
         let times: Option<Vec<Moment>> = lines.iter().map(read).collect();
         times.is_some_and(|times| {
-            times.len() > 2
-                && times
-                    .windows(2)
-                    .all(|pair| pair[0].nanoseconds() < pair[1].nanoseconds())
+            times.len() > 2 && times.windows(2).all(|pair| pair[0].nanoseconds() < pair[1].nanoseconds())
         })
     }
 }
@@ -116,9 +111,8 @@ impl CsvTiming {
             Some(Moment::Since1970(ns)) => Timestamp::from_nanosecond(i128::from(ns)).ok(),
             _ => None,
         };
-        let (clock_rate_hz, uncertainty) = steps
-            .rate_hz()?
-            .map_or((None, 0.0), |(rate, uncertainty)| (Some(rate), uncertainty));
+        let (clock_rate_hz, uncertainty) =
+            steps.rate_hz()?.map_or((None, 0.0), |(rate, uncertainty)| (Some(rate), uncertainty));
         Ok(Self {
             frames: count,
             clock_rate_hz,
@@ -191,11 +185,7 @@ impl Steps {
         let mean = span / self.count as f64;
         // Times may be written coarser than the samples follow each other: then many steps are nothing, and
         // some are one unit.
-        let resolution = if shortest as f64 > 1.5 * mean {
-            shortest as f64
-        } else {
-            0.0
-        };
+        let resolution = if shortest as f64 > 1.5 * mean { shortest as f64 } else { 0.0 };
         let (longest, line) = self.longest;
         if longest as f64 > 1.5 * mean + resolution {
             return Err(RecordingError::CsvLine {
@@ -209,11 +199,7 @@ impl Steps {
         }
         let rate = 1e9 / mean;
         let whole = rate.round();
-        let rate = if whole >= 1.0 && (rate / whole - 1.0).abs() < 1e-6 {
-            whole
-        } else {
-            rate
-        };
+        let rate = if whole >= 1.0 && (rate / whole - 1.0).abs() < 1e-6 { whole } else { rate };
         Ok(Some((rate, resolution / span)))
     }
 }

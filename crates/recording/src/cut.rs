@@ -56,17 +56,11 @@ impl CutPlan {
             None if total_frames <= WHOLE_SAMPLES.min(most as u64)
                 && total_frames as f64 <= WHOLE_SECONDS * sample_rate_hz =>
             {
-                return Ok(Self {
-                    frames: most,
-                    default_seconds: None,
-                });
+                return Ok(Self { frames: most, default_seconds: None });
             }
             None => {
                 let frames = (DEFAULT_SECONDS * sample_rate_hz).round().clamp(1.0, most as f64) as usize;
-                return Ok(Self {
-                    frames,
-                    default_seconds: Some(frames as f64 / sample_rate_hz),
-                });
+                return Ok(Self { frames, default_seconds: Some(frames as f64 / sample_rate_hz) });
             }
         };
         if !(frames >= 1.0 && frames <= most as f64) {
@@ -76,10 +70,7 @@ impl CutPlan {
                 "1 to 16777216 samples a record, and at most 67108864 over all channels",
             ));
         }
-        Ok(Self {
-            frames: frames as usize,
-            default_seconds: None,
-        })
+        Ok(Self { frames: frames as usize, default_seconds: None })
     }
 }
 
@@ -102,10 +93,7 @@ impl Cutter {
     pub fn new(channels: Vec<String>, sample_rate_hz: f64, defaults: &RecordDefaults, plan: CutPlan) -> Self {
         Self {
             columns: vec![Vec::new(); channels.len()],
-            units: channels
-                .iter()
-                .map(|channel| defaults.unit_of(channel).to_owned())
-                .collect(),
+            units: channels.iter().map(|channel| defaults.unit_of(channel).to_owned()).collect(),
             channels,
             sample_rate_hz,
             start_time: defaults.start_time,
@@ -120,9 +108,7 @@ impl Cutter {
         for (column, &sample) in self.columns.iter_mut().zip(frame) {
             column.push(sample);
         }
-        self.columns
-            .first()
-            .is_some_and(|column| column.len() >= self.frames)
+        self.columns.first().is_some_and(|column| column.len() >= self.frames)
     }
 
     /// Takes the collected frames as one record a channel; nothing where there are none, unless there were
@@ -163,11 +149,7 @@ fn time_after(time: Timestamp, seconds: f64) -> Result<Timestamp, RecordingError
         .ok()
         .and_then(|duration| time.checked_add(duration).ok())
         .ok_or_else(|| {
-            RecordingError::field(
-                "start_time",
-                time,
-                "a time whose recording ends before the year 10000",
-            )
+            RecordingError::field("start_time", time, "a time whose recording ends before the year 10000")
         })
 }
 
@@ -178,12 +160,7 @@ mod tests {
     #[test]
     fn records_follow_each_other_without_gap_or_overlap() {
         let plan = CutPlan::new(Some(Cut::Samples(4)), 10, 8.0, 2).unwrap();
-        let mut cutter = Cutter::new(
-            vec!["a".into(), "b".into()],
-            8.0,
-            &RecordDefaults::default(),
-            plan,
-        );
+        let mut cutter = Cutter::new(vec!["a".into(), "b".into()], 8.0, &RecordDefaults::default(), plan);
         let mut records = Vec::new();
         for k in 0..10 {
             if cutter.push(&[k as f32, -(k as f32)]) {
@@ -212,10 +189,7 @@ mod tests {
                 }
             }
             records.extend(cutter.take());
-            records
-                .into_iter()
-                .map(|record| record.unwrap().samples().len())
-                .collect()
+            records.into_iter().map(|record| record.unwrap().samples().len()).collect()
         };
         let five = Some(Cut::Samples(5));
         assert_eq!(lengths(12, five), [5, 5]);
@@ -234,14 +208,8 @@ mod tests {
         let cut = CutPlan::new(None, 120 * 20_000 + 1, 20_000.0, 1).unwrap();
         assert_eq!((cut.frames, cut.default_seconds), (200_000, Some(10.0)));
         // At a high rate it is the samples that are too many, and those of all channels.
-        assert_eq!(
-            CutPlan::new(None, (1 << 22) + 1, 100_000.0, 1).unwrap().frames,
-            1_000_000
-        );
-        assert_eq!(
-            CutPlan::new(None, 1 << 22, 100_000.0, 17).unwrap().frames,
-            1_000_000
-        );
+        assert_eq!(CutPlan::new(None, (1 << 22) + 1, 100_000.0, 1).unwrap().frames, 1_000_000);
+        assert_eq!(CutPlan::new(None, 1 << 22, 100_000.0, 17).unwrap().frames, 1_000_000);
     }
 
     #[test]
@@ -268,9 +236,6 @@ mod tests {
         assert!(cutter.take()[0].is_ok());
         cutter.push(&[f32::NAN]);
         let error = cutter.take().remove(0).unwrap_err().to_string();
-        assert!(
-            error.starts_with("record from sample 2 of the recording"),
-            "{error}"
-        );
+        assert!(error.starts_with("record from sample 2 of the recording"), "{error}");
     }
 }

@@ -181,20 +181,12 @@ pub enum RecordingError {
 impl RecordingError {
     /// A field that cannot be used; its value is shortened for the message.
     pub fn field(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
-        Self::Field {
-            field,
-            value: shortened(&value.to_string()),
-            expected,
-        }
+        Self::Field { field, value: shortened(&value.to_string()), expected }
     }
 
     /// A WAV header's field.
     pub(crate) fn wav(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
-        Self::Wav {
-            field,
-            value: value.to_string(),
-            expected,
-        }
+        Self::Wav { field, value: value.to_string(), expected }
     }
 }
 

@@ -56,26 +56,17 @@ impl RecordingFile {
         cut: Option<Cut>,
     ) -> Result<Self, RecordingError> {
         let path = path.as_ref();
-        let cannot_open = |source| RecordingError::Open {
-            path: path.to_owned(),
-            source,
-        };
+        let cannot_open = |source| RecordingError::Open { path: path.to_owned(), source };
         let mut file = File::open(path).map_err(cannot_open)?;
         let bytes = file.metadata().map_err(cannot_open)?.len();
         let mut beginning = Vec::new();
-        file.by_ref()
-            .take(16)
-            .read_to_end(&mut beginning)
-            .map_err(cannot_open)?;
+        file.by_ref().take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         let read = Arc::new(AtomicU64::new(0));
         if let Some(zipped) = csv_of(&mut file, &beginning)? {
             let timing = CsvTiming::scan(CsvFrames::new(BufReader::new(unzipped(&mut file, zipped)), &[])?)?;
             file.seek(SeekFrom::Start(0))?;
-            let counted = CountedFile {
-                file: BufReader::with_capacity(1 << 16, file),
-                read: read.clone(),
-            };
+            let counted = CountedFile { file: BufReader::with_capacity(1 << 16, file), read: read.clone() };
             let frames = CsvFrames::new(
                 Box::new(BufReader::new(unzipped(counted, zipped))) as Box<dyn Read + Send>,
                 &[],
@@ -83,10 +74,7 @@ impl RecordingFile {
             let records = Records::Csv(Box::new(CsvBlocks::new(frames, &timing, &defaults, cut)?));
             return Ok(Self { records, read });
         }
-        let reader = CountedFile {
-            file: BufReader::with_capacity(1 << 16, file),
-            read: read.clone(),
-        };
+        let reader = CountedFile { file: BufReader::with_capacity(1 << 16, file), read: read.clone() };
         let records = match Format::detect(&beginning)? {
             Format::Csv | Format::Wav => {
                 Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?))
@@ -134,11 +122,7 @@ fn csv_of(file: &mut File, beginning: &[u8]) -> Result<Option<bool>, RecordingEr
 }
 
 fn unzipped<'a, R: Read + Send + 'a>(reader: R, zipped: bool) -> Box<dyn Read + Send + 'a> {
-    if zipped {
-        Box::new(MultiGzDecoder::new(reader))
-    } else {
-        Box::new(reader)
-    }
+    if zipped { Box::new(MultiGzDecoder::new(reader)) } else { Box::new(reader) }
 }
 
 impl Iterator for RecordingFile {

@@ -28,17 +28,9 @@ const FOREIGN: [(&[u8], &str, &str); 12] = [
     (b"fLaC", "a FLAC file", BY_PYTHON),
     (b"    -1\n", "a universal file (UFF)", BY_PYTHON),
     (b"    -1\r\n", "a universal file (UFF)", BY_PYTHON),
-    (
-        b"PK\x03\x04",
-        "a ZIP archive (.npz or .xlsx, for example)",
-        "unpack it, or save it as CSV",
-    ),
+    (b"PK\x03\x04", "a ZIP archive (.npz or .xlsx, for example)", "unpack it, or save it as CSV"),
     (b"\xff\xfe", "text in UTF-16", "save it in UTF-8"),
-    (
-        b"\x1f\x8b",
-        "compressed with gzip, without CSV in it",
-        "decompress it",
-    ),
+    (b"\x1f\x8b", "compressed with gzip, without CSV in it", "decompress it"),
 ];
 
 impl Format {
@@ -50,10 +42,7 @@ impl Format {
         if beginning.starts_with(mcap::MAGIC) {
             return Ok(Self::Mcap);
         }
-        if [b"RIFF", b"RIFX", b"RF64"]
-            .iter()
-            .any(|tag| beginning.starts_with(*tag))
-        {
+        if [b"RIFF", b"RIFX", b"RF64"].iter().any(|tag| beginning.starts_with(*tag)) {
             return Ok(Self::Wav);
         }
         if let Some((_, name, hint)) = FOREIGN.iter().find(|(magic, ..)| beginning.starts_with(magic)) {
@@ -61,14 +50,9 @@ impl Format {
         }
         let beginning = &beginning[..beginning.len().min(16)];
         // Text of any code page: control characters are what it does not have.
-        if beginning
-            .iter()
-            .any(|&byte| byte < b' ' && !byte.is_ascii_whitespace())
-        {
+        if beginning.iter().any(|&byte| byte < b' ' && !byte.is_ascii_whitespace()) {
             let hex: Vec<String> = beginning.iter().map(|byte| format!("{byte:02x}")).collect();
-            return Err(RecordingError::UnknownFormat {
-                beginning: hex.join(" "),
-            });
+            return Err(RecordingError::UnknownFormat { beginning: hex.join(" ") });
         }
         Ok(Self::Csv)
     }
@@ -83,15 +67,9 @@ mod tests {
         assert_eq!(Format::detect(mcap::MAGIC).unwrap(), Format::Mcap);
         assert_eq!(Format::detect(b"RF64....WAVE").unwrap(), Format::Wav);
         // 15 bytes and the first half of a letter.
-        assert_eq!(
-            Format::detect("Beschleunigung ä".as_bytes()).unwrap(),
-            Format::Csv
-        );
+        assert_eq!(Format::detect("Beschleunigung ä".as_bytes()).unwrap(), Format::Csv);
         assert_eq!(Format::detect(b"\xef\xbb\xbfa;b\n").unwrap(), Format::Csv);
-        assert!(matches!(
-            Format::detect(b"\x7fELF\x02"),
-            Err(RecordingError::UnknownFormat { .. })
-        ));
+        assert!(matches!(Format::detect(b"\x7fELF\x02"), Err(RecordingError::UnknownFormat { .. })));
         assert!(matches!(Format::detect(b""), Err(RecordingError::NoBytes)));
     }
 
@@ -106,10 +84,7 @@ mod tests {
             (b"\x93NUMPY\x01\0", "a NumPy file"),
         ] {
             let error = Format::detect(beginning).unwrap_err().to_string();
-            assert!(
-                error.contains(name) && error.contains("Python package"),
-                "{error}"
-            );
+            assert!(error.contains(name) && error.contains("Python package"), "{error}");
         }
     }
 }

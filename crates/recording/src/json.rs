@@ -22,10 +22,7 @@ const MAX_TEXT_BYTES: usize = 1024;
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", schema(as = WaveformBlock))]
-#[cfg_attr(
-    not(feature = "openapi"),
-    expect(unreachable_pub, reason = "public as a schema")
-)]
+#[cfg_attr(not(feature = "openapi"), expect(unreachable_pub, reason = "public as a schema"))]
 pub struct JsonBlock {
     /// Time of the first sample; the time of receipt where nothing says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -287,10 +284,7 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Numbers<T> {
         let mut numbers = Vec::new();
         while let Some(number) = list.next_element()? {
             if numbers.len() == self.most {
-                return Err(A::Error::custom(format_args!(
-                    "more than {} {}",
-                    self.most, self.too_many
-                )));
+                return Err(A::Error::custom(format_args!("more than {} {}", self.most, self.too_many)));
             }
             numbers.push(number);
         }
@@ -325,31 +319,16 @@ mod tests {
         for (json, expected) in [
             ("", "EOF"),
             ("[]", "invalid length"),
-            (
-                r#"{"sample_rate_hz": 1, "samples": [1], "volume": 3}"#,
-                "unknown field `volume`",
-            ),
+            (r#"{"sample_rate_hz": 1, "samples": [1], "volume": 3}"#, "unknown field `volume`"),
             (r#"{"samples": [1]}"#, "missing field `sample_rate_hz`"),
             (r#"{"sample_rate_hz": 1}"#, "missing field `samples`"),
             (r#"{"sample_rate_hz": 1, "samples": []}"#, "no samples"),
-            (
-                r#"{"sample_rate_hz": 1, "samples": [NaN]}"#,
-                "expected value at line 1",
-            ),
-            (
-                r#"{"sample_rate_hz": 1, "samples": [null]}"#,
-                "invalid type: null",
-            ),
+            (r#"{"sample_rate_hz": 1, "samples": [NaN]}"#, "expected value at line 1"),
+            (r#"{"sample_rate_hz": 1, "samples": [null]}"#, "invalid type: null"),
             (r#"{"sample_rate_hz": 1, "samples": [1, 1e39]}"#, "out of range"),
             (r#"{"sample_rate_hz": 1, "samples": [1e999]}"#, "out of range"),
-            (
-                r#"{"sample_rate_hz": -1, "samples": [1]}"#,
-                "sample_rate_hz is -1",
-            ),
-            (
-                r#"{"sample_rate_hz": 1, "samples": [1], "start_time": "yesterday"}"#,
-                "failed to parse",
-            ),
+            (r#"{"sample_rate_hz": -1, "samples": [1]}"#, "sample_rate_hz is -1"),
+            (r#"{"sample_rate_hz": 1, "samples": [1], "start_time": "yesterday"}"#, "failed to parse"),
             (
                 r#"{"sample_rate_hz": 1, "samples": [1], "start_time": "2026-01-01T00:00:00Z", "start_time_ns": 1}"#,
                 "not both",
@@ -392,16 +371,10 @@ mod tests {
         for json in [
             format!(r#"{{"{long}": 1}}"#),
             format!(r#"{{"sample_rate_hz": "{long}", "samples": [1]}}"#),
-            format!(
-                r#"{{"sample_rate_hz": 1, "samples": [1], "unit": "\"{}"#,
-                &long[2..]
-            ),
+            format!(r#"{{"sample_rate_hz": 1, "samples": [1], "unit": "\"{}"#, &long[2..]),
         ] {
             let error = decode(&json).unwrap_err();
-            assert_eq!(
-                error,
-                "the length of a text in the message is 1025, expected at most 1024 bytes"
-            );
+            assert_eq!(error, "the length of a text in the message is 1025, expected at most 1024 bytes");
         }
         let quoted = r#"{"sample_rate_hz": 1, "samples": [1], "unit": "\\", "channel": "\"x\""}"#;
         assert_eq!(decode(quoted).unwrap().channel(), "\"x\"");

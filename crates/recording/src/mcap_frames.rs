@@ -100,10 +100,7 @@ impl McapFrames {
                         return Ok(Some(handle(opcode, data)));
                     }
                     Some(Err(source)) => {
-                        return Err(RecordingError::Mcap {
-                            byte: self.record_start,
-                            source,
-                        });
+                        return Err(RecordingError::Mcap { byte: self.record_start, source });
                     }
                     None => self.fed = None,
                 }
@@ -137,9 +134,7 @@ impl McapFrames {
     /// Reads a record's body; memory grows with what is there.
     fn load(&mut self, length: u64, limit: usize) -> Result<(), RecordingError> {
         if length > limit as u64 {
-            return Err(self.damaged(format!(
-                "a record declares {length} bytes, expected at most {limit}"
-            )));
+            return Err(self.damaged(format!("a record declares {length} bytes, expected at most {limit}")));
         }
         self.record.clear();
         while (self.record.len() as u64) < length {
@@ -182,16 +177,10 @@ impl McapFrames {
     }
 
     fn damaged(&self, what: String) -> RecordingError {
-        RecordingError::McapDamaged {
-            byte: self.record_start,
-            what,
-        }
+        RecordingError::McapDamaged { byte: self.record_start, what }
     }
 
     fn ends(&self, part: &'static str) -> RecordingError {
-        RecordingError::McapEnds {
-            byte: self.position,
-            part,
-        }
+        RecordingError::McapEnds { byte: self.position, part }
     }
 }

@@ -63,10 +63,7 @@ impl<W: Write + Seek> HistoryWriter<W> {
             .compression_threads(0)
             .create(writer)
             .map_err(RecordingError::McapWrite)?;
-        Ok(Self {
-            inner,
-            topics: HashMap::new(),
-        })
+        Ok(Self { inner, topics: HashMap::new() })
     }
 
     /// Writes what was computed from the record that began at `start_time` and came at `received_at`. `base`
@@ -79,30 +76,21 @@ impl<W: Write + Seek> HistoryWriter<W> {
         received_at: Timestamp,
         message: &impl Message,
     ) -> Result<(), RecordingError> {
-        let (publish_time, log_time) = (
-            mcap_time("start_time", start_time)?,
-            mcap_time("received_at", received_at)?,
-        );
+        let (publish_time, log_time) =
+            (mcap_time("start_time", start_time)?, mcap_time("received_at", received_at)?);
         let topic = kind.topic(base);
         let (channel_id, sequence) = match self.topics.get_mut(&topic) {
             Some(known) => known,
             None => {
                 let schema = self.inner.add_schema(kind.schema(), "protobuf", DESCRIPTOR_SET);
                 let schema = schema.map_err(RecordingError::McapWrite)?;
-                let channel = self
-                    .inner
-                    .add_channel(schema, &topic, "protobuf", &BTreeMap::new());
+                let channel = self.inner.add_channel(schema, &topic, "protobuf", &BTreeMap::new());
                 let channel = channel.map_err(RecordingError::McapWrite)?;
                 self.topics.entry(topic).or_insert((channel, 0))
             }
         };
         *sequence = sequence.wrapping_add(1);
-        let header = MessageHeader {
-            channel_id: *channel_id,
-            sequence: *sequence,
-            log_time,
-            publish_time,
-        };
+        let header = MessageHeader { channel_id: *channel_id, sequence: *sequence, log_time, publish_time };
         self.inner
             .write_to_known_channel(&header, &message.encode_to_vec())
             .map_err(RecordingError::McapWrite)
@@ -110,13 +98,8 @@ impl<W: Write + Seek> HistoryWriter<W> {
 
     /// Writes a metadata record.
     pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), RecordingError> {
-        let record = Metadata {
-            name: name.to_owned(),
-            metadata: entries,
-        };
-        self.inner
-            .write_metadata(&record)
-            .map_err(RecordingError::McapWrite)
+        let record = Metadata { name: name.to_owned(), metadata: entries };
+        self.inner.write_metadata(&record).map_err(RecordingError::McapWrite)
     }
 
     /// Writes an attachment: a file of its own within the recording.

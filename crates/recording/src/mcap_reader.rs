@@ -56,10 +56,7 @@ pub struct Recorded {
 impl Recorded {
     /// Bytes of memory that it takes.
     pub fn bytes(&self) -> usize {
-        let pulses = self
-            .record
-            .tachometer()
-            .map_or(0, |tachometer| tachometer.pulse_times_s.len());
+        let pulses = self.record.tachometer().map_or(0, |tachometer| tachometer.pulse_times_s.len());
         self.raw.capacity() + size_of_val(self.record.samples()) + pulses * size_of::<f64>()
     }
 }
@@ -140,10 +137,7 @@ impl McapReader {
     pub fn with_defaults(bytes: impl Read + Send + 'static, defaults: RecordDefaults) -> Self {
         Self {
             frames: McapFrames::new(bytes),
-            contents: Contents {
-                defaults,
-                ..Default::default()
-            },
+            contents: Contents { defaults, ..Default::default() },
             held: VecDeque::new(),
             ended: false,
         }
@@ -189,10 +183,7 @@ impl Iterator for McapReader {
                 return None;
             }
             let contents = &mut self.contents;
-            match self
-                .frames
-                .next_record(|opcode, data| contents.take(opcode, data))
-            {
+            match self.frames.next_record(|opcode, data| contents.take(opcode, data)) {
                 Ok(Some(Outcome::Nothing)) => {}
                 Ok(Some(Outcome::Item(item))) => self.hold(item, None),
                 Ok(Some(Outcome::Waiting(recorded, asset))) => self.hold(Ok(recorded), Some(asset)),
@@ -261,8 +252,7 @@ impl Contents {
             ("json", _) if channel.topic.ends_with("/tachometer") => Kind::Tachometer(BlockEncoding::Json),
             (encoding, schema) => {
                 let schema = if schema.is_empty() { "no schema" } else { schema };
-                self.other_topics
-                    .insert(format!("{} ({encoding}, {schema})", channel.topic));
+                self.other_topics.insert(format!("{} ({encoding}, {schema})", channel.topic));
                 Kind::Other
             }
         };
@@ -272,15 +262,8 @@ impl Contents {
         }
         self.channels.insert(channel.id, Channel { topic, kind });
         // A channel declared again under another topic leaves something behind in these.
-        let others = [
-            self.other_topics.len(),
-            self.tachometers.len(),
-            self.operating_points.len(),
-        ];
-        limited(
-            "channels",
-            others.into_iter().fold(self.channels.len(), usize::max),
-        )
+        let others = [self.other_topics.len(), self.tachometers.len(), self.operating_points.len()];
+        limited("channels", others.into_iter().fold(self.channels.len(), usize::max))
     }
 
     /// Keeps reference wear; an entry that is none is an error of its own.
@@ -353,8 +336,7 @@ impl Contents {
             },
             Kind::OperatingPoint(encoding) => match decode_operating_point(message.data, encoding) {
                 Ok(point) => {
-                    self.operating_points
-                        .insert(asset_of(&channel.topic).to_owned(), point);
+                    self.operating_points.insert(asset_of(&channel.topic).to_owned(), point);
                     Outcome::Nothing
                 }
                 Err(error) => Outcome::Item(Err(failed(error))),
@@ -370,15 +352,14 @@ impl Contents {
     ) -> Result<Recorded, RecordingError> {
         let mut block = decode_message(message.data, encoding)?;
         if block.start_time.is_none() && message.publish_time > 0 {
-            block.start_time = Some(Timestamp::from_nanosecond(message.publish_time.into()).map_err(
-                |_| {
+            block.start_time =
+                Some(Timestamp::from_nanosecond(message.publish_time.into()).map_err(|_| {
                     RecordingError::field(
                         "publish_time",
                         message.publish_time,
                         "nanoseconds since 1970-01-01 UTC",
                     )
-                },
-            )?);
+                })?);
         }
         if let Some(&point) = self.operating_points.get(asset_of(topic)) {
             block.operating_point = filled(block.operating_point, point);
@@ -408,22 +389,13 @@ impl Contents {
     }
 
     fn no_vibration(&self) -> RecordingError {
-        let mut named: Vec<&str> = self
-            .other_topics
-            .iter()
-            .take(NAMED_TOPICS)
-            .map(String::as_str)
-            .collect();
+        let mut named: Vec<&str> = self.other_topics.iter().take(NAMED_TOPICS).map(String::as_str).collect();
         let more = self.other_topics.len().saturating_sub(NAMED_TOPICS);
         let more = format!("{more} more");
         if self.other_topics.len() > NAMED_TOPICS {
             named.push(&more);
         }
-        let found = if named.is_empty() {
-            "no topics".to_owned()
-        } else {
-            named.join(", ")
-        };
+        let found = if named.is_empty() { "no topics".to_owned() } else { named.join(", ") };
         RecordingError::NoVibration { found }
     }
 }
@@ -458,10 +430,7 @@ fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> 
     match encoding {
         // Messages in protobuf are merged by writing one after the other.
         BlockEncoding::Protobuf => {
-            let block = message::WaveformBlock {
-                tachometer: Some(pulses.into()),
-                ..Default::default()
-            };
+            let block = message::WaveformBlock { tachometer: Some(pulses.into()), ..Default::default() };
             raw.reserve_exact(block.encoded_len());
             block.encode(raw).expect("a vector grows as it must");
             block.tachometer.map(Pulses::from).unwrap_or_default()

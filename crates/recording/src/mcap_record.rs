@@ -32,10 +32,7 @@ impl<'a> Fields<'a> {
                 self.rest = rest;
                 Ok(taken)
             }
-            None => Err(format!(
-                "{what} needs {length} bytes, the record has {} left",
-                self.rest.len()
-            )),
+            None => Err(format!("{what} needs {length} bytes, the record has {} left", self.rest.len())),
         }
     }
 
@@ -59,9 +56,7 @@ impl<'a> Fields<'a> {
     fn text(&mut self, what: &str) -> Result<&'a str, Damage> {
         let length = self.u32(what)? as usize;
         if length > MAX_NAME_BYTES {
-            return Err(format!(
-                "{what} has {length} bytes, expected at most {MAX_NAME_BYTES}"
-            ));
+            return Err(format!("{what} has {length} bytes, expected at most {MAX_NAME_BYTES}"));
         }
         let bytes = self.take(what, length)?;
         std::str::from_utf8(bytes).map_err(|_| format!("{what} is not UTF-8"))
@@ -77,10 +72,7 @@ pub(crate) struct SchemaView<'a> {
 impl<'a> SchemaView<'a> {
     pub(crate) fn parse(bytes: &'a [u8]) -> Result<Self, Damage> {
         let mut fields = Fields { rest: bytes };
-        Ok(Self {
-            id: fields.u16("a schema's id")?,
-            name: fields.text("a schema's name")?,
-        })
+        Ok(Self { id: fields.u16("a schema's id")?, name: fields.text("a schema's name")? })
     }
 }
 
@@ -119,12 +111,7 @@ impl<'a> MessageView<'a> {
         let sequence = fields.u32("a message's sequence")?;
         fields.u64("a message's log time")?;
         let publish_time = fields.u64("a message's publish time")?;
-        Ok(Self {
-            channel_id,
-            sequence,
-            publish_time,
-            data: fields.rest,
-        })
+        Ok(Self { channel_id, sequence, publish_time, data: fields.rest })
     }
 }
 
@@ -139,10 +126,7 @@ impl<'a> MetadataView<'a> {
         let mut fields = Fields { rest: bytes };
         let name = fields.text("a metadata record's name")?;
         let length = fields.u32("a metadata record's length")? as usize;
-        Ok(Self {
-            name,
-            entries: fields.take("a metadata record's entries", length)?,
-        })
+        Ok(Self { name, entries: fields.take("a metadata record's entries", length)? })
     }
 
     pub(crate) fn entries(&self) -> Result<BTreeMap<&'a str, &'a str>, Damage> {
@@ -173,9 +157,7 @@ pub(crate) fn check_chunk(bytes: &[u8], limit: usize) -> Result<(), Damage> {
         .and_then(|length| fields.rest.get(..length))
         .ok_or_else(|| format!("a chunk declares {compressed} bytes of records and has {there}"))?;
     if uncompressed > limit as u64 {
-        return Err(format!(
-            "a chunk declares {uncompressed} bytes uncompressed, expected at most {limit}"
-        ));
+        return Err(format!("a chunk declares {uncompressed} bytes uncompressed, expected at most {limit}"));
     }
     if compression.is_empty() {
         while !fields.rest.is_empty() {

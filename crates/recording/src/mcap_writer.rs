@@ -61,10 +61,7 @@ impl<W: Write + Seek> McapWriter<W> {
             .compression_threads(0)
             .create(writer)
             .map_err(RecordingError::McapWrite)?;
-        Ok(Self {
-            inner,
-            topics: HashMap::new(),
-        })
+        Ok(Self { inner, topics: HashMap::new() })
     }
 
     /// Writes a record of a converted or simulated recording: its log time is its start time.
@@ -105,10 +102,7 @@ impl<W: Write + Seek> McapWriter<W> {
                 })
             }
         };
-        let since_first = record
-            .start_time()
-            .duration_since(state.first_start)
-            .as_secs_f64();
+        let since_first = record.start_time().duration_since(state.first_start).as_secs_f64();
         let mut block = message_of(record);
         block.first_sample_index = (since_first * record.sample_rate_hz()).round().max(0.0) as u64;
         if block.first_sample_index != state.next_sample_index {
@@ -116,25 +110,16 @@ impl<W: Write + Seek> McapWriter<W> {
         }
         state.next_sample_index = block.first_sample_index + record.samples().len() as u64;
         state.sequence = state.sequence.wrapping_add(1);
-        let header = MessageHeader {
-            channel_id: state.channel_id,
-            sequence: state.sequence,
-            log_time,
-            publish_time,
-        };
-        self.inner
-            .write_to_known_channel(&header, &block.encode_to_vec())
-            .map_err(RecordingError::McapWrite)
+        let header =
+            MessageHeader { channel_id: state.channel_id, sequence: state.sequence, log_time, publish_time };
+        self.inner.write_to_known_channel(&header, &block.encode_to_vec()).map_err(RecordingError::McapWrite)
     }
 
     /// Writes a metadata record. [`McapReader`](super::McapReader) takes up to 8 MiB of it and adds up
     /// several of one name.
     pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), RecordingError> {
         self.inner
-            .write_metadata(&Metadata {
-                name: name.to_owned(),
-                metadata: entries,
-            })
+            .write_metadata(&Metadata { name: name.to_owned(), metadata: entries })
             .map_err(RecordingError::McapWrite)
     }
 

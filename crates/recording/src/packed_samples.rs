@@ -61,11 +61,9 @@ mod tests {
         };
         let first = block("g", &[1.0, -2.5, f32::MIN_POSITIVE]).encode_to_vec();
         let second = block("m/s2", &[0.25]).encode_to_vec();
-        for bytes in [
-            Vec::new(),
-            first.clone(),
-            [first.clone(), vec![0xfd, 0x7f, 1, 2, 3, 4], second].concat(),
-        ] {
+        for bytes in
+            [Vec::new(), first.clone(), [first.clone(), vec![0xfd, 0x7f, 1, 2, 3, 4], second].concat()]
+        {
             let want = WaveformBlock::decode(&bytes[..]).unwrap();
             let (samples, others) = split(&bytes).unwrap();
             let rest = WaveformBlock::decode(&others[..]).unwrap();
@@ -78,19 +76,10 @@ mod tests {
         let unpacked = [&[0x2d_u8][..], &1.5_f32.to_le_bytes()].concat();
         let whole = [&[0x2a_u8, 8][..], &[0; 8]].concat();
         assert_eq!(split(&whole), Some((vec![0.0; 2], Vec::new())));
-        for bytes in [
-            &unpacked[..],
-            &whole[..9],
-            &[0x2a, 3, 0, 0, 0],
-            &[0x2a, 0xff],
-            &[0x0f],
-        ] {
+        for bytes in [&unpacked[..], &whole[..9], &[0x2a, 3, 0, 0, 0], &[0x2a, 0xff], &[0x0f]] {
             assert_eq!(split(bytes), None);
         }
-        let long = WaveformBlock {
-            unit: "g".repeat(MOST_OTHER_BYTES + 1),
-            ..Default::default()
-        };
+        let long = WaveformBlock { unit: "g".repeat(MOST_OTHER_BYTES + 1), ..Default::default() };
         assert_eq!(split(&long.encode_to_vec()), None);
     }
 }

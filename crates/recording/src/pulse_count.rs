@@ -35,11 +35,7 @@ fn check(pulses: usize) -> Result<(), RecordingError> {
 
 /// Pulses in a `WaveformBlock` message. Several tachometers in it are merged, and so count together.
 fn pulses_in_block(message: &[u8]) -> usize {
-    let tachometers = Fields {
-        left: message,
-        after: 0,
-    }
-    .filter(|(tag, _)| *tag == TACHOMETER);
+    let tachometers = Fields { left: message, after: 0 }.filter(|(tag, _)| *tag == TACHOMETER);
     let lengths = tachometers.filter_map(|(_, content)| content);
     lengths.map(|(bytes, length)| pulses_in(bytes, length)).sum()
 }
@@ -121,9 +117,7 @@ mod tests {
     fn decoded(block: &[u8]) -> usize {
         let mut decoded = WaveformBlock::default();
         let _ = decoded.merge(block);
-        decoded
-            .tachometer
-            .map_or(0, |tachometer| tachometer.pulse_time_ns.len())
+        decoded.tachometer.map_or(0, |tachometer| tachometer.pulse_time_ns.len())
     }
 
     fn block_of(tachometers: &[Vec<u8>]) -> Vec<u8> {
@@ -174,26 +168,16 @@ mod tests {
 
     #[test]
     fn one_more_than_are_taken_is_refused_also_in_two_parts() {
-        let most = Tachometer {
-            pulse_time_ns: vec![1; MOST_PULSES],
-            ..Default::default()
-        };
-        let block = WaveformBlock {
-            tachometer: Some(most.clone()),
-            ..Default::default()
-        };
+        let most = Tachometer { pulse_time_ns: vec![1; MOST_PULSES], ..Default::default() };
+        let block = WaveformBlock { tachometer: Some(most.clone()), ..Default::default() };
         let (most, block) = (most.encode_to_vec(), block.encode_to_vec());
         assert!(check_tachometer(&most).is_ok() && check_block(&block).is_ok());
-        let refused = check_tachometer(&[most, vec![0x08, 1]].concat())
-            .unwrap_err()
-            .to_string();
+        let refused = check_tachometer(&[most, vec![0x08, 1]].concat()).unwrap_err().to_string();
         assert_eq!(
             refused,
             "the number of tachometer pulses is 4194305, expected at most 4194304: send them in shorter messages"
         );
-        let refused = check_block(&[block, vec![0x4a, 2, 0x08, 1]].concat())
-            .unwrap_err()
-            .to_string();
+        let refused = check_block(&[block, vec![0x4a, 2, 0x08, 1]].concat()).unwrap_err().to_string();
         assert!(refused.contains("is 4194305"), "{refused}");
     }
 }

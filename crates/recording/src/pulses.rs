@@ -71,9 +71,7 @@ impl Pulses {
         let time_ns = tachometer.pulse_times_s.iter();
         Some(Self {
             // A pulse so far away that its time does not exist stays at the end of all times.
-            time_ns: time_ns
-                .map(|time| start_ns.saturating_add((time * 1e9).round() as i64))
-                .collect(),
+            time_ns: time_ns.map(|time| start_ns.saturating_add((time * 1e9).round() as i64)).collect(),
             per_revolution: tachometer.pulses_per_revolution,
             shaft: String::new(),
         })
@@ -123,10 +121,7 @@ impl PulseTrain {
     pub(crate) fn during(&self, record: &Record) -> Option<Pulses> {
         let start_ns = nanoseconds(record.start_time());
         let end_ns = end_ns(record);
-        let first = self
-            .time_ns
-            .partition_point(|time| *time <= start_ns)
-            .saturating_sub(1);
+        let first = self.time_ns.partition_point(|time| *time <= start_ns).saturating_sub(1);
         let past = (self.time_ns.partition_point(|time| *time < end_ns) + 1).min(self.time_ns.len());
         (past >= first + 2).then(|| Pulses {
             time_ns: self.time_ns.range(first..past).copied().collect(),
@@ -166,10 +161,7 @@ impl PulseTrains {
                 train.keep_latest(most);
             }
         }
-        self.by_asset
-            .entry(asset.to_owned())
-            .or_default()
-            .take(pulses, most);
+        self.by_asset.entry(asset.to_owned()).or_default().take(pulses, most);
     }
 
     /// The train of an asset.
@@ -193,36 +185,19 @@ mod tests {
     use super::*;
 
     fn second(start_s: i64) -> Record {
-        Record::new(
-            "1",
-            Timestamp::from_second(start_s).unwrap(),
-            100.0,
-            "g",
-            vec![0.5; 100],
-        )
-        .unwrap()
+        Record::new("1", Timestamp::from_second(start_s).unwrap(), 100.0, "g", vec![0.5; 100]).unwrap()
     }
 
     fn pulses(time_ns: Vec<i64>) -> Pulses {
-        Pulses {
-            time_ns,
-            per_revolution: 1,
-            shaft: "driving".to_owned(),
-        }
+        Pulses { time_ns, per_revolution: 1, shaft: "driving".to_owned() }
     }
 
     #[test]
     fn a_record_gets_the_pulses_around_it() {
         let mut train = PulseTrain::default();
-        train.take(
-            &pulses((0..40).map(|k| k * 100_000_000 + 50_000_000).collect()),
-            100,
-        );
+        train.take(&pulses((0..40).map(|k| k * 100_000_000 + 50_000_000).collect()), 100);
         let got = train.during(&second(2)).unwrap();
-        assert_eq!(
-            (got.time_ns.len(), got.time_ns[0], got.time_ns[11]),
-            (12, 1_950_000_000, 3_050_000_000)
-        );
+        assert_eq!((got.time_ns.len(), got.time_ns[0], got.time_ns[11]), (12, 1_950_000_000, 3_050_000_000));
         let times = got.of(Timestamp::from_second(2).unwrap()).unwrap().pulse_times_s;
         assert!((times[0] + 0.05).abs() < 1e-12 && (times[11] - 1.05).abs() < 1e-12);
         assert!(train.reaches_past(3_900_000_000) && !train.reaches_past(4_000_000_000));
@@ -259,12 +234,7 @@ mod tests {
         assert_eq!(kept(&trains), [MOST_PULSES, MOST_PULSES]);
         trains.take("c", &pulses((0..most).collect()));
         assert_eq!(kept(&trains), [MOST_OF_ALL / 3; 3]);
-        assert!(
-            trains
-                .by_asset
-                .values()
-                .all(|train| train.time_ns.capacity() <= MOST_PULSES)
-        );
+        assert!(trains.by_asset.values().all(|train| train.time_ns.capacity() <= MOST_PULSES));
         assert_eq!(trains.of("a").unwrap().time_ns.back(), Some(&(most + 9)));
     }
 

@@ -77,26 +77,13 @@ impl RawLayout {
         scale: Option<f64>,
     ) -> Result<Self, RecordingError> {
         if !(1..=MOST_CHANNELS).contains(&channels) {
-            return Err(RecordingError::field(
-                "channels",
-                channels,
-                "a number from 1 to 256",
-            ));
+            return Err(RecordingError::field("channels", channels, "a number from 1 to 256"));
         }
         let scale = scale.unwrap_or_else(|| sample.default_scale());
         if scale == 0.0 || !scale.is_finite() {
-            return Err(RecordingError::field(
-                "scale",
-                scale,
-                "a finite number other than 0",
-            ));
+            return Err(RecordingError::field("scale", scale, "a finite number other than 0"));
         }
-        Ok(Self {
-            sample,
-            sample_rate_hz,
-            channels,
-            scale,
-        })
+        Ok(Self { sample, sample_rate_hz, channels, scale })
     }
 
     /// Reads what [`Display`](fmt::Display) wrote; none where it is another media type.
@@ -122,12 +109,7 @@ impl RawLayout {
 
 impl fmt::Display for RawLayout {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            sample,
-            sample_rate_hz,
-            channels,
-            scale,
-        } = self;
+        let Self { sample, sample_rate_hz, channels, scale } = self;
         write!(
             f,
             "{MEDIA_TYPE};sample={};rate={sample_rate_hz};channels={channels};scale={scale}",
@@ -157,25 +139,16 @@ pub fn decode_raw(
     let names = defaults.names_of(channels);
     check_sample_count(&names[0], bytes.len() / frame)?;
     let value = |at: usize| match layout.sample {
-        RawSample::F32 => f64::from(f32::from_le_bytes([
-            bytes[at],
-            bytes[at + 1],
-            bytes[at + 2],
-            bytes[at + 3],
-        ])),
+        RawSample::F32 => {
+            f64::from(f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]))
+        }
         RawSample::I16 => f64::from(i16::from_le_bytes([bytes[at], bytes[at + 1]])),
     };
     let record = |(channel, name): (usize, String)| {
         let at = (channel * layout.sample.bytes()..bytes.len()).step_by(frame);
         let samples = at.map(|at| (value(at) * layout.scale) as f32).collect();
         let unit = defaults.unit_of(&name);
-        let record = Record::new(
-            name.as_str(),
-            defaults.start_time,
-            layout.sample_rate_hz,
-            unit,
-            samples,
-        )?;
+        let record = Record::new(name.as_str(), defaults.start_time, layout.sample_rate_hz, unit, samples)?;
         Ok(record.with_operating_point(defaults.operating_point)?)
     };
     names.into_iter().enumerate().map(record).collect()
@@ -192,27 +165,17 @@ mod tests {
         channels: u32,
         scale: Option<f64>,
     ) -> Result<Vec<Record>, RecordingError> {
-        decode_raw(
-            bytes,
-            RawLayout::new(sample, 1000.0, channels, scale)?,
-            &RecordDefaults::default(),
-        )
+        decode_raw(bytes, RawLayout::new(sample, 1000.0, channels, scale)?, &RecordDefaults::default())
     }
 
     #[test]
     fn channels_are_taken_apart_and_integers_scaled() {
-        let bytes: Vec<u8> = [16384_i16, -32768, 0, 16384]
-            .iter()
-            .flat_map(|n| n.to_le_bytes())
-            .collect();
+        let bytes: Vec<u8> = [16384_i16, -32768, 0, 16384].iter().flat_map(|n| n.to_le_bytes()).collect();
         let records = read(&bytes, RawSample::I16, 2, None).unwrap();
         assert_eq!(records[0].samples(), [0.5, 0.0]);
         assert_eq!(records[1].samples(), [-1.0, 0.5]);
         assert_eq!(records[1].channel(), "2");
-        assert_eq!(
-            read(&bytes, RawSample::I16, 1, Some(0.001)).unwrap()[0].samples()[1],
-            -32.768
-        );
+        assert_eq!(read(&bytes, RawSample::I16, 1, Some(0.001)).unwrap()[0].samples()[1], -32.768);
     }
 
     #[test]

@@ -29,10 +29,7 @@ pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     frames.check_length(bytes.len() as u64)?;
     let count = usize::try_from(frames.frames_at_most(bytes.len() as u64)).unwrap_or(usize::MAX);
     check_sample_count(defaults.channel.as_deref().unwrap_or("1"), count)?;
-    let plan = CutPlan {
-        frames: count.max(1),
-        default_seconds: None,
-    };
+    let plan = CutPlan { frames: count.max(1), default_seconds: None };
     WavBlocks::with_plan(frames, defaults, plan).collect()
 }
 
@@ -143,21 +140,13 @@ impl<W: Write + Seek> WavWriter<W> {
             bits_per_sample: 32,
             sample_format: hound::SampleFormat::Float,
         };
-        Ok(Self {
-            inner: hound::WavWriter::new(writer, spec).map_err(write_error)?,
-            channels,
-            bytes: 0,
-        })
+        Ok(Self { inner: hound::WavWriter::new(writer, spec).map_err(write_error)?, channels, bytes: 0 })
     }
 
     /// Adds one sample of every channel.
     pub fn write_frame(&mut self, frame: &[f32]) -> Result<(), RecordingError> {
         if frame.len() != self.channels {
-            return Err(RecordingError::wav(
-                "frame length",
-                frame.len(),
-                "one sample a channel",
-            ));
+            return Err(RecordingError::wav("frame length", frame.len(), "one sample a channel"));
         }
         self.bytes += 4 * frame.len() as u64;
         if self.bytes > MAX_DATA_BYTES {

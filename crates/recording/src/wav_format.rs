@@ -90,16 +90,9 @@ impl WavHeader {
                             "a whole number of frames",
                         ));
                     }
-                    return Ok(Self {
-                        format,
-                        data_bytes,
-                        data_start: chunks.position,
-                    });
+                    return Ok(Self { format, data_bytes, data_start: chunks.position });
                 }
-                _ => chunks.skip(
-                    "a chunk before the data",
-                    u64::from(declared) + u64::from(declared % 2),
-                )?,
+                _ => chunks.skip("a chunk before the data", u64::from(declared) + u64::from(declared % 2))?,
             }
         }
     }
@@ -115,12 +108,7 @@ struct Chunks<'a, R> {
 
 impl<'a, R: Read> Chunks<'a, R> {
     fn open(reader: &'a mut R) -> Result<Self, RecordingError> {
-        let mut chunks = Self {
-            reader,
-            position: 0,
-            big_endian: false,
-            is_rf64: false,
-        };
+        let mut chunks = Self { reader, position: 0, big_endian: false, is_rf64: false };
         let head: [u8; 12] = chunks.bytes("the RIFF header", 12)?;
         match &head[..4] {
             b"RIFF" => {}
@@ -153,19 +141,12 @@ impl<'a, R: Read> Chunks<'a, R> {
 
     fn format(&mut self, declared: u64) -> Result<WavFormat, RecordingError> {
         if declared < FMT_BASIC {
-            return Err(RecordingError::wav(
-                "fmt chunk length",
-                declared,
-                "at least 16 bytes",
-            ));
+            return Err(RecordingError::wav("fmt chunk length", declared, "at least 16 bytes"));
         }
         let (basic, extension): ([u8; 16], Option<[u8; 24]>) = if declared >= FMT_EXTENSIBLE {
             let all: [u8; 40] = self.body("the fmt chunk", declared)?;
             let (basic, extension) = all.split_at(16);
-            (
-                basic.try_into().expect("first 16 bytes"),
-                Some(extension.try_into().expect("other 24 bytes")),
-            )
+            (basic.try_into().expect("first 16 bytes"), Some(extension.try_into().expect("other 24 bytes")))
         } else {
             (self.body("the fmt chunk", declared)?, None)
         };
@@ -251,11 +232,7 @@ impl<'a, R: Read> Chunks<'a, R> {
     /// The first `N` bytes of a chunk's body; the rest of it is skipped.
     fn body<const N: usize>(&mut self, part: &'static str, declared: u64) -> Result<[u8; N], RecordingError> {
         if declared < N as u64 {
-            return Err(RecordingError::wav(
-                part,
-                format!("{declared} bytes long"),
-                "a longer one",
-            ));
+            return Err(RecordingError::wav(part, format!("{declared} bytes long"), "a longer one"));
         }
         let bytes = self.bytes(part, declared)?;
         let rest = declared - N as u64;
@@ -294,28 +271,15 @@ impl<'a, R: Read> Chunks<'a, R> {
     }
 
     fn ends(&self, part: &'static str, declared: u64, found: u64) -> RecordingError {
-        RecordingError::WavEnds {
-            part,
-            byte: self.position,
-            declared,
-            found,
-        }
+        RecordingError::WavEnds { part, byte: self.position, declared, found }
     }
 
     fn u16(&self, bytes: [u8; 2]) -> u16 {
-        if self.big_endian {
-            u16::from_be_bytes(bytes)
-        } else {
-            u16::from_le_bytes(bytes)
-        }
+        if self.big_endian { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) }
     }
 
     fn u32(&self, bytes: [u8; 4]) -> u32 {
-        if self.big_endian {
-            u32::from_be_bytes(bytes)
-        } else {
-            u32::from_le_bytes(bytes)
-        }
+        if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
     }
 }
 

@@ -72,12 +72,9 @@ impl<R: Read> WavFrames<R> {
     pub fn check_length(&self, file_bytes: u64) -> Result<(), RecordingError> {
         let found = file_bytes.saturating_sub(self.data_start);
         match self.declared {
-            Some(declared) if declared > found => Err(RecordingError::WavEnds {
-                part: "the data chunk",
-                byte: file_bytes,
-                declared,
-                found,
-            }),
+            Some(declared) if declared > found => {
+                Err(RecordingError::WavEnds { part: "the data chunk", byte: file_bytes, declared, found })
+            }
             _ => Ok(()),
         }
     }
@@ -151,9 +148,7 @@ impl<R: Read> WavFrames<R> {
         if samples.clone().all(|bytes| bytes.iter().all(|&byte| byte == 0)) {
             return Ok(());
         }
-        let mut left = samples
-            .clone()
-            .all(|bytes| low_bytes(bytes, &self.format, padding) == 0);
+        let mut left = samples.clone().all(|bytes| low_bytes(bytes, &self.format, padding) == 0);
         let mut right = samples.clone().all(|bytes| {
             let high = most_significant_first(bytes, &self.format) >> (64 - 8 * padding);
             high == 0 || high == (1 << (8 * padding)) - 1
@@ -207,11 +202,7 @@ fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>
         _ => word,
     };
     // Samples of up to 8 bits are unsigned around 128: the sign bit turned over makes them signed.
-    let word = if format.container == 1 {
-        word ^ (1 << 63)
-    } else {
-        word
-    };
+    let word = if format.container == 1 { word ^ (1 << 63) } else { word };
     const FULL_SCALE: f64 = 9_223_372_036_854_775_808.0;
     (word.cast_signed() as f64 / FULL_SCALE) as f32
 }

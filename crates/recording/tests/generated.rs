@@ -33,10 +33,7 @@ fn generated_files_are_fresh() {
 
 fn rust_types(compiler: &protox::Compiler) -> String {
     let folder = tempfile::tempdir().unwrap();
-    prost_build::Config::new()
-        .out_dir(folder.path())
-        .compile_fds(compiler.file_descriptor_set())
-        .unwrap();
+    prost_build::Config::new().out_dir(folder.path()).compile_fds(compiler.file_descriptor_set()).unwrap();
     fs::read_to_string(folder.path().join("flankwatch.v1.rs")).unwrap()
 }
 
@@ -46,10 +43,7 @@ fn check(file: &str, fresh: &[u8]) {
         return fs::write(path, fresh).unwrap();
     }
     let kept = fs::read(path).unwrap_or_default();
-    assert!(
-        kept == fresh,
-        "{file} is stale: run this test with FLANKWATCH_GENERATE=1"
-    );
+    assert!(kept == fresh, "{file} is stale: run this test with FLANKWATCH_GENERATE=1");
 }
 
 fn root() -> PathBuf {

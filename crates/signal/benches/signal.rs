@@ -53,25 +53,17 @@ fn main() {
     let (mut analyzing, mut tracking, mut of_prime, mut impulsive) =
         (analyzer(), analyzer(), analyzer(), analyzer());
     let plan = RealFftPlanner::<f64>::new().plan_fft_forward(SAMPLES);
-    let (mut input, mut output, mut scratch) = (
-        plan.make_input_vec(),
-        plan.make_output_vec(),
-        plan.make_scratch_vec(),
-    );
+    let (mut input, mut output, mut scratch) =
+        (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
     let samples: Vec<f64> = record.samples().iter().map(|&x| f64::from(x)).collect();
 
-    let settings = ConditionSettings {
-        mesh,
-        bands: &[],
-        gear_indicators: true,
-    };
+    let settings = ConditionSettings { mesh, bands: &[], gear_indicators: true };
     let mut tasks: Vec<Task> = Vec::new();
     tasks.push((
         TRANSFORM,
         Box::new(|| {
             input.copy_from_slice(&samples);
-            plan.process_with_scratch(&mut input, &mut output, &mut scratch)
-                .expect("lengths of the plan");
+            plan.process_with_scratch(&mut input, &mut output, &mut scratch).expect("lengths of the plan");
             black_box(&output);
         }),
     ));
@@ -99,10 +91,7 @@ fn main() {
             black_box(impulsive.kurtogram(&record).is_ok());
         }),
     ));
-    let asked: Vec<String> = std::env::args()
-        .skip(1)
-        .filter(|word| !word.starts_with('-'))
-        .collect();
+    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let is_wanted = |name: &str| asked.is_empty() || asked.iter().any(|word| name.contains(word.as_str()));
     tasks.retain(|(name, _)| *name == TRANSFORM || is_wanted(name));
     // The least of many rounds, taken in turn, so that other work on the machine touches all alike.

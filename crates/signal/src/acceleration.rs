@@ -74,9 +74,6 @@ mod tests {
             assert!(error.contains(from) && error.contains(to), "{error}");
         }
         let great = Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", vec![f32::MAX]).unwrap();
-        assert!(matches!(
-            great.in_unit("m/s2"),
-            Err(RecordError::NotFinite { .. })
-        ));
+        assert!(matches!(great.in_unit("m/s2"), Err(RecordError::NotFinite { .. })));
     }
 }

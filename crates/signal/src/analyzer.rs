@@ -100,14 +100,8 @@ impl Analyzer {
         let moments = work.transform(record);
         let resolution_hz = work.resolution_hz(record);
         let given = given_speed(record);
-        let located = locate(
-            &work.amplitude,
-            resolution_hz,
-            given,
-            mesh,
-            moments.constant,
-            &mut work.sorting,
-        );
+        let located =
+            locate(&work.amplitude, resolution_hz, given, mesh, moments.constant, &mut work.sorting);
         (moments, located)
     }
 
@@ -139,13 +133,8 @@ impl Analyzer {
         for order in 1..=self.settings.harmonics {
             let line = lines.and_then(|lines| lines.read(work, order as f64).ok_or(Absence::AboveNyquist));
             let is_own = lines.is_ok_and(|lines| lines.is_own(order as f64, 0.0));
-            let amplitude = line.and_then(|(line, _)| {
-                if is_own {
-                    Ok(line.amplitude)
-                } else {
-                    Err(Absence::OtherMesh)
-                }
-            });
+            let amplitude =
+                line.and_then(|(line, _)| if is_own { Ok(line.amplitude) } else { Err(Absence::OtherMesh) });
             indicators.insert(format!("mesh_{order}"), amplitude);
             if order == 1 {
                 indicators.insert("omx", amplitude);
@@ -166,11 +155,7 @@ impl Analyzer {
             insert_checks(work, resolution_hz, comb, deviation, &mut features);
         }
         if let (Some(mesh_bins), Ok(deviation)) = (certain, deviation) {
-            let place = Mesh {
-                bins: mesh_bins,
-                teeth: mesh.teeth,
-                sample_rate_hz: record.sample_rate_hz(),
-            };
+            let place = Mesh { bins: mesh_bins, teeth: mesh.teeth, sample_rate_hz: record.sample_rate_hz() };
             let harmonics = self.settings.harmonics.max(FEATURE_HARMONICS);
             let steadied = steady(work, place, harmonics);
             if let (Some(steadied), Some(found)) = (&steadied, &mut speed)
@@ -179,10 +164,8 @@ impl Analyzer {
                 found.mesh_frequency_hz = steadied.mesh_bins * resolution_hz;
                 found.shaft_speed_hz = found.mesh_frequency_hz / f64::from(mesh.teeth);
             }
-            let lines = MeshPositions::new(
-                steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins),
-                mesh,
-            );
+            let lines =
+                MeshPositions::new(steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins), mesh);
             for order in (1..=harmonics).filter(|order| lines.is_own(*order as f64, 0.0)) {
                 if let Some((line, noise)) = lines.read(work, order as f64) {
                     features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
@@ -205,49 +188,32 @@ impl Analyzer {
         };
         let flagged = record.quality().clipped.then_some(Absence::Clipped);
         features.fault = fault(record.samples(), moments.range).or(flagged);
-        Analysis {
-            indicators,
-            features,
-            shaft_speed: speed,
-            mesh_lines,
-        }
+        Analysis { indicators, features, shaft_speed: speed, mesh_lines }
     }
 
     /// The Hann amplitude spectrum of a record with its mean removed.
     pub fn amplitude_spectrum(&mut self, record: &Record) -> Spectrum {
         self.work.transform(record);
-        let spectrum = Spectrum::hann(
-            record.unit(),
-            self.work.resolution_hz(record),
-            self.work.amplitude.clone(),
-        );
+        let spectrum =
+            Spectrum::hann(record.unit(), self.work.resolution_hz(record), self.work.amplitude.clone());
         self.give_back(record);
         spectrum
     }
 
     /// The power spectral density of a record with its mean removed, under one Hann window over all of it.
     pub fn power_spectral_density(&mut self, record: &Record) -> Spectrum {
-        self.amplitude_spectrum(record)
-            .into_density(spectrum_length(record.samples().len()))
+        self.amplitude_spectrum(record).into_density(spectrum_length(record.samples().len()))
     }
 
     /// The Hann amplitude spectrum of the envelope of a band `[low, high]` in hertz: the modulus, mean
     /// removed, of the analytic signal of the band's bins. It reaches up to the band's width.
     pub fn envelope_spectrum(&mut self, record: &Record, band_hz: [f64; 2]) -> Result<Spectrum, BandError> {
-        let band = band_bins(
-            band_hz,
-            spectrum_length(record.samples().len()),
-            record.sample_rate_hz(),
-        )?;
+        let band = band_bins(band_hz, spectrum_length(record.samples().len()), record.sample_rate_hz())?;
         let work = &mut self.work;
         work.transform(record);
-        work.envelope
-            .compute(&work.bins, work.length, band, &mut work.transforms);
-        let spectrum = Spectrum::hann(
-            record.unit(),
-            work.resolution_hz(record),
-            work.envelope.amplitude.clone(),
-        );
+        work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
+        let spectrum =
+            Spectrum::hann(record.unit(), work.resolution_hz(record), work.envelope.amplitude.clone());
         self.give_back(record);
         Ok(spectrum)
     }
@@ -291,10 +257,7 @@ impl Analyzer {
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
         let low = (order - DEFAULT_BAND_MESHES).max(0.5) * mesh_hz;
         let high = ((order + DEFAULT_BAND_MESHES) * mesh_hz).min(0.5 * record.sample_rate_hz());
-        Some(EnvelopeBand::given(
-            [low, high],
-            BandSource::StrongestMeshHarmonic,
-        ))
+        Some(EnvelopeBand::given([low, high], BandSource::StrongestMeshHarmonic))
     }
 
     /// Drops work space that only a very long record needs.
@@ -409,30 +372,17 @@ mod tests {
         for order in 1..=4 {
             for (name, want) in [("ln_mesh", bin), ("ln_sideband", 2.0 * bin)] {
                 let background = got.features.background[&format!("{name}_{order}")];
-                assert!(
-                    (background - want.ln()).abs() < 0.3,
-                    "{name} {order}: {background} {}",
-                    want.ln()
-                );
+                assert!((background - want.ln()).abs() < 0.3, "{name} {order}: {background} {}", want.ln());
             }
         }
-        assert!(
-            got.features
-                .background
-                .keys()
-                .all(|name| got.features.values.contains_key(name))
-        );
+        assert!(got.features.background.keys().all(|name| got.features.values.contains_key(name)));
     }
 
     /// A gain shifts every feature but the kurtosis by its logarithm; an offset changes none.
     #[test]
     fn gain_is_an_offset_and_offset_nothing() {
         let plain = analyze(&gear(20_000, 0.05, 0.0), MESH).features;
-        let record_with_gain = gear(20_000, 0.05, 0.0)
-            .samples()
-            .iter()
-            .map(|x| 8.0 * x)
-            .collect();
+        let record_with_gain = gear(20_000, 0.05, 0.0).samples().iter().map(|x| 8.0 * x).collect();
         let gained = analyze(&record(record_with_gain), MESH).features;
         let moved = analyze(&gear(20_000, 0.05, 3.0), MESH).features;
         assert_eq!(plain.values.len(), 16 + 4 + 4 + 2);
@@ -449,18 +399,8 @@ mod tests {
         let speed = got.shaft_speed.unwrap();
         assert_eq!((speed.shaft_speed_hz, speed.source), (16.7, SpeedSource::Record));
         assert!((got.mesh_lines[0].frequency_hz - 24.0 * SHAFT_HZ).abs() < 0.01);
-        let exact = MeshContext {
-            nominal_is_exact: true,
-            nominal_shaft_speed_hz: SHAFT_HZ,
-            ..MESH
-        };
-        assert_eq!(
-            analyze(&gear(20_000, 0.05, 0.0), exact)
-                .shaft_speed
-                .unwrap()
-                .source,
-            SpeedSource::Asset
-        );
+        let exact = MeshContext { nominal_is_exact: true, nominal_shaft_speed_hz: SHAFT_HZ, ..MESH };
+        assert_eq!(analyze(&gear(20_000, 0.05, 0.0), exact).shaft_speed.unwrap().source, SpeedSource::Asset);
     }
 
     #[test]
@@ -470,10 +410,7 @@ mod tests {
         let got = analyze(&noise, MESH);
         assert_eq!((got.shaft_speed, got.mesh_lines.len()), (None, 0));
         assert_eq!(got.indicators.absent["omx"], Absence::NoSpeed);
-        assert_eq!(
-            got.features.values.keys().collect::<Vec<_>>(),
-            ["ln_kurtosis", "ln_rms"]
-        );
+        assert_eq!(got.features.values.keys().collect::<Vec<_>>(), ["ln_kurtosis", "ln_rms"]);
 
         for (samples, reason) in [
             (vec![0.0; 20_000], Absence::Constant),
@@ -495,18 +432,11 @@ mod tests {
         assert_eq!(got.indicators.absent["mesh_5"], Absence::AboveNyquist);
         assert!(got.indicators.get("mesh_4").is_some());
         for shaft_speed_hz in [1e5, 1e6, 1e-300] {
-            assert_eq!(
-                analyze(&at_speed(gear(2000, 0.05, 0.0), shaft_speed_hz), MESH).mesh_lines,
-                []
-            );
+            assert_eq!(analyze(&at_speed(gear(2000, 0.05, 0.0), shaft_speed_hz), MESH).mesh_lines, []);
         }
         for nominal_shaft_speed_hz in [0.0, -5.0, f64::NAN, f64::INFINITY] {
             for nominal_is_exact in [false, true] {
-                let mesh = MeshContext {
-                    nominal_shaft_speed_hz,
-                    nominal_is_exact,
-                    ..MESH
-                };
+                let mesh = MeshContext { nominal_shaft_speed_hz, nominal_is_exact, ..MESH };
                 assert_eq!(analyze(&noise, mesh).indicators.absent["omx"], Absence::NoSpeed);
             }
         }
@@ -520,12 +450,7 @@ mod tests {
             let record = at_speed(record(long.samples()[..length].to_vec()), SHAFT_HZ);
             let got = analyzer.analyze(&record, &MESH);
             let numbers = got.indicators.values.values().chain(got.features.values.values());
-            assert!(
-                numbers
-                    .chain(got.features.background.values())
-                    .all(|x| x.is_finite()),
-                "{length}"
-            );
+            assert!(numbers.chain(got.features.background.values()).all(|x| x.is_finite()), "{length}");
             assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
             let spectrum = analyzer.amplitude_spectrum(&record);
             assert_eq!(spectrum.amplitude.len(), length / 2 + 1);
@@ -565,9 +490,6 @@ mod tests {
             band(Some(&speed)),
             EnvelopeBand::given([0.5 * mesh_hz, 2.5 * mesh_hz], BandSource::StrongestMeshHarmonic)
         );
-        assert_eq!(
-            band(None),
-            EnvelopeBand::given([0.0, 10_000.0], BandSource::Whole)
-        );
+        assert_eq!(band(None), EnvelopeBand::given([0.0, 10_000.0], BandSource::Whole));
     }
 }

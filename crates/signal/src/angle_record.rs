@@ -55,10 +55,7 @@ impl AngleRecord {
     pub fn synchronous_average(&self) -> Vec<f64> {
         let [mut average, odd] = self.sums(0..self.turns);
         let scale = 1.0 / self.turns as f64;
-        average
-            .iter_mut()
-            .zip(&odd)
-            .for_each(|(sum, odd)| *sum = (*sum + odd) * scale);
+        average.iter_mut().zip(&odd).for_each(|(sum, odd)| *sum = (*sum + odd) * scale);
         average
     }
 
@@ -68,10 +65,7 @@ impl AngleRecord {
         let mut sums = [vec![0.0; self.samples_per_turn], vec![0.0; self.samples_per_turn]];
         let chosen = &self.samples[turns.start * self.samples_per_turn..turns.end * self.samples_per_turn];
         for (number, turn) in chosen.chunks_exact(self.samples_per_turn).enumerate() {
-            sums[number % 2]
-                .iter_mut()
-                .zip(turn)
-                .for_each(|(sum, sample)| *sum += sample);
+            sums[number % 2].iter_mut().zip(turn).for_each(|(sum, sample)| *sum += sample);
         }
         sums
     }
@@ -95,10 +89,8 @@ impl AngleRecord {
         let first = position - reach;
         let bins: Vec<Complex<f64>> = self.bins(first, 2 * reach + 1);
         let one_sided = 4.0 / self.samples.len() as f64;
-        let amplitude: Vec<f64> = bins
-            .windows(3)
-            .map(|w| one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm())
-            .collect();
+        let amplitude: Vec<f64> =
+            bins.windows(3).map(|w| one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm()).collect();
         Some(read_line_in(&amplitude, first + 1, position as f64))
     }
 
@@ -125,9 +117,7 @@ impl AngleRecord {
             let mut sums = vec![[Complex::<f64>::default(); BINS_AT_ONCE]; self.turns];
             for begin in (0..per_turn).step_by(COLUMNS) {
                 let columns = begin..per_turn.min(begin + COLUMNS);
-                let waves = waves
-                    .each_ref()
-                    .map(|wave| wave.each_ref().map(|part| &part[columns.clone()]));
+                let waves = waves.each_ref().map(|wave| wave.each_ref().map(|part| &part[columns.clone()]));
                 for (turn, sums) in self.samples.chunks_exact(per_turn).zip(&mut sums) {
                     let turn = &turn[columns.clone()];
                     let parts = arch.dispatch(TurnBins { turn, waves });
@@ -136,10 +126,8 @@ impl AngleRecord {
             }
             let k = first + bins.len();
             for bin in 0..BINS_AT_ONCE {
-                let of_turns = sums
-                    .iter()
-                    .enumerate()
-                    .map(|(t, sums)| sums[bin] * wave(k + bin, t, self.turns));
+                let of_turns =
+                    sums.iter().enumerate().map(|(t, sums)| sums[bin] * wave(k + bin, t, self.turns));
                 bins.push(of_turns.sum::<Complex<f64>>());
             }
         }
@@ -191,9 +179,7 @@ impl WithSimd for TurnBins<'_> {
             let [(_, cos), (_, sin)] = waves[bin];
             let [re, im] = [sums[2 * bin], sums[2 * bin + 1]].map(|sum| simd.reduce_sum_f64s(sum));
             let left = rest.iter().zip(cos).zip(sin);
-            left.fold(Complex::new(re, im), |sum, ((&x, &cos), &sin)| {
-                sum + Complex::new(x * cos, x * sin)
-            })
+            left.fold(Complex::new(re, im), |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
         })
     }
 }
@@ -222,10 +208,7 @@ mod tests {
             let spectrum = turned.order_spectrum(&mut Transforms::default());
             let want = read_line(&spectrum.amplitude, f64::from(teeth) * turns as f64).unwrap();
             let got = turned.mesh_line(teeth, &mut Transforms::default()).unwrap();
-            assert!(
-                (got.amplitude / want.amplitude - 1.0).abs() < 1e-11,
-                "{got:?} {want:?}"
-            );
+            assert!((got.amplitude / want.amplitude - 1.0).abs() < 1e-11, "{got:?} {want:?}");
             assert!((got.position - want.position).abs() < 1e-9, "{got:?} {want:?}");
         }
     }

@@ -26,24 +26,12 @@ fn record(samples: Vec<f32>) -> Record {
 /// Everything that can be asked of a record.
 fn analyse_everything(record: &Record, mesh: MeshContext) {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
-    let settings = ConditionSettings {
-        mesh,
-        bands: &[],
-        gear_indicators: true,
-    };
+    let settings = ConditionSettings { mesh, bands: &[], gear_indicators: true };
     let condition = analyzer.condition(record, &settings);
     let indicators = &condition.analysis.indicators;
-    assert!(
-        indicators.values.values().all(|x| x.is_finite()),
-        "{indicators:?}"
-    );
+    assert!(indicators.values.values().all(|x| x.is_finite()), "{indicators:?}");
     assert!(condition.analysis.features.values.values().all(|x| x.is_finite()));
-    assert!(
-        indicators
-            .values
-            .keys()
-            .all(|name| !indicators.absent.contains_key(name))
-    );
+    assert!(indicators.values.keys().all(|name| !indicators.absent.contains_key(name)));
     assert_eq!(indicators.values.len() + indicators.absent.len(), 15 + 12);
     let run = RunMeans::default().update(indicators);
     assert!(run.values.values().all(|x| x.is_finite()));
@@ -61,12 +49,7 @@ fn analyse_everything(record: &Record, mesh: MeshContext) {
     if let Ok(kurtogram) = analyzer.kurtogram(record) {
         kurtogram.levels.iter().for_each(|level| finite(&level.kurtosis));
         // The band that was found can be used.
-        finite(
-            &analyzer
-                .envelope_spectrum(record, kurtogram.best.band_hz)
-                .unwrap()
-                .amplitude,
-        );
+        finite(&analyzer.envelope_spectrum(record, kurtogram.best.band_hz).unwrap().amplitude);
     }
     for search in [EnvelopeSearch::MeshHarmonic, EnvelopeSearch::Kurtogram] {
         let band = analyzer.envelope_band(record, condition.analysis.shaft_speed.as_ref(), search);
@@ -129,12 +112,11 @@ proptest! {
 
 #[test]
 fn lengths_of_every_kind_are_analysed() {
-    for length in [
-        1_usize, 2, 3, 4, 5, 31, 32, 33, 63, 64, 65, 127, 128, 129, 509, 16_381, 16_411, 65_537, 199_999,
-    ] {
-        let samples = (0..length as u64)
-            .map(|i| ((i * i) % 23) as f32 * 0.1 + (i as f32 * 0.75).sin())
-            .collect();
+    for length in
+        [1_usize, 2, 3, 4, 5, 31, 32, 33, 63, 64, 65, 127, 128, 129, 509, 16_381, 16_411, 65_537, 199_999]
+    {
+        let samples =
+            (0..length as u64).map(|i| ((i * i) % 23) as f32 * 0.1 + (i as f32 * 0.75).sin()).collect();
         analyse_everything(&record(samples), MESH);
     }
     for constant in [0.0, -9.81, f32::MAX, f32::MIN_POSITIVE] {
@@ -163,11 +145,7 @@ fn ten_million_samples_read_as_few_do() {
     for length in [20_000, 199_999, 9_999_991] {
         let got = analyzer.analyze(&sine(length), &mesh);
         let value = |name| got.indicators.get(name).unwrap();
-        assert!(
-            (value("omx") / 2.0 - 1.0).abs() < 1e-3,
-            "{length}: {}",
-            value("omx")
-        );
+        assert!((value("omx") / 2.0 - 1.0).abs() < 1e-3, "{length}: {}", value("omx"));
         assert!((value("kurtosis") - 1.5).abs() < 1e-3);
         assert!((got.shaft_speed.unwrap().mesh_frequency_hz - 123.4).abs() < 1e-3);
     }

@@ -40,9 +40,7 @@ impl Band {
     pub fn is_usable(&self) -> bool {
         let [low, high] = self.band_hz;
         let name = &self.name;
-        let letters = name
-            .chars()
-            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+        let letters = name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
         letters && (1..=32).contains(&name.len()) && low >= 0.0 && low < high && high.is_finite()
     }
 
@@ -107,19 +105,13 @@ mod tests {
             .map(|i| (3.0 + 2.0 * (2.0 * PI * 159.3 * f64::from(i) / 8000.0).sin()) as f32)
             .collect();
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 8000.0, unit, samples).unwrap();
-        let band = Band {
-            name: "b".to_owned(),
-            band_hz,
-            quantity,
-        };
+        let band = Band { name: "b".to_owned(), band_hz, quantity };
         let got = Analyzer::new(AnalysisSettings::default()).analyze_with_bands(
             &record,
             &MeshContext::unknown(),
             &[band],
         );
-        got.indicators
-            .get("band_b")
-            .ok_or_else(|| got.indicators.absent["band_b"])
+        got.indicators.get("band_b").ok_or_else(|| got.indicators.absent["band_b"])
     }
 
     /// Closed form: a sine of amplitude 2 has a root mean square of √2, and of √2·1000/(2π·159.3) mm/s as
@@ -138,17 +130,8 @@ mod tests {
 
     #[test]
     fn bands_that_have_no_value_say_why() {
-        assert_eq!(
-            value([10.0, 1000.0], BandQuantity::Velocity, "V"),
-            Err(Absence::NotAcceleration)
-        );
-        assert_eq!(
-            value([10.0, 4001.0], BandQuantity::Record, "V"),
-            Err(Absence::AboveNyquist)
-        );
-        assert_eq!(
-            value([10.2, 10.4], BandQuantity::Record, "V"),
-            Err(Absence::TooShort)
-        );
+        assert_eq!(value([10.0, 1000.0], BandQuantity::Velocity, "V"), Err(Absence::NotAcceleration));
+        assert_eq!(value([10.0, 4001.0], BandQuantity::Record, "V"), Err(Absence::AboveNyquist));
+        assert_eq!(value([10.2, 10.4], BandQuantity::Record, "V"), Err(Absence::TooShort));
     }
 }

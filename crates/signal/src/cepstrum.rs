@@ -34,19 +34,13 @@ impl Analyzer {
             Err(Absence::Constant)
         } else {
             let floor = AMPLITUDE_FLOOR * highest;
-            let mut logarithms: Vec<Complex<f64>> = work
-                .amplitude
-                .iter()
-                .map(|a| Complex::new(a.max(floor).ln(), 0.0))
-                .collect();
+            let mut logarithms: Vec<Complex<f64>> =
+                work.amplitude.iter().map(|a| Complex::new(a.max(floor).ln(), 0.0)).collect();
             let mut value = vec![0.0; work.length];
             work.transforms.inverse(&mut logarithms, &mut value);
             value.truncate(work.length / 2 + 1);
             value.iter_mut().for_each(|value| *value /= work.length as f64);
-            Ok(Cepstrum {
-                resolution_s: record.sample_rate_hz().recip(),
-                value,
-            })
+            Ok(Cepstrum { resolution_s: record.sample_rate_hz().recip(), value })
         };
         self.give_back(record);
         cepstrum
@@ -63,26 +57,17 @@ mod tests {
     /// An impulse train with a period of 50 samples has its first rahmonic there.
     #[test]
     fn a_family_of_lines_is_a_peak_at_its_period() {
-        let samples = (0..5000)
-            .map(|i| if i % 50 == 7 { 1.0 } else { 0.001 * (i % 13) as f32 })
-            .collect();
+        let samples = (0..5000).map(|i| if i % 50 == 7 { 1.0 } else { 0.001 * (i % 13) as f32 }).collect();
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", samples).unwrap();
-        let got = Analyzer::new(AnalysisSettings::default())
-            .cepstrum(&record)
-            .unwrap();
+        let got = Analyzer::new(AnalysisSettings::default()).cepstrum(&record).unwrap();
         assert_eq!((got.value.len(), got.resolution_s), (2501, 1e-3));
-        let highest = (20..100)
-            .max_by(|&a, &b| got.value[a].total_cmp(&got.value[b]))
-            .unwrap();
+        let highest = (20..100).max_by(|&a, &b| got.value[a].total_cmp(&got.value[b])).unwrap();
         assert_eq!(highest, 50);
     }
 
     #[test]
     fn a_constant_has_no_cepstrum() {
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", vec![2.0; 100]).unwrap();
-        assert_eq!(
-            Analyzer::new(AnalysisSettings::default()).cepstrum(&record),
-            Err(Absence::Constant)
-        );
+        assert_eq!(Analyzer::new(AnalysisSettings::default()).cepstrum(&record), Err(Absence::Constant));
     }
 }

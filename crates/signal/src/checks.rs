@@ -55,33 +55,19 @@ pub(super) fn insert_checks(
     deviation: f64,
     features: &mut Features,
 ) {
-    let RecordSpectrum {
-        amplitude, sorting, ..
-    } = work;
+    let RecordSpectrum { amplitude, sorting, .. } = work;
     // The square of an amplitude over this is a density: half of it is a mean square, in 1.5 bins.
     let to_density = (2.0 * NOISE_BANDWIDTH_BINS * resolution_hz).sqrt().recip();
     let lowest_hz = mesh.map_or(0.0, |(mesh_bins, mesh)| {
         let nominal_hz = f64::from(mesh.teeth) * mesh.nominal_shaft_speed_hz;
-        if nominal_hz > 0.0 {
-            nominal_hz
-        } else {
-            mesh_bins * resolution_hz
-        }
+        if nominal_hz > 0.0 { nominal_hz } else { mesh_bins * resolution_hz }
     });
-    for Octave {
-        centre_hz,
-        bins: [first, last],
-    } in octaves(amplitude.len(), resolution_hz, lowest_hz)
-    {
+    for Octave { centre_hz, bins: [first, last] } in octaves(amplitude.len(), resolution_hz, lowest_hz) {
         let bins = &amplitude[first..=last];
         sorting.clear();
         sorting.extend(bins.iter().step_by(bins.len().div_ceil(FLOOR_BINS)));
         if let Some(floor) = noise_amplitude(sorting) {
-            features.insert_check(
-                format!("ln_floor_{centre_hz:.0}hz"),
-                floor * to_density,
-                deviation,
-            );
+            features.insert_check(format!("ln_floor_{centre_hz:.0}hz"), floor * to_density, deviation);
         }
         let Some((mesh_bins, mesh)) = mesh else {
             let energy: f64 = bins.iter().map(|a| a * a).sum();
@@ -101,16 +87,10 @@ pub(super) fn insert_checks(
     for order in 1..=SHAFT_ORDERS {
         let position = order as f64 * shaft_bins;
         let reach = SHAFT_REACH * shaft_bins;
-        if mesh
-            .others
-            .lie_at(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins)
-        {
+        if mesh.others.lie_at(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins) {
             continue;
         }
-        let (first, last) = (
-            (position - reach).ceil() as usize,
-            (position + reach).floor() as usize,
-        );
+        let (first, last) = ((position - reach).ceil() as usize, (position + reach).floor() as usize);
         let Some(bins) = amplitude.get(first..=last) else {
             return;
         };
@@ -146,10 +126,8 @@ fn octaves(bins: usize, resolution_hz: f64, lowest_hz: f64) -> impl Iterator<Ite
         let edge = |hz: f64| (hz / resolution_hz).ceil() as usize;
         let (first, end) = (edge(centre_hz / SQRT_2).max(1), edge(centre_hz * SQRT_2));
         let wanted = below < LEAST_OCTAVES || centre_hz * SQRT_2 > lowest_hz;
-        (wanted && end <= bins && end >= first + LEAST_BINS).then(|| Octave {
-            centre_hz,
-            bins: [first, end - 1],
-        })
+        (wanted && end <= bins && end >= first + LEAST_BINS)
+            .then(|| Octave { centre_hz, bins: [first, end - 1] })
     };
     (0..OCTAVES).filter_map(octave)
 }

@@ -95,15 +95,11 @@ pub(super) fn support(
     context: &MeshContext,
     scratch: &mut Vec<f64>,
 ) -> Support {
-    let sought = (1..=ORDERS)
-        .take_while(|order| fits(*order as f64 * mesh, amplitude.len()))
-        .count() as u32;
+    let sought = (1..=ORDERS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32;
     let top = ((ORDERS as f64 + 0.5) * mesh).min(amplitude.len() as f64 - 1.0) as usize;
     let mut lines = Lines::of(&amplitude[..=top], scratch);
     lines.without(mesh, context);
-    let found = (1..=sought)
-        .filter(|order| lines.at(f64::from(*order) * mesh) > 0.0)
-        .count() as u32;
+    let found = (1..=sought).filter(|order| lines.at(f64::from(*order) * mesh) > 0.0).count() as u32;
     let slower_shaft = mesh / f64::from(context.teeth.max(context.mate_teeth).max(1));
     let doubt = if slower_shaft < SHAFT_RESOLVED_BINS {
         // No noise is seen between the sidebands.
@@ -129,9 +125,8 @@ impl Lines {
             scratch.extend_from_slice(
                 &amplitude[start.saturating_sub(NOISE_BINS / 2)..(end + NOISE_BINS / 2).min(length)],
             );
-            let Some(noise) = noise_amplitude(scratch)
-                .map(|noise| noise.max(least))
-                .filter(|noise| *noise > 0.0)
+            let Some(noise) =
+                noise_amplitude(scratch).map(|noise| noise.max(least)).filter(|noise| *noise > 0.0)
             else {
                 continue;
             };
@@ -200,9 +195,8 @@ impl Lines {
     fn multiple(&self, mesh: f64, sought: u32) -> Option<f64> {
         let has_line = |order: &u32| self.at(f64::from(*order) * mesh) > 0.0;
         [2, 3].into_iter().find_map(|factor| {
-            let (of, beside): (Vec<u32>, Vec<u32>) = (1..=sought)
-                .filter(has_line)
-                .partition(|order| order % factor == 0);
+            let (of, beside): (Vec<u32>, Vec<u32>) =
+                (1..=sought).filter(has_line).partition(|order| order % factor == 0);
             (of.len() >= 2 && 3 * beside.len() < of.len()).then_some(f64::from(factor))
         })
     }
@@ -211,10 +205,7 @@ impl Lines {
     fn stands_between(&self, mesh: f64, sought: u32) -> bool {
         let says = |shift: f64| -> Vec<f64> {
             let positions = (1..=sought).map(|order| (f64::from(order) - shift) * mesh);
-            positions
-                .map(|position| self.at(position))
-                .filter(|line| *line > 0.0)
-                .collect()
+            positions.map(|position| self.at(position)).filter(|line| *line > 0.0).collect()
         };
         let (between, on) = (says(0.5), says(0.0));
         between.len() >= 2 && between.iter().sum::<f64>() > 0.5 * on.iter().sum::<f64>()
@@ -244,10 +235,7 @@ impl Lines {
             }
             sum
         };
-        let own = known
-            .iter()
-            .map(|shaft| lines_of(*shaft).1)
-            .fold(f64::NEG_INFINITY, f64::max);
+        let own = known.iter().map(|shaft| lines_of(*shaft).1).fold(f64::NEG_INFINITY, f64::max);
         let step = REACH_BINS / f64::from(SIDEBANDS);
         let steps = ((OTHER_SHAFTS[1] - OTHER_SHAFTS[0]) * shaft / step) as usize;
         let (other, (count, sum)) = (0..=steps)
@@ -278,12 +266,7 @@ mod tests {
     const MESH: f64 = 480.3;
 
     fn context() -> MeshContext {
-        MeshContext {
-            teeth: TEETH,
-            mate_teeth: 26,
-            others: OtherMeshes::NONE,
-            ..MeshContext::unknown()
-        }
+        MeshContext { teeth: TEETH, mate_teeth: 26, others: OtherMeshes::NONE, ..MeshContext::unknown() }
     }
 
     /// The support of a mesh in white noise with lines at these positions in bins, each as strong as the
@@ -331,10 +314,7 @@ mod tests {
     fn one_line_is_no_comb() {
         let support = support_of(MESH, [MESH], &context());
         assert_eq!((support.found, support.doubt), (1, Some(CombDoubt::FewHarmonics)));
-        assert_eq!(
-            support_of(MESH, [], &context()).doubt,
-            Some(CombDoubt::FewHarmonics)
-        );
+        assert_eq!(support_of(MESH, [], &context()).doubt, Some(CombDoubt::FewHarmonics));
     }
 
     /// 4 × 480.3 is a harmonic of either, and so on; the truth lies within a bin.
@@ -362,19 +342,11 @@ mod tests {
             doubt => panic!("{doubt:?}"),
         }
         // The shafts of the mate and of other meshes are no reason for a doubt.
-        let mate = MeshContext {
-            mate_teeth: 25,
-            ..context()
-        };
+        let mate = MeshContext { mate_teeth: 25, ..context() };
         assert_eq!(support_of(MESH, positions(), &mate).doubt, None);
-        let others = OtherMeshes::of([OtherMesh {
-            mesh_orders: 31.0,
-            shaft_orders: [f64::from(TEETH) / 25.0, 0.4],
-        }]);
-        assert_eq!(
-            support_of(MESH, positions(), &MeshContext { others, ..context() }).doubt,
-            None
-        );
+        let others =
+            OtherMeshes::of([OtherMesh { mesh_orders: 31.0, shaft_orders: [f64::from(TEETH) / 25.0, 0.4] }]);
+        assert_eq!(support_of(MESH, positions(), &MeshContext { others, ..context() }).doubt, None);
     }
 
     #[test]

@@ -63,19 +63,12 @@ impl Analyzer {
             Err(Absence::NoSpeed)
         };
         self.insert_tooth_checks(mesh, &turned, &mut analysis.features);
-        let mut basis = Basis {
-            preprocessing: PREPROCESSING.to_owned(),
-            quality: record.quality(),
-            shaft_angle: None,
-        };
+        let mut basis =
+            Basis { preprocessing: PREPROCESSING.to_owned(), quality: record.quality(), shaft_angle: None };
         let mut clipped = record.quality().clipped;
         if settings.gear_indicators {
             let gear = self.gear_indicators_turned(mesh, &turned);
-            clipped |= gear
-                .indicators
-                .absent
-                .values()
-                .any(|reason| *reason == Absence::Clipped);
+            clipped |= gear.indicators.absent.values().any(|reason| *reason == Absence::Clipped);
             analysis.indicators.extend(gear.indicators);
             basis.preprocessing = format!("{PREPROCESSING}+{GEAR_PREPROCESSING}");
             basis.shaft_angle = gear.angle;

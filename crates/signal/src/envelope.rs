@@ -66,11 +66,7 @@ pub struct EnvelopeBand {
 impl EnvelopeBand {
     /// A band that someone gave.
     pub fn given(band_hz: [f64; 2], source: BandSource) -> Self {
-        Self {
-            band_hz,
-            source,
-            spectral_kurtosis: None,
-        }
+        Self { band_hz, source, spectral_kurtosis: None }
     }
 }
 
@@ -123,23 +119,14 @@ pub(super) fn band_bins(
     }
     let nyquist_hz = 0.5 * sample_rate_hz;
     if high > nyquist_hz {
-        return Err(BandError::AboveNyquist {
-            low,
-            high,
-            nyquist_hz,
-        });
+        return Err(BandError::AboveNyquist { low, high, nyquist_hz });
     }
     let resolution_hz = sample_rate_hz / length as f64;
     let first = ((low / resolution_hz).ceil() as usize).max(1);
     let last = ((high / resolution_hz).floor() as usize).min((length - 1) / 2);
     let bins = (last + 1).saturating_sub(first);
     if bins < FEWEST_BINS {
-        return Err(BandError::TooNarrow {
-            low,
-            high,
-            bins,
-            resolution_hz,
-        });
+        return Err(BandError::TooNarrow { low, high, bins, resolution_hz });
     }
     Ok([first, last])
 }
@@ -174,10 +161,9 @@ impl Envelope {
         let scale = 1.0 / length as f64;
         // The analytic signal's real and imaginary parts are two real signals, the second a quarter period
         // behind.
-        for (output, factor) in [
-            (&mut self.real, Complex::new(scale, 0.0)),
-            (&mut self.imaginary, Complex::new(0.0, -scale)),
-        ] {
+        for (output, factor) in
+            [(&mut self.real, Complex::new(scale, 0.0)), (&mut self.imaginary, Complex::new(0.0, -scale))]
+        {
             self.packed.clear();
             self.packed.resize(samples / 2 + 1, Complex::default());
             for (packed, bin) in self.packed[1..].iter_mut().zip(&bins[first..=last]) {
@@ -211,12 +197,7 @@ mod tests {
         let (length, mut bins, mut transforms) = (x.len(), Vec::new(), Transforms::default());
         transforms.forward(&mut x, &mut bins);
         let mut envelope = Envelope::default();
-        envelope.compute(
-            &bins,
-            length,
-            band_bins(band, length, rate).unwrap(),
-            &mut transforms,
-        );
+        envelope.compute(&bins, length, band_bins(band, length, rate).unwrap(), &mut transforms);
         envelope.amplitude
     }
 
@@ -237,12 +218,7 @@ mod tests {
             assert_eq!(amplitude.len(), 81);
             assert!((amplitude[12] - 0.8).abs() < 1e-12, "{}", amplitude[12]);
             assert!((amplitude[11] - 0.4).abs() < 1e-12 && (amplitude[13] - 0.4).abs() < 1e-12);
-            assert!(
-                amplitude
-                    .iter()
-                    .enumerate()
-                    .all(|(k, a)| (11..=13).contains(&k) || *a < 1e-12)
-            );
+            assert!(amplitude.iter().enumerate().all(|(k, a)| (11..=13).contains(&k) || *a < 1e-12));
         }
     }
 
@@ -250,42 +226,18 @@ mod tests {
     fn the_widest_band_of_the_shortest_record_works() {
         assert_eq!(band_bins([0.0, 4.0], 8, 8.0), Ok([1, 3]));
         assert_eq!(band_bins([0.0, 3.5], 7, 7.0), Ok([1, 3]));
-        assert_eq!(
-            envelope(vec![1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 4.0], 8.0).len(),
-            3
-        );
+        assert_eq!(envelope(vec![1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 4.0], 8.0).len(), 3);
         assert_eq!(envelope(vec![0.0; 7], [0.0, 3.5], 7.0), [0.0; 3]);
     }
 
     #[test]
     fn unusable_bands_are_refused() {
-        assert_eq!(
-            band_bins([5.0, 2.0], 100, 100.0),
-            Err(BandError::Order { low: 5.0, high: 2.0 })
-        );
-        assert!(matches!(
-            band_bins([f64::NAN, 2.0], 100, 100.0),
-            Err(BandError::Order { .. })
-        ));
-        assert!(matches!(
-            band_bins([0.0, f64::INFINITY], 100, 100.0),
-            Err(BandError::Order { .. })
-        ));
-        assert!(matches!(
-            band_bins([0.0, 50.5], 100, 100.0),
-            Err(BandError::AboveNyquist { .. })
-        ));
-        assert!(matches!(
-            band_bins([10.0, 11.5], 100, 100.0),
-            Err(BandError::TooNarrow { bins: 2, .. })
-        ));
-        assert!(matches!(
-            band_bins([10.2, 10.4], 100, 100.0),
-            Err(BandError::TooNarrow { bins: 0, .. })
-        ));
-        assert!(matches!(
-            band_bins([0.0, 0.5], 1, 1.0),
-            Err(BandError::TooNarrow { bins: 0, .. })
-        ));
+        assert_eq!(band_bins([5.0, 2.0], 100, 100.0), Err(BandError::Order { low: 5.0, high: 2.0 }));
+        assert!(matches!(band_bins([f64::NAN, 2.0], 100, 100.0), Err(BandError::Order { .. })));
+        assert!(matches!(band_bins([0.0, f64::INFINITY], 100, 100.0), Err(BandError::Order { .. })));
+        assert!(matches!(band_bins([0.0, 50.5], 100, 100.0), Err(BandError::AboveNyquist { .. })));
+        assert!(matches!(band_bins([10.0, 11.5], 100, 100.0), Err(BandError::TooNarrow { bins: 2, .. })));
+        assert!(matches!(band_bins([10.2, 10.4], 100, 100.0), Err(BandError::TooNarrow { bins: 0, .. })));
+        assert!(matches!(band_bins([0.0, 0.5], 1, 1.0), Err(BandError::TooNarrow { bins: 0, .. })));
     }
 }

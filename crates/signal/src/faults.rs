@@ -34,10 +34,7 @@ pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     let mut first = 0;
     while first < samples.len() {
         if let Some(stride) = samples.get(first..=first + STRIDE)
-            && !stride
-                .iter()
-                .zip(&stride[1..])
-                .fold(false, |equal, (a, b)| equal | (a == b))
+            && !stride.iter().zip(&stride[1..]).fold(false, |equal, (a, b)| equal | (a == b))
         {
             first += STRIDE;
             continue;
@@ -50,10 +47,7 @@ pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
         }
         for (side, limit) in [low, high].into_iter().enumerate() {
             if value == limit && run >= CLIPPED_SAMPLES {
-                let beside = [
-                    first.checked_sub(1),
-                    Some(past).filter(|&past| past < samples.len()),
-                ];
+                let beside = [first.checked_sub(1), Some(past).filter(|&past| past < samples.len())];
                 for index in beside.into_iter().flatten() {
                     clipped[side].0 += 1;
                     clipped[side].1 += (f64::from(samples[index]) - f64::from(limit)).abs();
@@ -65,9 +59,7 @@ pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     let range = f64::from(high) - f64::from(low);
     let steep = |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= STEEP_PART * range;
     let cut = clipped.into_iter().any(steep)
-        || [low, high]
-            .into_iter()
-            .any(|limit| piled_up(samples, limit, high - low));
+        || [low, high].into_iter().any(|limit| piled_up(samples, limit, high - low));
     cut.then_some(Absence::Clipped)
 }
 
@@ -78,16 +70,9 @@ fn piled_up(samples: &[f32], limit: f32, range: f32) -> bool {
         return false;
     }
     let apart = |x: f32| (x - limit).abs();
-    let nearest = samples
-        .iter()
-        .filter(|&&x| x != limit)
-        .map(|&x| apart(x))
-        .fold(f32::INFINITY, f32::min);
+    let nearest = samples.iter().filter(|&&x| x != limit).map(|&x| apart(x)).fold(f32::INFINITY, f32::min);
     let reach = nearest.max(NEXT_PART * range);
-    let next = samples
-        .iter()
-        .filter(|&&x| x != limit && apart(x) <= reach)
-        .count();
+    let next = samples.iter().filter(|&&x| x != limit && apart(x) <= reach).count();
     at_limit >= PILED_UP_TIMES * next
 }
 

@@ -119,7 +119,6 @@ impl Features {
 
     /// Puts down one value that wear hardly moves.
     pub(super) fn insert_check(&mut self, name: String, amplitude: f64, deviation: f64) {
-        self.checks
-            .insert(name, amplitude.max(AMPLITUDE_FLOOR * deviation).ln());
+        self.checks.insert(name, amplitude.max(AMPLITUDE_FLOOR * deviation).ln());
     }
 }

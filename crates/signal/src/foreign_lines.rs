@@ -45,11 +45,7 @@ impl AngleRecord {
             let all = self.samples.chunks_exact(per_turn).zip(&weights).enumerate();
             let sum: Complex<f64> = all
                 .map(|(number, (turn, weight))| {
-                    let one_turn = Turn {
-                        samples: turn,
-                        cos: &cos,
-                        sin: &minus_sin,
-                    };
+                    let one_turn = Turn { samples: turn, cos: &cos, sin: &minus_sin };
                     arch.dispatch(one_turn) * at_turn(number).conj() * *weight
                 })
                 .sum();
@@ -87,9 +83,7 @@ impl WithSimd for Turn<'_> {
         }
         let sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
         let rest = samples_rest.iter().zip(cos_rest).zip(sin_rest);
-        rest.fold(sum, |sum, ((&x, &cos), &sin)| {
-            sum + Complex::new(x * cos, x * sin)
-        })
+        rest.fold(sum, |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
     }
 }
 
@@ -109,22 +103,10 @@ mod tests {
             };
             (0..per_turn * turns).map(|i| at(i).sum()).collect()
         };
-        let others = OtherMeshes::of([OtherMesh {
-            mesh_orders: 17.54,
-            shaft_orders: [0.9, 0.35],
-        }]);
-        let mesh = MeshContext {
-            teeth: 10,
-            others,
-            ..MeshContext::unknown()
-        };
+        let others = OtherMeshes::of([OtherMesh { mesh_orders: 17.54, shaft_orders: [0.9, 0.35] }]);
+        let mesh = MeshContext { teeth: 10, others, ..MeshContext::unknown() };
         let own = [(1.0, 0.3), (10.0, 1.0), (20.0, 0.5), (33.0, 0.2)];
-        let foreign = [
-            (17.54, 2.0),
-            (17.54 - 0.9, 0.4),
-            (3.0 * 17.54, 0.7),
-            (2.0 * 17.54 + 0.7, 0.1),
-        ];
+        let foreign = [(17.54, 2.0), (17.54 - 0.9, 0.4), (3.0 * 17.54, 0.7), (2.0 * 17.54 + 0.7, 0.1)];
         let record = AngleRecord {
             unit: "g".to_owned(),
             samples_per_turn: per_turn,
@@ -133,12 +115,7 @@ mod tests {
             angle: AngleSource::ConstantSpeed,
         };
         let left = record.without_lines_of(&mesh);
-        let worst = left
-            .samples
-            .iter()
-            .zip(signal(&own))
-            .map(|(x, y)| (x - y).abs())
-            .fold(0.0, f64::max);
+        let worst = left.samples.iter().zip(signal(&own)).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
         assert!(worst < 0.01, "{worst}");
     }
 }

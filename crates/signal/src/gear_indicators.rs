@@ -75,16 +75,11 @@ impl GearAnalysis {
         };
         let first = signals.mesh_line(1);
         indicators.insert("sideband_energy_ratio", ratio(signals.sideband_sum(), first));
-        indicators.insert(
-            "sideband_level_factor",
-            ratio(signals.first_sidebands(), Some(deviation)),
-        );
+        indicators.insert("sideband_level_factor", ratio(signals.first_sidebands(), Some(deviation)));
         let (low, high) = signals
             .average
             .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| {
-                (low.min(x), high.max(x))
-            });
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)));
         let lines: f64 = (1..=harmonics).map_while(|order| signals.mesh_line(order)).sum();
         indicators.insert("fm0", ratio(Some(high - low), Some(lines)));
         let difference = mean_power(&signals.difference, 2);
@@ -100,18 +95,9 @@ impl GearAnalysis {
         indicators.insert("energy_ratio", ratio(Some(difference.sqrt()), Some(regular)));
         indicators.insert("residual_variance", Ok(mean_power(&signals.residual, 2)));
         indicators.insert("residual_fourth_moment", Ok(mean_power(&signals.residual, 4)));
-        indicators.insert(
-            "mesh_envelope_variance",
-            Ok(mean_power(&signals.mesh_envelope, 2)),
-        );
-        indicators.insert(
-            "mesh_envelope_fourth_moment",
-            Ok(mean_power(&signals.mesh_envelope, 4)),
-        );
-        Self {
-            indicators,
-            angle: Some(angle),
-        }
+        indicators.insert("mesh_envelope_variance", Ok(mean_power(&signals.mesh_envelope, 2)));
+        indicators.insert("mesh_envelope_fourth_moment", Ok(mean_power(&signals.mesh_envelope, 4)));
+        Self { indicators, angle: Some(angle) }
     }
 
     /// Where the angle came from.
@@ -141,11 +127,7 @@ impl RunMean {
         self.variances += variance;
         let mean = self.variances / self.records as f64;
         let value = fourth_moment / (mean * mean);
-        if value.is_finite() {
-            Ok(value)
-        } else {
-            Err(Absence::NoSignal)
-        }
+        if value.is_finite() { Ok(value) } else { Err(Absence::NoSignal) }
     }
 
     /// Records so far.
@@ -166,16 +148,11 @@ impl RunMeans {
     /// nothing at all where no indicators over the shaft's angle were asked for.
     pub fn update(&mut self, indicators: &Indicators) -> Indicators {
         let mut answer = Indicators::default();
-        for (name, run, signal) in [
-            ("na4", &mut self.residual, "residual"),
-            ("nb4", &mut self.mesh_envelope, "mesh_envelope"),
-        ] {
+        for (name, run, signal) in
+            [("na4", &mut self.residual, "residual"), ("nb4", &mut self.mesh_envelope, "mesh_envelope")]
+        {
             let (variance, fourth) = (format!("{signal}_variance"), format!("{signal}_fourth_moment"));
-            match (
-                indicators.get(&variance),
-                indicators.get(&fourth),
-                indicators.absent.get(&variance),
-            ) {
+            match (indicators.get(&variance), indicators.get(&fourth), indicators.absent.get(&variance)) {
                 (Some(variance), Some(fourth), _) => answer.insert(name, run.update(variance, fourth)),
                 (_, _, Some(&reason)) => answer.insert(name, Err(reason)),
                 _ => {}
@@ -187,8 +164,6 @@ impl RunMeans {
 
 /// Mean of an even power of a signal without a mean, in a sum whose partial sums stay short.
 fn mean_power(signal: &[f64], power: i32) -> f64 {
-    let sums = signal
-        .chunks(64)
-        .map(|chunk| chunk.iter().map(|x| x.powi(power)).sum::<f64>());
+    let sums = signal.chunks(64).map(|chunk| chunk.iter().map(|x| x.powi(power)).sum::<f64>());
     sums.sum::<f64>() / signal.len() as f64
 }

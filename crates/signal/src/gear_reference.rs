@@ -41,14 +41,7 @@ struct Case {
 
 impl Case {
     fn record(&self) -> Record {
-        Record::new(
-            "1",
-            Timestamp::UNIX_EPOCH,
-            self.sample_rate_hz,
-            "m/s2",
-            self.samples.clone(),
-        )
-        .unwrap()
+        Record::new("1", Timestamp::UNIX_EPOCH, self.sample_rate_hz, "m/s2", self.samples.clone()).unwrap()
     }
 
     fn angle(&self) -> ShaftAngle {
@@ -68,10 +61,8 @@ impl Case {
 }
 
 fn cases() -> Vec<Case> {
-    let vectors: Vectors = serde_json::from_str(include_str!(
-        "../../../fixtures/reference/signal/gear_vectors.json"
-    ))
-    .unwrap();
+    let vectors: Vectors =
+        serde_json::from_str(include_str!("../../../fixtures/reference/signal/gear_vectors.json")).unwrap();
     vectors.cases
 }
 
@@ -86,10 +77,7 @@ fn assert_close(name: &str, got: &[f64], want: &[f64]) {
     let largest = want.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
     for (k, (got, want)) in got.iter().zip(want).enumerate() {
         let scale = want.abs().max(1e-3 * largest);
-        assert!(
-            (got - want).abs() <= 1e-9 * scale,
-            "{name}, {k}: {got}, SciPy has {want}"
-        );
+        assert!((got - want).abs() <= 1e-9 * scale, "{name}, {k}: {got}, SciPy has {want}");
     }
 }
 
@@ -116,13 +104,8 @@ fn gear_indicators_and_signals_equal_scipy() {
         ] {
             assert_close(&format!("{}, {part}", case.name), got, &case.signals[part]);
         }
-        let got = analyzer()
-            .gear_indicators(&record, &mesh, Some(&angle))
-            .indicators;
-        assert_eq!(
-            got.values.keys().collect::<Vec<_>>(),
-            case.indicators.keys().collect::<Vec<_>>()
-        );
+        let got = analyzer().gear_indicators(&record, &mesh, Some(&angle)).indicators;
+        assert_eq!(got.values.keys().collect::<Vec<_>>(), case.indicators.keys().collect::<Vec<_>>());
         for (name, want) in &case.indicators {
             assert_close(&format!("{}, {name}", case.name), &[got.values[name]], &[*want]);
         }
@@ -136,26 +119,12 @@ fn spectra_and_bands_equal_scipy() {
         let density = analyzer().power_spectral_density(&record);
         assert_eq!((density.quantity, density.unit.as_str()), ("psd", "(m/s2)^2/Hz"));
         assert_close(&case.name, &density.amplitude, &case.psd);
-        assert_close(
-            &case.name,
-            &analyzer().cepstrum(&record).unwrap().value,
-            &case.cepstrum,
-        );
-        let band = |name: &str, quantity| Band {
-            name: name.to_owned(),
-            band_hz: case.band_hz,
-            quantity,
-        };
+        assert_close(&case.name, &analyzer().cepstrum(&record).unwrap().value, &case.cepstrum);
+        let band = |name: &str, quantity| Band { name: name.to_owned(), band_hz: case.band_hz, quantity };
         let bands = [band("a", BandQuantity::Record), band("v", BandQuantity::Velocity)];
-        let got = analyzer()
-            .analyze_with_bands(&record, &case.mesh(), &bands)
-            .indicators;
+        let got = analyzer().analyze_with_bands(&record, &case.mesh(), &bands).indicators;
         assert_close(&case.name, &[got.values["band_a"]], &[case.band_rms]);
-        assert_close(
-            &case.name,
-            &[got.values["band_v"]],
-            &[case.band_velocity_mm_per_s],
-        );
+        assert_close(&case.name, &[got.values["band_v"]], &[case.band_velocity_mm_per_s]);
     }
 }
 
@@ -170,10 +139,9 @@ fn na4_and_nb4_are_their_definition_after_a_restart() {
         let samples = case.samples_per_turn as f64;
         let sum = |part: &str, power: i32| case.signals[part].iter().map(|x| x.powi(power)).sum::<f64>();
         sums.push([sum("residual", 2) / samples, sum("mesh_envelope", 2) / samples]);
-        for (part, index, na4) in [
-            ("residual", 0, run.values["na4"]),
-            ("mesh_envelope", 1, run.values["nb4"]),
-        ] {
+        for (part, index, na4) in
+            [("residual", 0, run.values["na4"]), ("mesh_envelope", 1, run.values["nb4"])]
+        {
             let mean = sums.iter().map(|sum| sum[index]).sum::<f64>() / sums.len() as f64;
             assert_close(part, &[na4], &[sum(part, 4) / samples / (mean * mean)]);
         }
@@ -204,26 +172,16 @@ fn gaussian_noise_has_its_normal_moments() {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let samples = (0..44_000).map(|_| StandardNormal.sample(&mut random)).collect();
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "g", samples).unwrap();
-        per_turn = analyzer()
-            .angle_record(&record, &mesh, Some(&angle))
-            .unwrap()
-            .samples_per_turn;
-        let got = analyzer()
-            .gear_indicators(&record, &mesh, Some(&angle))
-            .indicators;
+        per_turn = analyzer().angle_record(&record, &mesh, Some(&angle)).unwrap().samples_per_turn;
+        let got = analyzer().gear_indicators(&record, &mesh, Some(&angle)).indicators;
         for (sum, name) in sums.iter_mut().zip(["fm4", "m6a", "m8a"]) {
             *sum += got.values[name] / records as f64;
         }
     }
     let n = (records as usize * per_turn) as f64;
-    for (mean, (want, variance)) in sums
-        .into_iter()
-        .zip([(3.0, 96.0), (15.0, 9720.0), (105.0, 1_929_312.0)])
+    for (mean, (want, variance)) in sums.into_iter().zip([(3.0, 96.0), (15.0, 9720.0), (105.0, 1_929_312.0)])
     {
         let standard_error = f64::sqrt(variance / n);
-        assert!(
-            (mean - want).abs() < 3.0 * standard_error,
-            "{mean} {want} ± {standard_error}"
-        );
+        assert!((mean - want).abs() < 3.0 * standard_error, "{mean} {want} ± {standard_error}");
     }
 }

@@ -71,11 +71,8 @@ impl GearSignals {
             ..=(teeth + SIDEBANDS).min(2 * teeth - 1).min((samples - 1) / 2);
         let real = signal(&|k| band.contains(&k), one);
         let imaginary = signal(&|k| band.contains(&k), Complex::new(0.0, -1.0));
-        let mut mesh_envelope: Vec<f64> = real
-            .iter()
-            .zip(&imaginary)
-            .map(|(re, im)| (re * re + im * im).sqrt())
-            .collect();
+        let mut mesh_envelope: Vec<f64> =
+            real.iter().zip(&imaginary).map(|(re, im)| (re * re + im * im).sqrt()).collect();
         let mean = mesh_envelope.iter().sum::<f64>() * scale;
         mesh_envelope.iter_mut().for_each(|modulus| *modulus -= mean);
         Some(Self {
@@ -123,19 +120,13 @@ mod tests {
 
     fn turn(lines: &[(f64, f64)]) -> Vec<f64> {
         let at = |i: i32| {
-            lines
-                .iter()
-                .map(|(order, a)| a * (TAU * order * f64::from(i) / 240.0 + order).cos())
-                .sum()
+            lines.iter().map(|(order, a)| a * (TAU * order * f64::from(i) / 240.0 + order).cos()).sum()
         };
         (0..240).map(at).collect()
     }
 
     fn assert_equal(got: &[f64], want: &[f64]) {
-        assert!(
-            got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-12),
-            "{got:?} {want:?}"
-        );
+        assert!(got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-12), "{got:?} {want:?}");
     }
 
     /// What is put in at each order comes out in its part, and nowhere else.

@@ -18,25 +18,16 @@ impl Indicators {
     /// The names of all indicators there can be; `bands` are those that the user defined.
     pub fn names(bands: &[Band]) -> Vec<String> {
         let harmonics = AnalysisSettings::default().harmonics;
-        let fixed = OF_THE_RECORD
-            .into_iter()
-            .chain(gear_indicators::NAMES)
-            .chain(OF_THE_RUN);
+        let fixed = OF_THE_RECORD.into_iter().chain(gear_indicators::NAMES).chain(OF_THE_RUN);
         let lines = (1..=harmonics).map(|order| format!("mesh_{order}"));
-        fixed
-            .map(str::to_owned)
-            .chain(lines)
-            .chain(bands.iter().map(Band::indicator))
-            .collect()
+        fixed.map(str::to_owned).chain(lines).chain(bands.iter().map(Band::indicator)).collect()
     }
 
     /// The names nearest to one, the nearest first; of equally near ones in the order given.
     pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
         let name = name.to_lowercase();
-        let mut far: Vec<(usize, &str)> = known
-            .into_iter()
-            .map(|known| (edits(&name, known), known))
-            .collect();
+        let mut far: Vec<(usize, &str)> =
+            known.into_iter().map(|known| (edits(&name, known), known)).collect();
         far.sort_by_key(|(edits, _)| *edits);
         far.into_iter().take(NEAREST).map(|(_, known)| known).collect()
     }
@@ -53,9 +44,7 @@ fn edits(from: &str, to: &str) -> usize {
         let mut row = vec![i];
         for j in 1..=to.len() {
             let is_other = usize::from(from[i - 1] != to[j - 1]);
-            let mut least = (rows[i - 1][j] + 1)
-                .min(row[j - 1] + 1)
-                .min(rows[i - 1][j - 1] + is_other);
+            let mut least = (rows[i - 1][j] + 1).min(row[j - 1] + 1).min(rows[i - 1][j - 1] + is_other);
             if i > 1 && j > 1 && from[i - 1] == to[j - 2] && from[i - 2] == to[j - 1] {
                 least = least.min(rows[i - 2][j - 2] + 1);
             }
@@ -77,36 +66,20 @@ mod tests {
 
     #[test]
     fn the_names_are_those_that_an_analysis_gives() {
-        let bands = [Band {
-            name: "low".into(),
-            band_hz: [10.0, 100.0],
-            quantity: BandQuantity::Record,
-        }];
+        let bands = [Band { name: "low".into(), band_hz: [10.0, 100.0], quantity: BandQuantity::Record }];
         let samples = (0..2000).map(|k| (0.3 * f64::from(k)).sin() as f32).collect();
         let record = Record::new("a", Timestamp::UNIX_EPOCH, 1000.0, "m/s2", samples).unwrap();
-        let settings = ConditionSettings {
-            mesh: MeshContext::unknown(),
-            bands: &bands,
-            gear_indicators: true,
-        };
-        let mut analysed = Analyzer::new(AnalysisSettings::default())
-            .condition(&record, &settings)
-            .analysis
-            .indicators;
+        let settings =
+            ConditionSettings { mesh: MeshContext::unknown(), bands: &bands, gear_indicators: true };
+        let mut analysed =
+            Analyzer::new(AnalysisSettings::default()).condition(&record, &settings).analysis.indicators;
         analysed.extend(RunMeans::default().update(&analysed));
-        let given: BTreeSet<&str> = analysed
-            .values
-            .keys()
-            .chain(analysed.absent.keys())
-            .map(String::as_str)
-            .collect();
+        let given: BTreeSet<&str> =
+            analysed.values.keys().chain(analysed.absent.keys()).map(String::as_str).collect();
         let names = Indicators::names(&bands);
         // That of the estimate comes after a baseline only.
-        let told: BTreeSet<&str> = names
-            .iter()
-            .map(String::as_str)
-            .filter(|name| *name != "novelty")
-            .collect();
+        let told: BTreeSet<&str> =
+            names.iter().map(String::as_str).filter(|name| *name != "novelty").collect();
         assert_eq!(told, given);
         assert_eq!(names.len(), told.len() + 1, "each once");
     }
@@ -119,9 +92,6 @@ mod tests {
         assert_eq!(nearest("RMS")[0], "rms");
         assert_eq!(nearest("mehs_2")[0], "mesh_2");
         assert_eq!(nearest(&"x".repeat(100_000)).len(), 3);
-        assert_eq!(
-            (edits("abc", "acb"), edits("", "ab"), edits("rms", "rms")),
-            (1, 2, 0)
-        );
+        assert_eq!((edits("abc", "acb"), edits("", "ab"), edits("rms", "rms")), (1, 2, 0));
     }
 }

@@ -47,23 +47,14 @@ impl Kernel {
                 });
                 let [c0, c1, c2, c3, c4] = chebyshev;
                 // T2 = 2t² − 1, T3 = 4t³ − 3t, T4 = 8t⁴ − 8t² + 1.
-                let monomials = [
-                    c0 - c2 + c4,
-                    c1 - 3.0 * c3,
-                    2.0 * c2 - 8.0 * c4,
-                    4.0 * c3,
-                    8.0 * c4,
-                ];
+                let monomials = [c0 - c2 + c4, c1 - 3.0 * c3, 2.0 * c2 - 8.0 * c4, 4.0 * c3, 8.0 * c4];
                 for (power, value) in powers.iter_mut().zip(monomials) {
                     power[tap] = value;
                 }
             }
             Phase(powers)
         });
-        Self {
-            phases: phases.collect(),
-            arch: Arch::new(),
-        }
+        Self { phases: phases.collect(), arch: Arch::new() }
     }
 
     /// What this processor's widest registers are.
@@ -74,12 +65,7 @@ impl Kernel {
     /// The signal at `positions`, each at least 16 samples from either end, in the processor's widest
     /// registers.
     pub(super) fn interpolate(&self, samples: &[f64], positions: &[f64], values: &mut [f64]) {
-        self.arch.dispatch(Interpolation {
-            phases: &self.phases,
-            samples,
-            positions,
-            values,
-        });
+        self.arch.dispatch(Interpolation { phases: &self.phases, samples, positions, values });
     }
 }
 

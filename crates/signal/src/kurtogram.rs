@@ -87,8 +87,7 @@ impl Analyzer {
             let resolution_hz = self.work.resolution_hz(record);
             let usable = (self.work.length - 1) / 2;
             let nyquist_hz = 0.5 * record.sample_rate_hz();
-            self.kurtogram
-                .of(&self.work.bins[1..=usable], resolution_hz, nyquist_hz)
+            self.kurtogram.of(&self.work.bins[1..=usable], resolution_hz, nyquist_hz)
         };
         self.give_back(record);
         answer
@@ -122,10 +121,7 @@ impl KurtogramWork {
                 }
             }
             let bandwidth_hz = bins.len() as f64 / bands as f64 * resolution_hz;
-            levels.push(KurtogramLevel {
-                bandwidth_hz,
-                kurtosis,
-            });
+            levels.push(KurtogramLevel { bandwidth_hz, kurtosis });
         }
         let (_, best) = best.ok_or(Absence::TooShort)?;
         Ok(Kurtogram { levels, best })
@@ -153,11 +149,7 @@ impl KurtogramWork {
         }
         let mut fourth = 0.0;
         for (real, imaginary) in self.real.chunks(64).zip(self.imaginary.chunks(64)) {
-            let sum: f64 = real
-                .iter()
-                .zip(imaginary)
-                .map(|(re, im)| (re * re + im * im).powi(2))
-                .sum();
+            let sum: f64 = real.iter().zip(imaginary).map(|(re, im)| (re * re + im * im).powi(2)).sum();
             fourth += sum;
         }
         fourth / samples as f64 - 2.0
@@ -249,11 +241,7 @@ mod tests {
             for (got, want) in got.levels.iter().zip(&case.levels) {
                 assert_eq!(got.kurtosis.len(), want.len());
                 for (got, want) in got.kurtosis.iter().zip(want) {
-                    assert!(
-                        (got - want).abs() <= 1e-9 * (want.abs() + 2.0),
-                        "{}: {got} {want}",
-                        case.name
-                    );
+                    assert!((got - want).abs() <= 1e-9 * (want.abs() + 2.0), "{}: {got} {want}", case.name);
                 }
             }
             assert!((got.best.kurtosis - case.best_kurtosis).abs() < 1e-8);
@@ -269,22 +257,14 @@ mod tests {
         let mut analyzer = analyzer();
         let found = analyzer.kurtogram(&record).unwrap();
         let [low, high] = found.best.band_hz;
-        assert!(
-            low < 6000.0 && 6000.0 < high && high - low < 3500.0,
-            "{:?}",
-            found.best
-        );
+        assert!(low < 6000.0 && 6000.0 < high && high - low < 3500.0, "{:?}", found.best);
         assert!(found.best.kurtosis > 1.0, "{:?}", found.best);
         let band = analyzer.envelope_band(&record, None, EnvelopeSearch::Kurtogram);
-        assert_eq!(
-            (band.band_hz, band.source),
-            (found.best.band_hz, BandSource::Kurtogram)
-        );
+        assert_eq!((band.band_hz, band.source), (found.best.band_hz, BandSource::Kurtogram));
         assert_eq!(band.spectral_kurtosis, Some(found.best.kurtosis));
         let envelope = analyzer.envelope_spectrum(&record, band.band_hz).unwrap();
-        let highest = (20..1000)
-            .max_by(|&a, &b| envelope.amplitude[a].total_cmp(&envelope.amplitude[b]))
-            .unwrap();
+        let highest =
+            (20..1000).max_by(|&a, &b| envelope.amplitude[a].total_cmp(&envelope.amplitude[b])).unwrap();
         assert!((envelope.frequency_hz(highest) - 87.0).abs() < 1.0);
     }
 
@@ -295,38 +275,22 @@ mod tests {
         let noise = record((0..40_000).map(|_| StandardNormal.sample(&mut random)).collect());
         let found = analyzer().kurtogram(&noise).unwrap();
         assert_eq!(
-            found
-                .levels
-                .iter()
-                .map(|level| level.kurtosis.len())
-                .collect::<Vec<_>>(),
+            found.levels.iter().map(|level| level.kurtosis.len()).collect::<Vec<_>>(),
             divisions(19_999).collect::<Vec<_>>()
         );
         assert_eq!(found.levels.last().unwrap().kurtosis.len(), 256);
         for level in &found.levels {
             let bins = 19_999.0 / level.kurtosis.len() as f64;
-            assert!(
-                level
-                    .kurtosis
-                    .iter()
-                    .all(|k| k.abs() < 4.5 * 2.0 / f64::sqrt(bins)),
-                "{level:?}"
-            );
+            assert!(level.kurtosis.iter().all(|k| k.abs() < 4.5 * 2.0 / f64::sqrt(bins)), "{level:?}");
         }
-        let sine = record(
-            (0..40_000)
-                .map(|i| (TAU * 3001.7 * f64::from(i) / RATE_HZ).sin() as f32)
-                .collect(),
-        );
+        let sine =
+            record((0..40_000).map(|i| (TAU * 3001.7 * f64::from(i) / RATE_HZ).sin() as f32).collect());
         assert!((analyzer().kurtogram(&sine).unwrap().levels[0].kurtosis[0] + 1.0).abs() < 1e-3);
     }
 
     #[test]
     fn short_and_constant_records_say_why() {
-        assert_eq!(
-            analyzer().kurtogram(&record(vec![1.0; 1000])),
-            Err(Absence::Constant)
-        );
+        assert_eq!(analyzer().kurtogram(&record(vec![1.0; 1000])), Err(Absence::Constant));
         let short =
             |samples: usize| analyzer().kurtogram(&record((0..samples).map(|i| (i % 7) as f32).collect()));
         assert_eq!(short(128), Err(Absence::TooShort));

@@ -58,10 +58,8 @@ pub(super) fn search_reach(position: f64) -> f64 {
 /// `position` and one more on each side.
 pub(super) fn read_line_in(amplitude: &[f64], first: usize, position: f64) -> LineReading {
     let inside = position - first as f64;
-    let mut line = highest_peak(amplitude, inside, search_reach(position)).unwrap_or(LineReading {
-        position: inside,
-        amplitude: amplitude[inside.round() as usize],
-    });
+    let mut line = highest_peak(amplitude, inside, search_reach(position))
+        .unwrap_or(LineReading { position: inside, amplitude: amplitude[inside.round() as usize] });
     line.position += first as f64;
     line
 }
@@ -107,10 +105,7 @@ fn interpolate(amplitude: &[f64], k: usize) -> LineReading {
     } else {
         (PI * distance).sin() / (PI * distance * (1.0 - distance * distance))
     };
-    LineReading {
-        position: k as f64 + side * distance,
-        amplitude: peak / scalloping,
-    }
+    LineReading { position: k as f64 + side * distance, amplitude: peak / scalloping }
 }
 
 /// Root-mean-square amplitude of the noise in one bin from the median of many: in Gaussian noise the
@@ -150,19 +145,8 @@ pub(super) fn background(
     let above = ((position + clear) as usize)..=highest.min((position + reach) as usize);
     let below = (MAIN_LOBE_BINS as usize).max((position - reach).max(0.0) as usize)
         ..=highest.min((position - clear).max(0.0) as usize);
-    scratch.extend(
-        above
-            .filter(|&k| is_between_lines(k))
-            .take(BACKGROUND_BINS)
-            .map(|k| amplitude[k]),
-    );
-    scratch.extend(
-        below
-            .rev()
-            .filter(|&k| is_between_lines(k))
-            .take(BACKGROUND_BINS)
-            .map(|k| amplitude[k]),
-    );
+    scratch.extend(above.filter(|&k| is_between_lines(k)).take(BACKGROUND_BINS).map(|k| amplitude[k]));
+    scratch.extend(below.rev().filter(|&k| is_between_lines(k)).take(BACKGROUND_BINS).map(|k| amplitude[k]));
     if scratch.len() < FEWEST_BACKGROUND_BINS {
         return None;
     }
@@ -188,9 +172,7 @@ mod tests {
     }
 
     fn sine(length: usize, position: f64, phase: f64) -> Vec<f64> {
-        (0..length)
-            .map(|i| 2.5 * (2.0 * PI * position * i as f64 / length as f64 + phase).sin())
-            .collect()
+        (0..length).map(|i| 2.5 * (2.0 * PI * position * i as f64 / length as f64 + phase).sin()).collect()
     }
 
     /// Closed form: the amplitude 2.5 put in. The project's aim is 0.1 % between bins.
@@ -228,9 +210,7 @@ mod tests {
     #[test]
     fn a_wandering_mesh_line_is_read_where_it_stands_out() {
         let mut x = sine(80_000, 20_000.0, 0.0);
-        x.iter_mut()
-            .zip(sine(80_000, 20_006.2, 1.0))
-            .for_each(|(x, y)| *x += 2.0 * y);
+        x.iter_mut().zip(sine(80_000, 20_006.2, 1.0)).for_each(|(x, y)| *x += 2.0 * y);
         let amplitude = spectrum(x);
         let read = |reach, noise| read_mesh_line(&amplitude, 20_000.0, reach, noise).unwrap();
         assert!((read(100.0, Some(1.2)).position - 20_006.2).abs() < 0.01);
@@ -261,14 +241,8 @@ mod tests {
         let mut scratch = Vec::new();
         let mean: f64 = (0..40)
             .map(|i| {
-                background(
-                    &amplitude,
-                    4000.3 + 100.0 * f64::from(i),
-                    Some(16.0),
-                    200.0,
-                    &mut scratch,
-                )
-                .unwrap()
+                background(&amplitude, 4000.3 + 100.0 * f64::from(i), Some(16.0), 200.0, &mut scratch)
+                    .unwrap()
             })
             .sum::<f64>()
             / 40.0;

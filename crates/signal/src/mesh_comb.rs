@@ -56,9 +56,7 @@ pub(super) fn find(
     if !in_order {
         return None;
     }
-    let orders = (1..=ORDERS)
-        .take_while(|order| fits(*order as f64 * high, amplitude.len()))
-        .count();
+    let orders = (1..=ORDERS).take_while(|order| fits(*order as f64 * high, amplitude.len())).count();
     let mut noise = [0.0; ORDERS];
     for (order, noise) in (1..).zip(&mut noise[..orders]) {
         *noise = order_noise(amplitude, f64::from(order), [low, high], scratch);
@@ -86,11 +84,7 @@ pub(super) fn find(
         if comb < level {
             continue;
         }
-        let sidebands = if resolves_shaft {
-            score(mesh, shaft) + score(mesh, -shaft)
-        } else {
-            0.0
-        };
+        let sidebands = if resolves_shaft { score(mesh, shaft) + score(mesh, -shaft) } else { 0.0 };
         let total = comb + SIDEBAND_WEIGHT * sidebands;
         if best.is_none_or(|(_, highest)| total > highest) {
             best = Some((mesh, total));
@@ -101,11 +95,7 @@ pub(super) fn find(
 }
 
 fn compress(ratio: f64) -> f64 {
-    if ratio <= STRONG_LINE {
-        ratio
-    } else {
-        STRONG_LINE * (1.0 + (ratio / STRONG_LINE).ln())
-    }
+    if ratio <= STRONG_LINE { ratio } else { STRONG_LINE * (1.0 + (ratio / STRONG_LINE).ln()) }
 }
 
 /// The noise around one order: over the candidates' range, widened to 64 bins where that is less.

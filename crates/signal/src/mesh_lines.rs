@@ -76,13 +76,7 @@ impl MeshPositions {
 
     fn noise(&self, work: &mut RecordSpectrum, order: f64) -> Option<f64> {
         let reach = 0.5 * self.mesh_bins;
-        background(
-            &work.amplitude,
-            order * self.mesh_bins,
-            self.shaft_bins,
-            reach,
-            &mut work.sorting,
-        )
+        background(&work.amplitude, order * self.mesh_bins, self.shaft_bins, reach, &mut work.sorting)
     }
 
     fn has_own_sidebands(&self, order: usize) -> bool {
@@ -102,9 +96,7 @@ impl MeshPositions {
                 })
                 .sum();
             let Some(energy) = energy else { return };
-            let noise = self
-                .noise(work, order as f64)
-                .map(|noise| noise * (2.0 * SIDEBANDS as f64).sqrt());
+            let noise = self.noise(work, order as f64).map(|noise| noise * (2.0 * SIDEBANDS as f64).sqrt());
             features.insert_line(format!("ln_sideband_{order}"), energy.sqrt(), noise, deviation);
         }
     }
@@ -117,22 +109,13 @@ impl MeshPositions {
             if centre <= reach + 1.0 || !fits(centre + reach, work.bins.len()) {
                 return;
             }
-            let band = [
-                (centre - reach).ceil() as usize,
-                (centre + reach).floor() as usize,
-            ];
-            work.envelope
-                .compute(&work.bins, work.length, band, &mut work.transforms);
+            let band = [(centre - reach).ceil() as usize, (centre + reach).floor() as usize];
+            work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
             let Some(line) = read_line(&work.envelope.amplitude, shaft_bins) else {
                 return;
             };
-            let noise = background(
-                &work.envelope.amplitude,
-                shaft_bins,
-                Some(shaft_bins),
-                reach,
-                &mut work.sorting,
-            );
+            let noise =
+                background(&work.envelope.amplitude, shaft_bins, Some(shaft_bins), reach, &mut work.sorting);
             features.insert_line(format!("ln_env_{order}"), line.amplitude, noise, deviation);
         }
     }

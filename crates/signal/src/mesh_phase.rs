@@ -173,10 +173,7 @@ impl MeshBand<'_> {
         // A computed signal may have nothing at all beside its line.
         let background = (rest * line_bins / other_bins).max(1e-18 * line_power);
         let ratio = (line_power / background).sqrt();
-        let lowest = line[inside.clone()]
-            .iter()
-            .map(|z| z.norm())
-            .fold(f64::INFINITY, f64::min);
+        let lowest = line[inside.clone()].iter().map(|z| z.norm()).fold(f64::INFINITY, f64::min);
         let followed = ratio >= LEAST_RATIO && lowest >= LOST_LINE * line_power.sqrt();
         if !followed {
             return None;
@@ -184,10 +181,7 @@ impl MeshBand<'_> {
         // The band was moved down to bin 1.
         let moved = |j: usize| TAU * (first - 1) as f64 * j as f64 / samples as f64;
         let start = phase[left_out] + moved(left_out);
-        let revolutions = inside
-            .clone()
-            .map(|j| (phase[j] + moved(j) - start) / (TAU * orders))
-            .collect();
+        let revolutions = inside.clone().map(|j| (phase[j] + moved(j) - start) / (TAU * orders)).collect();
         let times_s = inside.map(|j| j as f64 * duration_s / samples as f64).collect();
         let source = AngleSource::MeshPhase {
             harmonic,
@@ -205,12 +199,7 @@ impl MeshBand<'_> {
         last: usize,
         transforms: &mut Transforms,
     ) -> Vec<Complex<f64>> {
-        self.analytic_at(
-            (4 * (last - first + 1)).next_power_of_two(),
-            first,
-            last,
-            transforms,
-        )
+        self.analytic_at((4 * (last - first + 1)).next_power_of_two(), first, last, transforms)
     }
 
     /// The same at two samples a bin or somewhat more.
@@ -220,12 +209,7 @@ impl MeshBand<'_> {
         last: usize,
         transforms: &mut Transforms,
     ) -> Vec<Complex<f64>> {
-        self.analytic_at(
-            (2 * (last - first + 2)).next_power_of_two(),
-            first,
-            last,
-            transforms,
-        )
+        self.analytic_at((2 * (last - first + 2)).next_power_of_two(), first, last, transforms)
     }
 
     fn analytic_at(
@@ -247,24 +231,19 @@ impl MeshBand<'_> {
         };
         let real = part(Complex::new(scale, 0.0));
         let imaginary = part(Complex::new(0.0, -scale));
-        real.into_iter()
-            .zip(imaginary)
-            .map(|(re, im)| Complex::new(re, im))
-            .collect()
+        real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
     }
 }
 
 /// The angle that is followed best.
 fn best(angles: impl Iterator<Item = ShaftAngle>) -> Option<ShaftAngle> {
     let quality = |angle: &ShaftAngle| match angle.source() {
-        AngleSource::MeshPhase {
-            line_to_background,
-            angle_error_deg,
-            ..
-        } if line_to_background >= SAFE_RATIO => (true, -angle_error_deg),
-        AngleSource::MeshPhase {
-            line_to_background, ..
-        } => (false, line_to_background),
+        AngleSource::MeshPhase { line_to_background, angle_error_deg, .. }
+            if line_to_background >= SAFE_RATIO =>
+        {
+            (true, -angle_error_deg)
+        }
+        AngleSource::MeshPhase { line_to_background, .. } => (false, line_to_background),
         _ => (false, 0.0),
     };
     angles.max_by(|a, b| {
@@ -294,11 +273,7 @@ fn first_phase(signal: &[Complex<f64>], turn: usize) -> Vec<f64> {
 }
 
 fn turned_back(signal: &[Complex<f64>], phase: &[f64]) -> Vec<Complex<f64>> {
-    signal
-        .iter()
-        .zip(phase)
-        .map(|(z, phase)| z * Complex::from_polar(1.0, -phase))
-        .collect()
+    signal.iter().zip(phase).map(|(z, phase)| z * Complex::from_polar(1.0, -phase)).collect()
 }
 
 /// Turns each sample back by the phase of `line` there, which is what was last added to the followed phase.
@@ -319,19 +294,12 @@ fn low_pass(signal: &[Complex<f64>], reach: usize, transforms: &mut Transforms) 
         let mut bins = Vec::new();
         transforms.forward(&mut values, &mut bins);
         for (k, bin) in bins.iter_mut().enumerate() {
-            *bin = if k <= reach {
-                *bin * scale
-            } else {
-                Complex::default()
-            };
+            *bin = if k <= reach { *bin * scale } else { Complex::default() };
         }
         transforms.inverse(&mut bins, &mut values);
         values
     };
     let real = filter(signal.iter().map(|z| z.re).collect());
     let imaginary = filter(signal.iter().map(|z| z.im).collect());
-    real.into_iter()
-        .zip(imaginary)
-        .map(|(re, im)| Complex::new(re, im))
-        .collect()
+    real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
 }

@@ -46,16 +46,8 @@ impl Sums {
     fn add(&mut self, block: &[f32; LANES], shift: f64, room: &mut [f64; LANES]) {
         for lane in 0..LANES {
             let sample = block[lane];
-            self.low[lane] = if sample < self.low[lane] {
-                sample
-            } else {
-                self.low[lane]
-            };
-            self.high[lane] = if sample > self.high[lane] {
-                sample
-            } else {
-                self.high[lane]
-            };
+            self.low[lane] = if sample < self.low[lane] { sample } else { self.low[lane] };
+            self.high[lane] = if sample > self.high[lane] { sample } else { self.high[lane] };
             let x = f64::from(sample) - shift;
             room[lane] = x;
             let square = x * x;
@@ -80,11 +72,8 @@ impl WithSimd for Summing<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Sums {
-        let mut sums = Sums {
-            powers: [[0.0; LANES]; 4],
-            low: [f32::INFINITY; LANES],
-            high: [f32::NEG_INFINITY; LANES],
-        };
+        let mut sums =
+            Sums { powers: [[0.0; LANES]; 4], low: [f32::INFINITY; LANES], high: [f32::NEG_INFINITY; LANES] };
         for (block, room) in self.samples.iter().zip(self.shifted) {
             sums.add(block, self.shift, room);
         }
@@ -105,11 +94,7 @@ impl Moments {
         let shift = picked.clone().map(|&x| f64::from(x)).sum::<f64>() / picked.len() as f64;
         shifted.resize(samples.len(), 0.0);
         let ((blocks, rest), (room, room_left)) = (samples.as_chunks(), shifted.as_chunks_mut());
-        let mut sums = Arch::new().dispatch(Summing {
-            samples: blocks,
-            shift,
-            shifted: room,
-        });
+        let mut sums = Arch::new().dispatch(Summing { samples: blocks, shift, shifted: room });
         for (lane, (&sample, room)) in rest.iter().zip(room_left).enumerate() {
             (sums.low[lane], sums.high[lane]) = (sums.low[lane].min(sample), sums.high[lane].max(sample));
             *room = f64::from(sample) - shift;
@@ -147,8 +132,7 @@ impl Moments {
 
     /// Kurtosis, not excess.
     pub(super) fn kurtosis(&self) -> Result<f64, Absence> {
-        self.deviation()
-            .map(|_| self.fourth / (self.variance * self.variance))
+        self.deviation().map(|_| self.fourth / (self.variance * self.variance))
     }
 
     /// Puts down the indicators of the time domain.
@@ -156,11 +140,7 @@ impl Moments {
         indicators.insert("rms", Ok(self.rms));
         indicators.insert("peak", Ok(self.peak));
         indicators.insert("kurtosis", self.kurtosis());
-        let crest_factor = if self.peak > 0.0 {
-            Ok(self.peak / self.rms)
-        } else {
-            Err(Absence::Constant)
-        };
+        let crest_factor = if self.peak > 0.0 { Ok(self.peak / self.rms) } else { Err(Absence::Constant) };
         indicators.insert("crest_factor", crest_factor);
     }
 }

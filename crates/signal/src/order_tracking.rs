@@ -104,25 +104,20 @@ impl Analyzer {
         mesh: &MeshContext,
         angle: &ShaftAngle,
     ) -> Result<AngleRecord, Absence> {
-        self.resampler
-            .resample(record, angle, f64::from(mesh.teeth) + 1.0)
+        self.resampler.resample(record, angle, f64::from(mesh.teeth) + 1.0)
     }
 
     /// A record over the angle of its tachometer, or why its pulses cannot be used; none where it has no
     /// tachometer.
     fn by_tachometer(&mut self, record: &Record, mesh: &MeshContext) -> Option<Result<AngleRecord, String>> {
         Some(match record.tachometer_angle()? {
-            Ok(angle) => self
-                .resampled(record, mesh, &angle)
-                .map_err(|absence| match absence {
-                    Absence::TooFewTurns => {
-                        format!("its pulses leave fewer than {LEAST_TURNS} whole turns of the record")
-                    }
-                    Absence::AboveNyquist => {
-                        "at its speed the mesh lies above half the sampling rate".to_owned()
-                    }
-                    _ => "its speed varies too much".to_owned(),
-                }),
+            Ok(angle) => self.resampled(record, mesh, &angle).map_err(|absence| match absence {
+                Absence::TooFewTurns => {
+                    format!("its pulses leave fewer than {LEAST_TURNS} whole turns of the record")
+                }
+                Absence::AboveNyquist => "at its speed the mesh lies above half the sampling rate".to_owned(),
+                _ => "its speed varies too much".to_owned(),
+            }),
             Err(error) => Err(error.to_string()),
         })
     }
@@ -160,8 +155,7 @@ impl Analyzer {
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> GearAnalysis {
-        self.try_gear_indicators(record, mesh, angle)
-            .unwrap_or_else(GearAnalysis::absent)
+        self.try_gear_indicators(record, mesh, angle).unwrap_or_else(GearAnalysis::absent)
     }
 
     fn try_gear_indicators(
@@ -172,9 +166,9 @@ impl Analyzer {
     ) -> Result<GearAnalysis, Absence> {
         let (moments, located) = self.locate(record, mesh);
         let turned = usable(record, &moments).and_then(|()| match angle {
-            Some(angle) => self
-                .resampled(record, mesh, angle)
-                .map(|turned| (turned.without_lines_of(mesh), None)),
+            Some(angle) => {
+                self.resampled(record, mesh, angle).map(|turned| (turned.without_lines_of(mesh), None))
+            }
             None => self.turned(record, mesh, &moments, &located),
         });
         self.give_back(record);
@@ -249,10 +243,7 @@ impl Analyzer {
             None => None,
         };
         let angle = self.followed_angle(record, mesh, moments.constant, located.mesh)?;
-        Ok((
-            self.resampled(record, mesh, &angle)?.without_lines_of(mesh),
-            refused,
-        ))
+        Ok((self.resampled(record, mesh, &angle)?.without_lines_of(mesh), refused))
     }
 
     fn indicate_turned(
@@ -262,22 +253,11 @@ impl Analyzer {
         refused: Option<String>,
     ) -> Result<GearAnalysis, Absence> {
         let transforms = &mut self.work.transforms;
-        let tracked = turned
-            .mesh_line(mesh.teeth, transforms)
-            .map(|line| line.amplitude)
-            .ok_or(Absence::AboveNyquist);
+        let tracked =
+            turned.mesh_line(mesh.teeth, transforms).map(|line| line.amplitude).ok_or(Absence::AboveNyquist);
         let signals = split(turned, mesh, transforms)?;
-        let angle = AngleUsed {
-            source: turned.angle,
-            turns: turned.turns,
-            tachometer_refused: refused,
-        };
-        Ok(GearAnalysis::of(
-            &signals,
-            tracked,
-            angle,
-            self.settings.harmonics,
-        ))
+        let angle = AngleUsed { source: turned.angle, turns: turned.turns, tachometer_refused: refused };
+        Ok(GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics))
     }
 }
 
@@ -370,17 +350,9 @@ mod tests {
             let swept = record(swing, noise);
             let got = tracked(&swept, None);
             let omx = got.indicators.values["omx_tracked"];
-            assert!(
-                (omx / constant - 1.0).abs() < 0.01,
-                "{swing} {noise}: {omx} {:?}",
-                got.angle
-            );
+            assert!((omx / constant - 1.0).abs() < 0.01, "{swing} {noise}: {omx} {:?}", got.angle);
             assert!(matches!(got.source(), Some(AngleSource::MeshPhase { .. })));
-            let untracked = analyzer()
-                .analyze(&swept, &MESH)
-                .indicators
-                .get("omx")
-                .unwrap_or(0.0);
+            let untracked = analyzer().analyze(&swept, &MESH).indicators.get("omx").unwrap_or(0.0);
             assert!(untracked < 0.5, "{untracked}");
         }
     }
@@ -406,9 +378,7 @@ mod tests {
         let omx = got.indicators.values["omx_tracked"];
         assert!((omx - 1.0).abs() < 0.01, "{omx}");
         // The modulation's phase is that of the pulses: cos at zero angle.
-        let signals = analyzer()
-            .gear_signals(&record(0.05, 0.3), &MESH, Some(&angle))
-            .unwrap();
+        let signals = analyzer().gear_signals(&record(0.05, 0.3), &MESH, Some(&angle)).unwrap();
         let turn = signals.mesh_envelope.len() as f64;
         for (i, modulation) in signals.mesh_envelope.iter().enumerate() {
             let want = 0.2 * (TAU * i as f64 / turn).cos();
@@ -436,41 +406,24 @@ mod tests {
         let reason = |record: &Record, mesh: &MeshContext| {
             let got = analyzer().gear_indicators(record, mesh, None);
             assert!(got.indicators.values.is_empty() && got.angle.is_none());
-            let reasons: std::collections::BTreeSet<String> = got
-                .indicators
-                .absent
-                .values()
-                .map(|reason| format!("{reason:?}"))
-                .collect();
+            let reasons: std::collections::BTreeSet<String> =
+                got.indicators.absent.values().map(|reason| format!("{reason:?}")).collect();
             reasons.into_iter().collect::<Vec<_>>().join(" ")
         };
         assert_eq!(reason(&with(noise.clone()), &MESH), "NoSpeed");
         assert_eq!(reason(&with(vec![1.5; 20_000]), &MESH), "Constant");
         assert_eq!(reason(&record(0.0, 0.1), &MeshContext::unknown()), "NoSpeed");
         let short = with(record(0.0, 0.1).samples()[..4000].to_vec());
-        let exact = MeshContext {
-            nominal_is_exact: true,
-            ..MESH
-        };
+        let exact = MeshContext { nominal_is_exact: true, ..MESH };
         assert_eq!(reason(&short, &exact), "TooFewTurns");
-        let clipped = record(0.0, 0.01)
-            .samples()
-            .iter()
-            .map(|x| x.clamp(-0.8, 0.8))
-            .collect();
+        let clipped = record(0.0, 0.01).samples().iter().map(|x| x.clamp(-0.8, 0.8)).collect();
         assert_eq!(reason(&with(clipped), &MESH), "Clipped");
         let mut gap = record(0.0, 0.1).samples().to_vec();
         gap[5000..6000].fill(0.0);
         assert_eq!(reason(&with(gap), &MESH), "Gaps");
-        let fast = OperatingPoint {
-            shaft_speed_hz: Some(500.0),
-            torque_nm: None,
-            ..OperatingPoint::default()
-        };
-        assert_eq!(
-            reason(&with(noise.clone()).with_operating_point(fast).unwrap(), &MESH),
-            "AboveNyquist"
-        );
+        let fast =
+            OperatingPoint { shaft_speed_hz: Some(500.0), torque_nm: None, ..OperatingPoint::default() };
+        assert_eq!(reason(&with(noise.clone()).with_operating_point(fast).unwrap(), &MESH), "AboveNyquist");
         // A given speed without a line to follow is taken to be constant, and says so.
         let got = analyzer().gear_indicators(&with(noise), &exact, None);
         assert_eq!(got.source(), Some(AngleSource::ConstantSpeed));

@@ -35,9 +35,7 @@ impl OtherMeshes {
         let mut this = Self::NONE;
         let usable = |mesh: &OtherMesh| {
             let [driving, driven] = mesh.shaft_orders;
-            [mesh.mesh_orders, driving, driven]
-                .iter()
-                .all(|order| *order > 0.0 && order.is_finite())
+            [mesh.mesh_orders, driving, driven].iter().all(|order| *order > 0.0 && order.is_finite())
         };
         for (place, mesh) in this.meshes.iter_mut().zip(all.into_iter().filter(usable)) {
             *place = Some(mesh);
@@ -106,22 +104,14 @@ mod tests {
     /// The second stage, 19 teeth on the shaft that the first one's 24 teeth drive through 36.
     fn second_stage() -> OtherMeshes {
         let shaft = 24.0 / 36.0;
-        OtherMeshes::of([OtherMesh {
-            mesh_orders: 19.0 * shaft,
-            shaft_orders: [shaft, shaft * 19.0 / 57.0],
-        }])
+        OtherMeshes::of([OtherMesh { mesh_orders: 19.0 * shaft, shaft_orders: [shaft, shaft * 19.0 / 57.0] }])
     }
 
     #[test]
     fn harmonics_and_their_first_sidebands_lie_where_the_teeth_put_them() {
         let others = second_stage();
         let mesh = 19.0 * 24.0 / 36.0;
-        for order in [
-            mesh,
-            3.0 * mesh,
-            2.0 * mesh + 24.0 / 36.0,
-            mesh - 24.0 / 36.0 / 3.0,
-        ] {
+        for order in [mesh, 3.0 * mesh, 2.0 * mesh + 24.0 / 36.0, mesh - 24.0 / 36.0 / 3.0] {
             assert!(others.lie_at(order, 1e-6), "{order}");
         }
         for order in [24.0, 48.0, 0.5 * mesh, 2.0 * mesh + 1.0] {
@@ -130,10 +120,7 @@ mod tests {
         // 17 × 19 + 1 = 9 × 36.
         assert!(others.lie_at(9.0 * 24.0, 1e-6));
         let lines = others.lines_up_to(2.5 * mesh);
-        assert!(
-            lines.len() == 18 && lines.is_sorted() && lines.contains(&mesh),
-            "{lines:?}"
-        );
+        assert!(lines.len() == 18 && lines.is_sorted() && lines.contains(&mesh), "{lines:?}");
         assert!(others.hold(mesh + 2.0, 0.0) && !others.hold(mesh + 2.5, 0.0));
     }
 
@@ -144,10 +131,7 @@ mod tests {
                 && !OtherMeshes::NONE.lie_at(24.0, 100.0)
                 && !OtherMeshes::NONE.hold(24.0, 1.0)
         );
-        let unusable = OtherMesh {
-            mesh_orders: f64::NAN,
-            shaft_orders: [1.0, 1.0],
-        };
+        let unusable = OtherMesh { mesh_orders: f64::NAN, shaft_orders: [1.0, 1.0] };
         assert!(OtherMeshes::of([unusable, OtherMesh::default()]).is_empty());
         assert!(!second_stage().is_empty());
     }

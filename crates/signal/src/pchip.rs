@@ -90,11 +90,7 @@ impl Pchip {
 
     /// The steepest rise between two points.
     pub(super) fn steepest(&self) -> f64 {
-        let secants = self
-            .x
-            .windows(2)
-            .zip(self.y.windows(2))
-            .map(|(x, y)| (y[1] - y[0]) / (x[1] - x[0]));
+        let secants = self.x.windows(2).zip(self.y.windows(2)).map(|(x, y)| (y[1] - y[0]) / (x[1] - x[0]));
         secants.fold(0.0, f64::max)
     }
 
@@ -103,13 +99,7 @@ impl Pchip {
     #[inline]
     pub(super) fn at(&self, x: f64, interval: &mut usize) -> f64 {
         self.seek(x, interval);
-        let Piece {
-            begin,
-            width,
-            value,
-            rise,
-            slopes,
-        } = self.pieces[*interval];
+        let Piece { begin, width, value, rise, slopes } = self.pieces[*interval];
         let t = (x - begin) / width;
         let (u, t2) = (1.0 - t, t * t);
         value + rise * t2 * (3.0 - 2.0 * t) + width * t * u * (slopes[0] * u - slopes[1] * t)
@@ -132,10 +122,7 @@ impl Pchip {
         let (mut steps, mut values) = (steps, values);
         while let Some(first) = steps.first() {
             self.seek(from + first, interval);
-            let end = self
-                .pieces
-                .get(*interval + 1)
-                .map_or(f64::INFINITY, |next| next.begin);
+            let end = self.pieces.get(*interval + 1).map_or(f64::INFINITY, |next| next.begin);
             let count = steps.partition_point(|step| from + step < end).max(1);
             let [constant, linear, square, cube] = self.pieces[*interval].coefficients().map(|c| scale * c);
             let (begin, per_width) = (self.pieces[*interval].begin, self.pieces[*interval].width.recip());
@@ -162,12 +149,7 @@ impl Piece {
     /// Of the cubic in powers of (x − begin)/width, rising.
     fn coefficients(&self) -> [f64; 4] {
         let [first, last] = self.slopes.map(|slope| self.width * slope);
-        [
-            self.value,
-            first,
-            3.0 * self.rise - 2.0 * first - last,
-            first + last - 2.0 * self.rise,
-        ]
+        [self.value, first, 3.0 * self.rise - 2.0 * first - last, first + last - 2.0 * self.rise]
     }
 }
 
@@ -204,18 +186,9 @@ mod tests {
     #[test]
     fn unusable_points_are_refused() {
         assert_eq!(Pchip::new(vec![1.0], vec![1.0]), Err(PchipError::TooFew(1)));
-        assert_eq!(
-            Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3]),
-            Err(PchipError::NotRising(2))
-        );
-        assert_eq!(
-            Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2]),
-            Err(PchipError::NotRising(1))
-        );
-        assert_eq!(
-            Pchip::new(vec![f64::NEG_INFINITY, 0.0], vec![0.0; 2]),
-            Err(PchipError::NotRising(0))
-        );
+        assert_eq!(Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3]), Err(PchipError::NotRising(2)));
+        assert_eq!(Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2]), Err(PchipError::NotRising(1)));
+        assert_eq!(Pchip::new(vec![f64::NEG_INFINITY, 0.0], vec![0.0; 2]), Err(PchipError::NotRising(0)));
     }
 
     proptest! {

@@ -29,10 +29,7 @@ const DENOMINATOR: [f64; 5] = [
 /// The phase of each value, from −π to π.
 pub(super) fn phases(values: &[Complex<f64>]) -> Vec<f64> {
     let mut phases = vec![0.0; values.len()];
-    Arch::new().dispatch(Phases {
-        values,
-        phases: &mut phases,
-    });
+    Arch::new().dispatch(Phases { values, phases: &mut phases });
     phases
 }
 
@@ -58,26 +55,14 @@ fn phase_of(value: Complex<f64>) -> f64 {
     let (re, im) = (value.re.abs(), value.im.abs());
     let (low, high) = if im > re { (re, im) } else { (im, re) };
     let is_steep = low > STEEP * high;
-    let (above, below) = if is_steep {
-        (low - high, low + high)
-    } else {
-        (low, high)
-    };
+    let (above, below) = if is_steep { (low - high, low + high) } else { (low, high) };
     // Zero has the phase zero.
     let x = above / if below > 0.0 { below } else { 1.0 };
     let square = x * x;
-    let numerator = NUMERATOR
-        .iter()
-        .fold(0.0, |sum, coefficient| sum * square + coefficient);
-    let denominator = DENOMINATOR
-        .iter()
-        .fold(1.0, |sum, coefficient| sum * square + coefficient);
+    let numerator = NUMERATOR.iter().fold(0.0, |sum, coefficient| sum * square + coefficient);
+    let denominator = DENOMINATOR.iter().fold(1.0, |sum, coefficient| sum * square + coefficient);
     let arctangent = x + x * square * numerator / denominator + if is_steep { FRAC_PI_4 } else { 0.0 };
-    let to_axis = if im > re {
-        FRAC_PI_2 - arctangent
-    } else {
-        arctangent
-    };
+    let to_axis = if im > re { FRAC_PI_2 - arctangent } else { arctangent };
     let unsigned = if value.re < 0.0 { PI - to_axis } else { to_axis };
     unsigned.copysign(value.im)
 }
@@ -90,29 +75,15 @@ mod tests {
     fn phases_are_those_of_the_library() {
         let steps = 100_003;
         let on_circle = (0..=steps).map(|i| {
-            Complex::from_polar(
-                1e-3 * f64::from(i + 1),
-                PI * (2.0 * f64::from(i) / f64::from(steps) - 1.0),
-            )
+            Complex::from_polar(1e-3 * f64::from(i + 1), PI * (2.0 * f64::from(i) / f64::from(steps) - 1.0))
         });
-        let on_axes = [
-            (0.0, 0.0),
-            (1.0, 0.0),
-            (0.0, 1.0),
-            (-1.0, 0.0),
-            (0.0, -1.0),
-            (1.0, 1.0),
-            (-1.0, 1e-300),
-        ];
-        let values: Vec<Complex<f64>> = on_circle
-            .chain(on_axes.map(|(re, im)| Complex::new(re, im)))
-            .collect();
+        let on_axes =
+            [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 1.0), (-1.0, 1e-300)];
+        let values: Vec<Complex<f64>> =
+            on_circle.chain(on_axes.map(|(re, im)| Complex::new(re, im))).collect();
         for (got, value) in phases(&values).iter().zip(&values) {
             let want = value.im.atan2(value.re);
-            assert!(
-                (got - want).abs() <= 4.0 * f64::EPSILON * want.abs(),
-                "{value}: {got} {want}"
-            );
+            assert!((got - want).abs() <= 4.0 * f64::EPSILON * want.abs(), "{value}: {got} {want}");
         }
     }
 }

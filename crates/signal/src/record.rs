@@ -162,10 +162,7 @@ impl Record {
             return Err(RecordError::Empty { channel });
         }
         if samples.len() > MAX_RECORD_SAMPLES {
-            return Err(RecordError::TooLong {
-                channel,
-                samples: samples.len(),
-            });
+            return Err(RecordError::TooLong { channel, samples: samples.len() });
         }
         check_finite(&channel, &samples)?;
         Ok(Self {
@@ -192,10 +189,9 @@ impl Record {
                 expected: "a number above 0 and at most 1e6",
             });
         }
-        for (field, value) in [
-            ("torque_nm", operating_point.torque_nm),
-            ("temperature_c", operating_point.temperature_c),
-        ] {
+        for (field, value) in
+            [("torque_nm", operating_point.torque_nm), ("temperature_c", operating_point.temperature_c)]
+        {
             if let Some(value) = value
                 && !(-MAX_OPERATING_VALUE..=MAX_OPERATING_VALUE).contains(&value)
             {
@@ -293,15 +289,8 @@ impl Record {
     /// The angle of the shaft that the record is looked at over by the tachometer's pulses, or why they give
     /// none; none without a tachometer.
     pub(super) fn tachometer_angle(&self) -> Option<Result<ShaftAngle, PulseError>> {
-        let Tachometer {
-            pulse_times_s,
-            pulses_per_revolution,
-        } = self.tachometer.as_ref()?;
-        Some(ShaftAngle::from_geared_pulses(
-            pulse_times_s,
-            *pulses_per_revolution,
-            self.shaft_turns,
-        ))
+        let Tachometer { pulse_times_s, pulses_per_revolution } = self.tachometer.as_ref()?;
+        Some(ShaftAngle::from_geared_pulses(pulse_times_s, *pulses_per_revolution, self.shaft_turns))
     }
 
     /// The record's length in seconds.
@@ -335,14 +324,8 @@ mod tests {
             pulses_per_revolution: 2,
         };
         let record = record(vec![1.0]).unwrap().with_operating_point(point).unwrap();
-        let geared = record
-            .with_tachometer(Some(tachometer))
-            .seen_from_shaft(24.0 / 36.0);
-        let OperatingPoint {
-            shaft_speed_hz,
-            torque_nm,
-            ..
-        } = geared.operating_point();
+        let geared = record.with_tachometer(Some(tachometer)).seen_from_shaft(24.0 / 36.0);
+        let OperatingPoint { shaft_speed_hz, torque_nm, .. } = geared.operating_point();
         assert!((shaft_speed_hz.unwrap() - 20.0).abs() < 1e-12 && (torque_nm.unwrap() - 150.0).abs() < 1e-12);
         let angle = geared.tachometer_angle().unwrap().unwrap();
         assert!((angle.mean_speed_hz() - 20.0).abs() < 1e-9);

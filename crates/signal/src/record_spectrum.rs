@@ -30,8 +30,7 @@ impl RecordSpectrum {
         let moments = Moments::of(record.samples(), &mut self.samples);
         self.followed = None;
         self.length = spectrum_length(self.samples.len());
-        self.transforms
-            .forward(&mut self.samples[..self.length], &mut self.bins);
+        self.transforms.forward(&mut self.samples[..self.length], &mut self.bins);
         // Of an offset the unwindowed transform has nothing in any other bin.
         self.bins[0] -= self.length as f64 * (moments.mean - moments.shift);
         hann_amplitude(&self.bins, self.length, &mut self.amplitude);

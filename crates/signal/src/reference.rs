@@ -40,14 +40,7 @@ fn cases() -> Vec<Case> {
 
 /// A record sampled so that bins are 1 Hz apart.
 fn record(case: &Case) -> Record {
-    Record::new(
-        "1",
-        Timestamp::UNIX_EPOCH,
-        case.samples.len() as f64,
-        "g",
-        case.samples.clone(),
-    )
-    .unwrap()
+    Record::new("1", Timestamp::UNIX_EPOCH, case.samples.len() as f64, "g", case.samples.clone()).unwrap()
 }
 
 fn analyzer() -> Analyzer {
@@ -55,10 +48,7 @@ fn analyzer() -> Analyzer {
 }
 
 fn assert_close(name: &str, got: f64, want: f64, scale: f64) {
-    assert!(
-        (got - want).abs() <= 1e-9 * scale,
-        "{name}: {got}, SciPy has {want}"
-    );
+    assert!((got - want).abs() <= 1e-9 * scale, "{name}: {got}, SciPy has {want}");
 }
 
 /// Each bin relative to itself, or to 10⁻³ of the highest one where it is less: cancellation leaves no more
@@ -67,12 +57,7 @@ fn assert_spectra_close(name: &str, got: &[f64], want: &[f64]) {
     assert_eq!(got.len(), want.len(), "{name}");
     let highest = want.iter().copied().fold(0.0, f64::max);
     for (k, (got, want)) in got.iter().zip(want).enumerate() {
-        assert_close(
-            &format!("{name}, bin {k}"),
-            *got,
-            *want,
-            want.max(1e-3 * highest).max(1e-6),
-        );
+        assert_close(&format!("{name}, bin {k}"), *got, *want, want.max(1e-3 * highest).max(1e-6));
     }
 }
 
@@ -92,27 +77,15 @@ fn indicators_and_lines_equal_scipy() {
             torque_nm: None,
             ..OperatingPoint::default()
         };
-        let got = analyzer()
-            .analyze(&record(&case).with_operating_point(point).unwrap(), &mesh)
-            .indicators;
+        let got = analyzer().analyze(&record(&case).with_operating_point(point).unwrap(), &mesh).indicators;
         assert_close(&case.name, got.values["rms"], case.rms, case.rms);
         assert_close(&case.name, got.values["peak"], case.peak, case.peak);
-        assert_eq!(
-            got.get("kurtosis").is_some(),
-            case.kurtosis.is_some(),
-            "{}",
-            case.name
-        );
+        assert_eq!(got.get("kurtosis").is_some(), case.kurtosis.is_some(), "{}", case.name);
         if let Some(kurtosis) = case.kurtosis {
             assert_close(&case.name, got.values["kurtosis"], kurtosis, kurtosis);
         }
         for (index, want) in case.mesh_lines.iter().enumerate() {
-            assert_close(
-                &case.name,
-                got.values[&format!("mesh_{}", index + 1)],
-                *want,
-                *want,
-            );
+            assert_close(&case.name, got.values[&format!("mesh_{}", index + 1)], *want, *want);
         }
     }
 }
@@ -151,11 +124,7 @@ fn short_envelopes_are_those_at_the_full_rate() {
             let spectrum = analyzer.envelope_spectrum(&record(&case), band_hz).unwrap();
             let highest = envelope.full_rate_amplitude.iter().copied().fold(0.0, f64::max);
             for (got, want) in spectrum.amplitude.iter().zip(&envelope.full_rate_amplitude) {
-                assert!(
-                    (got - want).abs() < 0.007 * highest,
-                    "{}: {got}, SciPy has {want}",
-                    case.name
-                );
+                assert!((got - want).abs() < 0.007 * highest, "{}: {got}, SciPy has {want}", case.name);
             }
         }
     }

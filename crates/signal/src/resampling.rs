@@ -68,9 +68,8 @@ impl Resampler {
         let (begin, end) = (REACH as f64, (samples.len() - 1 - REACH) as f64);
         let (low, high) = (known[0].ceil(), known[1].floor());
         let first = first_such(low, high, |revolution| position(revolution) >= begin);
-        let past = first_such(first, high + 1.0, |revolution| {
-            revolution > high || position(revolution) > end
-        });
+        let past =
+            first_such(first, high + 1.0, |revolution| revolution > high || position(revolution) > end);
         let turns = past - 1.0 - first;
         let enough = turns >= LEAST_TURNS as f64 && position(first) >= begin;
         if !enough {
@@ -80,13 +79,7 @@ impl Resampler {
             return Err(Absence::SpeedVaries);
         }
         let turns = turns as usize;
-        let Self {
-            kernel,
-            centred,
-            steps,
-            positions,
-            spare,
-        } = self;
+        let Self { kernel, centred, steps, positions, spare } = self;
         let kernel = kernel.get_or_insert_with(Kernel::new);
         let mean = samples.iter().map(|&x| f64::from(x)).sum::<f64>() / samples.len() as f64;
         centred.clear();
@@ -125,10 +118,7 @@ impl Resampler {
 
     /// Drops work space.
     pub(super) fn give_back(&mut self) {
-        *self = Self {
-            kernel: self.kernel.take(),
-            ..Self::default()
-        };
+        *self = Self { kernel: self.kernel.take(), ..Self::default() };
     }
 }
 
@@ -147,8 +137,7 @@ impl WithSimd for TurnPositions<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        self.angle
-            .samples_along(self.from, self.steps, self.rate_hz, self.interval, self.positions);
+        self.angle.samples_along(self.from, self.steps, self.rate_hz, self.interval, self.positions);
     }
 }
 

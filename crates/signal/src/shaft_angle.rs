@@ -101,17 +101,11 @@ impl ShaftAngle {
             let ratio = interval_s / before_s;
             // Pulses of one turn may be spaced unevenly, but not by half an interval.
             if !(ratio < STEADY_INTERVALS && ratio > 1.0 / STEADY_INTERVALS) {
-                return Err(PulseError::Uneven {
-                    index: index + 2,
-                    interval_s,
-                    before_s,
-                });
+                return Err(PulseError::Uneven { index: index + 2, interval_s, before_s });
             }
         }
         let per_revolution = f64::from(pulses_per_revolution) / turns;
-        let revolutions = (0..pulse_times_s.len())
-            .map(|pulse| pulse as f64 / per_revolution)
-            .collect();
+        let revolutions = (0..pulse_times_s.len()).map(|pulse| pulse as f64 / per_revolution).collect();
         let source = AngleSource::Tachometer {
             pulses: pulse_times_s.len(),
             angle_error_deg: pulse_scatter_s(pulse_times_s).map(|scatter_s| {
@@ -132,12 +126,7 @@ impl ShaftAngle {
         if !(turns > 0.0 && duration_s > 0.0) {
             return None;
         }
-        Self::through(
-            vec![0.0, turns],
-            vec![0.0, duration_s],
-            AngleSource::ConstantSpeed,
-        )
-        .ok()
+        Self::through(vec![0.0, turns], vec![0.0, duration_s], AngleSource::ConstantSpeed).ok()
     }
 
     /// The angle that goes through these points.
@@ -207,10 +196,7 @@ fn pulse_scatter_s(pulse_times_s: &[f64]) -> Option<f64> {
     if pulse_times_s.len() < FEWEST_PULSES {
         return None;
     }
-    let squares: f64 = pulse_times_s
-        .windows(4)
-        .map(|w| (w[3] - w[0] - 3.0 * (w[2] - w[1])).powi(2))
-        .sum();
+    let squares: f64 = pulse_times_s.windows(4).map(|w| (w[3] - w[0] - 3.0 * (w[2] - w[1])).powi(2)).sum();
     Some((squares / (pulse_times_s.len() - 3) as f64 / 20.0).sqrt())
 }
 
@@ -230,11 +216,7 @@ mod tests {
         assert_eq!(angle.revolutions(), [0.0, 10.0]);
         assert!((angle.time_s(2.6, &mut 0) - 0.56).abs() < 1e-12);
         assert!((angle.lowest_speed_hz() - 10.0).abs() < 1e-9);
-        let AngleSource::Tachometer {
-            pulses: 41,
-            angle_error_deg: Some(error_deg),
-        } = angle.source()
-        else {
+        let AngleSource::Tachometer { pulses: 41, angle_error_deg: Some(error_deg) } = angle.source() else {
             panic!("{:?}", angle.source());
         };
         assert!(error_deg < 1e-9, "{error_deg}");
@@ -252,10 +234,8 @@ mod tests {
                 time - 1e-4 * time * time + 20e-6 * error
             })
             .collect();
-        let AngleSource::Tachometer {
-            angle_error_deg: Some(error_deg),
-            ..
-        } = ShaftAngle::from_pulses(&pulses, 1).unwrap().source()
+        let AngleSource::Tachometer { angle_error_deg: Some(error_deg), .. } =
+            ShaftAngle::from_pulses(&pulses, 1).unwrap().source()
         else {
             panic!("no error");
         };
@@ -270,14 +250,8 @@ mod tests {
         assert_eq!(error(&[0.0], 1), PulseError::TooFew(1));
         assert_eq!(error(&[0.0, 1.0, 1.0], 1), PulseError::NotRising(2));
         assert_eq!(error(&[f64::NAN, 1.0], 1), PulseError::NotRising(0));
-        assert!(matches!(
-            error(&[0.0, 1.0, 2.0, 4.0], 1),
-            PulseError::Uneven { index: 3, .. }
-        ));
-        assert!(matches!(
-            error(&[0.0, 1.0, 1.5, 2.0], 1),
-            PulseError::Uneven { index: 2, .. }
-        ));
+        assert!(matches!(error(&[0.0, 1.0, 2.0, 4.0], 1), PulseError::Uneven { index: 3, .. }));
+        assert!(matches!(error(&[0.0, 1.0, 1.5, 2.0], 1), PulseError::Uneven { index: 2, .. }));
         assert_eq!(ShaftAngle::constant(f64::NAN, 1.0), None);
         assert_eq!(ShaftAngle::constant(10.0, 0.0), None);
     }

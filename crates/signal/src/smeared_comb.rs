@@ -35,9 +35,7 @@ const STANDS_OUT: f64 = 4.0;
 
 /// Looks for the comb h·f with f from `low` to `high` bins.
 pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f64>) -> Option<MeshComb> {
-    let orders = (1..=ORDERS)
-        .take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len()))
-        .count();
+    let orders = (1..=ORDERS).take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len())).count();
     if orders < LEAST_HARMONICS {
         return None;
     }
@@ -73,33 +71,18 @@ fn harmonic(amplitude: &[f64], position: f64, part: f64, scratch: &mut Vec<f64>)
     let noise = noise_beside(amplitude, position, half, scratch)?;
     let count = window.len() as f64;
     let ratio = window.iter().map(|a| a * a).sum::<f64>() / (count * noise);
-    let likelihood = if ratio > 1.0 {
-        count / BINS_PER_DEGREE * (ratio - 1.0 - ratio.ln())
-    } else {
-        0.0
-    };
+    let likelihood = if ratio > 1.0 { count / BINS_PER_DEGREE * (ratio - 1.0 - ratio.ln()) } else { 0.0 };
     Some((likelihood, noise))
 }
 
 fn noise_beside(amplitude: &[f64], position: f64, half: f64, scratch: &mut Vec<f64>) -> Option<f64> {
-    let (near, far) = (
-        BESIDE[0] * half,
-        (BESIDE[1] * half).max(BESIDE[0] * half + LEAST_BESIDE),
-    );
+    let (near, far) = (BESIDE[0] * half, (BESIDE[1] * half).max(BESIDE[0] * half + LEAST_BESIDE));
     scratch.clear();
-    for (from, to) in [
-        (position - far, position - near),
-        (position + near, position + far),
-    ] {
-        let (from, to) = (
-            from.max(1.0) as usize,
-            (to as usize).min(amplitude.len().saturating_sub(1)),
-        );
+    for (from, to) in [(position - far, position - near), (position + near, position + far)] {
+        let (from, to) = (from.max(1.0) as usize, (to as usize).min(amplitude.len().saturating_sub(1)));
         scratch.extend_from_slice(amplitude.get(from..to)?);
     }
-    noise_amplitude(scratch)
-        .map(|noise| noise * noise)
-        .filter(|noise| *noise > 0.0)
+    noise_amplitude(scratch).map(|noise| noise * noise).filter(|noise| *noise > 0.0)
 }
 
 /// The comb at the mean of its lines' centres of energy, weighted by how much they stand out.
@@ -111,10 +94,7 @@ fn refined(amplitude: &[f64], mesh: f64, part: f64, orders: usize, scratch: &mut
             continue;
         };
         let half = (part * position).max(1.0);
-        let (first, last) = (
-            (position - half).round() as usize,
-            (position + half).round() as usize,
-        );
+        let (first, last) = ((position - half).round() as usize, (position + half).round() as usize);
         let (mut energy, mut moment) = (0.0, 0.0);
         for (bin, a) in amplitude.iter().enumerate().take(last + 1).skip(first) {
             let above = (a * a - noise).max(0.0);
@@ -161,10 +141,7 @@ mod tests {
 
     #[test]
     fn white_noise_has_no_comb() {
-        assert_eq!(
-            (0..1000).filter(|seed| comb_in(noise(*seed)).is_some()).count(),
-            0
-        );
+        assert_eq!((0..1000).filter(|seed| comb_in(noise(*seed)).is_some()).count(), 0);
     }
 
     /// Harmonics 2 to 6 of a speed that swings by ± 0.3 % over the record, each a tenth of the noise's

@@ -79,11 +79,7 @@ pub(super) fn hann_amplitude(bins: &[Complex<f64>], length: usize, amplitude: &m
     if last == 0 {
         return;
     }
-    Arch::new().dispatch(InnerBins {
-        bins,
-        scale: 0.25 * one_sided,
-        amplitude: &mut amplitude[1..last],
-    });
+    Arch::new().dispatch(InnerBins { bins, scale: 0.25 * one_sided, amplitude: &mut amplitude[1..last] });
     amplitude[last] = if length.is_multiple_of(2) {
         0.5 * one_sided * windowed(last, bins[last - 1], bins[last - 1].conj())
     } else {
@@ -131,9 +127,7 @@ mod tests {
     /// rate.
     fn by_definition(x: &[f64]) -> Vec<f64> {
         let n = x.len();
-        let window: Vec<f64> = (0..n)
-            .map(|i| 0.5 - 0.5 * (2.0 * PI * i as f64 / n as f64).cos())
-            .collect();
+        let window: Vec<f64> = (0..n).map(|i| 0.5 - 0.5 * (2.0 * PI * i as f64 / n as f64).cos()).collect();
         (0..=n / 2)
             .map(|k| {
                 let sum: Complex<f64> = (0..n)
@@ -160,9 +154,8 @@ mod tests {
 
     #[test]
     fn a_sine_on_a_bin_reads_its_amplitude() {
-        let x: Vec<f64> = (0..1000)
-            .map(|i| 3.0 * (2.0 * PI * 40.0 * i as f64 / 1000.0 + 0.3).sin())
-            .collect();
+        let x: Vec<f64> =
+            (0..1000).map(|i| 3.0 * (2.0 * PI * 40.0 * i as f64 / 1000.0 + 0.3).sin()).collect();
         let amplitude = spectrum(&x);
         assert!((amplitude[40] - 3.0).abs() < 1e-12);
         // The Hann window shows half of it in the neighbours and nothing two bins away.

@@ -124,12 +124,8 @@ impl SpeedDoubt {
     fn of(doubt: CombDoubt, resolution_hz: f64) -> Self {
         match doubt {
             CombDoubt::FewHarmonics => Self::FewHarmonics,
-            CombDoubt::OtherMesh(bins) => Self::OtherMesh {
-                mesh_frequency_hz: bins * resolution_hz,
-            },
-            CombDoubt::OtherShaft(bins) => Self::OtherShaft {
-                shaft_speed_hz: bins * resolution_hz,
-            },
+            CombDoubt::OtherMesh(bins) => Self::OtherMesh { mesh_frequency_hz: bins * resolution_hz },
+            CombDoubt::OtherShaft(bins) => Self::OtherShaft { shaft_speed_hz: bins * resolution_hz },
         }
     }
 }
@@ -151,10 +147,7 @@ pub(super) struct LocatedMesh {
 
 /// The speed that comes with a record: what it says itself before the mean of its tachometer.
 pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
-    let own = record
-        .operating_point()
-        .shaft_speed_hz
-        .map(|speed| (speed, SpeedSource::Record));
+    let own = record.operating_point().shaft_speed_hz.map(|speed| (speed, SpeedSource::Record));
     own.or_else(|| {
         let angle = record.tachometer_angle()?.ok()?;
         Some((angle.mean_speed_hz(), SpeedSource::Tachometer))
@@ -221,10 +214,7 @@ pub(super) fn locate(
         Some(_) => None,
         None => {
             let highest = amplitude.len() as f64 - 1.0 - MAIN_LOBE_BINS;
-            let range = [
-                centre * (1.0 - tolerance),
-                (centre * (1.0 + tolerance)).min(highest),
-            ];
+            let range = [centre * (1.0 - tolerance), (centre * (1.0 + tolerance)).min(highest)];
             find_comb(amplitude, range, context, scratch)
         }
     };
@@ -235,9 +225,7 @@ pub(super) fn locate(
     let comb_to_background = comb.map(|comb| comb.to_background);
     let (harmonics_found, harmonics_sought) =
         lines.map_or((0, 0), |Support { found, sought, .. }| (found, sought));
-    let doubt = lines
-        .and_then(|lines| lines.doubt)
-        .map(|doubt| SpeedDoubt::of(doubt, resolution_hz));
+    let doubt = lines.and_then(|lines| lines.doubt).map(|doubt| SpeedDoubt::of(doubt, resolution_hz));
     match given {
         Some((shaft_speed_hz, source)) => LocatedMesh {
             speed: Some(ShaftSpeed {

@@ -51,10 +51,7 @@ impl SpeedWander {
         if duration_s * shaft_hz < 3.0 * WINDOW_TURNS {
             return None;
         }
-        let grid = Grid {
-            hop_s: HOP_TURNS / shaft_hz,
-            greatest_rate: RATE_PER_HZ * shaft_hz,
-        };
+        let grid = Grid { hop_s: HOP_TURNS / shaft_hz, greatest_rate: RATE_PER_HZ * shaft_hz };
         let mut scores = vec![vec![0.0; SPEEDS * RATES]; windows];
         for order in 1..=HARMONICS {
             add_harmonic(band, order as f64, &grid, &mut scores, transforms);
@@ -65,11 +62,8 @@ impl SpeedWander {
             let middle = sorted.len() / 2;
             *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
         };
-        let gain: f64 = scores
-            .iter()
-            .zip(&path)
-            .map(|(scores, &state)| scores[state] - typical(scores))
-            .sum();
+        let gain: f64 =
+            scores.iter().zip(&path).map(|(scores, &state)| scores[state] - typical(scores)).sum();
         if gain < LEAST_GAIN * windows as f64 {
             return None;
         }
@@ -148,9 +142,7 @@ impl Grid {
             best = next;
             came_from.push(from);
         }
-        let mut state = (0..states)
-            .max_by(|&a, &b| best[a].total_cmp(&best[b]))
-            .unwrap_or(0);
+        let mut state = (0..states).max_by(|&a, &b| best[a].total_cmp(&best[b])).unwrap_or(0);
         let mut path = vec![state];
         for from in came_from.iter().rev() {
             state = from[state];
@@ -173,10 +165,8 @@ fn add_harmonic(
     let shaft_hz = band.mesh_hz / f64::from(band.teeth);
     let centre_hz = order * band.mesh_hz;
     let reach_hz = REACH * centre_hz + shaft_hz;
-    let (first, last) = (
-        ((centre_hz - reach_hz) * duration_s).ceil(),
-        ((centre_hz + reach_hz) * duration_s).floor(),
-    );
+    let (first, last) =
+        (((centre_hz - reach_hz) * duration_s).ceil(), ((centre_hz + reach_hz) * duration_s).floor());
     if first < 1.0 || last >= 0.5 * band.length as f64 {
         return;
     }

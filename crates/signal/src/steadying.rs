@@ -95,16 +95,11 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
         Some(angle) => {
             let rough = Wander::of(&angle, band.mesh_hz / f64::from(mesh.teeth), duration_s);
             let ahead_periods = |part: f64| rough.revolutions(part) * f64::from(mesh.teeth);
-            band.track_along(&ahead_periods, rough.speed_part, &mut work.transforms)
-                .unwrap_or(angle)
+            band.track_along(&ahead_periods, rough.speed_part, &mut work.transforms).unwrap_or(angle)
         }
         None => {
             let rough = SpeedWander::of(&band, &mut work.transforms)?;
-            band.track_along(
-                &|part| rough.ahead_periods(part),
-                rough.reach(),
-                &mut work.transforms,
-            )?
+            band.track_along(&|part| rough.ahead_periods(part), rough.reach(), &mut work.transforms)?
         }
     };
     let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
@@ -124,10 +119,7 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
         }
         let (first, last) = (first as usize, last as usize);
         let turns_each = order as f64 * f64::from(mesh.teeth);
-        let band = MeshBand {
-            bins: &work.bins,
-            ..band
-        };
+        let band = MeshBand { bins: &work.bins, ..band };
         let mut signal = band.analytic(first, last, &mut work.transforms);
         let samples = signal.len();
         for (j, z) in signal.iter_mut().enumerate() {
@@ -152,11 +144,7 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
     let bins = std::mem::replace(&mut work.bins, steadied);
     let amplitude = std::mem::take(&mut work.amplitude);
     hann_amplitude(&work.bins, work.length, &mut work.amplitude);
-    Some(Steadied {
-        mesh_bins: mean_bins,
-        bins,
-        amplitude,
-    })
+    Some(Steadied { mesh_bins: mean_bins, bins, amplitude })
 }
 
 /// Whether an angle is good enough for this order: an error of its phase takes half its square off a line's
@@ -188,9 +176,7 @@ enum LineWidth {
 }
 
 fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> LineWidth {
-    let RecordSpectrum {
-        amplitude, sorting, ..
-    } = work;
+    let RecordSpectrum { amplitude, sorting, .. } = work;
     let reach = 0.45 * shaft_bins;
     let mut width = LineWidth::Unclear;
     for order in 1..=SHOWING {
@@ -198,10 +184,7 @@ fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> Lin
         let Some(line) = read_line(amplitude, centre) else {
             break;
         };
-        let (first, last) = (
-            (centre - reach).ceil() as usize,
-            (centre + reach).floor() as usize,
-        );
+        let (first, last) = ((centre - reach).ceil() as usize, (centre + reach).floor() as usize);
         if first < 1 || last + 1 >= amplitude.len() || reach < MAIN_LOBE_BINS + 1.0 {
             break;
         }
@@ -220,11 +203,7 @@ fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> Lin
                 return LineWidth::Clear;
             }
             // The higher harmonic shows more: the lowest ones alone say little, but can be followed.
-            width = if order >= TELLING {
-                LineWidth::Narrow
-            } else {
-                LineWidth::Clear
-            };
+            width = if order >= TELLING { LineWidth::Narrow } else { LineWidth::Clear };
         }
     }
     width
@@ -249,14 +228,8 @@ impl Wander {
                 angle.revolution(t) - mean_hz * t
             })
             .collect();
-        let fastest = revolutions
-            .windows(2)
-            .map(|w| (w[1] - w[0]).abs())
-            .fold(0.0, f64::max);
-        Self {
-            revolutions,
-            speed_part: (fastest / (mean_hz * step_s)).min(0.02),
-        }
+        let fastest = revolutions.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+        Self { revolutions, speed_part: (fastest / (mean_hz * step_s)).min(0.02) }
     }
 
     /// Half of the range of how far the shaft is ahead, in revolutions.
@@ -306,9 +279,7 @@ mod tests {
             nominal_is_exact: false,
             others: OtherMeshes::NONE,
         };
-        Analyzer::new(AnalysisSettings::default())
-            .analyze(&record, &mesh)
-            .features
+        Analyzer::new(AnalysisSettings::default()).analyze(&record, &mesh).features
     }
 
     /// The amplitudes put in, whatever the speed does: ln(1/h), sidebands 0.1·√2/h; within 8 %, as the first
@@ -319,18 +290,12 @@ mod tests {
             let got = features(swing);
             for order in 1..=10 {
                 let line = got.values[&format!("ln_mesh_{order}")];
-                assert!(
-                    (line + f64::from(order).ln()).abs() < 0.08,
-                    "{swing} {order}: {line}"
-                );
+                assert!((line + f64::from(order).ln()).abs() < 0.08, "{swing} {order}: {line}");
             }
             for order in 1..=4 {
                 let sideband = got.values[&format!("ln_sideband_{order}")];
                 let expected = (0.1 * 2.0_f64.sqrt() / f64::from(order)).ln();
-                assert!(
-                    (sideband - expected).abs() < 0.15,
-                    "{swing} {order}: {sideband} {expected}"
-                );
+                assert!((sideband - expected).abs() < 0.15, "{swing} {order}: {sideband} {expected}");
             }
         }
     }

@@ -50,21 +50,11 @@ pub(super) fn insert_tooth_checks(
         beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0)
     };
     let left_out: Vec<bool> = (0..=per_turn / 2).map(left_out).collect();
-    for group in GROUPS
-        .into_iter()
-        .filter(|group| *group <= turned.turns)
-        .take(MOST_GROUPS)
-    {
+    for group in GROUPS.into_iter().filter(|group| *group <= turned.turns).take(MOST_GROUPS) {
         let mut contrast = Contrast::default();
         let groups = turned.turns / group;
         for first in (0..groups).map(|index| index * group) {
-            contrast.add(
-                turned.sums(first..first + group),
-                group,
-                teeth,
-                &left_out,
-                transforms,
-            );
+            contrast.add(turned.sums(first..first + group), group, teeth, &left_out, transforms);
         }
         contrast.insert(group, features);
     }
@@ -121,10 +111,7 @@ impl Contrast {
         self.fourth += average.iter().map(|x| x.powi(4)).sum::<f64>() / average.len() as f64;
         let energies = pitch_energies(&average, teeth);
         self.by_pitch.resize(energies.len(), 0.0);
-        self.by_pitch
-            .iter_mut()
-            .zip(energies)
-            .for_each(|(sum, energy)| *sum += energy);
+        self.by_pitch.iter_mut().zip(energies).for_each(|(sum, energy)| *sum += energy);
     }
 
     fn insert(mut self, turns: usize, features: &mut Features) {
@@ -133,11 +120,8 @@ impl Contrast {
         if repeated <= self.floor {
             return;
         }
-        let mut put = |name: &str, squared: f64| {
-            features
-                .checks
-                .insert(format!("{name}_{turns}"), 0.5 * squared.ln())
-        };
+        let mut put =
+            |name: &str, squared: f64| features.checks.insert(format!("{name}_{turns}"), 0.5 * squared.ln());
         put("ln_tooth_repeated", repeated / noise.max(self.floor));
         put("ln_tooth_kurtosis", fourth / (repeated * repeated));
         let worst = self.by_pitch.iter().copied().fold(0.0, f64::max);
@@ -183,10 +167,7 @@ mod tests {
     const OTHER_ORDERS: f64 = 19.0 * 24.0 / 26.0;
 
     fn of_teeth(teeth: u32) -> MeshContext {
-        MeshContext {
-            teeth,
-            ..MeshContext::unknown()
-        }
+        MeshContext { teeth, ..MeshContext::unknown() }
     }
 
     /// Mesh harmonics of amplitude `mesh`/h, modulated once per turn, and white noise; on one tooth of each
@@ -221,10 +202,7 @@ mod tests {
             angle: AngleSource::ConstantSpeed,
         };
         let mut features = Features::default();
-        let mesh = MeshContext {
-            others,
-            ..of_teeth(TEETH)
-        };
+        let mesh = MeshContext { others, ..of_teeth(TEETH) };
         insert_tooth_checks(
             &turned.without_lines_of(&mesh),
             &mesh,
@@ -240,44 +218,28 @@ mod tests {
         let calm = checks(1.0, 0.0).checks;
         // Noise: as much in the average as in half the difference, kurtosis 3.
         assert!(calm["ln_tooth_repeated_8"].abs() < 0.15, "{calm:?}");
-        assert!(
-            (calm["ln_tooth_kurtosis_8"] - 0.5 * 3f64.ln()).abs() < 0.15,
-            "{calm:?}"
-        );
+        assert!((calm["ln_tooth_kurtosis_8"] - 0.5 * 3f64.ln()).abs() < 0.15, "{calm:?}");
         assert!((0.1..0.6).contains(&calm["ln_tooth_worst_8"]), "{calm:?}");
         let loud = checks(4.0, 0.0).checks;
         for (name, value) in &calm {
-            assert!(
-                (value - loud[name]).abs() < 1e-6,
-                "{name}: {value} {}",
-                loud[name]
-            );
+            assert!((value - loud[name]).abs() < 1e-6, "{name}: {value} {}", loud[name]);
         }
     }
 
     #[test]
     fn one_tooth_that_differs_stands_out() {
         let (calm, cracked) = (checks(1.0, 0.0).checks, checks(1.0, 0.5).checks);
-        for (name, least) in [
-            ("ln_tooth_repeated_8", 0.15),
-            ("ln_tooth_kurtosis_8", 0.3),
-            ("ln_tooth_worst_8", 0.5),
-        ] {
-            assert!(
-                cracked[name] - calm[name] > least,
-                "{name}: {} {}",
-                calm[name],
-                cracked[name]
-            );
+        for (name, least) in
+            [("ln_tooth_repeated_8", 0.15), ("ln_tooth_kurtosis_8", 0.3), ("ln_tooth_worst_8", 0.5)]
+        {
+            assert!(cracked[name] - calm[name] > least, "{name}: {} {}", calm[name], cracked[name]);
         }
     }
 
     #[test]
     fn another_mesh_that_is_known_is_no_tooth_that_differs() {
-        let others = OtherMeshes::of([OtherMesh {
-            mesh_orders: OTHER_ORDERS,
-            shaft_orders: [24.0 / 26.0, 0.5],
-        }]);
+        let others =
+            OtherMeshes::of([OtherMesh { mesh_orders: OTHER_ORDERS, shaft_orders: [24.0 / 26.0, 0.5] }]);
         let calm = checks_beside(1.0, 0.0, 0.0, others).checks;
         let loud = checks_beside(1.0, 0.0, 5.0, others).checks;
         let unknown = checks_beside(1.0, 0.0, 5.0, OtherMeshes::NONE).checks;
@@ -301,13 +263,7 @@ mod tests {
         };
         let mut features = Features::default();
         for teeth in [0, 9, 12, 24, u32::MAX] {
-            insert_tooth_checks(
-                &turned,
-                &of_teeth(teeth),
-                10,
-                &mut Transforms::default(),
-                &mut features,
-            );
+            insert_tooth_checks(&turned, &of_teeth(teeth), 10, &mut Transforms::default(), &mut features);
         }
         assert_eq!(features, Features::default());
     }

@@ -72,8 +72,7 @@ impl Transforms {
             Some(index) => self.forward[..=index].rotate_right(1),
             None => {
                 self.forward.truncate(self.kept_plans - 1);
-                self.forward
-                    .insert(0, RealFftPlanner::new().plan_fft_forward(length));
+                self.forward.insert(0, RealFftPlanner::new().plan_fft_forward(length));
             }
         }
         let plan = &self.forward[0];
@@ -91,8 +90,7 @@ impl Transforms {
             Some(index) => self.inverse[..=index].rotate_right(1),
             None => {
                 self.inverse.truncate(self.kept_plans - 1);
-                self.inverse
-                    .insert(0, RealFftPlanner::new().plan_fft_inverse(length));
+                self.inverse.insert(0, RealFftPlanner::new().plan_fft_inverse(length));
             }
         }
         let plan = &self.inverse[0];
@@ -124,10 +122,7 @@ mod tests {
         assert_eq!(spectrum_length(199_999), 199_650);
         for length in (16_385..3_000_000).step_by(977) {
             let kept = spectrum_length(length);
-            assert!(
-                kept <= length && kept as f64 >= 0.984 * length as f64,
-                "{length} → {kept}"
-            );
+            assert!(kept <= length && kept as f64 >= 0.984 * length as f64, "{length} → {kept}");
         }
     }
 

@@ -15,13 +15,8 @@ pub fn fixtures() -> PathBuf {
 #[must_use]
 pub fn recordings(folder: &str) -> PathBuf {
     let given = std::env::var_os("FLANKWATCH_DATA").map(PathBuf::from);
-    let path = given
-        .unwrap_or_else(|| root().join("../shared/data"))
-        .join(folder);
-    needed(
-        path.is_dir().then_some(path),
-        &format!("the folder {folder} of real recordings"),
-    )
+    let path = given.unwrap_or_else(|| root().join("../shared/data")).join(folder);
+    needed(path.is_dir().then_some(path), &format!("the folder {folder} of real recordings"))
 }
 
 /// Something that an ignored test needs.

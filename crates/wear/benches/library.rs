@@ -49,10 +49,8 @@ fn main() {
                 )
             };
             let runs: Vec<(f64, f64)> = (0..repeats).map(|_| timed(build)).collect();
-            let (wall, processor) = (
-                least(runs.iter().map(|run| run.0)),
-                least(runs.iter().map(|run| run.1)),
-            );
+            let (wall, processor) =
+                (least(runs.iter().map(|run| run.0)), least(runs.iter().map(|run| run.1)));
             let baseline = baseline_seconds(&spec, grid);
             println!(
                 "  {contact}: wall {wall:.3} s, processor {processor:.2} s (least of {repeats}); baseline {baseline:.2} s, ratio {:.2}",
@@ -83,12 +81,7 @@ fn timed<T>(work: impl FnOnce() -> T) -> (f64, f64) {
     let (clock, before) = (Instant::now(), processor_seconds());
     work();
     let wall = clock.elapsed().as_secs_f64();
-    (
-        wall,
-        processor_seconds()
-            .zip(before)
-            .map_or(wall, |(after, before)| after - before),
-    )
+    (wall, processor_seconds().zip(before).map_or(wall, |(after, before)| after - before))
 }
 
 fn processor_seconds() -> Option<f64> {
@@ -117,19 +110,12 @@ fn baseline(pair: &GearPair, cycle: &MeshCycle) -> f64 {
     let force = spec.operation.torque_nm / (driving.base_radius_mm * 1e-3);
     let points = cycle.stiffness_n_per_m.len();
     let mesh_hz = spec.operation.shaft_speed_hz * f64::from(driving.teeth);
-    let lag: Vec<f64> = cycle
-        .uste_rad
-        .iter()
-        .map(|lag| lag * driven.base_radius_mm * 1e-3)
-        .collect();
+    let lag: Vec<f64> = cycle.uste_rad.iter().map(|lag| lag * driven.base_radius_mm * 1e-3).collect();
     let interpolate = |table: &[f64], seconds: f64| {
         let place = (seconds * mesh_hz).fract() * points as f64;
         let cell = (place as usize).min(points - 1);
         let (before, after) = (table[cell], table[(cell + 1) % points]);
-        (
-            before + (place - cell as f64) * (after - before),
-            (after - before) * points as f64 * mesh_hz,
-        )
+        (before + (place - cell as f64) * (after - before), (after - before) * points as f64 * mesh_hz)
     };
     let derivative = |seconds: f64, s: &[f64; 6]| -> [f64; 6] {
         let (stiffness, _) = interpolate(&cycle.stiffness_n_per_m, seconds);

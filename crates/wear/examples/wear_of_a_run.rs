@@ -29,12 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let pair = PairSpec::from_toml(PAIR)?;
 
     // What wear does to this pair's vibration, simulated once.
-    let grid = GridSettings {
-        states: 25,
-        max_wear_um: 240.0,
-        seconds: 1.0,
-        ..GridSettings::default()
-    };
+    let grid = GridSettings { states: 25, max_wear_um: 240.0, seconds: 1.0, ..GridSettings::default() };
     let library = Arc::new(build(&pair, &grid, &BuildControl::silent())?);
 
     // A machine: the same pair behind a transmission path that the estimate does not know, with noise.
@@ -54,10 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         channel: "1".to_owned(),
     })?;
 
-    let settings = EstimatorSettings {
-        baseline_records: 10,
-        limit_um: Some(200.0),
-    };
+    let settings = EstimatorSettings { baseline_records: 10, limit_um: Some(200.0) };
     let tracker = Tracker::new(settings, Some(Arc::new(Ensemble::of(library))));
     let mesh = MeshContext {
         teeth: pair.geometry.teeth[0],
@@ -76,10 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let estimate = tracker.update(&mut state, simulated.record.start_time(), &analysis.features);
         match (estimate.median_um, estimate.p05_um, estimate.p95_um) {
             (Some(median), Some(low), Some(high)) => {
-                println!(
-                    "{index:6} {:8.1} {median:12.1}  ({low:.1} to {high:.1})",
-                    simulated.wear_um
-                );
+                println!("{index:6} {:8.1} {median:12.1}  ({low:.1} to {high:.1})", simulated.wear_um);
             }
             _ => println!("{index:6} {:8.1}  {}", simulated.wear_um, estimate.reason),
         }

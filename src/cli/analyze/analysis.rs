@@ -59,11 +59,7 @@ impl<'a> Analysis<'a> {
             start_time: *next_start,
             sample_rate_hz: self.args.rate,
             unit: self.asset.as_ref().and_then(|asset| asset.sensor.unit.clone()),
-            channel_units: self
-                .asset
-                .as_ref()
-                .map(AssetSpec::channel_units)
-                .unwrap_or_default(),
+            channel_units: self.asset.as_ref().map(AssetSpec::channel_units).unwrap_or_default(),
             operating_point: OperatingPoint {
                 shaft_speed_hz: self.args.shaft_speed_hz,
                 torque_nm: self.args.torque_nm,
@@ -91,21 +87,12 @@ impl<'a> Analysis<'a> {
     fn take_record(&mut self, path: &Path, recorded: Recorded) {
         let record = recorded.record;
         // Without a description there is no mesh to speak of, and no reason to name what it would have given.
-        let unknown = ConditionSettings {
-            mesh: MeshContext::unknown(),
-            bands: &[],
-            gear_indicators: false,
-        };
+        let unknown = ConditionSettings { mesh: MeshContext::unknown(), bands: &[], gear_indicators: false };
         let settings = self.asset.as_ref().map_or(unknown, AssetSpec::condition_settings);
-        let seen = self
-            .asset
-            .as_ref()
-            .map_or(Cow::Borrowed(&record), |asset| asset.seen_from_shaft(&record));
+        let seen = self.asset.as_ref().map_or(Cow::Borrowed(&record), |asset| asset.seen_from_shaft(&record));
         let Condition { analysis, basis } = self.analyzer.condition(&seen, &settings);
-        let envelope = self
-            .args
-            .envelope
-            .map(|asked| self.envelope(&record, analysis.shaft_speed.as_ref(), asked));
+        let envelope =
+            self.args.envelope.map(|asked| self.envelope(&record, analysis.shaft_speed.as_ref(), asked));
         if self.args.report.is_some() {
             self.last_spectrum = Some(self.analyzer.amplitude_spectrum(&record));
         }
@@ -161,19 +148,15 @@ impl<'a> Analysis<'a> {
             baseline_records: asset.baseline.records,
             limit_um: asset.limits.danger_um.or(asset.limits.warning_um),
         };
-        let longest = self
-            .records
-            .iter()
-            .fold(BTreeMap::new(), |mut counts: BTreeMap<&str, u32>, record| {
-                *counts.entry(&record.channel).or_default() += 1;
-                counts
-            });
+        let longest = self.records.iter().fold(BTreeMap::new(), |mut counts: BTreeMap<&str, u32>, record| {
+            *counts.entry(&record.channel).or_default() += 1;
+            counts
+        });
         // A library is worth its simulation only if some channel gets past its baseline.
         let needed = longest.values().any(|&count| count > settings.baseline_records);
         let pair = asset.gear.pair.as_ref().filter(|_| needed);
-        let ensemble = pair
-            .map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.members))
-            .transpose()?;
+        let ensemble =
+            pair.map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.members)).transpose()?;
         let estimator = ChannelEstimator::new(settings, ensemble, asset.alarm_rules());
         let mut order: Vec<usize> = (0..self.records.len()).collect();
         order.sort_by_key(|&i| self.records[i].start_time);

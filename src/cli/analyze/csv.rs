@@ -11,15 +11,10 @@ const FIRST: [&str; 5] = ["rms", "kurtosis", "crest_factor", "omx", "mesh_2"];
 pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let known: BTreeSet<&String> = records
-        .iter()
-        .flat_map(|record| record.indicators.values.keys())
-        .collect();
-    let others: Vec<&str> = known
-        .into_iter()
-        .map(String::as_str)
-        .filter(|name| !FIRST.contains(name))
-        .collect();
+    let known: BTreeSet<&String> =
+        records.iter().flat_map(|record| record.indicators.values.keys()).collect();
+    let others: Vec<&str> =
+        known.into_iter().map(String::as_str).filter(|name| !FIRST.contains(name)).collect();
     let mut header: Vec<&str> = vec![
         "file",
         "channel",
@@ -55,22 +50,12 @@ pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
         row.extend(FIRST.iter().map(|name| number(record.indicators.get(name))));
         let wear = record.wear.as_ref();
         row.extend(
-            [
-                wear.and_then(|w| w.median_um),
-                wear.and_then(|w| w.p05_um),
-                wear.and_then(|w| w.p95_um),
-            ]
-            .map(number),
+            [wear.and_then(|w| w.median_um), wear.and_then(|w| w.p05_um), wear.and_then(|w| w.p95_um)]
+                .map(number),
         );
         row.extend([record.status(), record.cause()].map(Option::unwrap_or_default));
         row.push(record.wear_reason.clone());
-        row.push(
-            record
-                .basis
-                .shaft_angle
-                .as_ref()
-                .map_or_else(String::new, angle_words),
-        );
+        row.push(record.basis.shaft_angle.as_ref().map_or_else(String::new, angle_words));
         row.extend(others.iter().map(|name| number(record.indicators.get(name))));
         row
     });

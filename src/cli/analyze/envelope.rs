@@ -81,10 +81,6 @@ impl AnalyzedEnvelope {
                 peaks.into_iter().map(line).collect()
             },
         );
-        Self {
-            band,
-            lines,
-            absent: spectrum.as_ref().err().map(ToString::to_string),
-        }
+        Self { band, lines, absent: spectrum.as_ref().err().map(ToString::to_string) }
     }
 }

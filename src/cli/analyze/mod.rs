@@ -104,18 +104,12 @@ pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
         output::write_file(path, analysis.report().html().as_bytes())?;
     }
     if failed > 0 {
-        return Err(CliError::SomeFailed {
-            failed,
-            all: files.len(),
-        });
+        return Err(CliError::SomeFailed { failed, all: files.len() });
     }
     Ok(())
 }
 
 fn read_asset(path: &Path) -> Result<AssetSpec, CliError> {
     let text = fs::read_to_string(path).map_err(CliError::io(path))?;
-    AssetSpec::from_toml(&text).map_err(|source| CliError::Asset {
-        path: path.to_owned(),
-        source,
-    })
+    AssetSpec::from_toml(&text).map_err(|source| CliError::Asset { path: path.to_owned(), source })
 }

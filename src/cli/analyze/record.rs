@@ -58,10 +58,7 @@ impl AnalyzedRecord {
 /// The name that a value has in JSON.
 fn name_of(value: &impl Serialize) -> String {
     let name = serde_json::to_value(value).ok();
-    name.as_ref()
-        .and_then(|name| name.as_str())
-        .unwrap_or_default()
-        .to_owned()
+    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
 }
 
 impl From<&AnalyzedRecord> for ReportedRecord {

@@ -105,31 +105,14 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
     for (heading, values) in &further {
         text += &format!(" {heading:>width$}", width = width(heading, values));
     }
-    text += if has_wear {
-        "  wear in µm, or why none\n"
-    } else {
-        "\n"
-    };
+    text += if has_wear { "  wear in µm, or why none\n" } else { "\n" };
     for (n, record) in records.iter().enumerate() {
-        let doubt = if record.shaft_speed_doubt.is_some() {
-            "?"
-        } else {
-            ""
-        };
-        let speed = record
-            .shaft_speed_hz
-            .map_or_else(none, |hz| format!("{hz:.2}{doubt}"));
-        text += &format!(
-            "{:>digits$} {} {speed:>6}",
-            n + 1,
-            record.start_time.strftime("%m-%d %H:%M:%S")
-        );
+        let doubt = if record.shaft_speed_doubt.is_some() { "?" } else { "" };
+        let speed = record.shaft_speed_hz.map_or_else(none, |hz| format!("{hz:.2}{doubt}"));
+        text += &format!("{:>digits$} {} {speed:>6}", n + 1, record.start_time.strftime("%m-%d %H:%M:%S"));
         for (name, heading) in INDICATORS {
-            text += &format!(
-                " {:>width$}",
-                number(record.indicators.get(name)),
-                width = heading.len().max(7)
-            );
+            text +=
+                &format!(" {:>width$}", number(record.indicators.get(name)), width = heading.len().max(7));
         }
         for (heading, values) in &further {
             text += &format!(" {:>width$}", values[n], width = width(heading, values));
@@ -160,9 +143,7 @@ fn wear(record: &AnalyzedRecord) -> String {
             format!("at least {:.0}", wear.at_least_um.unwrap_or_default())
         }
         (Some(median), Some(low), Some(high)) => format!("{median:.0} ({low:.0} to {high:.0})"),
-        _ => record
-            .cause()
-            .map_or_else(|| status.clone(), |cause| format!("{status}: {cause}")),
+        _ => record.cause().map_or_else(|| status.clone(), |cause| format!("{status}: {cause}")),
     }
 }
 
@@ -200,11 +181,7 @@ mod tests {
             ["0.0000", "0.0123", "1.000", "12.35", "99999"]
         );
         assert_eq!([of(1e-9), of(-1.5e300)], ["1.0e-9", "-1.5e300"]);
-        assert!(
-            [1e-300, -0.5, 99_999.9, -99_999.0]
-                .into_iter()
-                .all(|value| of(value).len() <= 8)
-        );
+        assert!([1e-300, -0.5, 99_999.9, -99_999.0].into_iter().all(|value| of(value).len() <= 8));
         assert_eq!(number(None), "-");
     }
 
@@ -212,10 +189,7 @@ mod tests {
     fn columns_that_there_are_not_are_refused_with_the_nearest() {
         let chosen =
             |names: &[&str]| Column::chosen(&names.iter().map(ToString::to_string).collect::<Vec<_>>(), None);
-        assert_eq!(
-            chosen(&["fm4", "file"]).unwrap(),
-            [Column::Indicator("fm4".into()), Column::File]
-        );
+        assert_eq!(chosen(&["fm4", "file"]).unwrap(), [Column::Indicator("fm4".into()), Column::File]);
         let error = chosen(&["kurtossis"]).unwrap_err().to_string();
         assert!(
             error.contains("--columns is \"kurtossis\"") && error.contains("the nearest are kurtosis"),

@@ -48,19 +48,16 @@ fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> St
     };
     if let Some(prognosis) = &wear.prognosis {
         let [early, median] = [prognosis.p05, prognosis.median].map(|time| span(last, time));
-        let late = prognosis
-            .p95
-            .map_or_else(|| "much later".to_owned(), |time| span(last, time));
+        let late = prognosis.p95.map_or_else(|| "much later".to_owned(), |time| span(last, time));
         let limit = prognosis.limit_um;
         return format!(
             "{depth} and growing; reaches the limit of {limit:.0} µm in about {median} ({early} to {late})"
         );
     }
     match wear.above_limit {
-        Some(probability) if probability >= 0.5 => format!(
-            "{depth}; past the limit with {:.0} % probability",
-            100.0 * probability
-        ),
+        Some(probability) if probability >= 0.5 => {
+            format!("{depth}; past the limit with {:.0} % probability", 100.0 * probability)
+        }
         _ => depth + &growth(estimates, wear),
     }
 }
@@ -68,9 +65,7 @@ fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> St
 /// Since when the wear has grown, by intervals that do not meet: what is foreseen needs a limit, this does
 /// not.
 fn growth(estimates: &[&WearEstimate], latest: &WearEstimate) -> String {
-    let first = estimates
-        .iter()
-        .position(|estimate| estimate.status == WearStatus::Estimated);
+    let first = estimates.iter().position(|estimate| estimate.status == WearStatus::Estimated);
     let before = first.and_then(|first| Some((first + 1, estimates[first].p95_um?)));
     match before.zip(latest.p05_um) {
         Some(((record, highest), lowest)) if highest < lowest => {
@@ -86,11 +81,7 @@ fn since(estimates: &[&WearEstimate]) -> String {
         |estimate: &&&WearEstimate| Some(estimate.status) == estimates.last().map(|last| last.status);
     let count = estimates.iter().rev().take_while(is_same).count();
     let first = estimates.len() - count + 1;
-    if count == 1 {
-        format!("record {first}")
-    } else {
-        format!("record {first} on")
-    }
+    if count == 1 { format!("record {first}") } else { format!("record {first} on") }
 }
 
 /// What is seen, without what the line has said already.
@@ -106,12 +97,7 @@ fn cause(wear: &WearEstimate) -> String {
 /// The time from one moment to a later one, in the largest unit that leaves two of it.
 fn span(from: Timestamp, to: Timestamp) -> String {
     let seconds = to.duration_since(from).as_secs_f64().max(0.0);
-    let units = [
-        (365.25 * 86_400.0, "years"),
-        (86_400.0, "days"),
-        (3600.0, "hours"),
-        (60.0, "minutes"),
-    ];
+    let units = [(365.25 * 86_400.0, "years"), (86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes")];
     let largest = units.into_iter().find(|(unit_s, _)| seconds >= 2.0 * unit_s);
     let (unit_s, name) = largest.unwrap_or((1.0, "seconds"));
     format!("{:.0} {name}", seconds / unit_s)
@@ -125,11 +111,7 @@ mod tests {
     use crate::estimate::{BaselineProgress, MachineSign, Prognosis};
 
     fn wear(status: WearStatus) -> WearEstimate {
-        WearEstimate::without_number(
-            status,
-            "reason".to_owned(),
-            BaselineProgress { have: 8, need: 20 },
-        )
+        WearEstimate::without_number(status, "reason".to_owned(), BaselineProgress { have: 8, need: 20 })
     }
 
     fn said(estimates: &[WearEstimate]) -> String {
@@ -144,10 +126,7 @@ mod tests {
             p95_um: Some(110.0),
             ..wear(WearStatus::Estimated)
         };
-        assert_eq!(
-            said(&[worn.clone()]),
-            "worn 85 µm (60 to 110); no growth to be seen"
-        );
+        assert_eq!(said(&[worn.clone()]), "worn 85 µm (60 to 110); no growth to be seen");
         let little = WearEstimate {
             median_um: Some(10.0),
             p05_um: Some(0.0),
@@ -155,10 +134,7 @@ mod tests {
             ..wear(WearStatus::Estimated)
         };
         let grown = [wear(WearStatus::CollectingBaseline), little, worn.clone()];
-        assert_eq!(
-            said(&grown),
-            "worn 85 µm (60 to 110); it has grown since record 2"
-        );
+        assert_eq!(said(&grown), "worn 85 µm (60 to 110); it has grown since record 2");
         let after = |days: i64| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(24 * days);
         worn.prognosis = Some(Prognosis {
             rate_um_per_day: 5.0,
@@ -184,10 +160,7 @@ mod tests {
             lasting: None,
             most: Vec::new(),
         };
-        let cracked = WearEstimate {
-            novelty: Some(novelty),
-            ..wear(WearStatus::OutsideLibrary)
-        };
+        let cracked = WearEstimate { novelty: Some(novelty), ..wear(WearStatus::OutsideLibrary) };
         let all = [
             wear(WearStatus::CollectingBaseline),
             cracked.clone(),
@@ -195,10 +168,7 @@ mod tests {
             cracked.clone(),
             cracked,
         ];
-        assert_eq!(
-            said(&all),
-            "record 4 on is not wear: one tooth differs from the others: a crack or chip"
-        );
+        assert_eq!(said(&all), "record 4 on is not wear: one tooth differs from the others: a crack or chip");
         assert_eq!(
             said(&all[..2]),
             "record 2 is not wear: one tooth differs from the others: a crack or chip"

@@ -33,30 +33,17 @@ enum Frames {
 impl Source {
     pub(super) fn open(args: &ConvertArgs) -> Result<Self, ConvertError> {
         let path = &args.input;
-        let input = |source: RecordingError| ConvertError::Input {
-            path: path.clone(),
-            source,
-        };
-        let cannot_open = |source| {
-            input(RecordingError::Open {
-                path: path.clone(),
-                source,
-            })
-        };
+        let input = |source: RecordingError| ConvertError::Input { path: path.clone(), source };
+        let cannot_open = |source| input(RecordingError::Open { path: path.clone(), source });
         let mut file = File::open(path).map_err(cannot_open)?;
         let bytes = file.metadata().map_err(cannot_open)?.len();
         let mut beginning = Vec::new();
-        Read::by_ref(&mut file)
-            .take(16)
-            .read_to_end(&mut beginning)
-            .map_err(cannot_open)?;
+        Read::by_ref(&mut file).take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         match Format::detect(&beginning) {
-            Ok(Format::Mcap) => Err(argument(
-                "IN",
-                path.display(),
-                "CSV or WAV: it is an MCAP recording already",
-            )),
+            Ok(Format::Mcap) => {
+                Err(argument("IN", path.display(), "CSV or WAV: it is an MCAP recording already"))
+            }
             Ok(Format::Wav) => {
                 let frames = WavFrames::new(BufReader::new(file)).map_err(input)?;
                 frames.check_length(bytes).map_err(input)?;
@@ -127,13 +114,10 @@ fn choose(names: &[String], wanted: &[String]) -> Result<Vec<usize>, ConvertErro
         return Ok((0..names.len()).collect());
     }
     let find = |name: &String| {
-        names.iter().position(|own| own == name).ok_or_else(|| {
-            argument(
-                "--channels",
-                name,
-                "numbers of the WAV's channels, counted from 1",
-            )
-        })
+        names
+            .iter()
+            .position(|own| own == name)
+            .ok_or_else(|| argument("--channels", name, "numbers of the WAV's channels, counted from 1"))
     };
     wanted.iter().map(find).collect()
 }

@@ -57,15 +57,9 @@ fn csv_to_mcap_keeps_samples_names_and_circumstances() {
     let options = "--rate 12800.5 --unit m/s2 --asset rig --channels a2,a1 --start-time 2026-01-02T03:04:05.5Z --shaft-speed-hz 29.7 --torque-nm -3";
     folder.convert("in.csv", "out.mcap", options).unwrap();
     let records = folder.records("out.mcap");
-    assert_eq!(
-        records.iter().map(Record::channel).collect::<Vec<_>>(),
-        ["a2", "a1"]
-    );
+    assert_eq!(records.iter().map(Record::channel).collect::<Vec<_>>(), ["a2", "a1"]);
     assert_eq!(records[1].samples(), [1.5, -3e-5, 0.1]);
-    assert_eq!(
-        (records[0].sample_rate_hz(), records[0].unit()),
-        (12_800.5, "m/s2")
-    );
+    assert_eq!((records[0].sample_rate_hz(), records[0].unit()), (12_800.5, "m/s2"));
     assert_eq!(records[0].start_time().to_string(), "2026-01-02T03:04:05.5Z");
     let point = records[0].operating_point();
     assert_eq!((point.shaft_speed_hz, point.torque_nm), (Some(29.7), Some(-3.0)));
@@ -78,10 +72,7 @@ fn rate_unit_and_start_come_from_the_file_where_it_says_them() {
     let folder = Folder::with("in.csv", text.as_bytes());
     folder.convert("in.csv", "out.mcap", "").unwrap();
     let record = folder.records("out.mcap").remove(0);
-    assert_eq!(
-        (record.samples(), record.unit(), record.sample_rate_hz()),
-        (&[1.5, 2.5][..], "m/s2", 100.0)
-    );
+    assert_eq!((record.samples(), record.unit(), record.sample_rate_hz()), (&[1.5, 2.5][..], "m/s2", 100.0));
     assert_eq!(record.start_time().to_string(), "2026-03-01T08:00:00Z");
 }
 
@@ -89,14 +80,9 @@ fn rate_unit_and_start_come_from_the_file_where_it_says_them() {
 fn records_are_cut_as_asked() {
     let text: String = (0..25).map(|k| format!("{k}\n")).collect();
     let folder = Folder::with("in.csv", text.as_bytes());
-    folder
-        .convert("in.csv", "out.mcap", "--rate 10 --unit g --record-seconds 1")
-        .unwrap();
+    folder.convert("in.csv", "out.mcap", "--rate 10 --unit g --record-seconds 1").unwrap();
     let records = folder.records("out.mcap");
-    assert_eq!(
-        records.iter().map(|r| r.samples().len()).collect::<Vec<_>>(),
-        [10, 10, 5]
-    );
+    assert_eq!(records.iter().map(|r| r.samples().len()).collect::<Vec<_>>(), [10, 10, 5]);
     assert_eq!(records[2].start_time().as_second(), 2);
     assert_eq!(records[2].samples()[0], 20.0);
 }
@@ -104,22 +90,13 @@ fn records_are_cut_as_asked() {
 #[test]
 fn csv_to_wav_to_mcap_is_csv_to_mcap() {
     let folder = Folder::with("in.csv", b"a,b\n1.25,-7\n3.7e5,0.001\n");
-    folder
-        .convert("in.csv", "out.wav", "--rate 8000 --unit g")
-        .unwrap();
-    folder
-        .convert("out.wav", "over.mcap", "--unit g --channels 2,1")
-        .unwrap();
-    folder
-        .convert("in.csv", "direct.mcap", "--rate 8000 --unit g --channels b,a")
-        .unwrap();
+    folder.convert("in.csv", "out.wav", "--rate 8000 --unit g").unwrap();
+    folder.convert("out.wav", "over.mcap", "--unit g --channels 2,1").unwrap();
+    folder.convert("in.csv", "direct.mcap", "--rate 8000 --unit g --channels b,a").unwrap();
     let (over, direct) = (folder.records("over.mcap"), folder.records("direct.mcap"));
     assert_eq!(over.len(), 2);
     for (over, direct) in over.iter().zip(&direct) {
-        assert_eq!(
-            (over.samples(), over.sample_rate_hz()),
-            (direct.samples(), direct.sample_rate_hz())
-        );
+        assert_eq!((over.samples(), over.sample_rate_hz()), (direct.samples(), direct.sample_rate_hz()));
     }
     assert_eq!(over[0].channel(), "2");
 }
@@ -136,80 +113,25 @@ fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
     fs::write(folder.path("timed.csv"), "Zeit [s];a\n0,0;1\n0,1;2\n").unwrap();
     let before = folder.names();
     for (input, output, options, expected) in [
-        (
-            "in.csv",
-            "out.mcap",
-            "--rate 10 --unit g",
-            "in.csv\": csv line 3, column \"a\": \"x\"",
-        ),
+        ("in.csv", "out.mcap", "--rate 10 --unit g", "in.csv\": csv line 3, column \"a\": \"x\""),
         ("in.csv", "out.wav", "--rate 10 --unit g", "csv line 3"),
         ("in.csv", "out.mcap", "--unit g", "--rate is missing"),
         ("in.csv", "out.mcap", "--rate 10", "--unit is missing"),
         ("good.csv", "out.mcap", "--rate 0 --unit g", "sample_rate_hz is 0"),
-        (
-            "good.csv",
-            "out.mcap",
-            "--rate 10 --unit g --shaft-speed-hz -2",
-            "shaft_speed_hz is -2",
-        ),
-        (
-            "good.csv",
-            "out.mcap",
-            "--rate 10 --unit g --record-seconds 0",
-            "the cut is 0 samples",
-        ),
-        (
-            "in.csv",
-            "out.mcap",
-            "--rate 10 --unit g --asset Pump!",
-            "--asset: asset id \"Pump!\"",
-        ),
-        (
-            "in.csv",
-            "out.mcap",
-            "--rate 10 --unit g --channels b",
-            "no column \"b\"",
-        ),
+        ("good.csv", "out.mcap", "--rate 10 --unit g --shaft-speed-hz -2", "shaft_speed_hz is -2"),
+        ("good.csv", "out.mcap", "--rate 10 --unit g --record-seconds 0", "the cut is 0 samples"),
+        ("in.csv", "out.mcap", "--rate 10 --unit g --asset Pump!", "--asset: asset id \"Pump!\""),
+        ("in.csv", "out.mcap", "--rate 10 --unit g --channels b", "no column \"b\""),
         ("in.csv", "out.flac", "--rate 10 --unit g", "OUT is"),
-        (
-            "in.csv",
-            "there.mcap",
-            "--rate 10 --unit g",
-            "exists, expected a new file",
-        ),
+        ("in.csv", "there.mcap", "--rate 10 --unit g", "exists, expected a new file"),
         ("in.csv", "there.mcap", "--rate 10 --unit g --force", "csv line 3"),
         ("no.csv", "out.mcap", "--rate 10 --unit g", "cannot open"),
         ("empty.csv", "out.mcap", "--rate 10 --unit g", "0 bytes"),
-        (
-            "bare.csv",
-            "out.mcap",
-            "--rate 10 --unit g",
-            "channel \"a\" has no samples",
-        ),
-        (
-            "bare.csv",
-            "out.wav",
-            "--rate 10 --unit g",
-            "the number of samples is 0",
-        ),
-        (
-            "magic.csv",
-            "out.mcap",
-            "--rate 10 --unit g",
-            "an MCAP recording already",
-        ),
-        (
-            "binary.csv",
-            "out.mcap",
-            "--rate 10 --unit g",
-            "begins with the bytes 00 01 02",
-        ),
-        (
-            "timed.csv",
-            "out.mcap",
-            "--rate 11 --unit g",
-            "the sampling rate is 11 Hz, expected 10 Hz",
-        ),
+        ("bare.csv", "out.mcap", "--rate 10 --unit g", "channel \"a\" has no samples"),
+        ("bare.csv", "out.wav", "--rate 10 --unit g", "the number of samples is 0"),
+        ("magic.csv", "out.mcap", "--rate 10 --unit g", "an MCAP recording already"),
+        ("binary.csv", "out.mcap", "--rate 10 --unit g", "begins with the bytes 00 01 02"),
+        ("timed.csv", "out.mcap", "--rate 11 --unit g", "the sampling rate is 11 Hz, expected 10 Hz"),
         ("bare.csv", "sub/out.wav", "--rate 10 --unit g", "out.wav"),
     ] {
         let error = folder.convert(input, output, options).unwrap_err();
@@ -223,9 +145,7 @@ fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
 fn a_replaced_file_is_whole() {
     let folder = Folder::with("in.csv", b"1\n2\n");
     fs::write(folder.path("out.wav"), b"old").unwrap();
-    folder
-        .convert("in.csv", "out.wav", "--rate 10 --unit g --force")
-        .unwrap();
+    folder.convert("in.csv", "out.wav", "--rate 10 --unit g --force").unwrap();
     assert_eq!(folder.records("out.wav")[0].samples(), [1.0, 2.0]);
 }
 
@@ -240,25 +160,14 @@ fn real_gearbox_recordings_agree_in_wav_and_mcap() {
         GzDecoder::new(packed).read_to_end(&mut text).unwrap();
         let folder = Folder::with("in.csv", &text);
         let rows = text.iter().filter(|&&byte| byte == b'\n').count() - 1;
-        folder
-            .convert("in.csv", "out.wav", "--rate 12800 --unit g")
-            .unwrap();
-        folder
-            .convert("in.csv", "out.mcap", "--rate 12800 --unit g")
-            .unwrap();
+        folder.convert("in.csv", "out.wav", "--rate 12800 --unit g").unwrap();
+        folder.convert("in.csv", "out.mcap", "--rate 12800 --unit g").unwrap();
         let (wav, mcap) = (folder.records("out.wav"), folder.records("out.mcap"));
         assert_eq!((wav.len(), mcap.len()), (4, 4));
         for (k, (wav, mcap)) in wav.iter().zip(&mcap).enumerate() {
             assert_eq!(wav.samples(), mcap.samples());
-            assert_eq!(
-                (mcap.samples().len(), mcap.channel()),
-                (rows, format!("a{}", k + 1).as_str())
-            );
-            for (sample, line) in mcap
-                .samples()
-                .iter()
-                .zip(text.split(|&byte| byte == b'\n').skip(1))
-            {
+            assert_eq!((mcap.samples().len(), mcap.channel()), (rows, format!("a{}", k + 1).as_str()));
+            for (sample, line) in mcap.samples().iter().zip(text.split(|&byte| byte == b'\n').skip(1)) {
                 let field = std::str::from_utf8(line).unwrap().split(',').nth(k).unwrap();
                 let value: f64 = field.trim().parse().unwrap();
                 assert!((f64::from(*sample) - value).abs() <= 1e-6 * value.abs());

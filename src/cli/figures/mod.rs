@@ -38,11 +38,8 @@ pub(super) struct FiguresArgs {
 
 /// Runs the command. A statement that does not hold is a result, not a failure.
 pub(super) fn run(args: &FiguresArgs) -> Result<(), CliError> {
-    let mut settings = FigureSettings {
-        seconds: args.seconds,
-        sample_rate_hz: args.rate,
-        ..FigureSettings::default()
-    };
+    let mut settings =
+        FigureSettings { seconds: args.seconds, sample_rate_hz: args.rate, ..FigureSettings::default() };
     if let Some(&[slight, moderate, severe]) = args.wear_um.as_deref() {
         settings.wear_um = [slight, moderate, severe];
     }
@@ -54,20 +51,15 @@ pub(super) fn run(args: &FiguresArgs) -> Result<(), CliError> {
     bar.finish_and_clear();
     output::write_file(&args.out, page::html(&figures).as_bytes())?;
     if let Some(path) = &args.data {
-        let json = serde_json::to_vec(&figures).map_err(|error| CliError::Io {
-            path: path.clone(),
-            source: error.into(),
-        })?;
+        let json = serde_json::to_vec(&figures)
+            .map_err(|error| CliError::Io { path: path.clone(), source: error.into() })?;
         output::write_file(path, &json)?;
     }
     let holding = figures.checks.iter().filter(|check| check.holds).count();
     let mut text = String::new();
     for check in &figures.checks {
         let verdict = if check.holds { "holds   " } else { "does not" };
-        text += &format!(
-            "Fig. {:<2}  {verdict}  {} {}\n",
-            check.figure, check.statement, check.measured
-        );
+        text += &format!("Fig. {:<2}  {verdict}  {} {}\n", check.figure, check.statement, check.measured);
     }
     text += &format!(
         "{holding} of {} statements hold; figures in {}\n",

@@ -67,11 +67,7 @@ fn summary_row(check: &Check) -> String {
 }
 
 fn verdict(check: &Check) -> &'static str {
-    if check.holds {
-        "<td class=\"yes\">✓ holds</td>"
-    } else {
-        "<td class=\"no\">✗ does not</td>"
-    }
+    if check.holds { "<td class=\"yes\">✓ holds</td>" } else { "<td class=\"no\">✗ does not</td>" }
 }
 
 /// One figure with its checks.
@@ -93,11 +89,7 @@ fn section(figures: &Figures, number: u32, heading: &str, caption: &str, panels:
             )
         })
         .collect();
-    let table = if rows.is_empty() {
-        String::new()
-    } else {
-        format!("<table><tbody>{rows}</tbody></table>")
-    };
+    let table = if rows.is_empty() { String::new() } else { format!("<table><tbody>{rows}</tbody></table>") };
     format!(
         "<figure id=\"fig{number}\"><h2>Fig. {number}: {}</h2><div class=\"panels{several}\">{panels}</div><figcaption>{}</figcaption>{table}</figure>",
         escape(heading),
@@ -107,14 +99,10 @@ fn section(figures: &Figures, number: u32, heading: &str, caption: &str, panels:
 
 /// One line for each state.
 fn of_states(panel: Panel, figures: &Figures, curve: impl Fn(&MeshState) -> (Vec<f64>, Vec<f64>)) -> Panel {
-    figures
-        .states
-        .iter()
-        .zip(COLOURS)
-        .fold(panel, |panel, (state, colour)| {
-            let (x, y) = curve(state);
-            panel.line(state.name, colour, x, y)
-        })
+    figures.states.iter().zip(COLOURS).fold(panel, |panel, (state, colour)| {
+        let (x, y) = curve(state);
+        panel.line(state.name, colour, x, y)
+    })
 }
 
 fn scaled(values: &[f64], factor: f64) -> Vec<f64> {
@@ -123,14 +111,10 @@ fn scaled(values: &[f64], factor: f64) -> Vec<f64> {
 
 fn wear(figures: &Figures) -> String {
     let depth = |i: usize, title| {
-        of_states(
-            Panel::new(title, "α (rad)", "wear depth (µm)"),
-            figures,
-            |state| {
-                let flank = &state.tooth_pair.flanks[i];
-                (flank.alpha_rad.clone(), flank.depth_um.clone())
-            },
-        )
+        of_states(Panel::new(title, "α (rad)", "wear depth (µm)"), figures, |state| {
+            let flank = &state.tooth_pair.flanks[i];
+            (flank.alpha_rad.clone(), flank.depth_um.clone())
+        })
     };
     let slope = |i: usize, title| {
         of_states(Panel::new(title, "α (rad)", "slope dh/dx"), figures, |state| {
@@ -149,46 +133,23 @@ fn wear(figures: &Figures) -> String {
 }
 
 fn relationship(figures: &Figures) -> String {
-    let points = of_states(
-        Panel::new("(a) points of contact", "α₁ (rad)", "α₁′ (rad)"),
-        figures,
-        |state| {
-            (
-                state.tooth_pair.alpha1_rad.clone(),
-                state.tooth_pair.alpha1_prime_rad.clone(),
-            )
-        },
-    );
-    let rotations = of_states(
-        Panel::new("(b) rotations", "φ₁ (rad)", "φ₂ (rad)"),
-        figures,
-        |state| {
-            (
-                state.tooth_pair.phi1_rad.clone(),
-                state.tooth_pair.phi2_rad.clone(),
-            )
-        },
-    );
+    let points =
+        of_states(Panel::new("(a) points of contact", "α₁ (rad)", "α₁′ (rad)"), figures, |state| {
+            (state.tooth_pair.alpha1_rad.clone(), state.tooth_pair.alpha1_prime_rad.clone())
+        });
+    let rotations = of_states(Panel::new("(b) rotations", "φ₁ (rad)", "φ₂ (rad)"), figures, |state| {
+        (state.tooth_pair.phi1_rad.clone(), state.tooth_pair.phi2_rad.clone())
+    });
     let caption =
         "Where the flanks of one pair of teeth touch, and how far the gears have turned when they do.";
-    section(
-        figures,
-        8,
-        "mesh relationship of one pair of teeth",
-        caption,
-        vec![points, rotations],
-    )
+    section(figures, 8, "mesh relationship of one pair of teeth", caption, vec![points, rotations])
 }
 
 fn single_stiffness(figures: &Figures) -> String {
-    let panel = of_states(
-        Panel::new("", "φ₁ (rad)", "stiffness (10⁸ N/m)"),
-        figures,
-        |state| {
-            let pair = &state.tooth_pair;
-            (pair.phi1_rad.clone(), scaled(&pair.stiffness_n_per_m, 1e-8))
-        },
-    );
+    let panel = of_states(Panel::new("", "φ₁ (rad)", "stiffness (10⁸ N/m)"), figures, |state| {
+        let pair = &state.tooth_pair;
+        (pair.phi1_rad.clone(), scaled(&pair.stiffness_n_per_m, 1e-8))
+    });
     let caption = "Stiffness of one pair of teeth wherever its flanks can touch.";
     section(figures, 11, "single-tooth stiffness", caption, vec![panel])
 }
@@ -225,9 +186,8 @@ fn perfect_pairs(figures: &Figures) -> String {
 fn worn_pairs(figures: &Figures) -> String {
     let state = &figures.states[1];
     let mesh = &state.mesh;
-    let touching: Vec<usize> = (0..mesh.pair_phi1_rad.len())
-        .filter(|i| mesh.neighbour_lead_rad[*i] > -0.9)
-        .collect();
+    let touching: Vec<usize> =
+        (0..mesh.pair_phi1_rad.len()).filter(|i| mesh.neighbour_lead_rad[*i] > -0.9).collect();
     // The places where a neighbour touches are two stretches: a gap keeps them apart.
     let (mut x, mut y) = (Vec::new(), Vec::new());
     for (k, i) in touching.iter().enumerate() {
@@ -238,25 +198,20 @@ fn worn_pairs(figures: &Figures) -> String {
         x.push(mesh.pair_phi1_rad[*i]);
         y.push(1e4 * mesh.neighbour_lead_rad[*i]);
     }
-    let ends = [
-        mesh.pair_phi1_rad[0],
-        mesh.pair_phi1_rad[mesh.pair_phi1_rad.len() - 1],
-    ];
+    let ends = [mesh.pair_phi1_rad[0], mesh.pair_phi1_rad[mesh.pair_phi1_rad.len() - 1]];
     let threshold = 1e4 * figures.pair.dynamics.contact_threshold_rad;
     let name = "Δφ₂ (10⁻⁴ rad)";
-    let lead = |title: &str| {
-        Panel::new(title, "φ₁ (rad)", name)
-            .line("neighbour's lead", COLOURS[1], x.clone(), y.clone())
-            .level("threshold", threshold, ends)
-    };
+    let lead =
+        |title: &str| {
+            Panel::new(title, "φ₁ (rad)", name)
+                .line("neighbour's lead", COLOURS[1], x.clone(), y.clone())
+                .level("threshold", threshold, ends)
+        };
     let carries = Panel::new("(d) where the pair carries", "φ₁ (rad)", "carries (1) or not (0)").line(
         "",
         COLOURS[1],
         mesh.pair_phi1_rad.clone(),
-        mesh.carries
-            .iter()
-            .map(|carries| f64::from(u8::from(*carries)))
-            .collect(),
+        mesh.carries.iter().map(|carries| f64::from(u8::from(*carries))).collect(),
     );
     let panels = vec![
         three_pairs("(a) three pairs", figures, state),
@@ -269,33 +224,19 @@ fn worn_pairs(figures: &Figures) -> String {
 }
 
 fn carried_stiffness(figures: &Figures) -> String {
-    let panel = of_states(
-        Panel::new("", "φ₁ (rad)", "stiffness (10⁸ N/m)"),
-        figures,
-        |state| {
-            let mesh = &state.mesh;
-            let carried = (0..mesh.carries.len()).filter(|i| mesh.carries[*i]);
-            carried
-                .map(|i| (mesh.pair_phi1_rad[i], 1e-8 * mesh.pair_stiffness_n_per_m[i]))
-                .unzip()
-        },
-    );
+    let panel = of_states(Panel::new("", "φ₁ (rad)", "stiffness (10⁸ N/m)"), figures, |state| {
+        let mesh = &state.mesh;
+        let carried = (0..mesh.carries.len()).filter(|i| mesh.carries[*i]);
+        carried.map(|i| (mesh.pair_phi1_rad[i], 1e-8 * mesh.pair_stiffness_n_per_m[i])).unzip()
+    });
     let caption = "Stiffness of one pair of teeth where it carries under the multi-tooth rule.";
-    section(
-        figures,
-        14,
-        "single-tooth stiffness in the mesh",
-        caption,
-        vec![panel],
-    )
+    section(figures, 14, "single-tooth stiffness in the mesh", caption, vec![panel])
 }
 
 fn mesh_stiffness(figures: &Figures) -> String {
-    let panel = of_states(
-        Panel::new("", "φ₁ (rad)", "stiffness (10⁸ N/m)"),
-        figures,
-        |state| twice(&state.mesh.phi1_rad, &state.mesh.stiffness_n_per_m, 1e-8),
-    );
+    let panel = of_states(Panel::new("", "φ₁ (rad)", "stiffness (10⁸ N/m)"), figures, |state| {
+        twice(&state.mesh.phi1_rad, &state.mesh.stiffness_n_per_m, 1e-8)
+    });
     let caption = "Stiffness of the whole mesh over two mesh periods.";
     section(figures, 15, "mesh stiffness", caption, vec![panel])
 }
@@ -313,10 +254,7 @@ fn twice(phi1_rad: &[f64], values: &[f64], factor: f64) -> (Vec<f64>, Vec<f64>) 
 
 fn finite_elements(figures: &Figures) -> String {
     let curve = |i: usize| {
-        (
-            figures.states[i].mesh.phi1_rad.clone(),
-            scaled(&figures.states[i].mesh.stiffness_n_per_m, 1e-8),
-        )
+        (figures.states[i].mesh.phi1_rad.clone(), scaled(&figures.states[i].mesh.stiffness_n_per_m, 1e-8))
     };
     let ((x, y), (worn_x, worn_y)) = (curve(0), curve(1));
     let panel = Panel::new("", "φ₁ (rad)", "stiffness (10⁸ N/m)")
@@ -325,16 +263,8 @@ fn finite_elements(figures: &Figures) -> String {
         .points(
             "finite elements, no wear",
             COLOURS[3],
-            figures
-                .finite_elements
-                .iter()
-                .map(|point| point.phi1_rad)
-                .collect(),
-            figures
-                .finite_elements
-                .iter()
-                .map(|point| 1e-8 * point.stiffness_n_per_m)
-                .collect(),
+            figures.finite_elements.iter().map(|point| point.phi1_rad).collect(),
+            figures.finite_elements.iter().map(|point| 1e-8 * point.stiffness_n_per_m).collect(),
         );
     let caption = if figures.finite_elements.is_empty() {
         "There is no finite-element table of this gear pair."
@@ -342,13 +272,7 @@ fn finite_elements(figures: &Figures) -> String {
         "One mesh period beside a plane-strain finite-element model of the same pair (1300 N·m, bore radius 20 mm, perfect flanks). There elastic \
          teeth touch early: ramps stand where the model jumps, and two pairs share the body of their gear."
     };
-    section(
-        figures,
-        17,
-        "mesh stiffness beside finite elements",
-        caption,
-        vec![panel],
-    )
+    section(figures, 17, "mesh stiffness beside finite elements", caption, vec![panel])
 }
 
 fn transmission_error(figures: &Figures) -> String {
@@ -358,11 +282,7 @@ fn transmission_error(figures: &Figures) -> String {
         |state| twice(&state.mesh.phi1_rad, &state.mesh.e_wear_rad, 1e6),
     );
     let whole = of_states(
-        Panel::new(
-            "(b) whole error over one shaft turn",
-            "turns of the driving shaft",
-            "e (µm)",
-        ),
+        Panel::new("(b) whole error over one shaft turn", "turns of the driving shaft", "e (µm)"),
         figures,
         |state| (figures.turns.clone(), state.transmission_error_um.clone()),
     );
@@ -387,55 +307,30 @@ fn time_signals(figures: &Figures) -> String {
             -1.05 * most,
             1.05 * most,
         );
-        panel.line(
-            "",
-            COLOURS[2],
-            scaled(&state.time_s, 1e3),
-            state.acceleration_m_per_s2.clone(),
-        )
+        panel.line("", COLOURS[2], scaled(&state.time_s, 1e3), state.acceleration_m_per_s2.clone())
     });
     let means = vibration.states.iter().map(|state| {
         let count = state.mean_period_m_per_s2.len();
         let places = (0..count).map(|i| (i as f64 + 0.5) / count as f64).collect();
         let title = format!("{}, mean mesh period", num_title(state));
-        let panel = Panel::new(
-            &title,
-            "mesh periods from the nominal start of contact",
-            "acceleration (m/s²)",
-        );
+        let panel =
+            Panel::new(&title, "mesh periods from the nominal start of contact", "acceleration (m/s²)");
         let panel = panel.line("", COLOURS[2], places, state.mean_period_m_per_s2.clone());
-        state
-            .changes
-            .iter()
-            .fold(panel, |panel, change| panel.mark(*change))
+        state.changes.iter().fold(panel, |panel, change| panel.mark(*change))
     });
     let caption = "Acceleration of the response coordinate over the first mesh periods, and the mean of all mesh periods of the record; dotted: the number of \
                    carrying pairs changes.";
-    section(
-        figures,
-        19,
-        "time signals",
-        caption,
-        signals.chain(means).collect(),
-    )
+    section(figures, 19, "time signals", caption, signals.chain(means).collect())
 }
 
 fn line_panels(figures: &Figures, lines: impl Fn(&Vibration) -> &Lines) -> Vec<Panel> {
     let states = &figures.vibration.states;
-    let most = states
-        .iter()
-        .flat_map(|state| &lines(state).amplitude)
-        .fold(0.0, |most: f64, a| most.max(*a));
+    let most = states.iter().flat_map(|state| &lines(state).amplitude).fold(0.0, |most: f64, a| most.max(*a));
     let panel = |state: &Vibration| {
         let lines = lines(state);
         Panel::new(&num_title(state), "frequency (Hz)", "")
             .y_range("peak amplitude (m/s²)", 0.0, 1.05 * most)
-            .line(
-                "",
-                COLOURS[2],
-                lines.frequency_hz.clone(),
-                lines.amplitude.clone(),
-            )
+            .line("", COLOURS[2], lines.frequency_hz.clone(), lines.amplitude.clone())
     };
     states.iter().map(panel).collect()
 }
@@ -443,25 +338,13 @@ fn line_panels(figures: &Figures, lines: impl Fn(&Vibration) -> &Lines) -> Vec<P
 fn spectra(figures: &Figures) -> String {
     let caption =
         "Amplitude spectra (Hann window, of each 2 Hz the strongest line) up to ten mesh harmonics.";
-    section(
-        figures,
-        20,
-        "spectra",
-        caption,
-        line_panels(figures, |state| &state.spectrum),
-    )
+    section(figures, 20, "spectra", caption, line_panels(figures, |state| &state.spectrum))
 }
 
 fn envelopes(figures: &Figures) -> String {
     let caption =
         "Amplitude spectra of the envelope of the whole band (modulus of the analytic signal, mean removed).";
-    section(
-        figures,
-        21,
-        "envelope spectra",
-        caption,
-        line_panels(figures, |state| &state.envelope),
-    )
+    section(figures, 21, "envelope spectra", caption, line_panels(figures, |state| &state.envelope))
 }
 
 fn indicators(figures: &Figures) -> String {
@@ -472,25 +355,14 @@ fn indicators(figures: &Figures) -> String {
     };
     let [rms, kurtosis, omx] = figures.vibration.spearman;
     let panels = vec![
-        panel(format!("(a) RMS, ρ = {rms:.3}"), "RMS (m/s²)", |state| {
-            state.rms
-        }),
-        panel(format!("(b) kurtosis, ρ = {kurtosis:.3}"), "kurtosis", |state| {
-            state.kurtosis
-        }),
-        panel(
-            format!("(c) OMX, ρ = {omx:.3}"),
-            "first mesh amplitude (m/s²)",
-            |state| state.omx,
-        ),
+        panel(format!("(a) RMS, ρ = {rms:.3}"), "RMS (m/s²)", |state| state.rms),
+        panel(format!("(b) kurtosis, ρ = {kurtosis:.3}"), "kurtosis", |state| state.kurtosis),
+        panel(format!("(c) OMX, ρ = {omx:.3}"), "first mesh amplitude (m/s²)", |state| state.omx),
     ];
     let caption = "Condition indicators of all wear states; ρ is Spearman's rank correlation with the number of the state.";
     section(figures, 22, "condition indicators", caption, panels)
 }
 
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

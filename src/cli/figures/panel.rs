@@ -16,12 +16,7 @@ pub(super) struct Panel {
 
 impl Panel {
     pub(super) fn new(title: &str, x: &str, y: &str) -> Self {
-        let axis = |name: &str| {
-            Axis::new()
-                .title(Title::with_text(name))
-                .auto_margin(true)
-                .zero_line(false)
-        };
+        let axis = |name: &str| Axis::new().title(Title::with_text(name)).auto_margin(true).zero_line(false);
         Self {
             plot: Plot::new(),
             layout: Layout::new()
@@ -29,19 +24,11 @@ impl Panel {
                 .height(if title.is_empty() { 330 } else { 360 })
                 .auto_size(true)
                 .margin(
-                    Margin::new()
-                        .left(70)
-                        .right(15)
-                        .top(if title.is_empty() { 35 } else { 65 })
-                        .bottom(50),
+                    Margin::new().left(70).right(15).top(if title.is_empty() { 35 } else { 65 }).bottom(50),
                 )
                 // Above the diagram, where it covers no curve.
                 .legend(
-                    Legend::new()
-                        .orientation(Orientation::Horizontal)
-                        .x(0.0)
-                        .y(1.0)
-                        .y_anchor(Anchor::Bottom),
+                    Legend::new().orientation(Orientation::Horizontal).x(0.0).y(1.0).y_anchor(Anchor::Bottom),
                 )
                 .x_axis(axis(x))
                 .y_axis(axis(y)),
@@ -51,26 +38,16 @@ impl Panel {
     /// A line; without a name it has no entry in the legend.
     pub(super) fn line(mut self, name: &str, colour: &str, x: Vec<f64>, y: Vec<f64>) -> Self {
         let line = Line::new().color(colour.to_owned()).width(1.6);
-        let trace = Scatter::new(x, y)
-            .mode(Mode::Lines)
-            .line(line)
-            .name(name)
-            .show_legend(!name.is_empty());
+        let trace = Scatter::new(x, y).mode(Mode::Lines).line(line).name(name).show_legend(!name.is_empty());
         self.plot.add_trace(trace);
         self
     }
 
     /// Points.
     pub(super) fn points(mut self, name: &str, colour: &str, x: Vec<f64>, y: Vec<f64>) -> Self {
-        let marker = Marker::new()
-            .color(colour.to_owned())
-            .size(5)
-            .symbol(MarkerSymbol::CircleOpen);
-        let trace = Scatter::new(x, y)
-            .mode(Mode::Markers)
-            .marker(marker)
-            .name(name)
-            .show_legend(!name.is_empty());
+        let marker = Marker::new().color(colour.to_owned()).size(5).symbol(MarkerSymbol::CircleOpen);
+        let trace =
+            Scatter::new(x, y).mode(Mode::Markers).marker(marker).name(name).show_legend(!name.is_empty());
         self.plot.add_trace(trace);
         self
     }
@@ -78,10 +55,7 @@ impl Panel {
     /// A dashed line across at the height `y`.
     pub(super) fn level(mut self, name: &str, y: f64, [from, to]: [f64; 2]) -> Self {
         let line = Line::new().color("#000000").width(1.0).dash(DashType::Dash);
-        let trace = Scatter::new(vec![from, to], vec![y, y])
-            .mode(Mode::Lines)
-            .line(line)
-            .name(name);
+        let trace = Scatter::new(vec![from, to], vec![y, y]).mode(Mode::Lines).line(line).name(name);
         self.plot.add_trace(trace);
         self
     }

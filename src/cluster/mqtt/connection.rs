@@ -103,11 +103,7 @@ async fn keep_connected(
         if connections > before {
             wait = FIRST_WAIT;
         }
-        tracing::warn!(
-            broker = settings.broker(),
-            reason,
-            "failed to connect to the MQTT broker"
-        );
+        tracing::warn!(broker = settings.broker(), reason, "failed to connect to the MQTT broker");
         feed.lost(reason);
         tokio::select! {
             () = tokio::time::sleep(spread(wait)) => {}
@@ -231,10 +227,7 @@ impl<'a> Connection<'a> {
         let mut filter = Filter::new(topic::filter(self.settings), QoS::AtLeastOnce);
         // A kept message was seen when the subscription was made.
         filter.retain_forward_rule = RetainForwardRule::OnNewSubscribe;
-        self.client
-            .subscribe_many([filter])
-            .await
-            .map_err(|error| error.to_string())
+        self.client.subscribe_many([filter]).await.map_err(|error| error.to_string())
     }
 
     /// Deals with a message beside the others.
@@ -283,10 +276,7 @@ impl<'a> Connection<'a> {
             return places.try_acquire_owned().ok();
         }
         let wait = self.settings.keep_alive / 2;
-        tokio::time::timeout(wait, places.acquire_owned())
-            .await
-            .ok()?
-            .ok()
+        tokio::time::timeout(wait, places.acquire_owned()).await.ok()?.ok()
     }
 
     fn say_goodbye_when_stopped(&mut self) {

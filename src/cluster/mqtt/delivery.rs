@@ -76,18 +76,9 @@ async fn take(service: &Arc<Service>, message: &Message) -> Result<(), Verdict> 
     );
     match taken.await {
         Ok(_) => Ok(()),
-        Err(ServiceError::Field {
-            field: "start_time",
-            value,
-            ..
-        }) if value == NO_TIME.to_string() => {
+        Err(ServiceError::Field { field: "start_time", value, .. }) if value == NO_TIME.to_string() => {
             let expected = "the time of the first sample: only by it is a message that comes twice known";
-            Err(Verdict::Never(Refusal::field(
-                422,
-                "start_time",
-                "missing",
-                expected,
-            )))
+            Err(Verdict::Never(Refusal::field(422, "start_time", "missing", expected)))
         }
         Err(error) => Err(error.into()),
     }

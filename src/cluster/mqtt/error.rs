@@ -44,18 +44,10 @@ pub enum MqttError {
 
 impl MqttError {
     pub(super) fn setting(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
-        Self::Setting {
-            field,
-            value: value.to_string(),
-            expected,
-        }
+        Self::Setting { field, value: value.to_string(), expected }
     }
 
     pub(super) fn tls(field: &'static str, path: &Path, reason: impl ToString) -> Self {
-        Self::Tls {
-            field,
-            path: path.to_path_buf(),
-            reason: reason.to_string(),
-        }
+        Self::Tls { field, path: path.to_path_buf(), reason: reason.to_string() }
     }
 }

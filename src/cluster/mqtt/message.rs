@@ -25,12 +25,7 @@ impl Message {
     /// Checks everything but the record itself.
     pub(super) fn read(settings: &MqttSettings, publish: &Publish) -> Result<Self, Refusal> {
         let Ok(topic) = std::str::from_utf8(&publish.topic) else {
-            return Err(Refusal::field(
-                400,
-                "topic",
-                &publish.topic.escape_ascii().to_string(),
-                "UTF-8",
-            ));
+            return Err(Refusal::field(400, "topic", &publish.topic.escape_ascii().to_string(), "UTF-8"));
         };
         let address = topic::read(&settings.root, topic)?;
         let most = settings.message_bytes;
@@ -41,10 +36,8 @@ impl Message {
             );
             return Err(Refusal::new(413, detail));
         }
-        let content_type = publish
-            .properties
-            .as_ref()
-            .and_then(|properties| properties.content_type.as_deref());
+        let content_type =
+            publish.properties.as_ref().and_then(|properties| properties.content_type.as_deref());
         Ok(Self {
             address,
             format: format(content_type, &publish.payload)?,
@@ -68,18 +61,9 @@ impl Message {
 fn format(content_type: Option<&str>, payload: &[u8]) -> Result<RecordFormat, Refusal> {
     let Some(content_type) = content_type.filter(|content_type| !content_type.is_empty()) else {
         let is_json = matches!(payload.first(), Some(b'{' | b' ' | b'\t' | b'\r' | b'\n'));
-        return Ok(if is_json {
-            RecordFormat::Json
-        } else {
-            RecordFormat::Protobuf
-        });
+        return Ok(if is_json { RecordFormat::Json } else { RecordFormat::Protobuf });
     };
-    let media_type = content_type
-        .split(';')
-        .next()
-        .unwrap_or_default()
-        .trim()
-        .to_ascii_lowercase();
+    let media_type = content_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     match RecordFormat::from_media_type(&media_type) {
         Some(format @ (RecordFormat::Protobuf | RecordFormat::Json)) => Ok(format),
         _ => Err(Refusal::field(
@@ -113,10 +97,7 @@ mod tests {
             assert_eq!(format(Some(""), payload).unwrap(), expected);
         }
         // What the sender says goes before what it looks like.
-        assert_eq!(
-            format(Some("Application/JSON; charset=utf-8"), &protobuf).unwrap(),
-            RecordFormat::Json
-        );
+        assert_eq!(format(Some("Application/JSON; charset=utf-8"), &protobuf).unwrap(), RecordFormat::Json);
         for other in ["audio/wav", "text/plain", "application/octet-stream"] {
             assert!(format(Some(other), &json).unwrap_err().detail().contains(other));
         }

@@ -62,10 +62,7 @@ impl PendingRefusals {
     /// refusal, if so.
     pub(super) fn answered(&self, answer: &PubAck) -> Option<(Publish, Option<PubAckReason>)> {
         let refused = self.under_way().sent.remove(&answer.pkid)?;
-        let is_taken = matches!(
-            answer.reason,
-            PubAckReason::Success | PubAckReason::NoMatchingSubscribers
-        );
+        let is_taken = matches!(answer.reason, PubAckReason::Success | PubAckReason::NoMatchingSubscribers);
         Some((refused, (!is_taken).then_some(answer.reason)))
     }
 

@@ -125,11 +125,9 @@ impl From<ServiceError> for Verdict {
         match error {
             ServiceError::Recording(ref source) if source.is_full() => Self::Later(error.to_string()),
             ServiceError::Recording(_) => Self::Never(Refusal::new(422, error.to_string())),
-            ServiceError::Field {
-                field,
-                value,
-                expected,
-            } => Self::Never(Refusal::field(422, field, &value, expected)),
+            ServiceError::Field { field, value, expected } => {
+                Self::Never(Refusal::field(422, field, &value, expected))
+            }
             // Full, busy or away: what is wrong concerns every message.
             ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) | ServiceError::File { .. } => {
                 Self::Later(error.to_string())
@@ -181,34 +179,19 @@ mod tests {
 
     #[test]
     fn what_passes_is_not_refused() {
-        let busy = ServiceError::Busy {
-            what: "the queue of records is full",
-            retry_after_s: 1,
-        };
+        let busy = ServiceError::Busy { what: "the queue of records is full", retry_after_s: 1 };
         assert!(matches!(Verdict::from(busy), Verdict::Later(reason) if reason.contains("queue")));
-        assert!(matches!(
-            Verdict::from(ServiceError::WorkerLost("decode")),
-            Verdict::Fault(_)
-        ));
+        assert!(matches!(Verdict::from(ServiceError::WorkerLost("decode")), Verdict::Fault(_)));
         let away = StoreError::Database(sqlx::Error::PoolTimedOut);
-        assert!(matches!(
-            Verdict::from(ServiceError::Store(away)),
-            Verdict::Later(_)
-        ));
+        assert!(matches!(Verdict::from(ServiceError::Store(away)), Verdict::Later(_)));
     }
 
     #[test]
     fn what_stays_wrong_is_refused() {
         let (asset, of) = (AssetId::new("pinion").unwrap(), AssetId::new("wheel").unwrap());
         let verdict = Verdict::from(ServiceError::SensorOfOther { asset, of });
-        assert!(
-            matches!(&verdict, Verdict::Never(refusal) if refusal.0.status == 409),
-            "{verdict:?}"
-        );
+        assert!(matches!(&verdict, Verdict::Never(refusal) if refusal.0.status == 409), "{verdict:?}");
         let missing = StoreError::ObjectMissing("ab".to_owned());
-        assert!(matches!(
-            Verdict::from(ServiceError::Store(missing)),
-            Verdict::Fault(_)
-        ));
+        assert!(matches!(Verdict::from(ServiceError::Store(missing)), Verdict::Fault(_)));
     }
 }

@@ -103,16 +103,11 @@ impl MqttTable {
         let (is_tls, host, port) = address(&url)?;
         let tls = match (self.certificate, self.key) {
             (None, None) => TlsFiles::default(),
-            (Some(certificate), Some(key)) => TlsFiles {
-                client: Some((certificate, key)),
-                ..TlsFiles::default()
-            },
+            (Some(certificate), Some(key)) => {
+                TlsFiles { client: Some((certificate, key)), ..TlsFiles::default() }
+            }
             (Some(_), None) => {
-                return Err(MqttError::setting(
-                    "key",
-                    "missing",
-                    "both certificate and key or none of them",
-                ));
+                return Err(MqttError::setting("key", "missing", "both certificate and key or none of them"));
             }
             (None, Some(_)) => {
                 return Err(MqttError::setting(
@@ -122,16 +117,9 @@ impl MqttTable {
                 ));
             }
         };
-        let tls = TlsFiles {
-            ca_file: self.ca_file,
-            ..tls
-        };
+        let tls = TlsFiles { ca_file: self.ca_file, ..tls };
         if !is_tls && (tls.ca_file.is_some() || tls.client.is_some()) {
-            return Err(MqttError::setting(
-                "url",
-                url,
-                "mqtts://…, where certificates are given",
-            ));
+            return Err(MqttError::setting("url", url, "mqtts://…, where certificates are given"));
         }
         let share = self.share;
         let client_id = match (credentials.client_id.or(self.client_id), &share) {
@@ -147,11 +135,7 @@ impl MqttTable {
             host,
             port,
             client_id,
-            login: login(
-                credentials.username.or(self.username),
-                credentials.password,
-                self.password_file,
-            )?,
+            login: login(credentials.username.or(self.username), credentials.password, self.password_file)?,
             tls: is_tls.then_some(tls),
             root: self.root.unwrap_or_else(|| "flankwatch".to_owned()),
             share,
@@ -169,25 +153,13 @@ impl MqttSettings {
     fn check(&self, max_bytes: usize) -> Result<(), MqttError> {
         let is_level = |name: &str| !name.is_empty() && !name.contains(['+', '#', '\0']);
         if !is_level(&self.root) || self.root.starts_with('$') {
-            return Err(MqttError::setting(
-                "root",
-                &self.root,
-                "levels of a topic without + and #",
-            ));
+            return Err(MqttError::setting("root", &self.root, "levels of a topic without + and #"));
         }
-        if let Some(share) = self
-            .share
-            .as_deref()
-            .filter(|share| !is_level(share) || share.contains('/'))
-        {
+        if let Some(share) = self.share.as_deref().filter(|share| !is_level(share) || share.contains('/')) {
             return Err(MqttError::setting("share", share, "a name without /, + and #"));
         }
         if !(1..=1024).contains(&self.in_flight) {
-            return Err(MqttError::setting(
-                "in_flight",
-                self.in_flight,
-                "1 to 1024 messages",
-            ));
+            return Err(MqttError::setting("in_flight", self.in_flight, "1 to 1024 messages"));
         }
         if !(1..=max_bytes).contains(&self.message_bytes) {
             let expected = "at least 1 and at most limits.record_bytes";
@@ -199,18 +171,10 @@ impl MqttSettings {
         }
         // What the client library takes.
         if self.keep_alive.as_secs() < 5 {
-            return Err(MqttError::setting(
-                "keep_alive_s",
-                self.keep_alive.as_secs(),
-                "at least 5",
-            ));
+            return Err(MqttError::setting("keep_alive_s", self.keep_alive.as_secs(), "at least 5"));
         }
         if self.client_id.is_empty() || self.client_id.len() > 128 {
-            return Err(MqttError::setting(
-                "client_id",
-                &self.client_id,
-                "a name of 1 to 128 bytes",
-            ));
+            return Err(MqttError::setting("client_id", &self.client_id, "a name of 1 to 128 bytes"));
         }
         Ok(())
     }
@@ -273,16 +237,8 @@ fn login(
     match (username, password) {
         (None, None) => Ok(None),
         (Some(username), Some(password)) => Ok(Some(Login { username, password })),
-        (Some(_), None) => Err(MqttError::setting(
-            "password_file",
-            "missing",
-            "a password for the user",
-        )),
-        (None, Some(_)) => Err(MqttError::setting(
-            "username",
-            "missing",
-            "the user of the password",
-        )),
+        (Some(_), None) => Err(MqttError::setting("password_file", "missing", "a password for the user")),
+        (None, Some(_)) => Err(MqttError::setting("username", "missing", "the user of the password")),
     }
 }
 
@@ -318,27 +274,16 @@ mod tests {
 
     fn resolve(text: &str) -> Result<MqttSettings, String> {
         let table: MqttTable = toml::from_str(text).map_err(|error| error.to_string())?;
-        table
-            .resolve(MqttCredentials::default(), 1 << 20)
-            .map_err(|error| error.to_string())
+        table.resolve(MqttCredentials::default(), 1 << 20).map_err(|error| error.to_string())
     }
 
     #[test]
     fn an_address_is_enough() {
         let settings = resolve(r#"url = "mqtt://broker""#).unwrap();
-        assert_eq!(
-            (settings.broker().as_str(), settings.root.as_str()),
-            ("broker:1883", "flankwatch")
-        );
+        assert_eq!((settings.broker().as_str(), settings.root.as_str()), ("broker:1883", "flankwatch"));
         assert_eq!(settings.message_bytes, 1 << 20, "no more than the service takes");
-        assert_eq!(
-            resolve(r#"url = "mqtts://broker""#).unwrap().broker(),
-            "broker:8883"
-        );
-        assert_eq!(
-            resolve(r#"url = "mqtts://10.0.0.1:99/""#).unwrap().broker(),
-            "10.0.0.1:99"
-        );
+        assert_eq!(resolve(r#"url = "mqtts://broker""#).unwrap().broker(), "broker:8883");
+        assert_eq!(resolve(r#"url = "mqtts://10.0.0.1:99/""#).unwrap().broker(), "10.0.0.1:99");
     }
 
     #[test]
@@ -353,10 +298,7 @@ mod tests {
         let options = table.resolve(credentials, 1 << 20).unwrap().options().unwrap();
         assert_eq!(options.client_id(), "node-2");
         let login = options.credentials().unwrap();
-        assert_eq!(
-            (login.username.as_str(), login.password.as_str()),
-            ("env", "secret")
-        );
+        assert_eq!((login.username.as_str(), login.password.as_str()), ("env", "secret"));
     }
 
     #[test]
@@ -367,31 +309,16 @@ mod tests {
             (r#"url = "mqtt://user:secret@broker""#, "no user in it"),
             (r#"url = "mqtt://broker/topic""#, "mqtt.url"),
             ("url = \"mqtt://b\"\nca_file = \"ca.pem\"", "mqtts://"),
-            (
-                "url = \"mqtts://b\"\ncertificate = \"c.pem\"",
-                "mqtt.key is missing",
-            ),
-            (
-                "url = \"mqtt://b\"\nshare = \"nodes\"",
-                "mqtt.client_id is missing",
-            ),
-            (
-                "url = \"mqtt://b\"\nshare = \"a/b\"\nclient_id = \"1\"",
-                "mqtt.share is a/b",
-            ),
+            ("url = \"mqtts://b\"\ncertificate = \"c.pem\"", "mqtt.key is missing"),
+            ("url = \"mqtt://b\"\nshare = \"nodes\"", "mqtt.client_id is missing"),
+            ("url = \"mqtt://b\"\nshare = \"a/b\"\nclient_id = \"1\"", "mqtt.share is a/b"),
             ("url = \"mqtt://b\"\nroot = \"a/+\"", "mqtt.root is a/+"),
             ("url = \"mqtt://b\"\nin_flight = 0", "mqtt.in_flight is 0"),
-            (
-                "url = \"mqtt://b\"\nmessage_bytes = 2000000",
-                "limits.record_bytes",
-            ),
+            ("url = \"mqtt://b\"\nmessage_bytes = 2000000", "limits.record_bytes"),
             ("url = \"mqtt://b\"\nsession_expiry_s = 0", "session_expiry_s"),
             ("url = \"mqtt://b\"\nkeep_alive_s = 1", "keep_alive_s"),
             ("url = \"mqtt://b\"\nusername = \"u\"", "password_file"),
-            (
-                "url = \"mqtt://b\"\npassword_file = \"p\"",
-                "mqtt.username is missing",
-            ),
+            ("url = \"mqtt://b\"\npassword_file = \"p\"", "mqtt.username is missing"),
             ("url = \"mqtt://b\"\nqos = 2", "unknown field `qos`"),
         ] {
             let error = resolve(text).map(|_| ()).unwrap_err();
@@ -400,9 +327,6 @@ mod tests {
         }
         let missing = resolve("url = \"mqtts://b\"\nca_file = \"/nowhere/ca.pem\"").unwrap();
         let error = missing.options().map(|_| ()).unwrap_err().to_string();
-        assert!(
-            error.contains("mqtt.ca_file") && error.contains("/nowhere/ca.pem"),
-            "{error}"
-        );
+        assert!(error.contains("mqtt.ca_file") && error.contains("/nowhere/ca.pem"), "{error}");
     }
 }

@@ -56,9 +56,7 @@ impl TlsFiles {
         };
         let certificates: Result<Vec<_>, _> = CertificateDer::pem_file_iter(path).and_then(Iterator::collect);
         for certificate in certificates.map_err(|error| MqttError::tls("ca_file", path, error))? {
-            authorities
-                .add(certificate)
-                .map_err(|error| MqttError::tls("ca_file", path, error))?;
+            authorities.add(certificate).map_err(|error| MqttError::tls("ca_file", path, error))?;
         }
         if authorities.is_empty() {
             return Err(MqttError::tls("ca_file", path, "no certificate in it"));

@@ -33,20 +33,12 @@ pub(super) fn rejected(topic: &str) -> String {
 
 /// Reads a topic.
 pub(super) fn read(root: &str, topic: &str) -> Result<Address, Refusal> {
-    let rest = topic
-        .strip_prefix(root)
-        .and_then(|rest| rest.strip_prefix('/'))
-        .unwrap_or_default();
+    let rest = topic.strip_prefix(root).and_then(|rest| rest.strip_prefix('/')).unwrap_or_default();
     let mut levels = rest.split('/');
     let (Some(asset), Some(point), Some(WAVEFORM), None) =
         (levels.next(), levels.next(), levels.next(), levels.next())
     else {
-        return Err(Refusal::field(
-            400,
-            "topic",
-            topic,
-            "{root}/{asset}/{point}/waveform",
-        ));
+        return Err(Refusal::field(400, "topic", topic, "{root}/{asset}/{point}/waveform"));
     };
     let Ok(asset) = AssetId::new(asset) else {
         let expected = "an asset of 1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit";
@@ -60,10 +52,7 @@ pub(super) fn read(root: &str, topic: &str) -> Result<Address, Refusal> {
             "a point of 1 to 200 bytes without control characters",
         ));
     }
-    Ok(Address {
-        asset,
-        point: point.to_owned(),
-    })
+    Ok(Address { asset, point: point.to_owned() })
 }
 
 #[cfg(test)]
@@ -73,14 +62,8 @@ mod tests {
     #[test]
     fn asset_and_point_are_read() {
         let address = read("plant/7", "plant/7/gearbox-1/input/waveform").unwrap();
-        assert_eq!(
-            (address.asset.as_str(), address.point.as_str()),
-            ("gearbox-1", "input")
-        );
-        assert_eq!(
-            rejected("plant/7/gearbox-1/input/waveform"),
-            "plant/7/gearbox-1/input/rejected"
-        );
+        assert_eq!((address.asset.as_str(), address.point.as_str()), ("gearbox-1", "input"));
+        assert_eq!(rejected("plant/7/gearbox-1/input/waveform"), "plant/7/gearbox-1/input/rejected");
     }
 
     #[test]

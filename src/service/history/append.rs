@@ -35,11 +35,7 @@ pub(crate) struct Appended<'a> {
 /// What new segments do to a channel's history.
 enum Fold {
     /// The estimates after position `after` are these.
-    From {
-        after: u64,
-        folded: Folded,
-        estimator: KeyedEstimator,
-    },
+    From { after: u64, folded: Folded, estimator: KeyedEstimator },
     /// They have these results for now, and the history after them is to be folded again in the background.
     Later { results: Vec<(SegmentKey, RunResult)> },
 }
@@ -62,10 +58,7 @@ impl Folding {
         }
         if channel.segments == 0 {
             // The first records of a channel stand under what is asked for now.
-            let keys = ChannelKeys {
-                analysed: wanted,
-                fold: current.fold_key.clone(),
-            };
+            let keys = ChannelKeys { analysed: wanted, fold: current.fold_key.clone() };
             let timeline = self.timeline(asset, None, &mut slot).await?;
             let folded = self.fold_first(current, None, inputs_of(&new), &timeline).await?;
             let estimator = current.clone();
@@ -75,17 +68,11 @@ impl Folding {
                 new,
                 slot,
                 keys,
-                fold: Fold::From {
-                    after: 0,
-                    folded,
-                    estimator,
-                },
+                fold: Fold::From { after: 0, folded, estimator },
             });
         }
         let keys = channel.keys.clone();
-        let fits = new
-            .values()
-            .all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
+        let fits = new.values().all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
         // Records go on under the estimator of the history that is served, until another one is.
         let estimator = simulations.estimator_of(&keys.fold).filter(|_| fits);
         let fold = match estimator {
@@ -93,19 +80,10 @@ impl Folding {
             None => {
                 let need = asset.spec.baseline.records;
                 let result = || while_recomputing(need);
-                Fold::Later {
-                    results: new.keys().map(|key| (key.clone(), result())).collect(),
-                }
+                Fold::Later { results: new.keys().map(|key| (key.clone(), result())).collect() }
             }
         };
-        Ok(Appended {
-            asset,
-            channel,
-            new,
-            slot,
-            keys,
-            fold,
-        })
+        Ok(Appended { asset, channel, new, slot, keys, fold })
     }
 
     async fn fold_in(
@@ -130,19 +108,14 @@ impl Folding {
             None => self.point_before(channel, first).await?,
         };
         let after = from.as_ref().map_or(0, |point| point.position);
-        let stored_after = newest
-            .as_ref()
-            .map_or(channel.segments, |newest| newest.position.saturating_sub(after));
+        let stored_after =
+            newest.as_ref().map_or(channel.segments, |newest| newest.position.saturating_sub(after));
         let mut inputs = inputs_of(new);
         let is_latest = newest.as_ref().is_some_and(|newest| newest.last < *first);
         if is_latest {
             let folded = self.fold_first(estimator, from, inputs, &timeline).await?;
             let estimator = estimator.clone();
-            return Ok(Fold::From {
-                after,
-                folded,
-                estimator,
-            });
+            return Ok(Fold::From { after, folded, estimator });
         }
         let fold_all = stored_after <= FOLDED_AT_ONCE && newest.is_some();
         // All that is stored after the state, or only what lies before the last of the new ones.
@@ -164,16 +137,10 @@ impl Folding {
             // Those before the first new one are what they were.
             folded.results.retain(|(key, _)| key >= first);
             let estimator = estimator.clone();
-            return Ok(Fold::From {
-                after,
-                folded,
-                estimator,
-            });
+            return Ok(Fold::From { after, folded, estimator });
         }
         folded.results.retain(|(key, _)| new.contains_key(key));
-        Ok(Fold::Later {
-            results: folded.results,
-        })
+        Ok(Fold::Later { results: folded.results })
     }
 }
 
@@ -206,10 +173,7 @@ impl Appended<'_> {
         commit: &mut Commit,
         now: Timestamp,
     ) -> Result<Vec<AlarmNotice>, ServiceError> {
-        let Fold::From {
-            folded, estimator, ..
-        } = &self.fold
-        else {
+        let Fold::From { folded, estimator, .. } = &self.fold else {
             return Ok(Vec::new());
         };
         let is_append = folded.results.len() == self.new.len();
@@ -218,9 +182,8 @@ impl Appended<'_> {
         if folded.alarms.is_quiet() && (is_append || !has_alarms) {
             return Ok(Vec::new());
         }
-        let notices = commit
-            .set_alarms(&self.channel, folded.alarms.folded(estimator, is_append), now)
-            .await?;
+        let notices =
+            commit.set_alarms(&self.channel, folded.alarms.folded(estimator, is_append), now).await?;
         if !has_alarms {
             self.slot.timeline = None;
         }
@@ -229,21 +192,10 @@ impl Appended<'_> {
 
     /// To be called once all is committed: brings the channel's slot up to date, and says what was stored.
     pub(crate) fn committed(self, simulations: &Simulations) -> Committed {
-        let Self {
-            asset,
-            channel,
-            mut new,
-            mut slot,
-            fold,
-            ..
-        } = self;
+        let Self { asset, channel, mut new, mut slot, fold, .. } = self;
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
-            Fold::From {
-                after,
-                folded,
-                estimator,
-            } => {
+            Fold::From { after, folded, estimator } => {
                 // Of a channel that has just begun nobody else saw that its library came meanwhile.
                 let now = || simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;
@@ -252,13 +204,8 @@ impl Appended<'_> {
             }
             Fold::Later { results } => (results, true),
         };
-        let stored = results
-            .into_iter()
-            .filter_map(|(key, result)| Some(new.remove(&key)?.with_run(result)));
-        Committed {
-            segments: stored.collect(),
-            outdated: is_outdated.then(|| asset.spec.id.clone()),
-        }
+        let stored = results.into_iter().filter_map(|(key, result)| Some(new.remove(&key)?.with_run(result)));
+        Committed { segments: stored.collect(), outdated: is_outdated.then(|| asset.spec.id.clone()) }
     }
 }
 

@@ -23,10 +23,7 @@ pub(crate) struct Revisions {
 
 impl Revisions {
     pub(crate) fn of(asset: &Asset, channel: Option<&ChannelSummary>) -> Self {
-        Self {
-            asset: asset.version(),
-            channel: channel.map(ChannelSummary::version),
-        }
+        Self { asset: asset.version(), channel: channel.map(ChannelSummary::version) }
     }
 }
 
@@ -54,10 +51,7 @@ impl Slot {
     /// Forgets what was not made from this: another process may have changed the channel.
     pub(crate) fn validate(&mut self, revisions: Revisions) {
         if self.revisions != Some(revisions) {
-            *self = Self {
-                revisions: Some(revisions),
-                ..Self::default()
-            };
+            *self = Self { revisions: Some(revisions), ..Self::default() };
         }
     }
 

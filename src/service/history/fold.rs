@@ -72,11 +72,7 @@ pub(crate) struct AlarmRun {
 impl AlarmRun {
     /// Before the first record.
     pub(crate) fn start(keyed: &KeyedEstimator) -> Self {
-        Self {
-            after: 0,
-            changes: Vec::new(),
-            panel: keyed.estimator.start().into_alarms(),
-        }
+        Self { after: 0, changes: Vec::new(), panel: keyed.estimator.start().into_alarms() }
     }
 
     /// Replaces what comes after the place where `next` begins.
@@ -103,9 +99,7 @@ impl AlarmRun {
     }
 
     fn add(&mut self, place: u64, changes: Vec<PanelChange>) {
-        let placed = changes
-            .into_iter()
-            .map(|(rule, change)| PlacedChange { place, rule, change });
+        let placed = changes.into_iter().map(|(rule, change)| PlacedChange { place, rule, change });
         self.changes.extend(placed);
     }
 }
@@ -133,11 +127,7 @@ impl FoldInput {
 impl FoldPoint {
     /// From the store.
     pub(crate) fn from_stored(stored: FoldState) -> Result<Self, serde_json::Error> {
-        Ok(Self {
-            state: serde_json::from_str(&stored.state)?,
-            last: stored.last,
-            position: stored.position,
-        })
+        Ok(Self { state: serde_json::from_str(&stored.state)?, last: stored.last, position: stored.position })
     }
 
     /// For the store.
@@ -147,20 +137,14 @@ impl FoldPoint {
             of: self.last.id.to_string(),
             source,
         })?;
-        Ok(FoldState {
-            last: self.last.clone(),
-            position: self.position,
-            state,
-        })
+        Ok(FoldState { last: self.last.clone(), position: self.position, state })
     }
 }
 
 impl RecentPoints {
     /// With the newest state only.
     pub(crate) fn new(newest: Option<FoldPoint>) -> Self {
-        Self {
-            points: newest.into_iter().collect(),
-        }
+        Self { points: newest.into_iter().collect() }
     }
 
     /// The state after the latest record.
@@ -221,17 +205,9 @@ fn fold(
     let last = position + inputs.len() as u64;
     let mut results = Vec::with_capacity(inputs.len());
     let mut points = Vec::new();
-    let mut alarms = AlarmRun {
-        after: 2 * position,
-        ..AlarmRun::start(keyed)
-    };
+    let mut alarms = AlarmRun { after: 2 * position, ..AlarmRun::start(keyed) };
     for input in inputs {
-        let FoldInput {
-            key,
-            features,
-            indicators,
-            ..
-        } = input;
+        let FoldInput { key, features, indicators, .. } = input;
         let start_time = key.start_time;
         for event in timeline.between(last_time, start_time) {
             let changes = match event {
@@ -248,31 +224,17 @@ fn fold(
         last_time = Some(start_time);
         alarms.add(2 * position, result.changes);
         if position.is_multiple_of(SEGMENTS_PER_STATE) || position + RECENT as u64 > last {
-            points.push(FoldPoint {
-                last: key.clone(),
-                position,
-                state: state.clone(),
-            });
+            points.push(FoldPoint { last: key.clone(), position, state: state.clone() });
         }
-        let result = RunResult {
-            indicators: result.indicators,
-            wear: result.wear,
-        };
+        let result = RunResult { indicators: result.indicators, wear: result.wear };
         results.push((key, result));
     }
     // An event counts from the next record on; what operators did to an alarm counts at once.
     for action in timeline.actions_from(last_time) {
-        alarms.add(
-            2 * position + 1,
-            estimator.action(&mut state, action).into_iter().collect(),
-        );
+        alarms.add(2 * position + 1, estimator.action(&mut state, action).into_iter().collect());
     }
     alarms.panel = state.into_alarms();
-    Folded {
-        results,
-        points,
-        alarms,
-    }
+    Folded { results, points, alarms }
 }
 
 /// A state from the store; one that cannot be read is worth as much as none, since it can be computed again.
@@ -290,8 +252,5 @@ pub(crate) fn while_recomputing(need: u32) -> RunResult {
     let reason = "the records before this one are being computed again, its wear follows".to_owned();
     let baseline = BaselineProgress { have: 0, need };
     let wear = WearEstimate::without_number(WearStatus::Recomputing, reason, baseline);
-    RunResult {
-        indicators: Indicators::default(),
-        wear,
-    }
+    RunResult { indicators: Indicators::default(), wear }
 }

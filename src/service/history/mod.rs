@@ -57,10 +57,7 @@ impl History {
     ) -> Self {
         let channels = Arc::<channels::Channels>::default();
         let progress = Arc::new(Progress::new(events.clone()));
-        let folding = Folding {
-            store: store.clone(),
-            workers: Arc::clone(&workers),
-        };
+        let folding = Folding { store: store.clone(), workers: Arc::clone(&workers) };
         let recomputer = Recomputer {
             store,
             workers,
@@ -71,15 +68,7 @@ impl History {
             folding: folding.clone(),
             progress: Arc::clone(&progress),
         };
-        Self {
-            simulations,
-            role,
-            channels,
-            folding,
-            progress,
-            recomputer,
-            waiting: Mutex::default(),
-        }
+        Self { simulations, role, channels, folding, progress, recomputer, waiting: Mutex::default() }
     }
 
     /// The right to change a channel.
@@ -96,9 +85,7 @@ impl History {
         new: BTreeMap<SegmentKey, NewSegment>,
         slot: OwnedMutexGuard<Slot>,
     ) -> Result<Appended<'a>, ServiceError> {
-        self.folding
-            .append(&self.simulations, asset, current, channel, new, slot)
-            .await
+        self.folding.append(&self.simulations, asset, current, channel, new, slot).await
     }
 
     /// Forgets an asset that is gone.

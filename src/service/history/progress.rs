@@ -19,10 +19,7 @@ pub(crate) struct Progress {
 
 impl Progress {
     pub(crate) fn new(events: Announcer) -> Self {
-        Self {
-            shown: Mutex::default(),
-            events,
-        }
+        Self { shown: Mutex::default(), events }
     }
 
     fn lock(&self) -> MutexGuard<'_, BTreeMap<(AssetId, String), Arc<Recomputation>>> {
@@ -33,9 +30,7 @@ impl Progress {
     /// The last recomputation of each channel, of one asset or of all.
     pub(crate) fn list(&self, asset: Option<&AssetId>) -> Vec<Arc<Recomputation>> {
         let shown = self.lock();
-        let wanted = shown
-            .values()
-            .filter(|shown| asset.is_none_or(|asset| shown.asset == *asset));
+        let wanted = shown.values().filter(|shown| asset.is_none_or(|asset| shown.asset == *asset));
         wanted.cloned().collect()
     }
 

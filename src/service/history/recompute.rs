@@ -65,10 +65,7 @@ struct Refolded {
 
 impl Refolded {
     fn start(estimator: &KeyedEstimator) -> Self {
-        Self {
-            point: None,
-            alarms: AlarmRun::start(estimator),
-        }
+        Self { point: None, alarms: AlarmRun::start(estimator) }
     }
 }
 
@@ -121,10 +118,8 @@ impl Recomputer {
             let Some(channel) = self.store.channel(asset, name).await? else {
                 return Ok(Made::Here);
             };
-            let wanted = ChannelKeys {
-                analysed: analysis_keys(&description.spec),
-                fold: estimator.fold_key.clone(),
-            };
+            let wanted =
+                ChannelKeys { analysed: analysis_keys(&description.spec), fold: estimator.fold_key.clone() };
             if channel.segments == 0 || (channel.keys == wanted && !channel.must_fold) {
                 self.remove_leftovers(&channel).await?;
                 return Ok(Made::Here);
@@ -145,10 +140,7 @@ impl Recomputer {
             let Some(wear) = self.store.begin_making(&channel, self.clock.now()).await? else {
                 return Ok(Made::Elsewhere);
             };
-            match self
-                .recompute(&description, &estimator, &channel, wear, wanted)
-                .await
-            {
+            match self.recompute(&description, &estimator, &channel, wear, wanted).await {
                 Ok(()) => {}
                 // Another process took its place, or its description changed: looked at from the start.
                 Err(ServiceError::Store(StoreError::Outdated(what))) => {
@@ -183,16 +175,12 @@ impl Recomputer {
         };
         let generations = Generations { analyses, wear };
         if !is_analysed {
-            self.analyse_again(&description.spec, channel, generations)
-                .await?;
+            self.analyse_again(&description.spec, channel, generations).await?;
         }
-        self.progress
-            .update(asset, name, |shown| shown.state = RecomputationState::Folding);
+        self.progress.update(asset, name, |shown| shown.state = RecomputationState::Folding);
         let mut history = Refolded::start(estimator);
         let timeline = self.timeline_now(description, channel).await?;
-        while self
-            .fold_piece(estimator, channel, generations, &timeline, &mut history)
-            .await?
+        while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await?
             >= FOLDED_AT_ONCE as usize
         {}
         // From here on this process brings nothing new: what came meanwhile is little. What another one
@@ -207,8 +195,7 @@ impl Recomputer {
             }
             let (current, changed_from) = store.take_changes(channel, wear).await?;
             if !is_analysed {
-                self.analyse_again(&current_asset.spec, channel, generations)
-                    .await?;
+                self.analyse_again(&current_asset.spec, channel, generations).await?;
             }
             let timeline = self.timeline_now(&current_asset, &current).await?;
             let passed = |point: &Option<FoldPoint>, key: &SegmentKey| {
@@ -221,21 +208,11 @@ impl Recomputer {
                 history.point = stored.and_then(|stored| read_point(channel, stored));
             }
             // Also where no record is left: what operators did since the last one.
-            while self
-                .fold_piece(estimator, channel, generations, &timeline, &mut history)
-                .await?
-                > 0
-            {}
+            while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await? > 0 {}
             let alarms = history.alarms.folded(estimator, false);
-            let from = MadeFrom {
-                asset: current_asset.version(),
-                channel: current.version(),
-            };
+            let from = MadeFrom { asset: current_asset.version(), channel: current.version() };
             let now = self.clock.now();
-            match store
-                .serve(channel, from, (analyses, wear), wanted.clone(), alarms, now)
-                .await
-            {
+            match store.serve(channel, from, (analyses, wear), wanted.clone(), alarms, now).await {
                 Err(error) if error.is_conflict() && turns < MAX_TURNS => turns += 1,
                 served => break (served?, now),
             }
@@ -248,10 +225,7 @@ impl Recomputer {
             shown.state = RecomputationState::Finished;
             shown.finished_at = Some(now);
         });
-        self.events.announce(LiveEvent::HistoryFolded {
-            asset: asset.clone(),
-            channel: name.to_owned(),
-        });
+        self.events.announce(LiveEvent::HistoryFolded { asset: asset.clone(), channel: name.to_owned() });
         Ok(())
     }
 
@@ -261,9 +235,7 @@ impl Recomputer {
         asset: &Asset,
         channel: &ChannelSummary,
     ) -> Result<Arc<Timeline>, ServiceError> {
-        self.folding
-            .timeline(asset, Some(channel), &mut Slot::default())
-            .await
+        self.folding.timeline(asset, Some(channel), &mut Slot::default()).await
     }
 
     /// Analyses again what is not analysed yet in a generation.
@@ -271,17 +243,12 @@ impl Recomputer {
         &self,
         spec: &AssetSpec,
         channel: &ChannelSummary,
-        Generations {
-            analyses: generation,
-            wear,
-        }: Generations,
+        Generations { analyses: generation, wear }: Generations,
     ) -> Result<(), ServiceError> {
         let store = &self.store;
         let mut after: Option<SegmentKey> = None;
         loop {
-            let segments = store
-                .not_analysed(channel, generation, after.as_ref(), ANALYSED_AT_ONCE)
-                .await?;
+            let segments = store.not_analysed(channel, generation, after.as_ref(), ANALYSED_AT_ONCE).await?;
             let Some(last) = segments.last() else {
                 return Ok(());
             };
@@ -293,9 +260,7 @@ impl Recomputer {
                 tasks.spawn(async move {
                     let samples = usize::try_from(segment.samples).unwrap_or(usize::MAX);
                     let again = move || analyse_one(&store, &spec, segment);
-                    workers
-                        .run_analysis("analyse a record again", samples, again)
-                        .await
+                    workers.run_analysis("analyse a record again", samples, again).await
                 });
             }
             let mut analyses: Vec<(SegmentId, Analysed)> = Vec::new();
@@ -307,14 +272,11 @@ impl Recomputer {
                 analyses.push((id, analysed));
             }
             let now = self.clock.now();
-            store
-                .add_analyses(channel, wear, generation, &analyses, now)
-                .await?;
-            self.progress
-                .update(&channel.asset_id, &channel.channel, |shown| {
-                    shown.analysed += analyses.len() as u64 - without_raw;
-                    shown.without_raw += without_raw;
-                });
+            store.add_analyses(channel, wear, generation, &analyses, now).await?;
+            self.progress.update(&channel.asset_id, &channel.channel, |shown| {
+                shown.analysed += analyses.len() as u64 - without_raw;
+                shown.without_raw += without_raw;
+            });
         }
     }
 
@@ -331,14 +293,9 @@ impl Recomputer {
         let store = &self.store;
         let Refolded { point, alarms } = history;
         let after = point.as_ref().map(|point| &point.last);
-        let stored = store
-            .features_of_generation(channel, analyses, after, FOLDED_AT_ONCE)
-            .await?;
+        let stored = store.features_of_generation(channel, analyses, after, FOLDED_AT_ONCE).await?;
         let count = stored.len();
-        let inputs = stored
-            .into_iter()
-            .map(|stored| FoldInput::of(stored, &estimator.feature_key))
-            .collect();
+        let inputs = stored.into_iter().map(|stored| FoldInput::of(stored, &estimator.feature_key)).collect();
         let position = point.as_ref().map_or(0, |point| point.position);
         let fold = folding(estimator, point.clone(), inputs, timeline);
         let mut folded = self.workers.run("estimate the wear", fold).await?;
@@ -348,14 +305,10 @@ impl Recomputer {
         }
         let states = states_of(&folded.points)?;
         let now = self.clock.now();
-        store
-            .add_wears(channel, wear, &folded.results, (position, &states), now)
-            .await?;
+        store.add_wears(channel, wear, &folded.results, (position, &states), now).await?;
         *point = folded.points.pop();
         self.progress
-            .update(&channel.asset_id, &channel.channel, |shown| {
-                shown.folded = position + count as u64
-            });
+            .update(&channel.asset_id, &channel.channel, |shown| shown.folded = position + count as u64);
         Ok(count)
     }
 
@@ -366,10 +319,7 @@ impl Recomputer {
         let mut after = None;
         loop {
             let now = self.clock.now();
-            after = self
-                .store
-                .remove_leftovers(channel, after.as_ref(), REMOVED_AT_ONCE, now)
-                .await?;
+            after = self.store.remove_leftovers(channel, after.as_ref(), REMOVED_AT_ONCE, now).await?;
             if after.is_none() {
                 return Ok(());
             }

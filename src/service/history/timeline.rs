@@ -45,9 +45,8 @@ impl Timeline {
     /// Events and actions, each in the order of time.
     pub(crate) fn new(events: Vec<MaintenanceEvent>, actions: Vec<PanelAction>, has_alarms: bool) -> Self {
         let actions = actions.into_iter().map(TimelineEvent::Action);
-        let mut all: Vec<TimelineEvent> = actions
-            .chain(events.into_iter().map(TimelineEvent::Maintenance))
-            .collect();
+        let mut all: Vec<TimelineEvent> =
+            actions.chain(events.into_iter().map(TimelineEvent::Maintenance)).collect();
         // Stable: at one time actions stay before events, and each in its own order.
         all.sort_by_key(TimelineEvent::time);
         Self { all, has_alarms }
@@ -138,10 +137,7 @@ mod tests {
             (4, false, 4),
         ];
         assert_eq!(seen, expected);
-        let later: Vec<_> = timeline
-            .actions_from(before)
-            .map(|action| action.taken.after)
-            .collect();
+        let later: Vec<_> = timeline.actions_from(before).map(|action| action.taken.after).collect();
         assert_eq!(later, [at(4), at(5), at(6)]);
     }
 }

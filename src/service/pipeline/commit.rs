@@ -97,11 +97,7 @@ impl Committer {
     ) -> Result<Vec<CommittedSegment>, ServiceError> {
         let (answer, mut answered) = oneshot::channel();
         let queue = &self.waiting;
-        queue.push(Job {
-            asset: asset.clone(),
-            segments,
-            answer,
-        });
+        queue.push(Job { asset: asset.clone(), segments, answer });
         loop {
             {
                 // Whoever has the turn works for all who wait; those behind find it done.
@@ -127,10 +123,8 @@ impl Committer {
     }
 
     async fn commit_jobs(&self, jobs: Vec<Job>) {
-        let (waiting, answers): (Vec<_>, Vec<_>) = jobs
-            .into_iter()
-            .map(|job| ((job.asset, job.segments), job.answer))
-            .unzip();
+        let (waiting, answers): (Vec<_>, Vec<_>) =
+            jobs.into_iter().map(|job| ((job.asset, job.segments), job.answer)).unzip();
         let outcomes = match self.commit_patiently(&waiting).await {
             Ok(stored) => stored.into_iter().map(Ok).collect(),
             Err(error) if waiting.len() == 1 => vec![Err(error)],
@@ -204,11 +198,7 @@ impl Committer {
         // Asked under the locks: nobody else stores them now.
         let repeats = self.store.segments_by_id(&ids).await?;
         let mut done: HashMap<SegmentId, (Segment, bool)> = HashMap::new();
-        done.extend(
-            repeats
-                .into_iter()
-                .map(|segment| (segment.id.clone(), (segment, true))),
-        );
+        done.extend(repeats.into_iter().map(|segment| (segment.id.clone(), (segment, true))));
         let mut fresh = Vec::with_capacity(names.len());
         let mut estimators: HashMap<&AssetId, KeyedEstimator> = HashMap::new();
         for (((asset, _), mut new), (channel, slot)) in
@@ -272,10 +262,7 @@ impl Committer {
         let mut stored = Vec::new();
         let mut outdated = Vec::new();
         for channel in appended {
-            let Committed {
-                segments,
-                outdated: asset,
-            } = channel.committed(&self.simulations);
+            let Committed { segments, outdated: asset } = channel.committed(&self.simulations);
             stored.extend(segments);
             outdated.extend(asset);
         }
@@ -306,7 +293,4 @@ impl Committer {
 }
 
 /// What is answered where the store does not answer.
-const STORE_AWAY: ServiceError = ServiceError::Busy {
-    what: "the store is away",
-    retry_after_s: 5,
-};
+const STORE_AWAY: ServiceError = ServiceError::Busy { what: "the store is away", retry_after_s: 5 };

@@ -134,10 +134,7 @@ impl Pipeline {
         let upload = async move {
             let _ticket = ticket;
             let accepted = pipeline.take_upload(&asset, format, bytes, metadata).await;
-            if matches!(
-                accepted,
-                Err(ServiceError::Recording(_) | ServiceError::Field { .. })
-            ) {
+            if matches!(accepted, Err(ServiceError::Recording(_) | ServiceError::Field { .. })) {
                 pipeline.tally.count(Outcome::Refused, 1);
             }
             accepted
@@ -154,35 +151,19 @@ impl Pipeline {
     ) -> Result<Vec<Accepted>, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
         let received_at = self.clock.now();
-        let (units, latest) = (
-            ChannelUnits::of(&self.store, &group.asset.spec).await?,
-            self.latest(received_at),
-        );
+        let (units, latest) =
+            (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
         let records = {
             let (spec, bytes) = (group.asset.spec.clone(), bytes.clone());
             let decode_and_identify = move || {
                 let records = decode_upload(&spec, &units, format, &bytes, &metadata, received_at)?;
-                records
-                    .iter()
-                    .try_for_each(|record| check_time(record.start_time(), latest))?;
-                identify_upload(
-                    &spec.id,
-                    units,
-                    format,
-                    &bytes,
-                    records,
-                    metadata.reference_wear_um,
-                )
+                records.iter().try_for_each(|record| check_time(record.start_time(), latest))?;
+                identify_upload(&spec.id, units, format, &bytes, records, metadata.reference_wear_um)
             };
             self.workers.run("decode a record", decode_and_identify).await??
         };
-        let name = records
-            .first()
-            .map(|record| record.raw.sha256.clone())
-            .unwrap_or_default();
-        let batch = self
-            .begin(group, records, vec![(name, bytes)], received_at)
-            .await?;
+        let name = records.first().map(|record| record.raw.sha256.clone()).unwrap_or_default();
+        let batch = self.begin(group, records, vec![(name, bytes)], received_at).await?;
         let mut accepted = self.finish(batch).await?;
         accepted.sort_by_key(Accepted::channel_index);
         Ok(accepted)
@@ -190,9 +171,7 @@ impl Pipeline {
 
     /// The latest time that a record may be of which is received at a time.
     fn latest(&self, received_at: Timestamp) -> Timestamp {
-        received_at
-            .saturating_add(self.start_time_ahead)
-            .unwrap_or(Timestamp::MAX)
+        received_at.saturating_add(self.start_time_ahead).unwrap_or(Timestamp::MAX)
     }
 
     /// Takes a record of the queue, from the analysis on; none where its asset was removed. A repeat changes
@@ -224,13 +203,7 @@ impl Pipeline {
         let known = known_to_all(&self.store, std::slice::from_ref(queued), &group.members).await?;
         let rest = if known.is_empty() {
             let record = self.identify_queued(queued).await?;
-            self.analyse(
-                group.asset.spec,
-                vec![record],
-                RawBytes::Stored,
-                queued.received_at,
-            )
-            .await?
+            self.analyse(group.asset.spec, vec![record], RawBytes::Stored, queued.received_at).await?
         } else {
             Rest::Nothing
         };
@@ -263,14 +236,11 @@ impl Pipeline {
             Rest::Nothing
         } else if let Role::ApiNode(queue) = &self.role {
             let queued = self.queued(&group, &records, received_at).await?;
-            self.raw
-                .put(raws, queued.iter().map(RecordNote::from).collect())
-                .await?;
+            self.raw.put(raws, queued.iter().map(RecordNote::from).collect()).await?;
             Rest::Enqueue(Arc::clone(queue), queued)
         } else {
-            let notes = records
-                .iter()
-                .map(|record| RecordNote::from(&record.queued(&group.asset, received_at, 0)));
+            let notes =
+                records.iter().map(|record| RecordNote::from(&record.queued(&group.asset, received_at, 0)));
             let raws = RawBytes::New(raws, notes.collect());
             self.analyse(group.asset.spec, records, raws, received_at).await?
         };
@@ -289,49 +259,29 @@ impl Pipeline {
             RawBytes::New(raws, notes) => (raws, notes),
             RawBytes::Stored => (Vec::new(), Vec::new()),
         };
-        let raw = self
-            .raw
-            .uncommitted(raws.iter().map(|(name, _)| name.clone()).collect())
-            .await;
+        let raw = self.raw.uncommitted(raws.iter().map(|(name, _)| name.clone()).collect()).await;
         let objects = Arc::clone(&self.raw);
-        let put = tokio::spawn(async move {
-            if raws.is_empty() {
-                Ok(())
-            } else {
-                objects.put(raws, notes).await
-            }
-        });
+        let put =
+            tokio::spawn(
+                async move { if raws.is_empty() { Ok(()) } else { objects.put(raws, notes).await } },
+            );
         let records = Arc::new(records);
         let segments = analyse_all(&self.workers, &spec, &records, received_at).await;
-        put.await
-            .map_err(|_| ServiceError::WorkerLost("store raw bytes"))??;
-        Ok(Rest::Commit(Box::new(AnalysedBatch {
-            spec,
-            records,
-            segments: segments?,
-            received_at,
-            raw,
-        })))
+        put.await.map_err(|_| ServiceError::WorkerLost("store raw bytes"))??;
+        Ok(Rest::Commit(Box::new(AnalysedBatch { spec, records, segments: segments?, received_at, raw })))
     }
 
     /// The last steps: the commit with its fold and announcements, or the queue. What is answered is in the
     /// order of the records, those stored before first.
     async fn finish(&self, batch: Batch) -> Result<Vec<Accepted>, ServiceError> {
-        let mut accepted: Vec<Accepted> = batch
-            .known
-            .into_iter()
-            .map(|segment| Accepted::Repeated(Box::new(segment)))
-            .collect();
+        let mut accepted: Vec<Accepted> =
+            batch.known.into_iter().map(|segment| Accepted::Repeated(Box::new(segment))).collect();
         match batch.rest {
             Rest::Nothing => {}
             Rest::Commit(analysed) => accepted.extend(self.commit(*analysed).await?),
             Rest::Enqueue(queue, records) => {
                 queue.enqueue(&records).await?;
-                accepted.extend(
-                    records
-                        .into_iter()
-                        .map(|record| Accepted::Queued(Box::new(record))),
-                );
+                accepted.extend(records.into_iter().map(|record| Accepted::Queued(Box::new(record))));
             }
         }
         for accepted in &accepted {
@@ -349,24 +299,14 @@ impl Pipeline {
         &self,
         batch: AnalysedBatch,
     ) -> Result<impl Iterator<Item = Accepted> + use<>, ServiceError> {
-        let AnalysedBatch {
-            spec,
-            records,
-            segments,
-            received_at,
-            mut raw,
-        } = batch;
+        let AnalysedBatch { spec, records, segments, received_at, mut raw } = batch;
         let asset = spec.id.clone();
-        let committed = self
-            .commit_segments(spec, &records, segments, received_at)
-            .await?;
+        let committed = self.commit_segments(spec, &records, segments, received_at).await?;
         raw.are_committed();
         if committed.iter().any(|committed| committed.shares_sensor) {
             self.analyse_for_group(&asset, &records, received_at).await?;
         }
-        let accepted = |CommittedSegment {
-                            segment, repeated, ..
-                        }| match repeated {
+        let accepted = |CommittedSegment { segment, repeated, .. }| match repeated {
             false => Accepted::Stored(Box::new(segment)),
             true => Accepted::Repeated(Box::new(segment)),
         };
@@ -425,10 +365,7 @@ impl Pipeline {
         }
         let records = Arc::new(records);
         let segments = analyse_all(&self.workers, &member, &records, received_at).await?;
-        Ok(self
-            .commit_segments(member, &records, segments, received_at)
-            .await?
-            .len())
+        Ok(self.commit_segments(member, &records, segments, received_at).await?.len())
     }
 
     /// What the queue takes of records.
@@ -458,10 +395,7 @@ impl Pipeline {
             if identified.id == queued.id {
                 Ok(identified)
             } else {
-                Err(ServiceError::QueuedOtherwise {
-                    found: identified.id,
-                    expected: queued.id,
-                })
+                Err(ServiceError::QueuedOtherwise { found: identified.id, expected: queued.id })
             }
         };
         self.workers.run("read a record", identify).await?

@@ -88,11 +88,7 @@ impl RecordStream {
                 }
             }
         });
-        Self {
-            receiver,
-            read: 0,
-            room,
-        }
+        Self { receiver, read: 0, room }
     }
 
     /// The next record by itself; empty at the end.
@@ -158,18 +154,12 @@ impl ReadBatch {
 impl Room {
     fn new(bytes: usize) -> Self {
         let most = u32::try_from(bytes / 1024).unwrap_or(u32::MAX).max(1);
-        Self {
-            kibibytes: Arc::new(Semaphore::new(most as usize)),
-            most,
-            wanted: Arc::default(),
-        }
+        Self { kibibytes: Arc::new(Semaphore::new(most as usize)), most, wanted: Arc::default() }
     }
 
     /// What so many bytes take: all of it where they are more than there is.
     fn needed(&self, bytes: usize) -> u32 {
-        u32::try_from(bytes.div_ceil(1024))
-            .unwrap_or(u32::MAX)
-            .min(self.most)
+        u32::try_from(bytes.div_ceil(1024)).unwrap_or(u32::MAX).min(self.most)
     }
 
     /// Waits for room; none where nobody wants records any more. Blocks the thread.
@@ -224,12 +214,7 @@ mod tests {
         let (mut before, mut stored, mut most) = (ReadBatch::default(), 0, 0);
         let mut batches = Vec::new();
         let bytes = |batch: &ReadBatch| -> usize {
-            batch
-                .records
-                .iter()
-                .flat_map(|(_, record)| record)
-                .map(Recorded::bytes)
-                .sum()
+            batch.records.iter().flat_map(|(_, record)| record).map(Recorded::bytes).sum()
         };
         loop {
             let batch = tokio::time::timeout(Duration::from_secs(20), async {
@@ -259,11 +244,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_record_beyond_the_bound_gets_through_by_itself() {
-        for sizes in [
-            vec![8 * MIB; 4],
-            vec![MIB / 64, 8 * MIB, MIB / 64, MIB / 64, 8 * MIB],
-            vec![8; 300],
-        ] {
+        for sizes in [vec![8 * MIB; 4], vec![MIB / 64, 8 * MIB, MIB / 64, MIB / 64, 8 * MIB], vec![8; 300]] {
             let (count, largest) = (sizes.len(), sizes.iter().copied().max().unwrap());
             let (most, batches) = read_through(2 * MIB, sizes).await;
             assert_eq!(batches.iter().sum::<usize>(), count);

@@ -40,10 +40,7 @@ impl Pipeline {
         let units = ChannelUnits::of(&self.store, &spec).await?;
         let defaults = defaults_of(&spec, &units, self.clock.now());
         let mut records = RecordStream::spawn(self.workers.recording_bytes(), move || {
-            Ok(McapReader::with_defaults(
-                BufReader::with_capacity(1 << 20, open()?),
-                defaults,
-            ))
+            Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults))
         });
         let mut summary = BatchSummary::default();
         let mut before: Option<RecordedBatch> = None;
@@ -91,10 +88,8 @@ impl Pipeline {
         let ReadBatch { records, room } = read;
         let group = SensorGroup::of(&self.store, asset).await?;
         let received_at = self.clock.now();
-        let (mut units, latest) = (
-            ChannelUnits::of(&self.store, &group.asset.spec).await?,
-            self.latest(received_at),
-        );
+        let (mut units, latest) =
+            (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
         for (_, recorded) in &records {
             if let Ok(recorded) = recorded {
                 units.note_first(&recorded.record);
@@ -117,10 +112,8 @@ impl Pipeline {
             self.workers.run("identify records", identify).await?
         };
         let mut summary = BatchSummary::default();
-        let (mut records, mut raws) = (
-            Vec::with_capacity(identified.len()),
-            Vec::with_capacity(identified.len()),
-        );
+        let (mut records, mut raws) =
+            (Vec::with_capacity(identified.len()), Vec::with_capacity(identified.len()));
         for (number, identified) in identified {
             summary.records += 1;
             match identified {
@@ -146,12 +139,7 @@ impl Pipeline {
         begun: Option<RecordedBatch>,
         summary: &mut BatchSummary,
     ) -> Result<(), ServiceError> {
-        let Some(RecordedBatch {
-            batch,
-            summary: mut of_batch,
-            _room,
-        }) = begun
-        else {
+        let Some(RecordedBatch { batch, summary: mut of_batch, _room }) = begun else {
             return Ok(());
         };
         for accepted in self.finish(batch).await? {

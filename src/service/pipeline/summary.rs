@@ -92,11 +92,7 @@ impl BatchSummary {
         let room = MAX_TAKEN_LISTED.saturating_sub(self.segments.len());
         self.segments.extend(later.segments.into_iter().take(room));
         self.channels.extend(later.channels);
-        self.first_start_time = self
-            .first_start_time
-            .into_iter()
-            .chain(later.first_start_time)
-            .min();
+        self.first_start_time = self.first_start_time.into_iter().chain(later.first_start_time).min();
         self.last_start_time = self.last_start_time.max(later.last_start_time);
         self.record_seconds += later.record_seconds;
     }

@@ -43,13 +43,7 @@ pub(crate) struct UncommittedObjects {
 
 impl RawObjects {
     pub(crate) fn new(store: Store, workers: Arc<Workers>, role: Role, quarantined_for: Duration) -> Self {
-        Self {
-            store,
-            workers,
-            role,
-            quarantined_for,
-            uncommitted: Arc::default(),
-        }
+        Self { store, workers, role, quarantined_for, uncommitted: Arc::default() }
     }
 
     /// Stores raw bytes under their names, and what makes `records` of them; they are on the disk once this
@@ -60,10 +54,7 @@ impl RawObjects {
         records: Vec<RecordNote>,
     ) -> Result<(), ServiceError> {
         let store = self.store.clone();
-        Ok(blocking("store raw bytes", move || {
-            store.objects().put_all(&raws, &records)
-        })
-        .await??)
+        Ok(blocking("store raw bytes", move || store.objects().put_all(&raws, &records)).await??)
     }
 
     /// Stores raw bytes of records that are stored already where they were lost or damaged; not those that
@@ -136,9 +127,7 @@ impl RawObjects {
         if self.store.is_shared() {
             let letter = i64::try_from(removal.removed_at.as_nanosecond()).unwrap_or(i64::MAX);
             for segment in &removal.segments {
-                self.store
-                    .count_dead_letter(segment, letter.wrapping_neg(), removal.removed_at)
-                    .await?;
+                self.store.count_dead_letter(segment, letter.wrapping_neg(), removal.removed_at).await?;
             }
         }
         let store = self.store.clone();
@@ -174,31 +163,19 @@ impl RawObjects {
         }
         let (objects, bytes) = self.quarantine_orphans().await?;
         if objects > 0 {
-            tracing::info!(
-                objects,
-                bytes,
-                "moved raw objects that no record refers to into quarantine"
-            );
+            tracing::info!(objects, bytes, "moved raw objects that no record refers to into quarantine");
         }
         let (store, kept_for) = (self.store.clone(), self.quarantined_for);
         let remove = move || {
             let objects = store.objects();
             let removed = objects.remove_quarantined(kept_for, objects.time()?)?;
-            let kept = objects
-                .quarantined()?
-                .into_iter()
-                .map(|quarantined| quarantined.name)
-                .collect();
+            let kept = objects.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
             (0..=u8::MAX).try_for_each(|shard| objects.remove_empty_notes(shard, &kept))?;
             Ok::<_, StoreError>(removed)
         };
         let (objects, bytes) = self.workers.run("empty the quarantine", remove).await??;
         if objects > 0 {
-            tracing::info!(
-                objects,
-                bytes,
-                "removed raw objects that were in quarantine for long enough"
-            );
+            tracing::info!(objects, bytes, "removed raw objects that were in quarantine for long enough");
         }
         Ok(())
     }
@@ -258,8 +235,7 @@ impl RawObjects {
     /// Removes objects that nothing refers to. The caller has the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn remove(&self, names: Vec<String>) -> Result<(), ServiceError> {
         let unneeded = self.without_waiting(names).await?;
-        self.give_away(unneeded, |store, name| store.objects().remove(name))
-            .await
+        self.give_away(unneeded, |store, name| store.objects().remove(name)).await
     }
 
     /// Those of these objects that no record needs which waits.
@@ -278,8 +254,7 @@ impl RawObjects {
         }
         let store = self.store.clone();
         let now = blocking("learn the time", move || store.objects().time()).await??;
-        self.give_away(names, move |store, name| store.objects().quarantine(name, now))
-            .await
+        self.give_away(names, move |store, name| store.objects().quarantine(name, now)).await
     }
 
     /// Does away with objects; where other processes store as well, only with those that none of them can
@@ -300,10 +275,7 @@ impl RawObjects {
                 // Asked again at the last moment: bringing an object again makes it new.
                 let is_old_enough = |age: &Age| {
                     Ok::<_, StoreError>(
-                        store
-                            .objects()
-                            .written_at(name)?
-                            .is_some_and(|time| age.is_old_enough(time)),
+                        store.objects().written_at(name)?.is_some_and(|time| age.is_old_enough(time)),
                     )
                 };
                 if age.as_ref().map_or(Ok(true), is_old_enough)? {
@@ -320,22 +292,14 @@ impl RawObjects {
         let _exclusive = self.exclusive().await;
         let orphans = self.store.orphans_among(names).await?;
         let count = orphans.len();
-        let shards: BTreeSet<u8> = orphans
-            .iter()
-            .filter_map(|name| u8::from_str_radix(name.get(..2)?, 16).ok())
-            .collect();
+        let shards: BTreeSet<u8> =
+            orphans.iter().filter_map(|name| u8::from_str_radix(name.get(..2)?, 16).ok()).collect();
         self.remove(orphans).await?;
         let store = self.store.clone();
         let remove_notes = move || {
             let objects = store.objects();
-            let kept = objects
-                .quarantined()?
-                .into_iter()
-                .map(|quarantined| quarantined.name)
-                .collect();
-            shards
-                .into_iter()
-                .try_for_each(|shard| objects.remove_empty_notes(shard, &kept))
+            let kept = objects.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
+            shards.into_iter().try_for_each(|shard| objects.remove_empty_notes(shard, &kept))
         };
         self.workers.run("remove notes", remove_notes).await??;
         Ok(count)
@@ -352,15 +316,11 @@ struct Age {
 
 impl Age {
     fn now(store: &Store) -> Result<Self, StoreError> {
-        Ok(Self {
-            now: store.objects().time()?,
-            most: store.orphan_age().filter(|age| !age.is_zero()),
-        })
+        Ok(Self { now: store.objects().time()?, most: store.orphan_age().filter(|age| !age.is_zero()) })
     }
 
     fn is_old_enough(&self, written_at: Timestamp) -> bool {
-        self.most
-            .is_none_or(|most| self.now.duration_since(written_at) >= most)
+        self.most.is_none_or(|most| self.now.duration_since(written_at) >= most)
     }
 }
 

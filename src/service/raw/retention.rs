@@ -24,12 +24,7 @@ pub(crate) struct Retention {
 
 impl Retention {
     pub(crate) fn new(store: Store, objects: Arc<RawObjects>, quotas: RawQuotas) -> Self {
-        Self {
-            store,
-            objects,
-            quotas,
-            turn: tokio::sync::Mutex::default(),
-        }
+        Self { store, objects, quotas, turn: tokio::sync::Mutex::default() }
     }
 
     /// Gives up the oldest raw recordings where there are more than the quotas allow, in the background.
@@ -74,21 +69,11 @@ impl Retention {
         loop {
             let _exclusive = self.objects.exclusive().await;
             let given_up = self.store.give_up_oldest(asset, quota, GIVEN_UP_AT_ONCE).await?;
-            let GivenUp {
-                objects,
-                bytes,
-                is_within,
-                orphans,
-            } = given_up;
+            let GivenUp { objects, bytes, is_within, orphans } = given_up;
             if objects > 0 {
                 self.objects.remove(orphans).await?;
                 let of = asset.map_or("all", AssetId::as_str);
-                tracing::info!(
-                    of,
-                    objects,
-                    bytes,
-                    "gave up the oldest raw recordings for the quota"
-                );
+                tracing::info!(of, objects, bytes, "gave up the oldest raw recordings for the quota");
             }
             if is_within || objects == 0 {
                 return Ok(());

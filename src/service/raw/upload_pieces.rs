@@ -19,11 +19,7 @@ pub struct UploadPieces {
 
 impl UploadPieces {
     pub(crate) fn new(store: Store, workers: Arc<Workers>, clock: Arc<dyn Clock>) -> Self {
-        Self {
-            store,
-            workers,
-            clock,
-        }
+        Self { store, workers, clock }
     }
 
     /// Removes resumable uploads that nobody went on with.
@@ -47,11 +43,7 @@ impl UploadPieces {
             return Ok(());
         }
         let store = self.store.clone();
-        let remove = move || {
-            uploads
-                .iter()
-                .try_for_each(|upload| store.objects().remove_pieces(upload))
-        };
+        let remove = move || uploads.iter().try_for_each(|upload| store.objects().remove_pieces(upload));
         let removed: Result<(), StoreError> = self.workers.run("remove uploads", remove).await?;
         Ok(removed?)
     }

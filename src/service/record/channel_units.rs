@@ -32,10 +32,7 @@ impl ChannelUnits {
                 by_channel.entry(channel).or_insert(unit);
             }
         }
-        Ok(Self {
-            by_channel,
-            others: spec.sensor.unit.clone(),
-        })
+        Ok(Self { by_channel, others: spec.sensor.unit.clone() })
     }
 
     /// The units by the names of channels.
@@ -47,8 +44,7 @@ impl ChannelUnits {
     /// The first record of a channel says its unit, where nothing else does.
     pub(crate) fn note_first(&mut self, record: &Record) {
         if self.others.is_none() && !self.by_channel.contains_key(record.channel()) {
-            self.by_channel
-                .insert(record.channel().to_owned(), record.unit().to_owned());
+            self.by_channel.insert(record.channel().to_owned(), record.unit().to_owned());
         }
     }
 

@@ -60,9 +60,7 @@ impl RecordFormat {
             Self::Json => "application/json".to_string(),
             Self::Raw(layout) => layout.to_string(),
             Self::Csv { sample_rate_hz: None } => CSV.to_string(),
-            Self::Csv {
-                sample_rate_hz: Some(rate_hz),
-            } => format!("{CSV}{CSV_RATE}{rate_hz}"),
+            Self::Csv { sample_rate_hz: Some(rate_hz) } => format!("{CSV}{CSV_RATE}{rate_hz}"),
         }
     }
 
@@ -75,13 +73,8 @@ impl RecordFormat {
             "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
             "application/json" => Some(Self::Json),
             CSV => Some(Self::Csv { sample_rate_hz: None }),
-            _ => match media_type
-                .strip_prefix(CSV)
-                .and_then(|rest| rest.strip_prefix(CSV_RATE))
-            {
-                Some(rate_hz) => Some(Self::Csv {
-                    sample_rate_hz: Some(rate_hz.parse().ok()?),
-                }),
+            _ => match media_type.strip_prefix(CSV).and_then(|rest| rest.strip_prefix(CSV_RATE)) {
+                Some(rate_hz) => Some(Self::Csv { sample_rate_hz: Some(rate_hz.parse().ok()?) }),
                 None => RawLayout::from_media_type(media_type).map(Self::Raw),
             },
         }
@@ -171,13 +164,8 @@ pub(crate) fn decode_upload(
 }
 
 fn check_names(names: &[String], channels: usize) -> Result<(), ServiceError> {
-    let refuse = |expected| {
-        Err(ServiceError::Field {
-            field: "channel_names",
-            value: format!("{names:?}"),
-            expected,
-        })
-    };
+    let refuse =
+        |expected| Err(ServiceError::Field { field: "channel_names", value: format!("{names:?}"), expected });
     if !names.is_empty() && names.len() != channels {
         return refuse("as many names as the recording has channels");
     }

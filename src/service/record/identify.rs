@@ -47,10 +47,7 @@ impl IdentifiedRecord {
         reference_wear_um: Option<f64>,
     ) -> Result<Self, ServiceError> {
         check(&record, reference_wear_um)?;
-        Ok(Self {
-            reference_wear_um,
-            ..Self::of_stored(asset, record, raw, false)
-        })
+        Ok(Self { reference_wear_um, ..Self::of_stored(asset, record, raw, false) })
     }
 
     /// One that is stored already, for this asset or for another one of its sensor.
@@ -119,13 +116,7 @@ impl Identified for QueuedRecord {
 }
 
 fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceError> {
-    let refuse = |field, value, expected| {
-        Err(ServiceError::Field {
-            field,
-            value,
-            expected,
-        })
-    };
+    let refuse = |field, value, expected| Err(ServiceError::Field { field, value, expected });
     let channel = record.channel();
     if channel.is_empty() || channel.len() > 200 || channel.chars().any(char::is_control) {
         let expected = "a name of 1 to 200 bytes without control characters";
@@ -210,10 +201,7 @@ pub(crate) fn identify_recorded(
     let raw = RawReference {
         sha256: Objects::name(&recorded.raw),
         bytes: recorded.raw.len() as u64,
-        media_type: with_unit(
-            RecordFormat::of_block(recorded.encoding).media_type(),
-            came_in.as_deref(),
-        ),
+        media_type: with_unit(RecordFormat::of_block(recorded.encoding).media_type(), came_in.as_deref()),
         channel_index: 0,
     };
     match IdentifiedRecord::new(asset, record, raw, recorded.reference_wear_um) {
@@ -235,12 +223,8 @@ pub(crate) async fn known_to_all(
         let theirs: Vec<SegmentId> = records.iter().map(|record| record.id_for(&member.id)).collect();
         let found = store.segments_by_id(&theirs).await?;
         let found: HashSet<&SegmentId> = found.iter().map(|segment| &segment.id).collect();
-        let missing: HashSet<&SegmentId> = theirs
-            .iter()
-            .zip(&ids)
-            .filter(|(theirs, _)| !found.contains(theirs))
-            .map(|(_, id)| id)
-            .collect();
+        let missing: HashSet<&SegmentId> =
+            theirs.iter().zip(&ids).filter(|(theirs, _)| !found.contains(theirs)).map(|(_, id)| id).collect();
         known.retain(|segment| !missing.contains(&segment.id));
     }
     Ok(known)

@@ -53,11 +53,7 @@ impl StoredRecord {
 
     /// The record in its raw bytes.
     pub(crate) fn decode(&self, bytes: &[u8]) -> Result<Record, ServiceError> {
-        let unexpected = |what, value, expected| StoreError::Unexpected {
-            what,
-            value,
-            expected,
-        };
+        let unexpected = |what, value, expected| StoreError::Unexpected { what, value, expected };
         let media_type = &self.raw.media_type;
         let (_, came_in) = without_unit(media_type);
         let format = RecordFormat::from_media_type(media_type)
@@ -72,11 +68,7 @@ impl StoredRecord {
         let index = self.raw.channel_index;
         let record = format.decode(bytes, &defaults)?.into_iter().nth(index as usize);
         let record = record.ok_or_else(|| {
-            unexpected(
-                "raw_channel_index",
-                index.to_string(),
-                "a channel of the recording",
-            )
+            unexpected("raw_channel_index", index.to_string(), "a channel of the recording")
         })?;
         let record = record.with_channel(&self.channel).in_unit(&self.unit);
         Ok(record.map_err(RecordingError::from)?)
@@ -122,9 +114,7 @@ impl StoredRecords {
     pub async fn recall(&self, segment: &Segment) -> Result<Record, ServiceError> {
         let bytes = self.raw(segment).await?;
         let stored = StoredRecord::from(segment);
-        self.workers
-            .run("read a record", move || stored.decode(&bytes))
-            .await?
+        self.workers.run("read a record", move || stored.decode(&bytes)).await?
     }
 
     /// What `analyse` makes of a segment's record and of what is known of its mesh; `task` names it if it is
@@ -153,15 +143,11 @@ impl StoredRecords {
         let samples = record.samples().len();
         let analyse = move || {
             with_analyzer(samples, |analyzer| {
-                let lines = analyzer
-                    .analyze(&spec.seen_from_shaft(&record), &spec.mesh_context())
-                    .mesh_lines;
+                let lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
                 (analyzer.amplitude_spectrum(&record), lines)
             })
         };
-        self.workers
-            .run_analysis("compute a spectrum", samples, analyse)
-            .await
+        self.workers.run_analysis("compute a spectrum", samples, analyse).await
     }
 
     /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found
@@ -187,18 +173,16 @@ impl StoredRecords {
                     _ => spec.envelope_band,
                 };
                 let band = given.unwrap_or_else(|| analyzer.envelope_band(&record, speed.as_ref(), search));
-                let mesh_lines = analyzer
-                    .analyze(&spec.seen_from_shaft(&record), &spec.mesh_context())
-                    .mesh_lines;
+                let mesh_lines =
+                    analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
                 let [low, high] = band.band_hz;
                 let was_given = matches!(band.source, BandSource::Query | BandSource::Asset);
                 let spectrum = match analyzer.envelope_spectrum(&record, band.band_hz) {
                     Ok(spectrum) => spectrum,
                     // Of the band that was looked for nothing is to be had: the record is too short for any.
-                    Err(BandError::TooNarrow { .. }) if !was_given => Spectrum {
-                        amplitude: Vec::new(),
-                        ..analyzer.amplitude_spectrum(&record)
-                    },
+                    Err(BandError::TooNarrow { .. }) if !was_given => {
+                        Spectrum { amplitude: Vec::new(), ..analyzer.amplitude_spectrum(&record) }
+                    }
                     Err(error) => {
                         return Err(ServiceError::Field {
                             field: "band_hz",
@@ -207,17 +191,11 @@ impl StoredRecords {
                         });
                     }
                 };
-                Ok(SegmentEnvelope {
-                    spectrum,
-                    band,
-                    mesh_lines,
-                })
+                Ok(SegmentEnvelope { spectrum, band, mesh_lines })
             })
         };
         let workers = &self.workers;
-        workers
-            .run_analysis("compute an envelope spectrum", samples, analyse)
-            .await?
+        workers.run_analysis("compute an envelope spectrum", samples, analyse).await?
     }
 }
 

@@ -32,14 +32,9 @@ pub(crate) fn prepare(folders: &ServiceFolders) -> Result<(), ServiceError> {
 ///
 /// Refused: an absolute path, `..`, a link that leads out of the folder, and anything but a file.
 pub(crate) fn find(folder: &Path, file: &str) -> Result<PathBuf, ServiceError> {
-    let refuse = |reason| ServiceError::ReplayFile {
-        file: file.to_string(),
-        reason,
-    };
+    let refuse = |reason| ServiceError::ReplayFile { file: file.to_string(), reason };
     let relative = Path::new(file);
-    let is_plain = relative
-        .components()
-        .all(|part| matches!(part, Component::Normal(_)));
+    let is_plain = relative.components().all(|part| matches!(part, Component::Normal(_)));
     if file.is_empty() || file.contains(['\0', '\\']) || !is_plain {
         return Err(refuse(
             "is not a path inside the replay folder, expected one without \"..\" and not absolute",
@@ -82,10 +77,7 @@ mod tests {
             "..\\secret",
             absolute.to_str().unwrap(),
         ] {
-            assert!(
-                matches!(find(&folder, file), Err(ServiceError::ReplayFile { .. })),
-                "{file:?}"
-            );
+            assert!(matches!(find(&folder, file), Err(ServiceError::ReplayFile { .. })), "{file:?}");
         }
     }
 

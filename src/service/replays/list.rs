@@ -28,11 +28,7 @@ struct Entries {
 
 impl ReplayList {
     pub(crate) fn new(store: Store, events: Announcer) -> Self {
-        Self {
-            store,
-            events,
-            entries: Mutex::default(),
-        }
+        Self { store, events, entries: Mutex::default() }
     }
 
     fn lock(&self) -> MutexGuard<'_, Entries> {
@@ -83,9 +79,7 @@ impl ReplayList {
         let by_number = &mut self.lock().by_number;
         by_number.insert(number, (replay, stop));
         while by_number.len() > MAX_REMEMBERED {
-            let ended = by_number
-                .iter()
-                .find(|(_, (replay, _))| replay.state != ReplayState::Running);
+            let ended = by_number.iter().find(|(_, (replay, _))| replay.state != ReplayState::Running);
             let Some(number) = ended.map(|(number, _)| *number) else {
                 break;
             };
@@ -103,8 +97,7 @@ impl ReplayList {
     /// Shows and announces a replay as it is now.
     pub(crate) fn announce(&self, number: u64, replay: &Replay) {
         self.update(number, replay);
-        self.events
-            .announce(LiveEvent::ReplayChanged(Box::new(replay.clone())));
+        self.events.announce(LiveEvent::ReplayChanged(Box::new(replay.clone())));
     }
 
     /// Saves a replay in the store, to go on with at the next start.
@@ -127,12 +120,7 @@ impl ReplayList {
 
     /// All replays, the latest first.
     pub(crate) fn all(&self) -> Vec<Arc<Replay>> {
-        self.lock()
-            .by_number
-            .values()
-            .rev()
-            .map(|(replay, _)| Arc::clone(replay))
-            .collect()
+        self.lock().by_number.values().rev().map(|(replay, _)| Arc::clone(replay)).collect()
     }
 
     /// A replay, and what stops it.

@@ -55,18 +55,13 @@ impl Run {
                 if batch.records.is_empty() {
                     return Ok(Next::End);
                 }
-                self.pipeline
-                    .begin_batch(&asset, batch)
-                    .await
-                    .map(|batch| Next::Batch(Box::new(batch)))
+                self.pipeline.begin_batch(&asset, batch).await.map(|batch| Next::Batch(Box::new(batch)))
             };
             let store = async {
                 if before.is_none() {
                     return Ok(());
                 }
-                self.pipeline
-                    .finish_batch(before.take().map(|batch| *batch), &mut summary)
-                    .await?;
+                self.pipeline.finish_batch(before.take().map(|batch| *batch), &mut summary).await?;
                 note(&mut replay, &summary, seconds_before, began.elapsed());
                 self.list.announce(self.number, &replay);
                 if saved.elapsed() > SAVED_EVERY {
@@ -155,10 +150,8 @@ fn note(replay: &mut Replay, summary: &BatchSummary, seconds_before: f64, elapse
     let seconds = summary.record_seconds - seconds_before;
     replay.times_real_time = (summary.records > 0).then(|| seconds / elapsed.as_secs_f64().max(1e-9));
     if replay.error.is_none() {
-        replay.error = summary
-            .refused
-            .first()
-            .map(|refused| format!("record {}: {}", refused.record, refused.reason));
+        replay.error =
+            summary.refused.first().map(|refused| format!("record {}: {}", refused.record, refused.reason));
     }
 }
 

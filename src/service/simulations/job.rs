@@ -68,9 +68,7 @@ impl Job {
         }
         let _turn = lock(&self.turns.simulating);
         self.begin(SimulationStage::Library);
-        let library = self
-            .source
-            .get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?;
+        let library = self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?;
         let alone = Ensemble::of(Arc::clone(&library));
         if self.neighbours.members == 0 {
             self.ready(library, alone, None);
@@ -87,11 +85,7 @@ impl Job {
                 return Err(error);
             }
         };
-        self.ready(
-            Arc::clone(&library),
-            first.clone(),
-            Some(SimulationStage::Members),
-        );
+        self.ready(Arc::clone(&library), first.clone(), Some(SimulationStage::Members));
         (self.tell)();
         let whole = self.members(&first, &self.neighbours)?;
         self.ready(library, whole, None);
@@ -159,17 +153,13 @@ fn guarded(simulate: impl FnOnce() -> Result<(), LibraryError>) -> Result<(), Op
         Ok(Ok(())) => Ok(()),
         Ok(Err(LibraryError::Cancelled)) => Err(None),
         Ok(Err(error)) => Err(Some(error.to_string())),
-        Err(panic) => Err(Some(format!(
-            "the simulation panicked: {}",
-            words_of(panic.as_ref())
-        ))),
+        Err(panic) => Err(Some(format!("the simulation panicked: {}", words_of(panic.as_ref())))),
     }
 }
 
 fn words_of(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<&str>().copied();
-    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str))
-        .unwrap_or("without a message")
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("without a message")
 }
 
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -184,9 +174,7 @@ mod tests {
     fn errors_and_panics_become_reasons() {
         assert_eq!(guarded(|| Ok(())), Ok(()));
         assert_eq!(guarded(|| Err(LibraryError::Cancelled)), Err(None));
-        let reason = guarded(|| Err(LibraryError::Damaged("torn".into())))
-            .unwrap_err()
-            .unwrap();
+        let reason = guarded(|| Err(LibraryError::Damaged("torn".into()))).unwrap_err().unwrap();
         assert!(reason.contains("torn"), "{reason}");
         let teeth = 0;
         let reason = guarded(|| panic!("{teeth} teeth")).unwrap_err().unwrap();

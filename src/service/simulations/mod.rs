@@ -132,9 +132,8 @@ impl Simulations {
         let Some(id) = id else { return };
         let failed = {
             let mut all = lock(&self.asked);
-            let is_again = all
-                .get(&id)
-                .is_some_and(|asked| asked.has_failed() && asked.by.get(&spec.id) != Some(spec));
+            let is_again =
+                all.get(&id).is_some_and(|asked| asked.has_failed() && asked.by.get(&spec.id) != Some(spec));
             if is_again { all.remove(&id) } else { None }
         };
         self.ask(spec);
@@ -194,10 +193,7 @@ impl Simulations {
         };
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the
         // end of the process.
-        if let Err(error) = std::thread::Builder::new()
-            .name("library".into())
-            .spawn(move || job.run())
-        {
+        if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(move || job.run()) {
             tracing::error!(%error, "failed to start a thread for a library");
             // Who asks next tries again.
             all.remove(&id);
@@ -232,10 +228,7 @@ impl Simulations {
     }
 
     fn id_of(&self, spec: &AssetSpec) -> Option<String> {
-        spec.gear
-            .pair
-            .as_ref()
-            .map(|pair| library_id(pair, &self.grid.for_pair(pair)))
+        spec.gear.pair.as_ref().map(|pair| library_id(pair, &self.grid.for_pair(pair)))
     }
 
     /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded
@@ -265,17 +258,9 @@ impl Simulations {
         let keyed = estimators.entry(fold_key.clone()).or_insert_with(|| {
             let (estimator, lack) = match library {
                 Ok(ensemble) => (ChannelEstimator::new(settings, Some(ensemble), rules), None),
-                Err(lack) => (
-                    ChannelEstimator::without_library(settings, lack.clone(), rules),
-                    Some(lack),
-                ),
+                Err(lack) => (ChannelEstimator::without_library(settings, lack.clone(), rules), Some(lack)),
             };
-            KeyedEstimator {
-                estimator,
-                fold_key,
-                feature_key,
-                lack,
-            }
+            KeyedEstimator { estimator, fold_key, feature_key, lack }
         });
         keyed.clone()
     }
@@ -294,9 +279,7 @@ impl Drop for Simulations {
 /// Tells the assets that ask for a library.
 fn tell(all: &Weak<AllAsked>, library: &str, changed: &mpsc::UnboundedSender<Vec<AssetId>>) {
     let Some(all) = all.upgrade() else { return };
-    let assets = lock(&all)
-        .get(library)
-        .map(|asked| asked.by.keys().cloned().collect());
+    let assets = lock(&all).get(library).map(|asked| asked.by.keys().cloned().collect());
     // Nobody is told where the service has ended meanwhile.
     let _ = changed.send(assets.unwrap_or_default());
 }

@@ -127,10 +127,8 @@ impl LibrarySource {
         let ensemble = smaller.extended(settings, control)?;
         self.shelf.put_ensemble(&ensemble)?;
         if let Some(shared) = &self.shared
-            && let Err(error) = shared
-                .store
-                .objects()
-                .put_library(ensemble.id(), encode_ensemble(&ensemble).into())
+            && let Err(error) =
+                shared.store.objects().put_library(ensemble.id(), encode_ensemble(&ensemble).into())
         {
             // Another process simulates the same bits.
             tracing::warn!(ensemble = ensemble.id(), %error, "failed to share the ensemble");
@@ -189,19 +187,13 @@ impl Shared {
             if said.elapsed() >= SAID_EVERY {
                 *said = Instant::now();
                 // Where this is not heard, another process builds the same: the same bits.
-                if let Err(error) = self
-                    .runtime
-                    .block_on(self.store.go_on_building(&id, self.clock.now()))
-                {
+                if let Err(error) = self.runtime.block_on(self.store.go_on_building(&id, self.clock.now())) {
                     tracing::warn!(%error, "failed to say that a library is being built");
                 }
             }
         };
-        let built = shelf.get_or_build(
-            pair,
-            grid,
-            &BuildControl::with_progress(&progress).cancelled_by(cancel),
-        );
+        let built =
+            shelf.get_or_build(pair, grid, &BuildControl::with_progress(&progress).cancelled_by(cancel));
         if built.is_err()
             && let Err(error) = self.runtime.block_on(self.store.end_building(&id))
         {
@@ -235,8 +227,7 @@ impl Shared {
         if !self.builds {
             return Ok(false);
         }
-        self.runtime
-            .block_on(self.store.begin_building(id, self.clock.now()))
+        self.runtime.block_on(self.store.begin_building(id, self.clock.now()))
     }
 
     fn wait_for_store(&self, error: &StoreError) {

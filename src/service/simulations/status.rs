@@ -57,12 +57,7 @@ pub struct SimulationProgress {
 
 impl SimulationProgress {
     pub(super) fn begin(stage: SimulationStage) -> Self {
-        Self {
-            stage,
-            done: 0,
-            total: 0,
-            first: None,
-        }
+        Self { stage, done: 0, total: 0, first: None }
     }
 
     /// Notes how many pieces are done at a time; threads may say so in another order than they count.
@@ -104,20 +99,11 @@ pub struct Simulation {
 
 impl Simulation {
     pub(super) fn begin() -> Self {
-        Self {
-            readiness: Readiness::Building,
-            progress: None,
-            error: None,
-            is_loading: true,
-        }
+        Self { readiness: Readiness::Building, progress: None, error: None, is_loading: true }
     }
 
     pub(super) fn none() -> Self {
-        Self {
-            readiness: Readiness::None,
-            is_loading: false,
-            ..Self::begin()
-        }
+        Self { readiness: Readiness::None, is_loading: false, ..Self::begin() }
     }
 
     /// Says that it ends here; what is ready stays so.
@@ -148,10 +134,7 @@ mod tests {
         assert_eq!(progress.remaining_s(after(5)), None);
         progress.note(50, 100, after(10));
         progress.note(49, 100, after(10));
-        assert_eq!(
-            (progress.fraction(), progress.remaining_s(after(10))),
-            (0.5, Some(50.0))
-        );
+        assert_eq!((progress.fraction(), progress.remaining_s(after(10))), (0.5, Some(50.0)));
     }
 
     #[test]

@@ -42,19 +42,13 @@ impl Bucket {
         // good.
         let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
         let prefix = settings.prefix.trim_matches('/');
-        let is_plain = settings
-            .endpoint
-            .as_deref()
-            .is_some_and(|endpoint| endpoint.starts_with("http://"));
+        let is_plain = settings.endpoint.as_deref().is_some_and(|endpoint| endpoint.starts_with("http://"));
         let client = ClientOptions::new()
             .with_timeout(REQUEST_TIMEOUT)
             .with_connect_timeout(Duration::from_secs(5))
             .with_allow_http(is_plain);
-        let retry = RetryConfig {
-            backoff: BackoffConfig::default(),
-            max_retries: 5,
-            retry_timeout: RETRIED_FOR,
-        };
+        let retry =
+            RetryConfig { backoff: BackoffConfig::default(), max_retries: 5, retry_timeout: RETRIED_FOR };
         let mut builder = AmazonS3Builder::new()
             .with_bucket_name(&settings.bucket)
             .with_region(&settings.region)
@@ -68,16 +62,10 @@ impl Bucket {
                 .with_access_key_id(&credentials.access_key_id)
                 .with_secret_access_key(&credentials.secret_access_key);
         }
-        let store = builder
-            .build()
-            .map_err(|error| bucket_error("open", &settings.bucket, error))?;
+        let store = builder.build().map_err(|error| bucket_error("open", &settings.bucket, error))?;
         Ok(Self {
             store: Arc::new(store),
-            prefix: if prefix.is_empty() {
-                String::new()
-            } else {
-                format!("{prefix}/")
-            },
+            prefix: if prefix.is_empty() { String::new() } else { format!("{prefix}/") },
             runtime: Handle::current(),
         })
     }
@@ -89,12 +77,8 @@ impl Bucket {
         objects: &[(String, Bytes)],
         note: Option<(String, Bytes)>,
     ) -> Result<(), StoreError> {
-        let objects = objects
-            .iter()
-            .map(|(name, bytes)| (Self::object_path(name), bytes.clone()));
-        let puts = objects
-            .chain(note)
-            .map(|(path, bytes)| self.put(self.at(&path), bytes));
+        let objects = objects.iter().map(|(name, bytes)| (Self::object_path(name), bytes.clone()));
+        let puts = objects.chain(note).map(|(path, bytes)| self.put(self.at(&path), bytes));
         self.runtime.block_on(async {
             let mut puts = stream::iter(puts).buffer_unordered(REQUESTS_AT_ONCE);
             while let Some(put) = puts.next().await {
@@ -112,11 +96,7 @@ impl Bucket {
         let listed = listed.map_err(|error| bucket_error("list", &folder, error))?;
         let object = |found: object_store::ObjectMeta| {
             let name = found.location.filename().filter(|name| is_name(name))?;
-            Some(ListedObject {
-                name: name.to_owned(),
-                bytes: found.size,
-                written_at: timestamp(&found),
-            })
+            Some(ListedObject { name: name.to_owned(), bytes: found.size, written_at: timestamp(&found) })
         };
         Ok(listed.into_iter().filter_map(object).collect())
     }
@@ -169,10 +149,7 @@ impl Bucket {
     /// Moves a file; one that is not there is no error.
     pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
         // The copy is there before the first one goes.
-        match self
-            .runtime
-            .block_on(self.store.copy(&self.at(from), &self.at(to)))
-        {
+        match self.runtime.block_on(self.store.copy(&self.at(from), &self.at(to))) {
             Ok(()) => self.remove_file(from),
             Err(Error::NotFound { .. }) => Ok(()),
             Err(error) => Err(bucket_error("move", from, error)),
@@ -197,12 +174,7 @@ impl Bucket {
         let folder = Path::from(format!("{}uploads/{upload}", self.prefix));
         let failed = |error| bucket_error("remove", folder.as_ref(), error);
         self.runtime.block_on(async {
-            let listed: Vec<_> = self
-                .store
-                .list(Some(&folder))
-                .try_collect()
-                .await
-                .map_err(failed)?;
+            let listed: Vec<_> = self.store.list(Some(&folder)).try_collect().await.map_err(failed)?;
             for piece in listed {
                 match self.store.delete(&piece.location).await {
                     Ok(()) | Err(Error::NotFound { .. }) => {}
@@ -216,21 +188,15 @@ impl Bucket {
     /// The uploads of which there are pieces.
     pub(super) fn uploads(&self) -> Result<Vec<String>, StoreError> {
         let folder = Path::from(format!("{}uploads", self.prefix));
-        let listed = self
-            .runtime
-            .block_on(self.store.list_with_delimiter(Some(&folder)));
+        let listed = self.runtime.block_on(self.store.list_with_delimiter(Some(&folder)));
         let listed = listed.map_err(|error| bucket_error("list", folder.as_ref(), error))?;
-        let names = listed
-            .common_prefixes
-            .iter()
-            .filter_map(|upload| upload.filename());
+        let names = listed.common_prefixes.iter().filter_map(|upload| upload.filename());
         Ok(names.map(str::to_owned).collect())
     }
 
     async fn put(&self, path: Path, bytes: Bytes) -> Result<(), StoreError> {
         let put = self.store.put(&path, bytes.into()).await;
-        put.map(|_| ())
-            .map_err(|error| bucket_error("store", path.as_ref(), error))
+        put.map(|_| ()).map_err(|error| bucket_error("store", path.as_ref(), error))
     }
 
     async fn fetch(&self, path: Path) -> Result<Option<Bytes>, StoreError> {
@@ -260,9 +226,5 @@ fn timestamp(found: &object_store::ObjectMeta) -> Timestamp {
 }
 
 fn bucket_error(action: &'static str, name: &str, source: Error) -> StoreError {
-    StoreError::Bucket {
-        action,
-        name: name.to_owned(),
-        source: Box::new(source),
-    }
+    StoreError::Bucket { action, name: name.to_owned(), source: Box::new(source) }
 }

@@ -34,31 +34,19 @@ impl Folder {
             .map_err(|source| file_error("create the folder", &temporary, source))?;
         let mut stale = 0;
         for entry in fs::read_dir(&temporary).map_err(|source| file_error("list", &temporary, source))? {
-            let path = entry
-                .map_err(|source| file_error("list", &temporary, source))?
-                .path();
+            let path = entry.map_err(|source| file_error("list", &temporary, source))?.path();
             fs::remove_file(&path).map_err(|source| file_error("remove the unfinished", &path, source))?;
             stale += 1;
         }
         if stale > 0 {
             tracing::info!(stale, "removed unfinished raw objects of an earlier run");
         }
-        Ok(Self {
-            folder,
-            temporary,
-            counter: AtomicU64::new(0),
-            is_shared: false,
-        })
+        Ok(Self { folder, temporary, counter: AtomicU64::new(0), is_shared: false })
     }
 
     /// Opens a folder that is there; what another process is writing is left alone.
     pub(super) fn open_to_read(folder: PathBuf) -> Self {
-        Self {
-            temporary: folder.join("tmp"),
-            folder,
-            counter: AtomicU64::new(0),
-            is_shared: false,
-        }
+        Self { temporary: folder.join("tmp"), folder, counter: AtomicU64::new(0), is_shared: false }
     }
 
     /// Opens a folder that other processes write to as well; what they are writing is left alone.
@@ -70,12 +58,7 @@ impl Folder {
         let temporary = folder.join("tmp").join(hex::encode(unguessable));
         fs::create_dir_all(&temporary)
             .map_err(|source| file_error("create the folder", &temporary, source))?;
-        Ok(Self {
-            folder,
-            temporary,
-            counter: AtomicU64::new(0),
-            is_shared: true,
-        })
+        Ok(Self { folder, temporary, counter: AtomicU64::new(0), is_shared: true })
     }
 
     /// Stores every object, and a note beside them; when this returns they are on disk, and so are their
@@ -87,9 +70,7 @@ impl Folder {
     ) -> Result<(), StoreError> {
         let mut touched: Vec<PathBuf> = Vec::new();
         let files = objects.iter().map(|(name, bytes)| (self.path(name), bytes, true));
-        let note = note
-            .as_ref()
-            .map(|(path, bytes)| (self.folder.join(path), bytes, false));
+        let note = note.as_ref().map(|(path, bytes)| (self.folder.join(path), bytes, false));
         for (path, bytes, is_object) in files.chain(note) {
             let folder = path.parent().unwrap_or(&self.folder).to_path_buf();
             let is_whole = is_object && !self.is_shared && is_file_of(&path, bytes);
@@ -141,11 +122,7 @@ impl Folder {
             if let Ok(metadata) = entry.metadata()
                 && is_name(&name)
             {
-                found.push(ListedObject {
-                    name,
-                    bytes: metadata.len(),
-                    written_at: written_at(&metadata),
-                });
+                found.push(ListedObject { name, bytes: metadata.len(), written_at: written_at(&metadata) });
             }
         }
         Ok(found)
@@ -255,9 +232,7 @@ impl Folder {
 
     /// Has the names in a folder on the disk, and that folder's own in those above it.
     fn sync_up_from(&self, folder: &Path) -> Result<(), StoreError> {
-        let inside = folder
-            .ancestors()
-            .take_while(|folder| folder.starts_with(&self.folder));
+        let inside = folder.ancestors().take_while(|folder| folder.starts_with(&self.folder));
         for folder in inside {
             File::open(folder)
                 .and_then(|folder| folder.sync_all())
@@ -286,9 +261,7 @@ impl Folder {
             Err(source) => return Err(file_error("list", &folder, source)),
         };
         let names = entries.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
-        names
-            .collect::<io::Result<Vec<String>>>()
-            .map_err(|source| file_error("list", &folder, source))
+        names.collect::<io::Result<Vec<String>>>().map_err(|source| file_error("list", &folder, source))
     }
 
     fn pieces(&self, upload: &str) -> PathBuf {
@@ -301,9 +274,7 @@ impl Folder {
 
     /// Whether there is room for a small record: it is written, not to last, and removed.
     pub(super) fn check_room(&self) -> Result<(), StoreError> {
-        let path = self
-            .temporary
-            .join(format!("room-{}", self.counter.fetch_add(1, Ordering::Relaxed)));
+        let path = self.temporary.join(format!("room-{}", self.counter.fetch_add(1, Ordering::Relaxed)));
         let written = fs::write(&path, vec![1_u8; ROOM_BYTES]);
         let _ = fs::remove_file(&path);
         written.map_err(|source| file_error("write", &path, source))
@@ -316,9 +287,7 @@ impl Folder {
 
     /// Writes bytes where nobody looks for them, and has them on the disk.
     fn write_temporary(&self, bytes: &[u8]) -> Result<PathBuf, StoreError> {
-        let temporary = self
-            .temporary
-            .join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
+        let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
         let written = File::create(&temporary).and_then(|mut file| {
             file.write_all(bytes)?;
             file.sync_all()
@@ -340,19 +309,12 @@ fn is_file_of(path: &Path, bytes: &[u8]) -> bool {
 
 /// When a file was last written; never long ago where the file system does not say.
 fn written_at(metadata: &fs::Metadata) -> Timestamp {
-    let modified = metadata
-        .modified()
-        .ok()
-        .and_then(|time| Timestamp::try_from(time).ok());
+    let modified = metadata.modified().ok().and_then(|time| Timestamp::try_from(time).ok());
     modified.unwrap_or(Timestamp::MAX)
 }
 
 pub(in crate::store) fn file_error(action: &'static str, path: &Path, source: io::Error) -> StoreError {
-    StoreError::File {
-        action,
-        path: path.to_path_buf(),
-        source,
-    }
+    StoreError::File { action, path: path.to_path_buf(), source }
 }
 
 #[cfg(test)]
@@ -362,9 +324,7 @@ mod tests {
 
     fn put(objects: &Objects, bytes: &[u8]) -> String {
         let name = Objects::name(bytes);
-        objects
-            .put_all(&[(name.clone(), Bytes::copy_from_slice(bytes))], &[])
-            .unwrap();
+        objects.put_all(&[(name.clone(), Bytes::copy_from_slice(bytes))], &[]).unwrap();
         name
     }
 
@@ -387,10 +347,7 @@ mod tests {
         let name = put(&objects, b"abcdef");
         let path = folder.path().join(&name[..2]).join(&name);
         fs::write(&path, b"abcdex").unwrap();
-        assert!(matches!(
-            objects.get(&name),
-            Err(StoreError::ObjectDamaged { .. })
-        ));
+        assert!(matches!(objects.get(&name), Err(StoreError::ObjectDamaged { .. })));
         for damaged in [&b"abcdex"[..], b"abc"] {
             fs::write(&path, damaged).unwrap();
             put(&objects, b"abcdef");

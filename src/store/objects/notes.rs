@@ -125,11 +125,7 @@ impl Objects {
     /// What people said of all assets.
     pub fn asset_notes(&self) -> Result<Vec<AssetNote>, StoreError> {
         let notes = self.files(ASSETS)?.into_iter().map(|file| self.read(&file.path));
-        Ok(notes
-            .collect::<Result<Vec<Option<AssetNote>>, _>>()?
-            .into_iter()
-            .flatten()
-            .collect())
+        Ok(notes.collect::<Result<Vec<Option<AssetNote>>, _>>()?.into_iter().flatten().collect())
     }
 
     /// Copies all notes to other objects; a note of an asset that is there is replaced.
@@ -160,11 +156,7 @@ impl Objects {
     /// All records that were removed.
     pub fn removals(&self) -> Result<Vec<RemovalNote>, StoreError> {
         let notes = self.files(REMOVED)?.into_iter().map(|file| self.read(&file.path));
-        Ok(notes
-            .collect::<Result<Vec<Option<RemovalNote>>, _>>()?
-            .into_iter()
-            .flatten()
-            .collect())
+        Ok(notes.collect::<Result<Vec<Option<RemovalNote>>, _>>()?.into_iter().flatten().collect())
     }
 
     /// Forgets an asset.
@@ -177,12 +169,7 @@ impl Objects {
         let path = self.object_path(&format!("{shard:02x}"));
         let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
         let note = |path: String| {
-            let name = path
-                .strip_suffix(".json")?
-                .rsplit('/')
-                .next()?
-                .split('.')
-                .next()?;
+            let name = path.strip_suffix(".json")?.rsplit('/').next()?.split('.').next()?;
             is_name(name).then(|| (name.to_owned(), path.clone()))
         };
         let files = self.files(folder)?.into_iter();

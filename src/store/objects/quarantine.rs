@@ -38,15 +38,8 @@ impl Objects {
     pub fn quarantined(&self) -> Result<Vec<Quarantined>, StoreError> {
         let files = self.files(FOLDER)?;
         let quarantined = files.into_iter().filter_map(|file| {
-            let (date, name) = file
-                .path
-                .strip_prefix(FOLDER)?
-                .strip_prefix('/')?
-                .split_once('.')?;
-            let since = DateTime::strptime(DATE, date)
-                .ok()?
-                .to_zoned(TimeZone::UTC)
-                .ok()?;
+            let (date, name) = file.path.strip_prefix(FOLDER)?.strip_prefix('/')?.split_once('.')?;
+            let since = DateTime::strptime(DATE, date).ok()?.to_zoned(TimeZone::UTC).ok()?;
             is_name(name).then(|| Quarantined {
                 name: name.to_owned(),
                 bytes: file.bytes,

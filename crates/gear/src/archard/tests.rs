@@ -16,10 +16,7 @@ fn pair(rule: ContactRule) -> GearPair {
 
 /// Depths in mm of a gear at 32 even steps of α₁ from start of active profile to tip.
 fn depths(pair: &GearPair, wear: &FlankWear, i: usize) -> Vec<f64> {
-    Flank::new(&pair.gears[i], wear, i)
-        .active_points(32)
-        .map(|point| point.depth_mm)
-        .collect()
+    Flank::new(&pair.gears[i], wear, i).active_points(32).map(|point| point.depth_mm).collect()
 }
 
 /// Fig. 6: from tip to root the depth falls to the pitch point and rises again, more than it fell.
@@ -28,16 +25,7 @@ fn shape_is_that_of_figure_6() {
     for rule in [ContactRule::Threshold, ContactRule::Loaded] {
         let pair = pair(rule);
         let state = &ArchardWear::at_depths(&pair, &[0.012]).unwrap()[0];
-        assert!(
-            (state
-                .wear
-                .greatest_depth_mm(&pair)
-                .into_iter()
-                .fold(0.0, f64::max)
-                - 0.012)
-                .abs()
-                < 1e-4
-        );
+        assert!((state.wear.greatest_depth_mm(&pair).into_iter().fold(0.0, f64::max) - 0.012).abs() < 1e-4);
         for (i, gear) in pair.gears.iter().enumerate() {
             let flank = Flank::new(gear, &state.wear, i);
             let pitch = flank.alpha_at_radius_rad(gear.pitch_radius_mm);
@@ -50,22 +38,13 @@ fn shape_is_that_of_figure_6() {
                 .unwrap();
             // The last 2a before the tip apart: there elastic teeth touch with the tip's edge, which digs in.
             let (root, tip) = (greatest(&all[..at]), greatest(&all[at..31]));
-            println!(
-                "{rule}, gear {}: root {root:.5}, pitch {near:.5}, tip {tip:.5} mm",
-                i + 1
-            );
-            assert!(
-                near < 0.1 * root && near < 0.25 * tip && root > 1.3 * tip,
-                "{rule} {all:?}"
-            );
+            println!("{rule}, gear {}: root {root:.5}, pitch {near:.5}, tip {tip:.5} mm", i + 1);
+            assert!(near < 0.1 * root && near < 0.25 * tip && root > 1.3 * tip, "{rule} {all:?}");
             // Between its greatest values on both sides the depth has its one minimum at the pitch point.
             let place = gear.root_angle_rad + (gear.tip_angle_rad - gear.root_angle_rad) * at as f64 / 32.0;
             assert!((place - pitch).abs() < 0.02, "{rule} {place} {pitch}");
             let from = all.iter().position(|depth| *depth == root).unwrap();
-            assert!(
-                all[from..=at].windows(2).all(|two| two[1] < two[0] + 1e-4),
-                "{rule} {all:?}"
-            );
+            assert!(all[from..=at].windows(2).all(|two| two[1] < two[0] + 1e-4), "{rule} {all:?}");
         }
     }
 }
@@ -86,10 +65,7 @@ fn one_point_is_the_closed_form() {
         // Perfect flanks: α₁ = φ₁ + α₀, α₁′ with R_b1 (α₁ + α₂) + R_b2 (α₁′ + α₂′) = a sin α₀.
         let lengths = |driving: f64| {
             let first = pair.gears[0].base_radius_mm * (driving + pair.gears[0].base_half_angle_rad);
-            [
-                first,
-                pair.centre_distance_mm * pair.pressure_angle_rad.sin() - first,
-            ]
+            [first, pair.centre_distance_mm * pair.pressure_angle_rad.sin() - first]
         };
         let length = lengths(angle);
         let gear = &pair.gears[i];
@@ -129,10 +105,7 @@ fn both_gears_lose_the_same_volume_and_the_softer_one_more() {
     let equal = volumes([7e9, 7e9]);
     // What the bands take off below the starts of the active profiles is not followed: 3 % of a tooth's, and
     // not the same on both gears.
-    assert!(
-        (equal[0] * 24.0 / (equal[1] * 26.0) - 1.0).abs() < 0.012,
-        "{equal:?}"
-    );
+    assert!((equal[0] * 24.0 / (equal[1] * 26.0) - 1.0).abs() < 0.012, "{equal:?}");
     let softer = volumes([7e9, 3.5e9]);
     assert!((softer[1] / equal[1] - 2.0).abs() < 1e-9 && (softer[0] / equal[0] - 1.0).abs() < 1e-9);
 }
@@ -146,18 +119,12 @@ fn course_is_that_of_a_second_method() {
     let pair = pair(ContactRule::Loaded);
     let states = ArchardWear::at_depths(&pair, &STATES_MM).unwrap();
     let mut greatest = [(0.0_f64, 0.0_f64); 2];
-    for line in include_str!("../../../../fixtures/reference/archard/wear.csv")
-        .lines()
-        .skip(1)
-    {
+    for line in include_str!("../../../../fixtures/reference/archard/wear.csv").lines().skip(1) {
         let numbers: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
         let &[greatest_um, turns, gear, alpha, wanted_um] = numbers.as_slice() else {
             panic!("five numbers")
         };
-        let place = STATES_MM
-            .iter()
-            .position(|depth| (depth * 1e3 - greatest_um).abs() < 0.01)
-            .unwrap();
+        let place = STATES_MM.iter().position(|depth| (depth * 1e3 - greatest_um).abs() < 0.01).unwrap();
         let (state, i) = (&states[place], gear as usize - 1);
         assert!(
             (state.driving_turns / turns - 1.0).abs() < 0.15,
@@ -191,38 +158,21 @@ fn the_pitch_point_is_spared_by_light_wear_only() {
     for rule in [ContactRule::Threshold, ContactRule::Loaded] {
         let pair = pair(rule);
         let states = ArchardWear::at_depths(&pair, &[0.012, 0.025, 0.1, 0.245]).unwrap();
-        for (state, limits) in states
-            .iter()
-            .zip([(0.0, 0.05), (0.05, 0.1), (0.3, 0.4), (0.5, 0.65)])
-        {
-            let deepest = state
-                .wear
-                .greatest_depth_mm(&pair)
-                .into_iter()
-                .fold(0.0, f64::max);
+        for (state, limits) in states.iter().zip([(0.0, 0.05), (0.05, 0.1), (0.3, 0.4), (0.5, 0.65)]) {
+            let deepest = state.wear.greatest_depth_mm(&pair).into_iter().fold(0.0, f64::max);
             for (i, gear) in pair.gears.iter().enumerate() {
                 let flank = Flank::new(gear, &state.wear, i);
                 let part = flank.at(flank.alpha_at_radius_rad(gear.pitch_radius_mm)).depth_mm / deepest;
                 println!("{rule}, {deepest:.3} mm, gear {}: {part:.3}", i + 1);
-                assert!(
-                    part > limits.0 && part < limits.1,
-                    "{rule}, {deepest} mm, gear {}: {part}",
-                    i + 1
-                );
+                assert!(part > limits.0 && part < limits.1, "{rule}, {deepest} mm, gear {}: {part}", i + 1);
                 // From its greatest value at the root side the depth falls to one minimum near the pitch
                 // point, then rises.
                 let all = depths(&pair, &state.wear, i);
                 let middle = (8..22).min_by(|a, b| all[*a].total_cmp(&all[*b])).unwrap();
                 assert!((15..=18).contains(&middle), "{rule} {middle} {all:?}");
                 let slack = 0.005 * deepest;
-                assert!(
-                    all[6..=middle].windows(2).all(|two| two[1] < two[0] + slack),
-                    "{rule} {all:?}"
-                );
-                assert!(
-                    all[middle..=22].windows(2).all(|two| two[1] > two[0] - slack),
-                    "{rule} {all:?}"
-                );
+                assert!(all[6..=middle].windows(2).all(|two| two[1] < two[0] + slack), "{rule} {all:?}");
+                assert!(all[middle..=22].windows(2).all(|two| two[1] > two[0] - slack), "{rule} {all:?}");
             }
         }
     }
@@ -242,10 +192,7 @@ fn depth_is_proportional_to_turns_at_first_and_to_the_coefficient() {
     spec.wear.coefficient *= 2.0;
     let faster = depth(&spec.resolve().unwrap(), 500.0);
     assert!(faster.iter().zip(&twice).all(|(a, b)| (a - b).abs() < 1e-12));
-    assert_eq!(
-        ArchardWear::after_turns(&pair, 0.0).unwrap().wear,
-        FlankWear::none()
-    );
+    assert_eq!(ArchardWear::after_turns(&pair, 0.0).unwrap().wear, FlankWear::none());
 }
 
 /// Halving the step of the course changes the shape little where the threshold rule lets pairs take turns.
@@ -258,11 +205,7 @@ fn course_has_settled_in_its_step() {
         depths(&pair, &course.wear(), 0)
     };
     let (used, halved) = (with(super::STEP_MODULES), with(0.5 * super::STEP_MODULES));
-    let worst = used
-        .iter()
-        .zip(&halved)
-        .map(|(a, b)| (a - b).abs())
-        .fold(0.0, f64::max);
+    let worst = used.iter().zip(&halved).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     println!("greatest change {:.3} µm of 12 µm", worst * 1e3);
     assert!(worst < 1.2e-3);
 }
@@ -278,21 +221,13 @@ fn the_shape_of_a_pair_file_reaches_its_depth_state_by_state() {
     let turns = ArchardWear::at_depths(&pair, &[0.004]).unwrap()[0].driving_turns;
     assert!((states[2].driving_turns().unwrap() / turns - 1.0).abs() < 0.02);
     assert_eq!(
-        FlankWear::from_table_csv(&pair, "gear,radius_mm,depth_um\n1,70,5\n")
-            .unwrap()
-            .driving_turns(),
+        FlankWear::from_table_csv(&pair, "gear,radius_mm,depth_um\n1,70,5\n").unwrap().driving_turns(),
         None
     );
-    assert_eq!(
-        states[2],
-        FlankWear::from_shape_at(&pair, &[0.002, 0.004]).unwrap()[1]
-    );
+    assert_eq!(states[2], FlankWear::from_shape_at(&pair, &[0.002, 0.004]).unwrap()[1]);
     assert!(matches!(
         FlankWear::from_shape_at(&pair, &[0.004, 0.002]),
-        Err(GearError::Field {
-            field: "wear depth in mm",
-            ..
-        })
+        Err(GearError::Field { field: "wear depth in mm", .. })
     ));
     let text = toml::to_string(&spec).unwrap();
     assert!(text.contains("shape = \"archard\""));

@@ -75,11 +75,8 @@ impl Bank {
             let (depth_um, torque, speed, seed, phase) = draw(index);
             let wear_um = if worn { depth_um } else { 0.0 };
             let pair = with_torque(&plan.pair, torque).resolve()?;
-            let cycle = MeshCycle::compute(
-                &pair,
-                &FlankWear::from_shape(&pair, wear_um * 1e-3)?,
-                CYCLE_POINTS,
-            )?;
+            let cycle =
+                MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, wear_um * 1e-3)?, CYCLE_POINTS)?;
             let run = RunSettings {
                 sample_rate_hz: plan.sample_rate_hz,
                 seconds: plan.seconds,

@@ -54,12 +54,7 @@ impl Case {
         let other = |name: &str, change: &dyn Fn(&mut PairSpec)| {
             let mut worn = pair.clone();
             change(&mut worn);
-            Self {
-                name: name.to_owned(),
-                aim: Aim::OtherPhysics,
-                pair: worn,
-                described: pair.clone(),
-            }
+            Self { name: name.to_owned(), aim: Aim::OtherPhysics, pair: worn, described: pair.clone() }
         };
         let same = |name: &str, aim| Self {
             name: name.to_owned(),
@@ -76,27 +71,18 @@ impl Case {
         let mut measured = pair.clone();
         measured.wear.measured = true;
         let mut cases = vec![
-            Self {
-                described: measured,
-                ..same("own physics, shape known", Aim::OwnPhysics)
-            },
+            Self { described: measured, ..same("own physics, shape known", Aim::OwnPhysics) },
             same("own physics", Aim::OwnPhysics),
             other("Archard, hardness 1:1", &archard(1.0)),
             other("Archard, hardness 1:2", &archard(2.0)),
             other("Archard, hardness 2:1", &archard(0.5)),
-            other("mesh damping 0.05", &|pair| {
-                pair.dynamics.mesh_damping_ratio = 0.05
-            }),
+            other("mesh damping 0.05", &|pair| pair.dynamics.mesh_damping_ratio = 0.05),
             other("mesh damping 0.1", &|pair| pair.dynamics.mesh_damping_ratio = 0.1),
             other("exponent 2.5 for 4", &|pair| pair.wear.exponent = 2.5),
             other("tip ratio 0.4 for 0.7", &|pair| pair.wear.tip_ratio = 0.4),
             other("floor 0.3 for 0.05", &|pair| pair.wear.floor = 0.3),
-            other("mesh damping × ½", &|pair| {
-                pair.dynamics.mesh_damping_ratio *= 0.5
-            }),
-            other("mesh damping × 2", &|pair| {
-                pair.dynamics.mesh_damping_ratio *= 2.0
-            }),
+            other("mesh damping × ½", &|pair| pair.dynamics.mesh_damping_ratio *= 0.5),
+            other("mesh damping × 2", &|pair| pair.dynamics.mesh_damping_ratio *= 2.0),
             other("bore 30 mm for 20", &|pair| {
                 pair.geometry.bore_radius_mm = pair.geometry.bore_radius_mm.map(|radius| 1.5 * radius);
             }),

@@ -122,9 +122,9 @@ pub(super) fn excite(
 pub(super) fn distort(fault: Fault, seen: &mut [f64], rate_hz: f64, peak: f64) {
     match fault {
         Fault::GainJump => seen.iter_mut().for_each(|x| *x *= GAIN),
-        Fault::Clipping => seen
-            .iter_mut()
-            .for_each(|x| *x = x.clamp(-CLIPPED_PART * peak, CLIPPED_PART * peak)),
+        Fault::Clipping => {
+            seen.iter_mut().for_each(|x| *x = x.clamp(-CLIPPED_PART * peak, CLIPPED_PART * peak))
+        }
         Fault::Dead => seen.fill(0.0),
         Fault::LooseMount => {
             // A second-order low-pass by impulse invariance.

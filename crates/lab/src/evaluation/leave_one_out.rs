@@ -46,9 +46,7 @@ fn run_of(member: &Member, depths_um: &[f64], number: usize) -> RecordedRun {
     let mut record = |index: usize| {
         let part = index.saturating_sub(HEALTHY) as f64 / (RECORDS - 1 - HEALTHY) as f64;
         let wear_um = LAST_PART * greatest_um * part;
-        let upper = depths_um
-            .partition_point(|um| *um <= wear_um)
-            .clamp(1, depths_um.len() - 1);
+        let upper = depths_um.partition_point(|um| *um <= wear_um).clamp(1, depths_um.len() - 1);
         let between = (wear_um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
         let mut features = Features::default();
         for (line, gain) in path.iter().enumerate() {
@@ -61,14 +59,7 @@ fn run_of(member: &Member, depths_um: &[f64], number: usize) -> RecordedRun {
             features.background.insert(name.clone(), gain + NOISE);
             features.values.insert(name, gain + seen);
         }
-        Observation {
-            wear_um,
-            features,
-            single: [0.0; 3],
-        }
+        Observation { wear_um, features, single: [0.0; 3] }
     };
-    RecordedRun {
-        name: format!("member {number}"),
-        records: (0..RECORDS).map(&mut record).collect(),
-    }
+    RecordedRun { name: format!("member {number}"), records: (0..RECORDS).map(&mut record).collect() }
 }

@@ -58,12 +58,7 @@ pub struct EvaluationSettings {
 
 impl Default for EvaluationSettings {
     fn default() -> Self {
-        Self {
-            runs: 200,
-            records: 300,
-            states: 600,
-            seed: 1,
-        }
+        Self { runs: 200, records: 300, states: 600, seed: 1 }
     }
 }
 
@@ -100,11 +95,7 @@ pub fn evaluate(
         healthy: (settings.states / 8).max(40),
         seconds: SECONDS + sensor::SETTLING_S + sensor::MARGIN_S,
         sample_rate_hz: RATE_HZ,
-        max_wear_um: if last_wear_um > 0.0 {
-            last_wear_um
-        } else {
-            max_wear_um
-        },
+        max_wear_um: if last_wear_um > 0.0 { last_wear_um } else { max_wear_um },
         speed_variation: SPEED_VARIATION,
         torque_variation: TORQUE_VARIATION,
         weak_tooth: None,
@@ -135,12 +126,8 @@ pub fn evaluate(
     let runs: Vec<Vec<Judged>> = (0..settings.runs)
         .into_par_iter()
         .map(|run| {
-            let observations = observe(
-                &bank,
-                faulty.as_ref(),
-                &shape,
-                settings.seed.wrapping_add(7919 * (run as u64 + 1)),
-            );
+            let observations =
+                observe(&bank, faulty.as_ref(), &shape, settings.seed.wrapping_add(7919 * (run as u64 + 1)));
             judge(&observations, ensemble, fault_from)
         })
         .collect();
@@ -150,16 +137,11 @@ pub fn evaluate(
 /// Follows one run; `fault_from` is its first record with a fault.
 fn judge(observations: &[Observation], ensemble: &Arc<Ensemble>, fault_from: Option<usize>) -> Vec<Judged> {
     let limit_um = 0.8 * ensemble.described().max_wear_um();
-    let settings = EstimatorSettings {
-        baseline_records: BASELINE as u32,
-        limit_um: Some(limit_um),
-    };
+    let settings = EstimatorSettings { baseline_records: BASELINE as u32, limit_um: Some(limit_um) };
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
     let mut state = tracker.start();
     let at = |index: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(index as i64);
-    let crossing = observations
-        .iter()
-        .position(|observation| observation.wear_um >= limit_um);
+    let crossing = observations.iter().position(|observation| observation.wear_um >= limit_um);
     observations
         .iter()
         .enumerate()
@@ -217,16 +199,8 @@ fn below(told: &WearEstimate, truth_um: f64) -> Option<f64> {
     let depths = &posterior.wear_um;
     let mut below = 0.0;
     for (i, p) in posterior.probability.iter().enumerate() {
-        let low = if i == 0 {
-            0.0
-        } else {
-            0.5 * (depths[i - 1] + depths[i])
-        };
-        let high = if i + 1 == depths.len() {
-            depths[i]
-        } else {
-            0.5 * (depths[i] + depths[i + 1])
-        };
+        let low = if i == 0 { 0.0 } else { 0.5 * (depths[i - 1] + depths[i]) };
+        let high = if i + 1 == depths.len() { depths[i] } else { 0.5 * (depths[i] + depths[i + 1]) };
         if high <= truth_um {
             below += p;
         } else if low < truth_um {

@@ -85,22 +85,14 @@ pub struct RunScore {
 
 /// Follows a run, one record an hour, with the first `baseline` records as the baseline.
 pub fn follow(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial: Trial) -> Vec<Answer> {
-    let settings = EstimatorSettings {
-        baseline_records: baseline,
-        limit_um: None,
-    };
+    let settings = EstimatorSettings { baseline_records: baseline, limit_um: None };
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
     let mut state = tracker.start();
     let half = run.records.len() / 2;
     let gap = half - trial.gap.min(half) / 2..half + trial.gap.div_ceil(2);
     let mut answers = Vec::with_capacity(run.records.len());
     let mut inspection = trial.inspection_um;
-    for (record, observation) in run
-        .records
-        .iter()
-        .enumerate()
-        .filter(|(record, _)| !gap.contains(record))
-    {
+    for (record, observation) in run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record)) {
         let at = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
         if record >= half
             && let Some(error_um) = inspection.take()
@@ -121,22 +113,13 @@ pub fn follow(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial:
 
 /// Scores the answers of a run after its baseline.
 pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: Option<usize>) -> RunScore {
-    let answers: Vec<&Answer> = answers
-        .iter()
-        .filter(|answer| answer.record >= baseline)
-        .collect();
-    let told: Vec<(usize, f64, [f64; 3])> = answers
-        .iter()
-        .filter_map(|answer| Some((answer.record, answer.truth_um, answer.wear_um?)))
-        .collect();
+    let answers: Vec<&Answer> = answers.iter().filter(|answer| answer.record >= baseline).collect();
+    let told: Vec<(usize, f64, [f64; 3])> =
+        answers.iter().filter_map(|answer| Some((answer.record, answer.truth_um, answer.wear_um?))).collect();
     let holds = |truth: f64, [_, low, high]: [f64; 3]| low <= truth && truth <= high;
     type Told = (usize, f64, [f64; 3]);
     let mean = |values: &dyn Fn(&Told) -> f64, from: usize| {
-        let chosen: Vec<f64> = told
-            .iter()
-            .filter(|(record, ..)| *record >= from)
-            .map(values)
-            .collect();
+        let chosen: Vec<f64> = told.iter().filter(|(record, ..)| *record >= from).map(values).collect();
         chosen.iter().sum::<f64>() / chosen.len().max(1) as f64
     };
     let (mut longest_miss, mut missed) = (0, 0);
@@ -149,10 +132,7 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
         .filter(|(.., [_, low, high])| high - low < NARROW_UM)
         .map(|(_, truth, wear)| holds(*truth, *wear))
         .collect();
-    let pairs: Vec<(f64, f64)> = told
-        .iter()
-        .map(|(_, truth, [median, ..])| (*truth, *median))
-        .collect();
+    let pairs: Vec<(f64, f64)> = told.iter().map(|(_, truth, [median, ..])| (*truth, *median)).collect();
     let flagged = answers.iter().filter(|answer| answer.flagged).count();
     RunScore {
         run: name.to_owned(),
@@ -160,10 +140,7 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
         estimated: told.len(),
         flagged,
         without: answers.len() - told.len() - flagged,
-        coverage: told
-            .iter()
-            .filter(|(_, truth, wear)| holds(*truth, *wear))
-            .count() as f64
+        coverage: told.iter().filter(|(_, truth, wear)| holds(*truth, *wear)).count() as f64
             / told.len().max(1) as f64,
         longest_miss,
         rank: rank_correlation(&pairs),
@@ -184,12 +161,7 @@ fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent 
         kind: MaintenanceKind::Inspected,
         by: String::new(),
         comment: String::new(),
-        inspection: Some(Inspection {
-            depth_um,
-            error_um,
-            gear: None,
-            place: FlankPlace::Greatest,
-        }),
+        inspection: Some(Inspection { depth_um, error_um, gear: None, place: FlankPlace::Greatest }),
         until: None,
     }
 }

@@ -83,9 +83,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
         .map(|index| {
             let wear_um =
                 settings.last_wear_um * (index as f64 / (settings.records.max(2) - 1) as f64).powf(power);
-            let fault = settings
-                .fault
-                .and_then(|(fault, first)| (index >= first).then_some(fault));
+            let fault = settings.fault.and_then(|(fault, first)| (index >= first).then_some(fault));
             let bank = match (fault, faulty) {
                 (Some(_), Some(faulty)) => faulty,
                 _ => bank,
@@ -94,9 +92,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
             reached_um = reached_um.max(vibration.wear_um);
             let samples = sensor.record(vibration, settings.seconds, fault, &mut rng);
             if fault.is_none() {
-                sensor.peak = samples
-                    .iter()
-                    .fold(0.0, |most, &x| f64::max(most, f64::from(x.abs())));
+                sensor.peak = samples.iter().fold(0.0, |most, &x| f64::max(most, f64::from(x.abs())));
             }
             let record = Record::new("1", Timestamp::UNIX_EPOCH, plan.sample_rate_hz, "m/s2", samples)
                 .and_then(|record| {
@@ -109,11 +105,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
                 .expect("a simulated vibration is finite, and its rate and torque were checked by the model");
             let analysis = analyzer.analyze(&record, &mesh);
             let single = ["rms", "kurtosis", "omx"].map(|name| analysis.indicators.get(name).unwrap_or(0.0));
-            Observation {
-                wear_um: vibration.wear_um,
-                features: analysis.features,
-                single,
-            }
+            Observation { wear_um: vibration.wear_um, features: analysis.features, single }
         })
         .collect()
 }
@@ -126,8 +118,5 @@ pub fn observe_many(
     runs: usize,
     first_seed: u64,
 ) -> Vec<Vec<Observation>> {
-    (0..runs)
-        .into_par_iter()
-        .map(|run| observe(bank, faulty, settings, first_seed + run as u64))
-        .collect()
+    (0..runs).into_par_iter().map(|run| observe(bank, faulty, settings, first_seed + run as u64)).collect()
 }

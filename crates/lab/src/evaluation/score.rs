@@ -70,39 +70,27 @@ impl Score {
     /// of the library.
     pub(super) fn of(case: &str, runs: &[Vec<Judged>], baseline: usize, half_um: f64) -> Self {
         let after = || runs.iter().flat_map(|run| run.iter().skip(baseline));
-        let told: Vec<(f64, [f64; 3])> = after()
-            .filter_map(|record| Some((record.truth_um, record.told?)))
-            .collect();
+        let told: Vec<(f64, [f64; 3])> =
+            after().filter_map(|record| Some((record.truth_um, record.told?))).collect();
         let count = told.len().max(1) as f64;
-        let mut errors: Vec<f64> = told
-            .iter()
-            .map(|(truth, [median, ..])| (median - truth).abs())
-            .collect();
+        let mut errors: Vec<f64> = told.iter().map(|(truth, [median, ..])| (median - truth).abs()).collect();
         errors.sort_by(f64::total_cmp);
         let places: Vec<f64> = after().filter_map(|record| record.below_truth).collect();
         let calibration = NOMINAL.map(|level| {
-            let inside = places
-                .iter()
-                .filter(|place| (*place - 0.5).abs() <= 0.5 * level)
-                .count();
+            let inside = places.iter().filter(|place| (*place - 0.5).abs() <= 0.5 * level).count();
             inside as f64 / places.len().max(1) as f64
         });
         let clean: Vec<&Judged> = after().filter(|record| !record.faulty).collect();
         let faulty = runs.iter().any(|run| run.iter().any(|record| record.faulty));
         let found = |run: &&Vec<Judged>| {
-            run.iter()
-                .filter(|record| record.faulty)
-                .take(10)
-                .any(|record| record.verdict.is_some())
+            run.iter().filter(|record| record.faulty).take(10).any(|record| record.verdict.is_some())
         };
         let prognoses: Vec<bool> = after().filter_map(|record| record.prognosis_holds).collect();
         let wears = runs.iter().flatten().any(|record| record.truth_um > half_um);
         let correlate = |value: &dyn Fn(&Judged) -> Option<f64>| -> f64 {
             let of_run = |run: &Vec<Judged>| {
-                let pairs = run
-                    .iter()
-                    .skip(baseline)
-                    .filter_map(|record| Some((record.truth_um, value(record)?)));
+                let pairs =
+                    run.iter().skip(baseline).filter_map(|record| Some((record.truth_um, value(record)?)));
                 rank_correlation(&pairs.collect::<Vec<_>>())
             };
             let all: Vec<f64> = runs.iter().filter_map(of_run).collect();
@@ -114,15 +102,9 @@ impl Score {
             estimates: told.len(),
             mean_error_um: errors.iter().sum::<f64>() / count,
             error_quantiles_um: [0.5, 0.9, 0.99].map(|level| quantile(&errors, level)),
-            bias_um: told
-                .iter()
-                .map(|(truth, [median, ..])| median - truth)
-                .sum::<f64>()
-                / count,
-            coverage: told
-                .iter()
-                .filter(|(truth, [_, low, high])| low <= truth && truth <= high)
-                .count() as f64
+            bias_um: told.iter().map(|(truth, [median, ..])| median - truth).sum::<f64>() / count,
+            coverage: told.iter().filter(|(truth, [_, low, high])| low <= truth && truth <= high).count()
+                as f64
                 / count,
             width_um: told.iter().map(|(_, [_, low, high])| high - low).sum::<f64>() / count,
             rank_correlation: wears.then(|| correlate(&|record| record.told.map(|told| told[0]))),
@@ -138,17 +120,11 @@ impl Score {
                 (holding as f64 / prognoses.len() as f64, prognoses.len())
             }),
             rms_alarm_um: wears
-                .then(|| {
-                    alarms(runs, baseline, &|record, healthy| {
-                        record.single[0] > 2.0 * healthy
-                    })
-                })
+                .then(|| alarms(runs, baseline, &|record, healthy| record.single[0] > 2.0 * healthy))
                 .flatten(),
             wear_alarm_um: wears
                 .then(|| {
-                    alarms(runs, baseline, &|record, _| {
-                        record.told.is_some_and(|told| told[0] > half_um)
-                    })
+                    alarms(runs, baseline, &|record, _| record.told.is_some_and(|told| told[0] > half_um))
                 })
                 .flatten(),
         }
@@ -172,19 +148,13 @@ fn alarms(runs: &[Vec<Judged>], baseline: usize, holds: &dyn Fn(&Judged, f64) ->
     let mut depths: Vec<f64> = runs
         .iter()
         .filter_map(|run| {
-            let healthy = run
-                .iter()
-                .take(baseline)
-                .map(|record| record.single[0])
-                .sum::<f64>()
-                / baseline as f64;
+            let healthy =
+                run.iter().take(baseline).map(|record| record.single[0]).sum::<f64>() / baseline as f64;
             let raised = run
                 .get(baseline..)?
                 .windows(5)
                 .find(|window| window.iter().filter(|record| holds(record, healthy)).count() >= 3);
-            raised
-                .map_or(run.last(), |window| window.last())
-                .map(|record| record.truth_um)
+            raised.map_or(run.last(), |window| window.last()).map(|record| record.truth_um)
         })
         .collect();
     depths.sort_by(f64::total_cmp);
@@ -269,10 +239,7 @@ mod tests {
             (score.mean_error_um, score.coverage, score.width_um, score.bias_um),
             (3.0, 0.5, 6.0, -1.0)
         );
-        assert_eq!(
-            (score.false_flags, score.found, score.rank_correlation),
-            (0.0, Some(1.0), None)
-        );
+        assert_eq!((score.false_flags, score.found, score.rank_correlation), (0.0, Some(1.0), None));
         assert_eq!(score.named, Some(("one tooth".to_owned(), 1.0)));
     }
 }

@@ -59,19 +59,11 @@ impl Sensor {
         let mut felt: Vec<f64> = (0..length)
             .map(|n| {
                 let swing = displaced * (TAU * (swing_hz * n as f64 / rate_hz + phase)).cos();
-                self.kernel
-                    .interpolate(&vibration.samples, start + n as f64 + swing)
+                self.kernel.interpolate(&vibration.samples, start + n as f64 + swing)
             })
             .collect();
         if let Some(fault) = fault {
-            excite(
-                fault,
-                &mut felt,
-                rate_hz,
-                vibration.shaft_speed_hz,
-                self.healthy_rms,
-                rng,
-            );
+            excite(fault, &mut felt, rate_hz, vibration.shaft_speed_hz, self.healthy_rms, rng);
         }
         let mut seen = self.path.apply(&felt);
         for x in &mut seen {
@@ -96,11 +88,7 @@ impl Kernel {
             let raw: [f64; 2 * REACH] = std::array::from_fn(|k| {
                 let x = k as f64 + 1.0 - REACH as f64 - fraction;
                 let window = (0.5 * PI * x / REACH as f64).cos().powi(2);
-                if x.abs() < 1e-9 {
-                    1.0
-                } else {
-                    window * (PI * x).sin() / (PI * x)
-                }
+                if x.abs() < 1e-9 { 1.0 } else { window * (PI * x).sin() / (PI * x) }
             });
             let sum: f64 = raw.iter().sum();
             raw.map(|w| (w / sum) as f32)
@@ -110,9 +98,7 @@ impl Kernel {
 
     fn interpolate(&self, samples: &[f32], position: f64) -> f64 {
         let centre = (position as usize).clamp(REACH, samples.len() - REACH - 1);
-        let place = ((position - centre as f64) * PLACES as f64)
-            .round()
-            .clamp(0.0, PLACES as f64) as usize;
+        let place = ((position - centre as f64) * PLACES as f64).round().clamp(0.0, PLACES as f64) as usize;
         let around = &samples[centre + 1 - REACH..=centre + REACH];
         f64::from(around.iter().zip(&self.0[place]).map(|(x, w)| x * w).sum::<f32>())
     }

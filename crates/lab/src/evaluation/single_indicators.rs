@@ -35,10 +35,7 @@ pub fn single_indicators(runs: &[RecordedRun], baseline: usize) -> Vec<SingleInd
         let others: Vec<(f64, f64)> = others.flat_map(|(_, points)| points.iter().copied()).collect();
         let own = &points[index];
         let errors = |[slope, at_zero]: [f64; 2]| {
-            let sum: f64 = own
-                .iter()
-                .map(|(omx, truth)| (slope * omx + at_zero - truth).abs())
-                .sum();
+            let sum: f64 = own.iter().map(|(omx, truth)| (slope * omx + at_zero - truth).abs()).sum();
             sum / own.len().max(1) as f64
         };
         SingleIndicators {
@@ -56,9 +53,7 @@ fn omx_points(run: &RecordedRun, baseline: usize) -> Vec<(f64, f64)> {
     let (healthy, rest) = run.records.split_at(baseline.min(run.records.len()));
     let mean = mean(healthy, 2);
     let usable = rest.iter().filter(|record| record.single[2] > 0.0 && mean > 0.0);
-    usable
-        .map(|record| ((record.single[2] / mean).ln(), record.wear_um))
-        .collect()
+    usable.map(|record| ((record.single[2] / mean).ln(), record.wear_um)).collect()
 }
 
 fn rms_alarm_um(run: &RecordedRun, baseline: usize) -> Option<f64> {
@@ -78,15 +73,10 @@ fn mean(records: &[Observation], indicator: usize) -> f64 {
 /// Slope and value at 0 by least squares; none for points that do not differ.
 fn straight_line(points: &[(f64, f64)]) -> Option<[f64; 2]> {
     let count = points.len() as f64;
-    let (x_mean, y_mean) = points.iter().fold((0.0, 0.0), |(x, y), point| {
-        (x + point.0 / count, y + point.1 / count)
-    });
+    let (x_mean, y_mean) =
+        points.iter().fold((0.0, 0.0), |(x, y), point| (x + point.0 / count, y + point.1 / count));
     let spread: f64 = points.iter().map(|(x, _)| (x - x_mean).powi(2)).sum();
-    let slope = points
-        .iter()
-        .map(|(x, y)| (x - x_mean) * (y - y_mean))
-        .sum::<f64>()
-        / spread;
+    let slope = points.iter().map(|(x, y)| (x - x_mean) * (y - y_mean)).sum::<f64>() / spread;
     (spread > 0.0).then_some([slope, y_mean - slope * x_mean])
 }
 
@@ -106,10 +96,7 @@ mod tests {
                 single: [1.0 + wear_um / 50.0, 3.0, scale * (wear_um / 50.0).exp()],
             }
         };
-        RecordedRun {
-            name: name.to_owned(),
-            records: (0..60).map(record).collect(),
-        }
+        RecordedRun { name: name.to_owned(), records: (0..60).map(record).collect() }
     }
 
     #[test]

@@ -41,10 +41,7 @@ impl Cycle<'_> {
         let left = if weak { 1.0 - self.loss * bend } else { 1.0 };
         let errors = &self.pair.errors;
         let clock = (seconds + SETTLING_S) * errors.random_clock_hz;
-        let (tick, fraction) = (
-            (clock.max(0.0) as usize).min(self.random.len() - 2),
-            clock.fract(),
-        );
+        let (tick, fraction) = ((clock.max(0.0) as usize).min(self.random.len() - 2), clock.fract());
         let random = self.random[tick] + fraction * (self.random[tick + 1] - self.random[tick]);
         let error = self.pair.gears[1].base_radius_mm * 1e-3 * between(&self.cycle.uste_rad)
             + errors.long_period_um * 1e-6 * (TAU * turns).sin()
@@ -61,19 +58,10 @@ pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, lo
     let step = 1.0 / (run.sample_rate_hz * OVERSAMPLING as f64);
     let mut rng = ChaCha8Rng::seed_from_u64(run.seed);
     let ticks = ((run.seconds + 2.0 * SETTLING_S) * pair.errors.random_clock_hz) as usize + 4;
-    let excitation = Cycle {
-        cycle,
-        pair,
-        run,
-        loss,
-        random: (0..ticks).map(|_| rng.random::<f64>()).collect(),
-    };
+    let excitation =
+        Cycle { cycle, pair, run, loss, random: (0..ticks).map(|_| rng.random::<f64>()).collect() };
     let mesh_mass = pair.mesh_mass_kg();
-    let inverse = [
-        1.0 / mesh_mass,
-        1.0 / pair.gears[0].mass_kg,
-        1.0 / pair.gears[1].mass_kg,
-    ];
+    let inverse = [1.0 / mesh_mass, 1.0 / pair.gears[0].mass_kg, 1.0 / pair.gears[1].mass_kg];
     let damping =
         2.0 * pair.spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt();
     let force = run.torque_nm / (pair.gears[0].base_radius_mm * 1e-3);
@@ -83,11 +71,7 @@ pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, lo
     let slope = |s: &[f64; 6], (k, e): (f64, f64)| -> [f64; 6] {
         let mesh = (s[0] - s[1] + s[2] - e).max(0.0);
         let damped = damping * mesh;
-        let v = [
-            s[3] - damped * inverse[0],
-            s[4] + damped * inverse[1],
-            s[5] - damped * inverse[2],
-        ];
+        let v = [s[3] - damped * inverse[0], s[4] + damped * inverse[1], s[5] - damped * inverse[2]];
         let push = k * mesh;
         let bearing = |i: usize| supports.damping_n_s_per_m * v[i] + supports.stiffness_n_per_m * s[i];
         [
@@ -102,14 +86,7 @@ pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, lo
     let (k, e) = excitation.at(-SETTLING_S);
     let (mesh, support) = (force / k, force / supports.stiffness_n_per_m);
     let part = inverse.map(|inverse| damping * mesh * inverse);
-    let mut state = [
-        mesh + 2.0 * support + e,
-        support,
-        -support,
-        part[0],
-        -part[1],
-        part[2],
-    ];
+    let mut state = [mesh + 2.0 * support + e, support, -support, part[0], -part[1], part[2]];
     let ahead = |s: &[f64; 6], d: &[f64; 6], h: f64| -> [f64; 6] { std::array::from_fn(|i| s[i] + h * d[i]) };
     let settling = (SETTLING_S * run.sample_rate_hz) as usize;
     let mut positions = Vec::with_capacity((samples + settling) * OVERSAMPLING + 2);
@@ -129,18 +106,12 @@ pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, lo
             ResponseCoordinate::Mesh => state[0] - state[1] + state[2],
         });
     }
-    let acceleration: Vec<f64> = positions
-        .windows(3)
-        .map(|w| (w[2] - 2.0 * w[1] + w[0]) / (step * step))
-        .collect();
+    let acceleration: Vec<f64> =
+        positions.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]) / (step * step)).collect();
     // A Hann-weighted mean over three samples' length before every eighth is kept.
     let reach = 3 * OVERSAMPLING / 2;
     let weights: Vec<f64> = (0..=2 * reach)
-        .map(|i| {
-            (TAU / 2.0 * (i as f64 + 1.0) / (2 * reach + 2) as f64)
-                .sin()
-                .powi(2)
-        })
+        .map(|i| (TAU / 2.0 * (i as f64 + 1.0) / (2 * reach + 2) as f64).sin().powi(2))
         .collect();
     let total: f64 = weights.iter().sum();
     (0..samples)

@@ -25,13 +25,7 @@ impl Check {
         measured: String,
         holds: bool,
     ) -> Self {
-        Self {
-            figure,
-            statement,
-            criterion,
-            measured,
-            holds,
-        }
+        Self { figure, statement, criterion, measured, holds }
     }
 }
 

@@ -30,11 +30,7 @@ pub(super) fn points(spec: &PairSpec) -> Vec<FiniteElementPoint> {
     let of_the_table = geometry.teeth == [24, 26]
         && geometry.bore_radius_mm == [20.0, 20.0]
         && geometry.addendum == [1.0, 1.0]
-        && (
-            geometry.module_mm,
-            geometry.face_width_mm,
-            geometry.pressure_angle_deg,
-        ) == (6.0, 50.0, 20.0)
+        && (geometry.module_mm, geometry.face_width_mm, geometry.pressure_angle_deg) == (6.0, 50.0, 20.0)
         && spec.material.youngs_modulus_pa == 2.05e11;
     if !of_the_table {
         return Vec::new();
@@ -43,18 +39,11 @@ pub(super) fn points(spec: &PairSpec) -> Vec<FiniteElementPoint> {
 }
 
 fn point(line: &str) -> Option<FiniteElementPoint> {
-    let numbers: Vec<f64> = line
-        .split(',')
-        .map_while(|field| field.trim().parse().ok())
-        .collect();
+    let numbers: Vec<f64> = line.split(',').map_while(|field| field.trim().parse().ok()).collect();
     Some(FiniteElementPoint {
         phi1_rad: *numbers.first()?,
         stiffness_n_per_m: *numbers.get(1)?,
-        pairs_in_contact: numbers
-            .get(6..9)?
-            .iter()
-            .filter(|share| **share > CARRYING_SHARE)
-            .count() as u32,
+        pairs_in_contact: numbers.get(6..9)?.iter().filter(|share| **share > CARRYING_SHARE).count() as u32,
     })
 }
 
@@ -69,9 +58,8 @@ pub(super) fn checks(mesh: &Mesh, points: &[FiniteElementPoint]) -> Vec<Check> {
         period.iter().filter(|point| point.pairs_in_contact > 1).count() as f64 / period.len() as f64;
     // The middles of the model's own single and double contact.
     let middle = |pairs: u32| {
-        let places: Vec<usize> = (0..mesh.phi1_rad.len())
-            .filter(|i| mesh.pairs_in_contact[*i] == pairs)
-            .collect();
+        let places: Vec<usize> =
+            (0..mesh.phi1_rad.len()).filter(|i| mesh.pairs_in_contact[*i] == pairs).collect();
         let at = *places.get(places.len() / 2)?;
         let distance = |point: &FiniteElementPoint| (point.phi1_rad - mesh.phi1_rad[at]).abs();
         let nearest = points.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
@@ -124,16 +112,9 @@ mod tests {
         let points = points(&spec);
         assert_eq!(points.len(), 97);
         assert!((points[0].phi1_rad + 0.277_624_056).abs() < 1e-9);
-        assert!(
-            points
-                .iter()
-                .all(|point| (5e8..7.5e8).contains(&point.stiffness_n_per_m))
-        );
+        assert!(points.iter().all(|point| (5e8..7.5e8).contains(&point.stiffness_n_per_m)));
         // The table's README: loaded contact ratio 1.73.
-        let double = points[..96]
-            .iter()
-            .filter(|point| point.pairs_in_contact == 2)
-            .count();
+        let double = points[..96].iter().filter(|point| point.pairs_in_contact == 2).count();
         assert!((double as f64 / 96.0 - 0.73).abs() < 0.02, "{double} of 96");
         spec.geometry.bore_radius_mm = [30.0, 30.0];
         assert!(super::points(&spec).is_empty());

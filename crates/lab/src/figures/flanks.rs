@@ -47,9 +47,7 @@ pub struct ToothPair {
 impl ToothPair {
     pub(super) fn compute(pair: &GearPair, wear: &FlankWear) -> Result<Self, GearError> {
         let flank = |i: usize| {
-            let points: Vec<_> = Flank::new(&pair.gears[i], wear, i)
-                .active_points(FLANK_CELLS)
-                .collect();
+            let points: Vec<_> = Flank::new(&pair.gears[i], wear, i).active_points(FLANK_CELLS).collect();
             FlankCurve {
                 alpha_rad: points.iter().map(|point| point.alpha_rad).collect(),
                 radius_mm: points.iter().map(|point| point.radius_mm).collect(),
@@ -96,10 +94,7 @@ impl FlankCurve {
 pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
     let worn = &states[1..];
     let column = |values: fn(&ToothPair) -> &[f64]| {
-        states
-            .iter()
-            .map(|state| range(values(state)))
-            .collect::<Vec<_>>()
+        states.iter().map(|state| range(values(state))).collect::<Vec<_>>()
     };
     let rad = |values: &[f64]| listed(values, |value| format!("{value:.5}")) + " rad";
     let below_first = |values: &[f64]| values[1..].iter().all(|value| *value < values[0]);
@@ -110,10 +105,7 @@ pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
         let [driving, driven] = state.flanks.each_ref().map(|flank| {
             let least = limits(&flank.depth_um).0;
             let last = flank.depth_um.len() - 1;
-            format!(
-                "{:.1}/{:.1}/{:.1}",
-                flank.depth_um[0], least, flank.depth_um[last]
-            )
+            format!("{:.1}/{:.1}/{:.1}", flank.depth_um[0], least, flank.depth_um[last])
         });
         format!("{driving} and {driven}")
     });
@@ -122,9 +114,7 @@ pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
         "From root to tip the wear depth first falls, then rises.",
         "on both flanks of every worn state",
         format!("root/least/tip {} µm", listed(deepest, |text| text)),
-        worn.iter()
-            .flat_map(|state| &state.flanks)
-            .all(FlankCurve::falls_then_rises),
+        worn.iter().flat_map(|state| &state.flanks).all(FlankCurve::falls_then_rises),
     ));
 
     let bent: Vec<f64> = states
@@ -154,10 +144,8 @@ pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
         rad(&prime),
         below_first(&prime),
     ));
-    let straight: Vec<f64> = states
-        .iter()
-        .map(|state| departure_from_a_line(&state.phi1_rad, &state.phi2_rad))
-        .collect();
+    let straight: Vec<f64> =
+        states.iter().map(|state| departure_from_a_line(&state.phi1_rad, &state.phi2_rad)).collect();
     checks.push(Check::new(
         8,
         "φ₂ stays approximately linear in φ₁.",

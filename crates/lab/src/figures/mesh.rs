@@ -94,9 +94,7 @@ impl Mesh {
     /// Greatest stiffness in N/m where `pairs` carry.
     fn greatest_stiffness(&self, pairs: u32) -> f64 {
         let at = self.stiffness_n_per_m.iter().zip(&self.pairs_in_contact);
-        at.filter(|(_, count)| **count == pairs)
-            .map(|(k, _)| *k)
-            .fold(0.0, f64::max)
+        at.filter(|(_, count)| **count == pairs).map(|(k, _)| *k).fold(0.0, f64::max)
     }
 
     /// Numbers of carrying pairs in their order over the period, repeats left out.
@@ -160,11 +158,7 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
         13,
         "The rule shortens double contact and lengthens single contact (Wear01).",
         "against perfect flanks, as parts of the mesh period",
-        format!(
-            "double {}; single {}",
-            percent(&doubles[..2]),
-            percent(&singles[..2])
-        ),
+        format!("double {}; single {}", percent(&doubles[..2]), percent(&singles[..2])),
         doubles[1] < doubles[0],
     ));
 
@@ -177,10 +171,8 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
         format!("{:.5} of {:.5} rad", carried[1], alone[1]),
         carried[1] < alone[1],
     ));
-    let unchanged = meshes[1..]
-        .iter()
-        .zip(&states[1..])
-        .map(|(mesh, state)| greatest_difference(mesh, state));
+    let unchanged =
+        meshes[1..].iter().zip(&states[1..]).map(|(mesh, state)| greatest_difference(mesh, state));
     let unchanged = unchanged.fold(0.0, f64::max);
     checks.push(Check::new(
         14,
@@ -208,10 +200,7 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
     ));
     let change = |pairs| {
         let unworn = meshes[0].greatest_stiffness(pairs);
-        meshes[1..]
-            .iter()
-            .map(move |mesh| mesh.greatest_stiffness(pairs) / unworn - 1.0)
-            .collect::<Vec<_>>()
+        meshes[1..].iter().map(move |mesh| mesh.greatest_stiffness(pairs) / unworn - 1.0).collect::<Vec<_>>()
     };
     let (single, double) = (change(1), change(2));
     let signed = |values: &[f64]| listed(values, |part| format!("{:+.2} %", part * 100.0));
@@ -238,9 +227,7 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
         "peak to peak, from state to state",
         listed(&swings, |swing| format!("{:.1}", swing * 1e6))
             + " µrad ("
-            + &listed(&swings, |swing| {
-                format!("{:.1}", swing * pair.gears[1].base_radius_mm * 1e3)
-            })
+            + &listed(&swings, |swing| format!("{:.1}", swing * pair.gears[1].base_radius_mm * 1e3))
             + " µm along the line of action)",
         rises(&swings),
     ));
@@ -249,10 +236,7 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
 
 /// Leads of the neighbours where one touches too.
 fn shared(mesh: &Mesh) -> impl Iterator<Item = f64> {
-    mesh.neighbour_lead_rad
-        .iter()
-        .copied()
-        .filter(|lead| *lead > -1.0)
+    mesh.neighbour_lead_rad.iter().copied().filter(|lead| *lead > -1.0)
 }
 
 /// Greatest difference, as a part, of the mesh's stiffness in single contact from that of the pair alone.
@@ -263,10 +247,7 @@ fn greatest_difference(mesh: &Mesh, pair: &ToothPair) -> f64 {
     single
         .map(|i| {
             let own = [0.0, 1.0].map(|n| pair.stiffness_at(mesh.phi1_rad[i] + n * pitch));
-            let nearest = own
-                .iter()
-                .flatten()
-                .map(|k| (mesh.stiffness_n_per_m[i] / k - 1.0).abs());
+            let nearest = own.iter().flatten().map(|k| (mesh.stiffness_n_per_m[i] / k - 1.0).abs());
             nearest.fold(f64::INFINITY, f64::min)
         })
         .fold(0.0, f64::max)
@@ -275,9 +256,6 @@ fn greatest_difference(mesh: &Mesh, pair: &ToothPair) -> f64 {
 /// Step of e_wear from the end of the period to its start against the greatest step within.
 fn join_of_error(mesh: &Mesh) -> f64 {
     let error = &mesh.e_wear_rad;
-    let within = error
-        .windows(2)
-        .map(|two| (two[1] - two[0]).abs())
-        .fold(0.0, f64::max);
+    let within = error.windows(2).map(|two| (two[1] - two[0]).abs()).fold(0.0, f64::max);
     (error[0] - error[POINTS - 1]).abs() / within
 }

@@ -130,20 +130,10 @@ pub struct Figures {
 
 impl FigureSettings {
     fn check(&self) -> Result<(), FiguresError> {
-        let refuse = |field, value: String, expected| {
-            Err(FiguresError::Setting {
-                field,
-                value,
-                expected,
-            })
-        };
+        let refuse = |field, value: String, expected| Err(FiguresError::Setting { field, value, expected });
         let [slight, moderate, severe] = self.wear_um;
         if !(slight > 0.0 && moderate > slight && severe > moderate && severe.is_finite()) {
-            return refuse(
-                "wear_um",
-                format!("{:?}", self.wear_um),
-                "three rising depths above 0",
-            );
+            return refuse("wear_um", format!("{:?}", self.wear_um), "three rising depths above 0");
         }
         if !(2..=1000).contains(&self.states) {
             return refuse("states", self.states.to_string(), "a number from 2 to 1000");
@@ -174,10 +164,8 @@ pub fn compute(
     let finite_elements = finite_elements::points(spec);
     let vibration = vibration_figures(&pair, settings, progress)?;
 
-    let (tooth_pairs, meshes): (Vec<_>, Vec<_>) = states
-        .iter()
-        .map(|state| (state.tooth_pair.clone(), state.mesh.clone()))
-        .unzip();
+    let (tooth_pairs, meshes): (Vec<_>, Vec<_>) =
+        states.iter().map(|state| (state.tooth_pair.clone(), state.mesh.clone())).unzip();
     let mut checks = flanks::checks(&tooth_pairs);
     checks.extend(mesh::checks(&pair, &tooth_pairs, &meshes));
     checks.extend(finite_elements::checks(&meshes[0], &finite_elements));
@@ -200,31 +188,17 @@ fn mesh_states(
     settings: &FigureSettings,
 ) -> Result<(Vec<MeshState>, Vec<f64>), FiguresError> {
     let [slight, moderate, severe] = settings.wear_um;
-    let named = [
-        ("No wear", 0.0),
-        ("Wear01", slight),
-        ("Wear02", moderate),
-        ("Wear03", severe),
-    ];
+    let named = [("No wear", 0.0), ("Wear01", slight), ("Wear02", moderate), ("Wear03", severe)];
     let mut turns = Vec::new();
     let mut states = Vec::with_capacity(named.len());
     for (name, wear_um) in named {
-        let wear = if wear_um > 0.0 {
-            FlankWear::from_shape(pair, wear_um * 1e-3)?
-        } else {
-            FlankWear::none()
-        };
+        let wear =
+            if wear_um > 0.0 { FlankWear::from_shape(pair, wear_um * 1e-3)? } else { FlankWear::none() };
         let tooth_pair = ToothPair::compute(pair, &wear)?;
         let mesh = Mesh::compute(pair, &wear, &tooth_pair)?;
         let error = mesh::transmission_error_um(pair, &mesh);
         turns = error.0;
-        states.push(MeshState {
-            name,
-            wear_um,
-            tooth_pair,
-            mesh,
-            transmission_error_um: error.1,
-        });
+        states.push(MeshState { name, wear_um, tooth_pair, mesh, transmission_error_um: error.1 });
     }
     Ok((states, turns))
 }
@@ -260,31 +234,19 @@ mod tests {
 
     /// Three states of the 50, of 1 s.
     fn short() -> FigureSettings {
-        FigureSettings {
-            states: 3,
-            step_um: 100.0,
-            worn_num: 2,
-            seconds: 1.0,
-            ..FigureSettings::default()
-        }
+        FigureSettings { states: 3, step_um: 100.0, worn_num: 2, seconds: 1.0, ..FigureSettings::default() }
     }
 
     #[test]
     fn statements_about_the_mesh_hold_as_documented() {
         let figures = compute(&shen2022(), &short(), &|_| ()).unwrap();
         // docs/model.md: all of Figs. 7 to 18 hold but the two of Fig. 17 that elastic teeth refute.
-        let refuted: Vec<_> = figures
-            .checks
-            .iter()
-            .filter(|check| check.figure < 19 && !check.holds)
-            .collect();
+        let refuted: Vec<_> =
+            figures.checks.iter().filter(|check| check.figure < 19 && !check.holds).collect();
         assert_eq!(refuted.len(), 2, "{refuted:?}");
         assert!(refuted.iter().all(|check| check.figure == 17), "{refuted:?}");
         for number in [7, 8, 11, 12, 13, 14, 15, 17, 18, 19, 20, 21, 22] {
-            assert!(
-                figures.checks.iter().any(|check| check.figure == number),
-                "Fig. {number}"
-            );
+            assert!(figures.checks.iter().any(|check| check.figure == number), "Fig. {number}");
         }
         assert_eq!(figures.vibration.indicators.len(), 3);
         assert_eq!(figures.vibration.states[1].wear_um, 200.0);
@@ -303,28 +265,10 @@ mod tests {
     #[test]
     fn settings_that_cannot_be_used_are_refused() {
         let cases = [
-            (
-                "wear_um",
-                FigureSettings {
-                    wear_um: [50.0, 40.0, f64::NAN],
-                    ..short()
-                },
-            ),
+            ("wear_um", FigureSettings { wear_um: [50.0, 40.0, f64::NAN], ..short() }),
             ("states", FigureSettings { states: 1, ..short() }),
-            (
-                "worn_num",
-                FigureSettings {
-                    worn_num: 3,
-                    ..short()
-                },
-            ),
-            (
-                "seconds",
-                FigureSettings {
-                    seconds: f64::NAN,
-                    ..short()
-                },
-            ),
+            ("worn_num", FigureSettings { worn_num: 3, ..short() }),
+            ("seconds", FigureSettings { seconds: f64::NAN, ..short() }),
         ];
         for (field, settings) in cases {
             let refusal = compute(&shen2022(), &settings, &|_| ()).unwrap_err();
@@ -333,15 +277,9 @@ mod tests {
                 "{refusal}"
             );
         }
-        let deep = FigureSettings {
-            wear_um: [50.0, 100.0, 9000.0],
-            ..short()
-        };
+        let deep = FigureSettings { wear_um: [50.0, 100.0, 9000.0], ..short() };
         assert!(
-            compute(&shen2022(), &deep, &|_| ())
-                .unwrap_err()
-                .to_string()
-                .starts_with("wear depth in mm")
+            compute(&shen2022(), &deep, &|_| ()).unwrap_err().to_string().starts_with("wear depth in mm")
         );
     }
 }

@@ -20,10 +20,7 @@ pub(super) fn departure_from_a_line(x: &[f64], y: &[f64]) -> f64 {
     let products: f64 = x.iter().zip(y).map(|(x, y)| (x - mean_x) * (y - mean_y)).sum();
     let squares: f64 = x.iter().map(|x| (x - mean_x).powi(2)).sum();
     let slope = products / squares;
-    let departures = x
-        .iter()
-        .zip(y)
-        .map(|(x, y)| (y - mean_y - slope * (x - mean_x)).abs());
+    let departures = x.iter().zip(y).map(|(x, y)| (y - mean_y - slope * (x - mean_x)).abs());
     departures.fold(0.0, f64::max) / range(y)
 }
 
@@ -52,11 +49,7 @@ pub(super) fn spearman_with_order(values: &[f64]) -> f64 {
         own += rank * rank;
         orders += order * order;
     }
-    if own > 0.0 {
-        products / (own * orders).sqrt()
-    } else {
-        0.0
-    }
+    if own > 0.0 { products / (own * orders).sqrt() } else { 0.0 }
 }
 
 /// Whether each value is above the one before it.

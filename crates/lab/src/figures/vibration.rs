@@ -115,14 +115,8 @@ pub(super) fn state(
         ..OperatingPoint::default()
     };
     let samples = signal.iter().map(|value| *value as f32).collect();
-    let record = Record::new(
-        "simulated",
-        Timestamp::UNIX_EPOCH,
-        run.sample_rate_hz,
-        "m/s2",
-        samples,
-    )?
-    .with_operating_point(speed)?;
+    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?
+        .with_operating_point(speed)?;
     let mesh = MeshContext {
         teeth,
         mate_teeth: 0,
@@ -133,19 +127,10 @@ pub(super) fn state(
     };
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let analysis = analyzer.analyze(&record, &mesh);
-    let of = |name: &'static str| {
-        analysis
-            .indicators
-            .get(name)
-            .ok_or(FiguresError::NoIndicator { num, name })
-    };
-    let indicators = IndicatorState {
-        num,
-        wear_um,
-        rms: of("rms")?,
-        kurtosis: of("kurtosis")?,
-        omx: of("omx")?,
-    };
+    let of =
+        |name: &'static str| analysis.indicators.get(name).ok_or(FiguresError::NoIndicator { num, name });
+    let indicators =
+        IndicatorState { num, wear_um, rms: of("rms")?, kurtosis: of("kurtosis")?, omx: of("omx")? };
     if !drawn {
         return Ok((indicators, None));
     }
@@ -181,9 +166,7 @@ fn mean_period(signal: &[f64], period: f64) -> Vec<f64> {
         *sum += value;
         *count += 1;
     }
-    sums.iter()
-        .map(|(sum, count)| sum / f64::from((*count).max(1)))
-        .collect()
+    sums.iter().map(|(sum, count)| sum / f64::from((*count).max(1))).collect()
 }
 
 /// Mean of the greatest magnitudes of the mesh periods.
@@ -191,9 +174,7 @@ fn mean_peak(signal: &[f64], period: f64) -> f64 {
     let count = (signal.len() as f64 / period) as usize;
     let peak = |i: usize| {
         let (start, end) = ((i as f64 * period) as usize, ((i + 1) as f64 * period) as usize);
-        signal[start..end]
-            .iter()
-            .fold(0.0, |most: f64, value| most.max(value.abs()))
+        signal[start..end].iter().fold(0.0, |most: f64, value| most.max(value.abs()))
     };
     (0..count).map(peak).sum::<f64>() / count.max(1) as f64
 }
@@ -212,12 +193,8 @@ fn drawn_lines(spectrum: &Spectrum, up_to_hz: f64) -> Lines {
     let group = (2.0 / spectrum.resolution_hz).round().max(1.0) as usize;
     let mut lines = Lines::default();
     for (i, bins) in spectrum.amplitude[..last].chunks(group).enumerate() {
-        let strongest = (0..bins.len())
-            .max_by(|a, b| bins[*a].total_cmp(&bins[*b]))
-            .unwrap_or(0);
-        lines
-            .frequency_hz
-            .push(spectrum.frequency_hz(i * group + strongest));
+        let strongest = (0..bins.len()).max_by(|a, b| bins[*a].total_cmp(&bins[*b])).unwrap_or(0);
+        lines.frequency_hz.push(spectrum.frequency_hz(i * group + strongest));
         lines.amplitude.push(bins[strongest]);
     }
     lines
@@ -250,27 +227,15 @@ fn strongest(spectrum: &Spectrum, apart_hz: f64) -> Lines {
 /// Greatest amplitude within 1.5 bins of a frequency.
 fn line_at(spectrum: &Spectrum, frequency_hz: f64) -> f64 {
     let place = frequency_hz / spectrum.resolution_hz;
-    let (first, last) = (
-        (place - 1.5).ceil().max(0.0) as usize,
-        (place + 1.5).floor() as usize,
-    );
-    let bins = spectrum
-        .amplitude
-        .get(first..=last.min(spectrum.amplitude.len().saturating_sub(1)));
+    let (first, last) = ((place - 1.5).ceil().max(0.0) as usize, (place + 1.5).floor() as usize);
+    let bins = spectrum.amplitude.get(first..=last.min(spectrum.amplitude.len().saturating_sub(1)));
     bins.unwrap_or_default().iter().copied().fold(0.0, f64::max)
 }
 
 /// Root sum square of the lines at each of these distances from the first ten mesh harmonics.
 fn root_sum_square(spectrum: &Spectrum, mesh_hz: f64, beside_hz: &[f64]) -> f64 {
-    let lines = (1..=10).flat_map(|h| {
-        beside_hz
-            .iter()
-            .map(move |beside| f64::from(h) * mesh_hz + beside)
-    });
-    lines
-        .map(|frequency| line_at(spectrum, frequency).powi(2))
-        .sum::<f64>()
-        .sqrt()
+    let lines = (1..=10).flat_map(|h| beside_hz.iter().map(move |beside| f64::from(h) * mesh_hz + beside));
+    lines.map(|frequency| line_at(spectrum, frequency).powi(2)).sum::<f64>().sqrt()
 }
 
 /// Median of the sidebands' amplitudes against those of the places half a shaft rate beyond them.
@@ -326,11 +291,7 @@ impl VibrationFigures {
             mesh_hz: shaft_hz * f64::from(pair.gears[0].teeth),
             shaft_hz,
             states,
-            spearman: [
-                column(|state| state.rms),
-                column(|state| state.kurtosis),
-                column(|state| state.omx),
-            ],
+            spearman: [column(|state| state.rms), column(|state| state.kurtosis), column(|state| state.omx)],
             indicators,
         }
     }
@@ -343,10 +304,7 @@ impl VibrationFigures {
             19,
             "The impacts grow clearly with wear.",
             "mean over the mesh periods of the greatest magnitude at least 1.2 times the unworn one",
-            format!(
-                "{:.1} and {:.1} m/s²",
-                unworn.mean_peak_m_per_s2, worn.mean_peak_m_per_s2
-            ),
+            format!("{:.1} and {:.1} m/s²", unworn.mean_peak_m_per_s2, worn.mean_peak_m_per_s2),
             worn.mean_peak_m_per_s2 > 1.2 * unworn.mean_peak_m_per_s2,
         )];
         let between = |state: &Vibration| {
@@ -429,10 +387,7 @@ impl VibrationFigures {
             "The first mesh amplitude (OMX) grows with wear.",
         ];
         let values = |i: usize| {
-            let column = self
-                .indicators
-                .iter()
-                .map(move |state| [state.rms, state.kurtosis, state.omx][i]);
+            let column = self.indicators.iter().map(move |state| [state.rms, state.kurtosis, state.omx][i]);
             column.collect::<Vec<_>>()
         };
         for (i, statement) in statements.into_iter().enumerate() {

@@ -13,61 +13,26 @@ const FIXTURES: &[(&str, &[Expected])] = &[
     ("empty.wav", &[Error("0 bytes")]),
     ("zeros.bin", &[Error("begins with the bytes 00 00 00")]),
     ("notes.csv", &[Error("the sampling rate is missing")]),
-    (
-        "wav-int16.wav",
-        &[Samples(&[1.0 / 32768.0, -2.0 / 32768.0, 0.5, -1.0])],
-    ),
+    ("wav-int16.wav", &[Samples(&[1.0 / 32768.0, -2.0 / 32768.0, 0.5, -1.0])]),
     ("wav-one-sample.wav", &[Samples(&[1.0 / 32768.0])]),
     ("wav-no-samples.wav", &[Error("has no samples")]),
-    (
-        "wav-truncated.wav",
-        &[Error(
-            "ends in the data chunk at byte 52: 4096 bytes declared, 8 found",
-        )],
-    ),
-    (
-        "wav-declares-4-gib.wav",
-        &[Error("4294967294 bytes declared, 8 found")],
-    ),
-    (
-        "wav-length-left-open.wav",
-        &[Samples(&[1.0 / 32768.0, -2.0 / 32768.0, 0.5, -1.0])],
-    ),
-    (
-        "wav-rf64-declares-exbibytes.wav",
-        &[Error("1152921504606846976 bytes declared, 8 found")],
-    ),
+    ("wav-truncated.wav", &[Error("ends in the data chunk at byte 52: 4096 bytes declared, 8 found")]),
+    ("wav-declares-4-gib.wav", &[Error("4294967294 bytes declared, 8 found")]),
+    ("wav-length-left-open.wav", &[Samples(&[1.0 / 32768.0, -2.0 / 32768.0, 0.5, -1.0])]),
+    ("wav-rf64-declares-exbibytes.wav", &[Error("1152921504606846976 bytes declared, 8 found")]),
     ("wav-zero-channels.wav", &[Error("channel count is 0")]),
     ("wav-65535-channels.wav", &[Error("channel count is 65535")]),
     ("wav-zero-rate.wav", &[Error("sample rate is 0")]),
-    (
-        "wav-rate-above-10-mhz.wav",
-        &[Error("sample_rate_hz is 4294967295")],
-    ),
+    ("wav-rate-above-10-mhz.wav", &[Error("sample_rate_hz is 4294967295")]),
     ("wav-zero-block-align.wav", &[Error("block align is 0 bytes")]),
-    (
-        "wav-half-a-frame.wav",
-        &[Error("data chunk length is 8 with frames of 6 bytes")],
-    ),
-    (
-        "wav-adpcm.wav",
-        &[Error("format tag is 0x0002 (Microsoft ADPCM)")],
-    ),
+    ("wav-half-a-frame.wav", &[Error("data chunk length is 8 with frames of 6 bytes")]),
+    ("wav-adpcm.wav", &[Error("format tag is 0x0002 (Microsoft ADPCM)")]),
     ("wav-no-fmt.wav", &[Error("fmt chunk is missing")]),
     ("wav-fmt-too-short.wav", &[Error("fmt chunk length is 14")]),
-    (
-        "wav-float16.wav",
-        &[Error("float sample size is 16 bits in 2 bytes")],
-    ),
-    (
-        "wav-float-nan.wav",
-        &[Error("NaN at sample 1, expected finite samples (2 of 4 are not)")],
-    ),
+    ("wav-float16.wav", &[Error("float sample size is 16 bits in 2 bytes")]),
+    ("wav-float-nan.wav", &[Error("NaN at sample 1, expected finite samples (2 of 4 are not)")]),
     ("wav-float64-beyond-f32.wav", &[Error("inf at sample 1")]),
-    (
-        "wav-mixed-padding.wav",
-        &[Error("sample padding is not empty in containers of 4 bytes")],
-    ),
+    ("wav-mixed-padding.wav", &[Error("sample padding is not empty in containers of 4 bytes")]),
     ("wav-left-justified-24-in-4.wav", &[Samples(&[0.5, -0.25])]),
     ("wav-only-riff.wav", &[Error("ends in the RIFF header at byte 4")]),
     ("wav-foreign-subformat.wav", &[Error("subformat is")]),
@@ -81,33 +46,12 @@ const FIXTURES: &[(&str, &[Expected])] = &[
             Samples(&[1.0, 2.0]),
         ],
     ),
-    (
-        "mcap-truncated.mcap",
-        &[
-            Samples(&[1.0, 2.0]),
-            Error("ends at byte 326 in the middle of a record"),
-        ],
-    ),
-    (
-        "mcap-no-data-end.mcap",
-        &[
-            Samples(&[1.0, 2.0]),
-            Error("ends at byte 237 in the middle of the data"),
-        ],
-    ),
-    (
-        "mcap-bad-chunk-crc.mcap",
-        &[
-            Samples(&[1.0, 2.0]),
-            Error("damaged at byte 237: Chunk CRC failed"),
-        ],
-    ),
+    ("mcap-truncated.mcap", &[Samples(&[1.0, 2.0]), Error("ends at byte 326 in the middle of a record")]),
+    ("mcap-no-data-end.mcap", &[Samples(&[1.0, 2.0]), Error("ends at byte 237 in the middle of the data")]),
+    ("mcap-bad-chunk-crc.mcap", &[Samples(&[1.0, 2.0]), Error("damaged at byte 237: Chunk CRC failed")]),
     (
         "mcap-record-declares-exbibytes.mcap",
-        &[
-            Samples(&[1.0, 2.0]),
-            Error("damaged at byte 188: a record declares 1152921504606846976 bytes"),
-        ],
+        &[Samples(&[1.0, 2.0]), Error("damaged at byte 188: a record declares 1152921504606846976 bytes")],
     ),
     (
         "mcap-inner-record-past-chunk.mcap",
@@ -118,24 +62,14 @@ const FIXTURES: &[(&str, &[Expected])] = &[
     ),
     (
         "mcap-chunk-declares-exbibytes.mcap",
-        &[Error(
-            "damaged at byte 34: a chunk declares 1152921504606846976 bytes uncompressed",
-        )],
+        &[Error("damaged at byte 34: a chunk declares 1152921504606846976 bytes uncompressed")],
     ),
     (
         "mcap-chunk-compressed-size-lies.mcap",
-        &[Error(
-            "damaged at byte 34: a chunk declares 1099511627776 bytes of records",
-        )],
+        &[Error("damaged at byte 34: a chunk declares 1099511627776 bytes of records")],
     ),
-    (
-        "mcap-unknown-compression.mcap",
-        &[Error("Unsupported compression format `snappy`")],
-    ),
-    (
-        "mcap-broken-zstd.mcap",
-        &[Error("damaged at byte 34: Error during decompression")],
-    ),
+    ("mcap-unknown-compression.mcap", &[Error("Unsupported compression format `snappy`")]),
+    ("mcap-broken-zstd.mcap", &[Error("damaged at byte 34: Error during decompression")]),
     ("mcap-zstd-of-zeros.mcap", &[Error("no vibration in it")]),
     (
         "mcap-undeclared-channel.mcap",
@@ -148,20 +82,14 @@ const FIXTURES: &[(&str, &[Expected])] = &[
     ),
     (
         "mcap-topic-longer-than-record.mcap",
-        &[Error(
-            "damaged at byte 34: a channel's topic has 4294967295 bytes",
-        )],
+        &[Error("damaged at byte 34: a channel's topic has 4294967295 bytes")],
     ),
     ("mcap-no-topics.mcap", &[Error("no vibration in it")]),
     ("mcap-only-magic.mcap", &[Error("ends at byte 8")]),
     ("mcap-json.mcap", &[Samples(&[1.0, 2.0])]),
     (
         "mcap-reference-wear.mcap",
-        &[
-            Error("reference_wear is \"2000\": \"thick\""),
-            Samples(&[1.0, 2.0]),
-            Samples(&[1.0, 2.0]),
-        ],
+        &[Error("reference_wear is \"2000\": \"thick\""), Samples(&[1.0, 2.0]), Samples(&[1.0, 2.0])],
     ),
 ];
 
@@ -184,14 +112,7 @@ fn every_hand_made_file_gives_what_it_should() {
     let listed = FIXTURES.len();
     let there = std::fs::read_dir(fixture(""))
         .unwrap()
-        .filter(|entry| {
-            entry
-                .as_ref()
-                .unwrap()
-                .path()
-                .extension()
-                .is_none_or(|e| e != "md")
-        })
+        .filter(|entry| entry.as_ref().unwrap().path().extension().is_none_or(|e| e != "md"))
         .count();
     assert_eq!(listed, there, "a file in fixtures/recordings is not in the table");
 }
@@ -200,10 +121,7 @@ fn every_hand_made_file_gives_what_it_should() {
 fn json_messages_take_the_topic_and_the_operating_point_before_them() {
     let recorded = read_all(&fixture("mcap-json.mcap"), None).remove(0).unwrap();
     assert_eq!(recorded.encoding, BlockEncoding::Json);
-    assert_eq!(
-        (recorded.record.channel(), recorded.record.unit()),
-        ("gearbox/x", "g")
-    );
+    assert_eq!((recorded.record.channel(), recorded.record.unit()), ("gearbox/x", "g"));
     assert_eq!(recorded.record.start_time().as_nanosecond(), 1000, "publish time");
     let point = recorded.record.operating_point();
     assert_eq!(
@@ -217,22 +135,15 @@ fn json_messages_take_the_topic_and_the_operating_point_before_them() {
 #[test]
 fn reference_wear_belongs_to_the_record_of_its_start_time() {
     let items = read_all(&fixture("mcap-reference-wear.mcap"), None);
-    let wear: Vec<Option<f64>> = items
-        .iter()
-        .flatten()
-        .map(|recorded| recorded.reference_wear_um)
-        .collect();
+    let wear: Vec<Option<f64>> = items.iter().flatten().map(|recorded| recorded.reference_wear_um).collect();
     assert_eq!(wear, [Some(12.5), None]);
 }
 
 #[test]
 fn every_prefix_of_a_recording_is_read_or_refused() {
-    for name in [
-        "wav-int16.wav",
-        "wav-left-justified-24-in-4.wav",
-        "mcap-bad-chunk-crc.mcap",
-        "mcap-json.mcap",
-    ] {
+    for name in
+        ["wav-int16.wav", "wav-left-justified-24-in-4.wav", "mcap-bad-chunk-crc.mcap", "mcap-json.mcap"]
+    {
         let bytes = std::fs::read(fixture(name)).unwrap();
         for end in 0..bytes.len() {
             let prefix = bytes[..end].to_vec();
@@ -242,10 +153,7 @@ fn every_prefix_of_a_recording_is_read_or_refused() {
                 McapReader::new(std::io::Cursor::new(prefix)).any(|item| item.is_err())
             };
             // The bytes after the end of the data (footer, end magic) carry nothing.
-            assert!(
-                failed || end > bytes.len() - 46,
-                "{name}: {end} bytes were taken for a whole recording"
-            );
+            assert!(failed || end > bytes.len() - 46, "{name}: {end} bytes were taken for a whole recording");
         }
     }
 }
@@ -260,9 +168,7 @@ fn no_changed_byte_makes_a_reader_panic() {
                 changed[place] = value;
                 let _ = decode_wav(&changed, &RecordDefaults::default());
                 if *name != "mcap-zstd-of-zeros.mcap" {
-                    McapReader::new(std::io::Cursor::new(changed))
-                        .take(20)
-                        .for_each(drop);
+                    McapReader::new(std::io::Cursor::new(changed)).take(20).for_each(drop);
                 }
             }
         }

@@ -12,23 +12,12 @@ const LONGEST: usize = 79 << 20;
 
 /// A recording compressed with zstd: schema, topic, encoding and bytes of each message.
 pub(super) fn mcap_of(messages: &[(&str, &str, &str, Vec<u8>)]) -> Vec<u8> {
-    let options = mcap::WriteOptions::new()
-        .compression(Some(mcap::Compression::Zstd))
-        .compression_threads(0);
+    let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Zstd)).compression_threads(0);
     let mut writer = options.create(Cursor::new(Vec::new())).unwrap();
     for (schema, topic, encoding, data) in messages {
-        let schema = writer
-            .add_schema(&format!("flankwatch.v1.{schema}"), encoding, &[])
-            .unwrap();
-        let channel_id = writer
-            .add_channel(schema, topic, encoding, &Default::default())
-            .unwrap();
-        let header = mcap::records::MessageHeader {
-            channel_id,
-            sequence: 1,
-            log_time: 1,
-            publish_time: 1,
-        };
+        let schema = writer.add_schema(&format!("flankwatch.v1.{schema}"), encoding, &[]).unwrap();
+        let channel_id = writer.add_channel(schema, topic, encoding, &Default::default()).unwrap();
+        let header = mcap::records::MessageHeader { channel_id, sequence: 1, log_time: 1, publish_time: 1 };
         writer.write_to_known_channel(&header, data).unwrap();
     }
     writer.finish().unwrap();
@@ -41,8 +30,7 @@ fn read_and_peak(bytes: Vec<u8>) -> (Vec<Result<usize, String>>, usize) {
     let counted = allocation_counter::measure(|| {
         for item in McapReader::new(Cursor::new(bytes)) {
             items.push(
-                item.map(|recorded| recorded.record.samples().len())
-                    .map_err(|error| error.to_string()),
+                item.map(|recorded| recorded.record.samples().len()).map_err(|error| error.to_string()),
             );
         }
     });
@@ -69,19 +57,12 @@ fn a_message_full_of_pulses_is_refused_before_it_is_unpacked() {
     };
     let tachometer = many_pulses(LONGEST);
     for (schema, encoding, data) in [
-        (
-            "WaveformBlock",
-            "protobuf",
-            [head(0x4a, tachometer.len()), tachometer.clone()].concat(),
-        ),
+        ("WaveformBlock", "protobuf", [head(0x4a, tachometer.len()), tachometer.clone()].concat()),
         ("Tachometer", "protobuf", tachometer),
         (
             "WaveformBlock",
             "json",
-            json(
-                r#"{"tachometer":{"pulses_per_revolution":1,"pulse_time_ns":["#,
-                "]}}",
-            ),
+            json(r#"{"tachometer":{"pulses_per_revolution":1,"pulse_time_ns":["#, "]}}"),
         ),
         ("Tachometer", "json", json(r#"{"pulse_time_ns":["#, "]}")),
     ] {
@@ -96,11 +77,7 @@ fn a_message_full_of_pulses_is_refused_before_it_is_unpacked() {
 
 #[test]
 fn as_many_pulses_as_are_taken_stand_in_memory_once() {
-    let block = message::WaveformBlock {
-        sample_rate_hz: 1.0,
-        samples: vec![0.5],
-        ..Default::default()
-    };
+    let block = message::WaveformBlock { sample_rate_hz: 1.0, samples: vec![0.5], ..Default::default() };
     let tachometer = many_pulses(1 << 22);
     let bytes = [block.encode_to_vec(), head(0x4a, tachometer.len()), tachometer].concat();
     let mut pulses = 0;
@@ -110,11 +87,7 @@ fn as_many_pulses_as_are_taken_stand_in_memory_once() {
     });
     assert_eq!(pulses, 1 << 22);
     // Eight bytes each, and half of that while the list grows for the last time.
-    assert!(
-        counted.bytes_max <= (12 << 22) + 4096,
-        "{} bytes",
-        counted.bytes_max
-    );
+    assert!(counted.bytes_max <= (12 << 22) + 4096, "{} bytes", counted.bytes_max);
 }
 
 #[test]
@@ -140,12 +113,7 @@ fn records_that_wait_for_pulses_are_bounded_by_their_bytes() {
         data.push(b'}');
         ("WaveformBlock", "/pump/x/waveform", "json", data)
     };
-    let tachometer = (
-        "Tachometer",
-        "/pump/tachometer",
-        "json",
-        br#"{"pulses_per_revolution": 1}"#.to_vec(),
-    );
+    let tachometer = ("Tachometer", "/pump/tachometer", "json", br#"{"pulses_per_revolution": 1}"#.to_vec());
     let messages: Vec<_> = std::iter::once(tachometer).chain((0..10).map(block)).collect();
     let bytes = mcap_of(&messages);
     drop(messages);

@@ -26,8 +26,5 @@ fn read_all(path: &Path, cut: Option<Cut>) -> Vec<Result<Recorded, String>> {
 }
 
 fn records(path: &Path) -> Vec<Record> {
-    read_all(path, None)
-        .into_iter()
-        .map(|item| item.unwrap().record)
-        .collect()
+    read_all(path, None).into_iter().map(|item| item.unwrap().record).collect()
 }

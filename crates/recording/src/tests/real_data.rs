@@ -92,10 +92,9 @@ fn hound_reads_the_same_samples() {
             hound::SampleFormat::Float => 1.0,
         };
         let theirs: Result<Vec<f64>, hound::Error> = match spec.sample_format {
-            hound::SampleFormat::Int => reader
-                .into_samples::<i32>()
-                .map(|s| Ok(f64::from(s?) * scale))
-                .collect(),
+            hound::SampleFormat::Int => {
+                reader.into_samples::<i32>().map(|s| Ok(f64::from(s?) * scale)).collect()
+            }
             hound::SampleFormat::Float => reader.into_samples::<f32>().map(|s| Ok(f64::from(s?))).collect(),
         };
         // Some layouts (more than 32 bits) it opens and then cannot read.
@@ -151,10 +150,7 @@ fn a_bearing_run_to_failure_is_cut_into_its_records() {
     assert_eq!(levels.len(), 2803);
     // Medians over the records of the first and the last tenth, from soundfile and NumPy
     // (`sqrt(mean(x**2, axis=1))`).
-    for (part, expected) in [
-        (&levels[..280], 0.384_101_32),
-        (&levels[2803 - 280..], 1.415_991_42),
-    ] {
+    for (part, expected) in [(&levels[..280], 0.384_101_32), (&levels[2803 - 280..], 1.415_991_42)] {
         let mut sorted = part.to_vec();
         sorted.sort_by(f64::total_cmp);
         let median = (sorted[139] + sorted[140]) / 2.0;

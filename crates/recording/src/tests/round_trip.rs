@@ -8,20 +8,14 @@ use super::*;
 use flankwatch_signal::{OperatingPoint, Quality};
 
 fn record(channel: &str, second: i64, samples: Vec<f32>) -> Record {
-    Record::new(
-        channel,
-        Timestamp::from_second(second).unwrap(),
-        100.0,
-        "m/s2",
-        samples,
-    )
-    .unwrap()
-    .with_operating_point(OperatingPoint {
-        shaft_speed_hz: Some(29.7),
-        torque_nm: None,
-        ..OperatingPoint::default()
-    })
-    .unwrap()
+    Record::new(channel, Timestamp::from_second(second).unwrap(), 100.0, "m/s2", samples)
+        .unwrap()
+        .with_operating_point(OperatingPoint {
+            shaft_speed_hz: Some(29.7),
+            torque_nm: None,
+            ..OperatingPoint::default()
+        })
+        .unwrap()
 }
 
 fn written(compression: McapCompression, records: &[Record]) -> Vec<u8> {
@@ -29,26 +23,19 @@ fn written(compression: McapCompression, records: &[Record]) -> Vec<u8> {
     let wear = BTreeMap::from([("1000000000".to_owned(), "12.5".to_owned())]);
     writer.metadata(REFERENCE_WEAR, wear).unwrap();
     for record in records {
-        writer
-            .write(&format!("/pump/{}/waveform", record.channel()), record)
-            .unwrap();
+        writer.write(&format!("/pump/{}/waveform", record.channel()), record).unwrap();
     }
     writer.finish().unwrap().into_inner()
 }
 
 #[test]
 fn records_come_back_from_mcap_with_every_compression() {
-    let noise: Vec<f32> = (0..400_000_u32)
-        .map(|k| (k.wrapping_mul(2_654_435_761) >> 8) as f32)
-        .collect();
+    let noise: Vec<f32> = (0..400_000_u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 8) as f32).collect();
     let records = [
         record("gearbox/x", 1, vec![1.0, -0.0, f32::MIN_POSITIVE / 4.0, f32::MAX]),
         record("y", 1, noise),
         // Four seconds after the end of the channel's first one, as the writer notes.
-        record("gearbox/x", 5, vec![2.0]).with_quality(Quality {
-            clipped: false,
-            gap: true,
-        }),
+        record("gearbox/x", 5, vec![2.0]).with_quality(Quality { clipped: false, gap: true }),
     ];
     for compression in [McapCompression::Zstd, McapCompression::Lz4, McapCompression::None] {
         let bytes = written(compression, &records);
@@ -61,86 +48,40 @@ fn records_come_back_from_mcap_with_every_compression() {
 
 #[test]
 fn a_written_mcap_is_chunked_indexed_and_numbered() {
-    let records = [
-        record("x", 1, vec![0.0; 100]),
-        record("x", 2, vec![0.0; 100]),
-        record("x", 9, vec![1.0]),
-    ];
+    let records = [record("x", 1, vec![0.0; 100]), record("x", 2, vec![0.0; 100]), record("x", 9, vec![1.0])];
     let bytes = written(McapCompression::Zstd, &records);
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let statistics = summary.stats.unwrap();
-    assert_eq!(
-        (
-            statistics.message_count,
-            statistics.metadata_count,
-            statistics.chunk_count
-        ),
-        (3, 1, 1)
-    );
+    assert_eq!((statistics.message_count, statistics.metadata_count, statistics.chunk_count), (3, 1, 1));
     let schema = summary.schemas.values().next().unwrap();
-    assert_eq!(
-        (schema.name.as_str(), schema.encoding.as_str()),
-        ("flankwatch.v1.WaveformBlock", "protobuf")
-    );
-    let messages: Vec<mcap::Message<'_>> = mcap::MessageStream::new(&bytes)
-        .unwrap()
-        .map(Result::unwrap)
-        .collect();
-    let times: Vec<(u64, u64, u32)> = messages
-        .iter()
-        .map(|m| (m.log_time, m.publish_time, m.sequence))
-        .collect();
+    assert_eq!((schema.name.as_str(), schema.encoding.as_str()), ("flankwatch.v1.WaveformBlock", "protobuf"));
+    let messages: Vec<mcap::Message<'_>> =
+        mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
+    let times: Vec<(u64, u64, u32)> =
+        messages.iter().map(|m| (m.log_time, m.publish_time, m.sequence)).collect();
     let second = 1_000_000_000;
-    assert_eq!(
-        times,
-        [
-            (second, second, 1),
-            (2 * second, 2 * second, 2),
-            (9 * second, 9 * second, 3)
-        ]
-    );
-    let blocks: Vec<message::WaveformBlock> = messages
-        .iter()
-        .map(|m| prost::Message::decode(&*m.data).unwrap())
-        .collect();
-    assert_eq!(
-        blocks.iter().map(|b| b.first_sample_index).collect::<Vec<_>>(),
-        [0, 100, 800]
-    );
-    assert_eq!(
-        blocks.iter().map(|b| b.quality.is_some()).collect::<Vec<_>>(),
-        [false, false, true]
-    );
+    assert_eq!(times, [(second, second, 1), (2 * second, 2 * second, 2), (9 * second, 9 * second, 3)]);
+    let blocks: Vec<message::WaveformBlock> =
+        messages.iter().map(|m| prost::Message::decode(&*m.data).unwrap()).collect();
+    assert_eq!(blocks.iter().map(|b| b.first_sample_index).collect::<Vec<_>>(), [0, 100, 800]);
+    assert_eq!(blocks.iter().map(|b| b.quality.is_some()).collect::<Vec<_>>(), [false, false, true]);
 }
 
 #[test]
 fn a_live_record_keeps_both_its_times() {
-    let mut writer = McapWriter::new(
-        Cursor::new(Vec::new()),
-        McapOptions {
-            compression: McapCompression::Lz4,
-        },
-    )
-    .unwrap();
+    let mut writer =
+        McapWriter::new(Cursor::new(Vec::new()), McapOptions { compression: McapCompression::Lz4 }).unwrap();
     let received = Timestamp::from_second(8).unwrap();
-    writer
-        .write_received("/a/x/waveform", &record("x", 5, vec![0.0]), received)
-        .unwrap();
+    writer.write_received("/a/x/waveform", &record("x", 5, vec![0.0]), received).unwrap();
     let bytes = writer.finish().unwrap().into_inner();
     let message = mcap::MessageStream::new(&bytes).unwrap().next().unwrap().unwrap();
-    assert_eq!(
-        (message.log_time, message.publish_time),
-        (8_000_000_000, 5_000_000_000)
-    );
+    assert_eq!((message.log_time, message.publish_time), (8_000_000_000, 5_000_000_000));
 }
 
 #[test]
 fn a_time_before_1970_is_refused_by_mcap() {
     let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
-    let error = writer
-        .write("/a/x/waveform", &record("x", -1, vec![0.0]))
-        .unwrap_err()
-        .to_string();
+    let error = writer.write("/a/x/waveform", &record("x", -1, vec![0.0])).unwrap_err().to_string();
     assert!(error.contains("start_time is 1969-12-31T23:59:59Z"), "{error}");
 }
 
@@ -191,12 +132,8 @@ fn a_cut_wav_is_what_the_whole_one_is() {
         .collect();
     assert_eq!(cut.len(), 30);
     for (k, channel) in whole.iter().enumerate() {
-        let joined: Vec<f32> = cut
-            .iter()
-            .skip(k)
-            .step_by(2)
-            .flat_map(|r| r.samples().iter().copied())
-            .collect();
+        let joined: Vec<f32> =
+            cut.iter().skip(k).step_by(2).flat_map(|r| r.samples().iter().copied()).collect();
         assert_eq!(joined, channel.samples());
     }
     assert_eq!(cut[29].start_time(), Timestamp::from_second(98).unwrap());
@@ -211,10 +148,8 @@ fn a_two_hour_wav_is_read_ten_seconds_at_a_time() {
     header[24..28].copy_from_slice(&20_000_u32.to_le_bytes());
     let data_bytes = 2 * 3600 * 20_000 * 2_u64;
     header[40..44].copy_from_slice(&u32::try_from(data_bytes).unwrap().to_le_bytes());
-    let stream = std::io::Read::chain(
-        Cursor::new(header),
-        std::io::Read::take(std::io::repeat(1), data_bytes),
-    );
+    let stream =
+        std::io::Read::chain(Cursor::new(header), std::io::Read::take(std::io::repeat(1), data_bytes));
     let blocks = WavBlocks::new(stream, 44 + data_bytes, &RecordDefaults::default(), None).unwrap();
     assert_eq!(blocks.default_cut_seconds(), Some(10.0));
     let mut count = 0;
@@ -230,10 +165,7 @@ fn a_two_hour_wav_is_read_ten_seconds_at_a_time() {
 #[test]
 fn a_rate_that_wav_cannot_hold_is_refused() {
     for rate in [12_800.5, 0.0, -1.0, f64::NAN, 1e10] {
-        assert!(
-            WavWriter::new(Cursor::new(Vec::new()), 1, rate).is_err(),
-            "{rate}"
-        );
+        assert!(WavWriter::new(Cursor::new(Vec::new()), 1, rate).is_err(), "{rate}");
     }
     assert!(WavWriter::new(Cursor::new(Vec::new()), 0, 100.0).is_err());
 }

@@ -10,9 +10,7 @@ use super::*;
 fn pulses_taken(tachometers: &[(&'static str, &str, i64)]) -> Option<usize> {
     let tachometer = |&(topic, shaft, pulses): &(&'static str, &str, i64)| {
         let message = message::Tachometer {
-            pulse_time_ns: (0..pulses)
-                .map(|pulse| 1_000_000_000 + pulse * 1_000_000_000 / pulses)
-                .collect(),
+            pulse_time_ns: (0..pulses).map(|pulse| 1_000_000_000 + pulse * 1_000_000_000 / pulses).collect(),
             pulses_per_revolution: 1,
             shaft: shaft.to_owned(),
         };
@@ -25,18 +23,11 @@ fn pulses_taken(tachometers: &[(&'static str, &str, i64)]) -> Option<usize> {
         ..Default::default()
     };
     let mut messages: Vec<_> = tachometers.iter().map(tachometer).collect();
-    messages.push((
-        "WaveformBlock",
-        "/pump/x/waveform",
-        "protobuf",
-        block.encode_to_vec(),
-    ));
+    messages.push(("WaveformBlock", "/pump/x/waveform", "protobuf", block.encode_to_vec()));
     let mut records = McapReader::new(Cursor::new(mcap_of(&messages)));
     let record = records.next().unwrap().unwrap().record;
     assert!(records.next().is_none());
-    record
-        .tachometer()
-        .map(|tachometer| tachometer.pulse_times_s.len())
+    record.tachometer().map(|tachometer| tachometer.pulse_times_s.len())
 }
 
 #[test]
@@ -58,9 +49,6 @@ fn the_topic_names_the_shaft_where_the_message_does_not() {
 
 #[test]
 fn pulses_of_both_shafts_are_told_apart() {
-    let both = [
-        ("/pump/driven/tachometer", "", 7),
-        ("/pump/driving/tachometer", "", 20),
-    ];
+    let both = [("/pump/driven/tachometer", "", 7), ("/pump/driving/tachometer", "", 20)];
     assert_eq!(pulses_taken(&both), Some(20));
 }

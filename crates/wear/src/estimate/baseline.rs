@@ -54,23 +54,15 @@ impl Baseline {
         let stride = records.len().div_ceil(MOST_RECORDS).max(1);
         let records: Vec<&Features> = records.iter().step_by(stride).collect();
         let is_line = |name: &&String| {
-            ["ln_mesh_", "ln_sideband_", "ln_env_"]
-                .iter()
-                .any(|kind| name.starts_with(kind))
+            ["ln_mesh_", "ln_sideband_", "ln_env_"].iter().any(|kind| name.starts_with(kind))
         };
         let first = records.first();
-        let lines = first
-            .into_iter()
-            .flat_map(|record| record.values.keys().filter(is_line));
+        let lines = first.into_iter().flat_map(|record| record.values.keys().filter(is_line));
         let lines = lines.filter_map(|name| {
-            let values: Option<Vec<f32>> = records
-                .iter()
-                .map(|record| Some(*record.values.get(name)? as f32))
-                .collect();
-            let noise: Option<Vec<f64>> = records
-                .iter()
-                .map(|record| record.background.get(name).copied())
-                .collect();
+            let values: Option<Vec<f32>> =
+                records.iter().map(|record| Some(*record.values.get(name)? as f32)).collect();
+            let noise: Option<Vec<f64>> =
+                records.iter().map(|record| record.background.get(name).copied()).collect();
             let feature = HealthyFeature {
                 name: name.clone(),
                 values: values?,
@@ -81,41 +73,24 @@ impl Baseline {
                 .is_some_and(|noise| feature.mean() < noise + LEAST_LINE_TO_BACKGROUND.ln());
             (!drowned).then_some(feature)
         });
-        let checks = first
-            .into_iter()
-            .flat_map(|record| record.checks.keys())
-            .filter_map(|name| {
-                let values: Option<Vec<f32>> = records
-                    .iter()
-                    .map(|record| Some(*record.checks.get(name)? as f32))
-                    .collect();
-                Some(HealthyFeature {
-                    name: name.clone(),
-                    values: values?,
-                    background: None,
-                })
-            });
-        let kurtosis: Option<Vec<f32>> = records
-            .iter()
-            .map(|record| Some(*record.values.get(KURTOSIS)? as f32))
-            .collect();
+        let checks = first.into_iter().flat_map(|record| record.checks.keys()).filter_map(|name| {
+            let values: Option<Vec<f32>> =
+                records.iter().map(|record| Some(*record.checks.get(name)? as f32)).collect();
+            Some(HealthyFeature { name: name.clone(), values: values?, background: None })
+        });
+        let kurtosis: Option<Vec<f32>> =
+            records.iter().map(|record| Some(*record.values.get(KURTOSIS)? as f32)).collect();
         let comparability = Comparability::of(records.iter().copied());
-        let point = |record: &&Features| {
-            [
-                record.operating_point.shaft_speed_hz,
-                record.operating_point.torque_nm,
-            ]
-        };
+        let point =
+            |record: &&Features| [record.operating_point.shaft_speed_hz, record.operating_point.torque_nm];
         Self {
             lines: lines.collect(),
             checks: checks.collect(),
-            kurtosis: kurtosis
-                .filter(|values| !values.is_empty())
-                .map(|values| HealthyFeature {
-                    name: KURTOSIS.to_owned(),
-                    values,
-                    background: None,
-                }),
+            kurtosis: kurtosis.filter(|values| !values.is_empty()).map(|values| HealthyFeature {
+                name: KURTOSIS.to_owned(),
+                values,
+                background: None,
+            }),
             comparability,
             points: records.iter().map(point).collect(),
         }
@@ -127,17 +102,9 @@ mod tests {
     use super::*;
 
     fn features(pairs: &[(&str, f64)], background: &[(&str, f64)]) -> Features {
-        let map = |pairs: &[(&str, f64)]| {
-            pairs
-                .iter()
-                .map(|&(name, value)| (name.to_owned(), value))
-                .collect()
-        };
-        Features {
-            values: map(pairs),
-            background: map(background),
-            ..Features::default()
-        }
+        let map =
+            |pairs: &[(&str, f64)]| pairs.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
+        Features { values: map(pairs), background: map(background), ..Features::default() }
     }
 
     #[test]
@@ -145,31 +112,20 @@ mod tests {
         let pairs = [("ln_mesh_1", 1.0), ("ln_mesh_2", 2.0), ("ln_rms", 1.0)];
         let baseline = Baseline::of(&[features(&pairs, &[]), features(&[("ln_mesh_1", 3.0)], &[])]);
         assert_eq!(baseline.lines.len(), 1);
-        assert_eq!(
-            (baseline.lines[0].name.as_str(), baseline.lines[0].mean()),
-            ("ln_mesh_1", 2.0)
-        );
+        assert_eq!((baseline.lines[0].name.as_str(), baseline.lines[0].mean()), ("ln_mesh_1", 2.0));
     }
 
     #[test]
     fn a_line_in_the_noise_is_left_out() {
         let noise = [("ln_mesh_1", 0.0), ("ln_mesh_2", 0.0)];
         let baseline = Baseline::of(&[features(&[("ln_mesh_1", 1.0), ("ln_mesh_2", 0.1)], &noise)]);
-        assert_eq!(
-            baseline
-                .lines
-                .iter()
-                .map(|line| line.name.as_str())
-                .collect::<Vec<_>>(),
-            ["ln_mesh_1"]
-        );
+        assert_eq!(baseline.lines.iter().map(|line| line.name.as_str()).collect::<Vec<_>>(), ["ln_mesh_1"]);
     }
 
     #[test]
     fn a_long_baseline_is_thinned_evenly() {
-        let records: Vec<Features> = (0..100)
-            .map(|i| features(&[("ln_mesh_1", f64::from(i))], &[]))
-            .collect();
+        let records: Vec<Features> =
+            (0..100).map(|i| features(&[("ln_mesh_1", f64::from(i))], &[])).collect();
         let baseline = Baseline::of(&records);
         assert_eq!(baseline.points.len(), 34);
         assert_eq!(baseline.lines[0].values[..3], [0.0, 3.0, 6.0]);

@@ -44,18 +44,12 @@ pub struct RecordResult {
 impl ChannelEstimator {
     /// One with these settings, the libraries of the pair where it has any, and the rules of its alarms.
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>, rules: Vec<AlarmRule>) -> Self {
-        Self {
-            tracker: Arc::new(Tracker::new(settings, ensemble)),
-            rules: rules.into(),
-        }
+        Self { tracker: Arc::new(Tracker::new(settings, ensemble)), rules: rules.into() }
     }
 
     /// One while there is no library: as without a pair, and records are told why.
     pub fn without_library(settings: EstimatorSettings, lack: LibraryLack, rules: Vec<AlarmRule>) -> Self {
-        Self {
-            tracker: Arc::new(Tracker::without_library(settings, lack)),
-            rules: rules.into(),
-        }
+        Self { tracker: Arc::new(Tracker::without_library(settings, lack)), rules: rules.into() }
     }
 
     /// The rules of its alarms.
@@ -83,14 +77,8 @@ impl ChannelEstimator {
         let wear = self.tracker.update(&mut state.tracker, time, features);
         let mut of_run = state.run_means.update(indicators);
         of_run.extend(wear.indicators());
-        let changes = state
-            .alarms
-            .reading(&self.rules, time, &wear, [indicators, &of_run]);
-        RecordResult {
-            indicators: of_run,
-            wear,
-            changes,
-        }
+        let changes = state.alarms.reading(&self.rules, time, &wear, [indicators, &of_run]);
+        RecordResult { indicators: of_run, wear, changes }
     }
 
     /// What is said of a record that people excluded; the state stays as it is.

@@ -43,20 +43,15 @@ impl Charts {
     /// The sum of independent normal deviates less k has a tail of e^(−2k(S + 0.583)) where it has gone on
     /// for long.
     pub(super) fn highest(&self) -> Option<(&str, f64)> {
-        let (name, sum) = self
-            .sums
-            .iter()
-            .max_by(|a, b| a.1.total_cmp(b.1))
-            .filter(|(_, sum)| **sum > 0.0)?;
+        let (name, sum) =
+            self.sums.iter().max_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, sum)| **sum > 0.0)?;
         Some((name, self.p_value(*sum)))
     }
 
     /// The highest sum of the checks whose names begin with `kind`, and its probability.
     pub(super) fn highest_of(&self, kind: &str) -> Option<(&str, f64)> {
         let of_kind = self.sums.iter().filter(|(name, _)| name.starts_with(kind));
-        let (name, sum) = of_kind
-            .max_by(|a, b| a.1.total_cmp(b.1))
-            .filter(|(_, sum)| **sum > 0.0)?;
+        let (name, sum) = of_kind.max_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, sum)| **sum > 0.0)?;
         Some((name, self.p_value(*sum)))
     }
 
@@ -86,11 +81,7 @@ mod tests {
         let levels = [1e-1, 1e-2, 1e-3];
         let mut passed = [0_u32; 3];
         for _ in 0..100_000 {
-            charts.update(
-                ["a", "b", "c", "d"]
-                    .into_iter()
-                    .map(|name| (name, normal(&mut random))),
-            );
+            charts.update(["a", "b", "c", "d"].into_iter().map(|name| (name, normal(&mut random))));
             if let Some((_, p)) = charts.highest() {
                 for (passed, level) in passed.iter_mut().zip(levels) {
                     *passed += u32::from(p < level);

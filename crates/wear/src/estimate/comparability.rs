@@ -28,37 +28,25 @@ pub(super) struct Comparability {
 
 /// Whether a record's mesh lines are read apart from their sidebands, where its speed and length are known.
 fn lines_are_apart(record: &Features) -> Option<bool> {
-    let speed_hz = record
-        .operating_point
-        .shaft_speed_hz
-        .filter(|_| record.has_mesh())?;
+    let speed_hz = record.operating_point.shaft_speed_hz.filter(|_| record.has_mesh())?;
     Some(record.extent?.seconds >= Extent::seconds_apart(speed_hz))
 }
 
 /// Whether two records can be part of one baseline.
 pub(super) fn go_together(one: &Features, other: &Features) -> bool {
     let same_length = |one: Extent, other: Extent| (one.seconds / other.seconds).ln().abs() < SAME_LENGTH;
-    let same = one
-        .extent
-        .zip(other.extent)
-        .is_none_or(|(one, other)| same_length(one, other));
+    let same = one.extent.zip(other.extent).is_none_or(|(one, other)| same_length(one, other));
     same || lines_are_apart(one) == lines_are_apart(other)
 }
 
 impl Comparability {
     /// Of the records of a baseline.
     pub(super) fn of<'a>(records: impl Iterator<Item = &'a Features> + Clone) -> Self {
-        let speeds = records
-            .clone()
-            .filter_map(|record| record.operating_point.shaft_speed_hz);
+        let speeds = records.clone().filter_map(|record| record.operating_point.shaft_speed_hz);
         Self {
             seconds: mean(records.clone().filter_map(|record| Some(record.extent?.seconds))),
             shaft_speed_hz: mean(speeds),
-            sample_rate_hz: mean(
-                records
-                    .clone()
-                    .filter_map(|record| Some(record.extent?.sample_rate_hz)),
-            ),
+            sample_rate_hz: mean(records.clone().filter_map(|record| Some(record.extent?.sample_rate_hz))),
             apart: records.into_iter().next().and_then(lines_are_apart),
         }
     }
@@ -130,14 +118,8 @@ mod tests {
     fn record(seconds: f64) -> Features {
         Features {
             values: [("ln_mesh_1".to_owned(), 0.0)].into(),
-            operating_point: OperatingPoint {
-                shaft_speed_hz: Some(20.0),
-                ..OperatingPoint::default()
-            },
-            extent: Some(Extent {
-                seconds,
-                sample_rate_hz: 12_800.0,
-            }),
+            operating_point: OperatingPoint { shaft_speed_hz: Some(20.0), ..OperatingPoint::default() },
+            extent: Some(Extent { seconds, sample_rate_hz: 12_800.0 }),
             ..Features::default()
         }
     }
@@ -151,11 +133,7 @@ mod tests {
         assert!(why.contains("0.20 s") && why.contains("0.25 s"), "{why}");
         let short = Comparability::of([record(0.2)].iter());
         assert_eq!(short.refuses(&record(0.1)), None);
-        assert_eq!(
-            Comparability::of([record(0.26)].iter()).refuses(&record(0.24)),
-            None,
-            "nearly as long"
-        );
+        assert_eq!(Comparability::of([record(0.26)].iter()).refuses(&record(0.24)), None, "nearly as long");
         assert!(short.refuses(&record(1.0)).is_some());
     }
 

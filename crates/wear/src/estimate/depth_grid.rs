@@ -11,9 +11,7 @@ pub(super) struct DepthGrid {
 impl DepthGrid {
     /// The grid of these depths in µm.
     pub(super) fn of(depths_um: &[f64]) -> Self {
-        Self {
-            depths_um: depths_um.to_vec(),
-        }
+        Self { depths_um: depths_um.to_vec() }
     }
 
     /// The depths in µm.
@@ -29,16 +27,9 @@ impl DepthGrid {
     /// The ends of a depth's cell: half way to its neighbours.
     pub(super) fn cell_um(&self, point: usize) -> [f64; 2] {
         let depths = &self.depths_um;
-        let low = if point == 0 {
-            0.0
-        } else {
-            0.5 * (depths[point - 1] + depths[point])
-        };
-        let high = if point + 1 == depths.len() {
-            depths[point]
-        } else {
-            0.5 * (depths[point] + depths[point + 1])
-        };
+        let low = if point == 0 { 0.0 } else { 0.5 * (depths[point - 1] + depths[point]) };
+        let high =
+            if point + 1 == depths.len() { depths[point] } else { 0.5 * (depths[point] + depths[point + 1]) };
         [low, high]
     }
 
@@ -81,10 +72,7 @@ impl DepthGrid {
 
     /// The distribution as it is handed out.
     pub(super) fn posterior(&self, probability: &[f64]) -> Posterior {
-        Posterior {
-            wear_um: self.depths_um.clone(),
-            probability: probability.to_vec(),
-        }
+        Posterior { wear_um: self.depths_um.clone(), probability: probability.to_vec() }
     }
 }
 

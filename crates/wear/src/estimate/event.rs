@@ -51,11 +51,7 @@ impl Inspection {
     /// What is wrong with its numbers: field, value, and what was expected.
     pub fn fault(&self) -> Option<(&'static str, String, &'static str)> {
         if !(0.0..=1e5).contains(&self.depth_um) {
-            return Some((
-                "inspection.depth_um",
-                self.depth_um.to_string(),
-                "a depth from 0 to 100000 µm",
-            ));
+            return Some(("inspection.depth_um", self.depth_um.to_string(), "a depth from 0 to 100000 µm"));
         }
         if !(self.error_um > 0.0 && self.error_um <= 1e4) {
             return Some((
@@ -66,11 +62,9 @@ impl Inspection {
         }
         match self.gear {
             None | Some(1 | 2) => None,
-            Some(gear) => Some((
-                "inspection.gear",
-                gear.to_string(),
-                "1 for the driving gear or 2 for the driven one",
-            )),
+            Some(gear) => {
+                Some(("inspection.gear", gear.to_string(), "1 for the driving gear or 2 for the driven one"))
+            }
         }
     }
 }

@@ -57,10 +57,7 @@ impl Believed {
     pub(super) fn by_depth(&self) -> Vec<f64> {
         let mut total = vec![0.0; DEPTHS];
         for row in self.joint.chunks_exact(DEPTHS) {
-            total
-                .iter_mut()
-                .zip(row)
-                .for_each(|(total, p)| *total += f64::from(*p));
+            total.iter_mut().zip(row).for_each(|(total, p)| *total += f64::from(*p));
         }
         total
     }
@@ -75,17 +72,11 @@ impl Filter {
             .iter()
             .enumerate()
             .map(|(i, um)| depths_um.get(i + 1).map_or(0.0, |next| (next - um) as f32));
-        let depths: Vec<f32> = depths_um
-            .iter()
-            .map(near)
-            .zip(widths)
-            .map(|(near, width)| near * width)
-            .collect();
+        let depths: Vec<f32> =
+            depths_um.iter().map(near).zip(widths).map(|(near, width)| near * width).collect();
         let total: f32 = depths.iter().sum();
-        let prior: Vec<f32> = PRIOR
-            .iter()
-            .flat_map(|rate| depths.iter().map(move |p| rate * p / total))
-            .collect();
+        let prior: Vec<f32> =
+            PRIOR.iter().flat_map(|rate| depths.iter().map(move |p| rate * p / total)).collect();
         Self {
             cells: Packed::of(&prior.repeat(members / variants)),
             parts: Packed::of(&vec![1.0; members]),
@@ -118,9 +109,7 @@ impl Filter {
         }
         let believed = believe(&cells, &parts, &likelihood.to_power(ADDED));
         let carried = likelihood.to_power(CARRIED * (units as f32).min(1.0));
-        let weights = cells
-            .chunks_exact_mut(BLOCK)
-            .zip(parts.chunks_exact_mut(variants));
+        let weights = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
         for ((block, parts), weights) in weights.zip(carried.chunks_exact(variants * DEPTHS)) {
             weigh(block, parts, weights);
         }
@@ -136,17 +125,11 @@ impl Filter {
         let variants = parts.len() / (cells.len() / BLOCK);
         parts.chunks_exact_mut(variants).for_each(normalise);
         let members = parts.len();
-        let weights = cells
-            .chunks_exact_mut(BLOCK)
-            .zip(parts.chunks_exact_mut(variants));
+        let weights = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
         for ((block, parts), weights) in weights.zip(likelihood.chunks_exact(variants * DEPTHS)) {
             weigh(block, parts, weights);
         }
-        let mean = |depth: usize| {
-            (0..members)
-                .map(|member| likelihood[member * DEPTHS + depth])
-                .sum::<f32>()
-        };
+        let mean = |depth: usize| (0..members).map(|member| likelihood[member * DEPTHS + depth]).sum::<f32>();
         for (index, prior) in self.prior.iter_mut().enumerate() {
             // What the prior had no probability for is possible too: the inspection knows better.
             *prior = (*prior + 1e-3) * mean(index % DEPTHS);
@@ -169,9 +152,7 @@ impl Filter {
             (sum / total).round().clamp(0.0, (DEPTHS - 1) as f32) as u8
         };
         let groups = cells.chunks_exact(BLOCK).map(mean);
-        groups
-            .flat_map(|mean| std::iter::repeat_n(mean, variants))
-            .collect()
+        groups.flat_map(|mean| std::iter::repeat_n(mean, variants)).collect()
     }
 }
 
@@ -188,13 +169,9 @@ fn weigh(block: &mut [f32], parts: &mut [f32], weights: &[f32]) {
     }
     normalise(parts);
     let even = 1.0 / parts.len() as f32;
-    parts
-        .iter_mut()
-        .for_each(|part| *part += FORGOTTEN * (even - *part));
+    parts.iter_mut().for_each(|part| *part += FORGOTTEN * (even - *part));
     for row in block.chunks_exact_mut(DEPTHS) {
-        row.iter_mut()
-            .zip(&of_group)
-            .for_each(|(cell, weight)| *cell *= weight);
+        row.iter_mut().zip(&of_group).for_each(|(cell, weight)| *cell *= weight);
     }
 }
 
@@ -236,9 +213,7 @@ fn believe(cells: &[f32], parts: &[f32], weights: &[f32]) -> Believed {
 fn normalise(values: &mut [f32]) {
     let total: f64 = values.iter().map(|value| f64::from(*value)).sum();
     if total > 0.0 {
-        values
-            .iter_mut()
-            .for_each(|value| *value = (f64::from(*value) / total) as f32);
+        values.iter_mut().for_each(|value| *value = (f64::from(*value) / total) as f32);
     }
 }
 
@@ -255,9 +230,7 @@ impl Packed {
     fn of(values: &[f32]) -> Self {
         let highest = values.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
         let packed = |value: &f32| {
-            let bits = (value / highest)
-                .to_bits()
-                .saturating_add(1 << (DROPPED_BITS - 1));
+            let bits = (value / highest).to_bits().saturating_add(1 << (DROPPED_BITS - 1));
             (bits.saturating_sub(LEAST_EXPONENT) >> DROPPED_BITS).min(u32::from(u16::MAX)) as u16
         };
         Self(values.iter().map(packed).collect())
@@ -295,9 +268,7 @@ impl<'de> Deserialize<'de> for Packed {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = String::deserialize(deserializer)?;
         let bytes = STANDARD_NO_PAD.decode(text).map_err(serde::de::Error::custom)?;
-        let mut words = bytes
-            .chunks_exact(2)
-            .map(|two| u16::from_le_bytes([two[0], two[1]]));
+        let mut words = bytes.chunks_exact(2).map(|two| u16::from_le_bytes([two[0], two[1]]));
         let mut cells = Vec::new();
         while let Some(cell) = words.next() {
             let run = if cell == 0 { words.next().unwrap_or(1) } else { 1 };
@@ -316,10 +287,7 @@ mod tests {
         let values: Vec<f32> = (0..2000).map(|i| (-0.01 * i as f32).exp()).collect();
         let packed = Packed::of(&values);
         for (value, back) in values.iter().zip(packed.unpacked()) {
-            assert!(
-                (value - back).abs() <= value / 4000.0 || *value < 1e-9,
-                "{value} {back}"
-            );
+            assert!((value - back).abs() <= value / 4000.0 || *value < 1e-9, "{value} {back}");
         }
         // Once packed, the same again.
         assert_eq!(Packed::of(&packed.unpacked()), packed);

@@ -50,11 +50,7 @@ impl Growth {
     pub(super) fn on(depths_um: &[f64]) -> Self {
         let widths_um: Vec<f32> = depths_um.windows(2).map(|two| (two[1] - two[0]) as f32).collect();
         let least_um = widths_um.iter().copied().fold(f32::INFINITY, f32::min).into();
-        Self {
-            widths_um,
-            least_um,
-            rates_um: rates_um(depths_um),
-        }
+        Self { widths_um, least_um, rates_um: rates_um(depths_um) }
     }
 
     /// Lets probabilities by rate and depth, one block of [`RATES`] × [`DEPTHS`] a member, grow over `units`.
@@ -67,11 +63,8 @@ impl Growth {
     }
 
     fn advance_part(&self, blocks: &mut [f32], units: f64) {
-        let moves: Vec<(usize, Vec<f32>)> = self
-            .rates_um
-            .iter()
-            .map(|rate_um| self.moves(rate_um * units))
-            .collect();
+        let moves: Vec<(usize, Vec<f32>)> =
+            self.rates_um.iter().map(|rate_um| self.moves(rate_um * units)).collect();
         let drawn_anew = (1.0 - (1.0 - CHANGES).powf(units)) as f32;
         let jumping = (1.0 - (1.0 - JUMPS).powf(units)) as f32;
         for block in blocks.chunks_exact_mut(RATES * DEPTHS) {
@@ -98,13 +91,7 @@ impl Growth {
         }
         let steps = ((mean_um / (0.8 * self.least_um)).ceil() as usize).clamp(1, MAX_STEPS);
         let each = (mean_um / steps as f64) as f32;
-        (
-            steps,
-            self.widths_um
-                .iter()
-                .map(|width| (each / width).min(1.0))
-                .collect(),
-        )
+        (steps, self.widths_um.iter().map(|width| (each / width).min(1.0)).collect())
     }
 
     /// Spreads a part of each depth's probability over all greater depths.
@@ -112,11 +99,7 @@ impl Growth {
         let whole: f32 = self.widths_um.iter().sum();
         let (mut falling, mut left) = (0.0_f32, whole);
         for (depth, (value, width)) in row.iter_mut().zip(&self.widths_um).enumerate() {
-            let arrives = if depth == 0 {
-                0.0
-            } else {
-                falling * self.widths_um[depth - 1]
-            };
+            let arrives = if depth == 0 { 0.0 } else { falling * self.widths_um[depth - 1] };
             let leaves = part * *value;
             *value += arrives - leaves;
             falling += leaves / left.max(f32::MIN_POSITIVE);
@@ -155,10 +138,7 @@ mod tests {
             growth.advance(&mut block, 1.0);
         }
         assert!((block.iter().sum::<f32>() - 1.0).abs() < 1e-4);
-        let below: f32 = block
-            .chunks(DEPTHS)
-            .map(|row| row[..10].iter().sum::<f32>())
-            .sum();
+        let below: f32 = block.chunks(DEPTHS).map(|row| row[..10].iter().sum::<f32>()).sum();
         assert!(below.abs() < 1e-6);
     }
 
@@ -186,11 +166,7 @@ mod tests {
         (0..20).for_each(|_| growth.advance(&mut short, 1.0));
         let mean = |block: &[f32]| -> f64 {
             let depths = grid();
-            block
-                .iter()
-                .enumerate()
-                .map(|(i, p)| f64::from(*p) * depths[i % DEPTHS])
-                .sum()
+            block.iter().enumerate().map(|(i, p)| f64::from(*p) * depths[i % DEPTHS]).sum()
         };
         assert!(
             mean(&long) > mean(&short) && mean(&long) < 3.0 * mean(&short),

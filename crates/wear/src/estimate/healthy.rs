@@ -52,14 +52,9 @@ impl SpeedKernels {
     /// Kernels for the logarithms of the baseline's speeds.
     pub(super) fn new(log_speeds: Vec<f64>) -> Self {
         let choices = [(0.0, 1.0)].into_iter();
-        let choices = choices.chain(
-            LENGTHS
-                .iter()
-                .flat_map(|&length| RATIOS.iter().map(move |&ratio| (ratio, length))),
-        );
-        let kernels = choices
-            .filter_map(|(ratio, length)| Kernel::new(&log_speeds, ratio, length))
-            .collect();
+        let choices = choices
+            .chain(LENGTHS.iter().flat_map(|&length| RATIOS.iter().map(move |&ratio| (ratio, length))));
+        let kernels = choices.filter_map(|(ratio, length)| Kernel::new(&log_speeds, ratio, length)).collect();
         Self { log_speeds, kernels }
     }
 
@@ -98,20 +93,15 @@ impl SpeedKernels {
     /// What a record at this speed takes from the baseline.
     pub(super) fn weights(&self, log_speed: f64) -> SpeedWeights {
         let by_kernel = self.kernels.iter().map(|kernel| {
-            let near: Vec<f64> = self
-                .log_speeds
-                .iter()
-                .map(|x| kernel.ratio * kernel.correlation(log_speed - x))
-                .collect();
+            let near: Vec<f64> =
+                self.log_speeds.iter().map(|x| kernel.ratio * kernel.correlation(log_speed - x)).collect();
             let k = DVector::from_column_slice(&near);
             let solved = &kernel.inverse * &k;
             let unexplained = (kernel.ratio - k.dot(&solved)).max(0.0);
             let variance = unexplained + (1.0 - solved.sum()).powi(2) / kernel.total;
             (near, variance)
         });
-        SpeedWeights {
-            by_kernel: by_kernel.collect(),
-        }
+        SpeedWeights { by_kernel: by_kernel.collect() }
     }
 
     fn square(&self, kernel: usize, residuals: &[f64]) -> f64 {
@@ -125,12 +115,7 @@ impl SpeedKernels {
 impl SpeedWeights {
     /// g(x*) for a feature with this kernel and these K⁻¹(y − b).
     pub(super) fn path(&self, kernel: usize, weights: &[f64]) -> f64 {
-        self.by_kernel[kernel]
-            .0
-            .iter()
-            .zip(weights)
-            .map(|(k, w)| k * w)
-            .sum()
+        self.by_kernel[kernel].0.iter().zip(weights).map(|(k, w)| k * w).sum()
     }
 
     /// Variance of b + g(x*) over σ².
@@ -192,21 +177,12 @@ mod tests {
     #[test]
     fn a_resonance_is_learnt_from_the_baseline() {
         let gain = |x: f64| -0.5 * (1.0 + (x / 0.01).powi(2)).ln();
-        let speeds: Vec<f64> = (0..24)
-            .map(|i| -0.03 + 0.06 * f64::from(i * 7 % 24) / 23.0)
-            .collect();
-        let y: Vec<f64> = speeds
-            .iter()
-            .enumerate()
-            .map(|(i, x)| gain(*x) + 0.01 * (i as f64 * 2.3).sin())
-            .collect();
+        let speeds: Vec<f64> = (0..24).map(|i| -0.03 + 0.06 * f64::from(i * 7 % 24) / 23.0).collect();
+        let y: Vec<f64> =
+            speeds.iter().enumerate().map(|(i, x)| gain(*x) + 0.01 * (i as f64 * 2.3).sin()).collect();
         let kernels = SpeedKernels::new(speeds);
         let best = (0..kernels.len())
-            .max_by(|a, b| {
-                kernels
-                    .log_evidence(*a, &y)
-                    .total_cmp(&kernels.log_evidence(*b, &y))
-            })
+            .max_by(|a, b| kernels.log_evidence(*a, &y).total_cmp(&kernels.log_evidence(*b, &y)))
             .unwrap();
         assert!(best > 0);
         let (constant, weights) = kernels.fit(best, &y);

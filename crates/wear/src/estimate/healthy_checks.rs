@@ -70,11 +70,7 @@ impl Drift {
     /// What a record may show whose lines are `apart` from each other, `units` of growth after the one
     /// before.
     pub(super) fn at(&self, apart: f64, units: f64) -> Drifting<'_> {
-        Drifting {
-            drift: self,
-            apart: apart.min(self.apart + SUDDEN * units),
-            units,
-        }
+        Drifting { drift: self, apart: apart.min(self.apart + SUDDEN * units), units }
     }
 
     /// What is known after a record that wear explains.
@@ -83,10 +79,7 @@ impl Drift {
         let offset = |check: &Deviation| {
             let before = self.offsets.get(&check.name).copied().unwrap_or(0.0);
             let most = part(&check.name) * apart;
-            (
-                check.name.clone(),
-                (before + NEWEST_PART * check.residual).clamp(-most, most),
-            )
+            (check.name.clone(), (before + NEWEST_PART * check.residual).clamp(-most, most))
         };
         Self {
             apart: self.apart + NEWEST_PART * (apart - self.apart),
@@ -136,12 +129,10 @@ impl HealthyChecks {
         let kernels = SpeedKernels::new(log_speeds);
         let fit = |feature: &HealthyFeature| {
             let values: Vec<f64> = feature.values.iter().map(|&value| f64::from(value)).collect();
-            let evidence: Vec<f64> = (0..kernels.len())
-                .map(|kernel| kernels.log_evidence(kernel, &values))
-                .collect();
-            let kernel = (0..evidence.len())
-                .max_by(|&a, &b| evidence[a].total_cmp(&evidence[b]))
-                .unwrap_or(0);
+            let evidence: Vec<f64> =
+                (0..kernels.len()).map(|kernel| kernels.log_evidence(kernel, &values)).collect();
+            let kernel =
+                (0..evidence.len()).max_by(|&a, &b| evidence[a].total_cmp(&evidence[b])).unwrap_or(0);
             let wears = !UNMOVED.iter().any(|kind| feature.name.starts_with(kind));
             let change = match ensemble.filter(|_| wears) {
                 None => vec![0.0],
@@ -164,12 +155,7 @@ impl HealthyChecks {
         };
         let checks = baseline.checks.iter().map(fit).collect();
         let kurtosis = baseline.kurtosis.as_ref().map(fit);
-        Self {
-            kernels,
-            checks,
-            kurtosis,
-            comparability: baseline.comparability,
-        }
+        Self { kernels, checks, kurtosis, comparability: baseline.comparability }
     }
 
     /// How each check of a record deviates from what is expected at a depth of the grid, a logarithm of the
@@ -214,10 +200,7 @@ impl HealthyChecks {
 
     /// How what a gain multiplies stands to the healthy values, whatever wear does.
     pub(super) fn gained(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
-        let gained = self
-            .checks
-            .iter()
-            .filter(|check| averaged_turns(&check.name).is_none());
+        let gained = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
         gained
             .filter_map(|check| self.against_healthy(check, *record.checks.get(&check.name)?, log_speed))
             .collect()
@@ -239,13 +222,8 @@ impl HealthyChecks {
 
     /// Checks that a baseline has, and how many of them a record has.
     pub(super) fn shared(&self, record: &Features) -> [usize; 2] {
-        let of_energy = self
-            .checks
-            .iter()
-            .filter(|check| averaged_turns(&check.name).is_none());
-        let shared = of_energy
-            .clone()
-            .filter(|check| record.checks.contains_key(&check.name));
+        let of_energy = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
+        let shared = of_energy.clone().filter(|check| record.checks.contains_key(&check.name));
         [of_energy.count(), shared.count()]
     }
 

@@ -81,9 +81,7 @@ impl Measured {
     /// The lines' frequencies in hertz by name, for a mesh frequency in hertz.
     pub(super) fn frequencies_hz(&self, mesh_hz: f64) -> Vec<(String, f64)> {
         let lines = self.lines.iter();
-        lines
-            .map(|line| (line_name(line.index), (line.index + 1) as f64 * mesh_hz))
-            .collect()
+        lines.map(|line| (line_name(line.index), (line.index + 1) as f64 * mesh_hz)).collect()
     }
 
     /// How far the lines have moved apart from each other: the standard deviation of their changes beyond
@@ -91,11 +89,7 @@ impl Measured {
     pub(super) fn apart(&self) -> f64 {
         let count = self.lines.len().max(2) as f64;
         let mean = self.lines.iter().map(|line| line.change).sum::<f64>() / count;
-        let square: f64 = self
-            .lines
-            .iter()
-            .map(|line| (line.change - mean).powi(2) - line.variance)
-            .sum();
+        let square: f64 = self.lines.iter().map(|line| (line.change - mean).powi(2) - line.variance).sum();
         (square / (count - 1.0)).max(0.0).sqrt().min(MAX_APART)
     }
 }
@@ -104,40 +98,26 @@ impl HealthyLines {
     /// Fits a baseline; `nominal` are the described speed in hertz and torque in N·m.
     pub(super) fn new(baseline: &Baseline, nominal: [f64; 2]) -> Self {
         let [nominal_speed_hz, nominal_torque_nm] = nominal;
-        let log_speeds = baseline
-            .points
-            .iter()
-            .map(|point| relative(point[0], nominal_speed_hz).ln())
-            .collect();
+        let log_speeds =
+            baseline.points.iter().map(|point| relative(point[0], nominal_speed_hz).ln()).collect();
         let kernels = SpeedKernels::new(log_speeds);
-        let log_loads: Vec<f64> = baseline
-            .points
-            .iter()
-            .map(|point| relative(point[1], nominal_torque_nm).ln())
-            .collect();
+        let log_loads: Vec<f64> =
+            baseline.points.iter().map(|point| relative(point[1], nominal_torque_nm).ln()).collect();
         let fit = |(index, feature): (usize, &HealthyFeature)| {
-            let values: Vec<f64> = feature
-                .values
-                .iter()
-                .zip(&log_loads)
-                .map(|(value, load)| f64::from(*value) - load)
-                .collect();
-            let evidence: Vec<f64> = (0..kernels.len())
-                .map(|kernel| kernels.log_evidence(kernel, &values))
-                .collect();
-            let kernel = (0..evidence.len())
-                .max_by(|&a, &b| evidence[a].total_cmp(&evidence[b]))
-                .unwrap_or(0);
+            let values: Vec<f64> =
+                feature.values.iter().zip(&log_loads).map(|(value, load)| f64::from(*value) - load).collect();
+            let evidence: Vec<f64> =
+                (0..kernels.len()).map(|kernel| kernels.log_evidence(kernel, &values)).collect();
+            let kernel =
+                (0..evidence.len()).max_by(|&a, &b| evidence[a].total_cmp(&evidence[b])).unwrap_or(0);
             let (constant, weights) = kernels.fit(kernel, &values);
-            let noise = feature.background.map_or(0.0, |background| {
-                (2.0 * (background - feature.mean())).exp().min(MAX_NOISE)
-            });
+            let noise = feature
+                .background
+                .map_or(0.0, |background| (2.0 * (background - feature.mean())).exp().min(MAX_NOISE));
             Line {
                 index,
                 kernel,
-                variance: kernels
-                    .variance(kernel, &values)
-                    .max(LEAST_SCATTER * LEAST_SCATTER),
+                variance: kernels.variance(kernel, &values).max(LEAST_SCATTER * LEAST_SCATTER),
                 constant,
                 weights,
                 background: feature.background,
@@ -146,19 +126,10 @@ impl HealthyLines {
         };
         let named = (0..MESH_LINES).filter_map(|index| {
             let name = line_name(index);
-            baseline
-                .lines
-                .iter()
-                .find(|line| line.name == name)
-                .map(|line| (index, line))
+            baseline.lines.iter().find(|line| line.name == name).map(|line| (index, line))
         });
         let lines = named.map(fit).collect();
-        Self {
-            kernels,
-            lines,
-            nominal_speed_hz,
-            nominal_torque_nm,
-        }
+        Self { kernels, lines, nominal_speed_hz, nominal_torque_nm }
     }
 
     /// Lines that are compared.
@@ -168,11 +139,7 @@ impl HealthyLines {
 
     /// Logarithms of the speeds of a baseline's records over the nominal one.
     pub(super) fn log_speeds(&self, baseline: &Baseline) -> Vec<f64> {
-        baseline
-            .points
-            .iter()
-            .map(|point| relative(point[0], self.nominal_speed_hz).ln())
-            .collect()
+        baseline.points.iter().map(|point| relative(point[0], self.nominal_speed_hz).ln()).collect()
     }
 
     /// Logarithm of a record's speed over the nominal one.
@@ -182,10 +149,7 @@ impl HealthyLines {
 
     /// The least sampling rate in hertz that gives `lines` of the lines, at a mesh frequency in hertz.
     pub(super) fn rate_needed_hz(&self, lines: usize, mesh_hz: f64) -> f64 {
-        let order = self
-            .lines
-            .get(lines.saturating_sub(1))
-            .map_or(0, |line| line.index + 1);
+        let order = self.lines.get(lines.saturating_sub(1)).map_or(0, |line| line.index + 1);
         2.0 * (order as f64 + 0.5) * mesh_hz
     }
 
@@ -196,9 +160,7 @@ impl HealthyLines {
         let load = relative(record.operating_point.torque_nm, self.nominal_torque_nm);
         let line = |line: &Line| {
             let value = *record.values.get(&line_name(line.index))?;
-            let noise = line
-                .background
-                .map_or(0.0, |background| (2.0 * (background - value)).exp().min(1.0));
+            let noise = line.background.map_or(0.0, |background| (2.0 * (background - value)).exp().min(1.0));
             Some(MeasuredLine {
                 index: line.index,
                 change: value - load.ln() - line.constant - at.path(line.kernel, &line.weights),
@@ -206,10 +168,7 @@ impl HealthyLines {
                 floor: line.floor,
             })
         };
-        Measured {
-            lines: self.lines.iter().filter_map(line).collect(),
-            load,
-        }
+        Measured { lines: self.lines.iter().filter_map(line).collect(), load }
     }
 }
 

@@ -90,14 +90,8 @@ impl Levels {
         let gain =
             moved.iter().map(|d| weight(d) * d.residual).sum::<f64>() / moved.iter().map(weight).sum::<f64>();
         let squares = |by: f64| -> f64 {
-            let left = |d: &Deviation| Deviation {
-                residual: d.residual - by,
-                ..d.clone()
-            };
-            moved
-                .iter()
-                .map(|d| normal_score(&left(d), freedom).powi(2))
-                .sum()
+            let left = |d: &Deviation| Deviation { residual: d.residual - by, ..d.clone() };
+            moved.iter().map(|d| normal_score(&left(d), freedom).powi(2)).sum()
         };
         let left = squares(gain);
         let alike = left < GAIN_LEAVES * squares(0.0);
@@ -122,9 +116,7 @@ impl Levels {
         let ([low, high], floor) = octaves.max_by(|a, b| a.0[0].total_cmp(&b.0[0]))?;
         let inside = frequencies_hz.iter().filter(|(_, hz)| (low..high).contains(hz));
         let lines = inside.filter_map(|(name, _)| values.iter().find(|value| value.name == *name));
-        let highest = lines
-            .map(|line| self.moved(line).residual - floor)
-            .max_by(f64::total_cmp);
+        let highest = lines.map(|line| self.moved(line).residual - floor).max_by(f64::total_cmp);
         highest.map(|beside| beside < FELL_TOGETHER)
     }
 
@@ -150,18 +142,11 @@ impl Levels {
     }
 
     fn moved(&self, value: &Deviation) -> Deviation {
-        let [level, lately] = self
-            .levels
-            .get(&value.name)
-            .map_or([0.0; 2], |level| level.map(f64::from));
+        let [level, lately] = self.levels.get(&value.name).map_or([0.0; 2], |level| level.map(f64::from));
         // With wear, a line may scatter more than when it was healthy.
         let variance = (1.0 + LEVEL_VARIANCE) * (value.deviation * value.deviation).max(lately)
             + LEAST_SCATTER * LEAST_SCATTER;
-        Deviation {
-            name: value.name.clone(),
-            residual: value.residual - level,
-            deviation: variance.sqrt(),
-        }
+        Deviation { name: value.name.clone(), residual: value.residual - level, deviation: variance.sqrt() }
     }
 }
 
@@ -175,11 +160,7 @@ mod tests {
     }
 
     fn deviation(name: &str, residual: f64) -> Deviation {
-        Deviation {
-            name: name.to_owned(),
-            residual,
-            deviation: 0.05,
-        }
+        Deviation { name: name.to_owned(), residual, deviation: 0.05 }
     }
 
     #[test]
@@ -187,42 +168,24 @@ mod tests {
         let mut levels = Levels::default();
         levels.explained(values([0.02; 8]).iter());
         for _ in 0..5 {
-            let gain = levels.gain(
-                &values([0.69, 0.71, 0.66, 0.7, 0.72, 0.69, 0.68, 0.7]),
-                None,
-                20.0,
-            );
+            let gain = levels.gain(&values([0.69, 0.71, 0.66, 0.7, 0.72, 0.69, 0.68, 0.7]), None, 20.0);
             assert!(gain.is_some_and(|gain| (gain - 0.69).abs() < 0.03), "{gain:?}");
             levels.unexplained(gain);
         }
-        assert_eq!(
-            levels.gain(&values([1.4; 8]), None, 20.0),
-            None,
-            "it has moved on"
-        );
+        assert_eq!(levels.gain(&values([1.4; 8]), None, 20.0), None, "it has moved on");
     }
 
     #[test]
     fn what_makes_the_record_impulsive_is_no_gain() {
         let levels = Levels::default();
-        assert!(
-            levels
-                .gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.05)), 20.0)
-                .is_some()
-        );
-        assert_eq!(
-            levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.5)), 20.0),
-            None
-        );
+        assert!(levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.05)), 20.0).is_some());
+        assert_eq!(levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.5)), 20.0), None);
     }
 
     #[test]
     fn what_grows_here_more_than_there_is_no_gain() {
         let levels = Levels::default();
-        assert_eq!(
-            levels.gain(&values([0.7, 0.7, 0.7, 0.2, 0.7, 1.1, 0.7, 0.7]), None, 20.0),
-            None
-        );
+        assert_eq!(levels.gain(&values([0.7, 0.7, 0.7, 0.2, 0.7, 1.1, 0.7, 0.7]), None, 20.0), None);
     }
 
     /// 2 % a record: when the fit fails at last, the level has come along.
@@ -238,12 +201,8 @@ mod tests {
     #[test]
     fn lines_fall_with_the_noise_or_do_not() {
         let levels = Levels::default();
-        let values = [
-            ("ln_floor_500hz", 0.0),
-            ("ln_floor_4000hz", -1.6),
-            ("ln_mesh_4", 0.4),
-            ("ln_mesh_5", -1.9),
-        ];
+        let values =
+            [("ln_floor_500hz", 0.0), ("ln_floor_4000hz", -1.6), ("ln_mesh_4", 0.4), ("ln_mesh_5", -1.9)];
         let values = values.map(|(name, residual)| deviation(name, residual));
         let at = |name: &str, hz: f64| (name.to_owned(), hz);
         assert_eq!(levels.lines_fell(&values, &[at("ln_mesh_5", 4700.0)]), Some(true));

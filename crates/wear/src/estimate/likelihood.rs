@@ -103,9 +103,8 @@ impl Discrepancy {
                 let known = (0..MESH_LINES)
                     .map(|line| f64::from(member.change(line)[depth]))
                     .filter(|change| change.is_finite());
-                let (count, square) = known.fold((0.0, 0.0), |(count, sum), change| {
-                    (count + 1.0, sum + change * change)
-                });
+                let (count, square) =
+                    known.fold((0.0, 0.0), |(count, sum), change| (count + 1.0, sum + change * change));
                 let square = square / f64::max(count, 1.0) / (DISCREPANCY_OVER * DISCREPANCY_OVER);
                 variance.push((most * most * (1.0 - (-square).exp())) as f32);
             }
@@ -124,10 +123,7 @@ impl Discrepancy {
         let mut tails = vec![1.0_f32; members * DEPTHS];
         let mut spreads = vec![1.0_f32; members * DEPTHS];
         let mut row = Row::new(ensemble, measured.load);
-        let cells = tails
-            .chunks_exact_mut(DEPTHS)
-            .zip(spreads.chunks_exact_mut(DEPTHS))
-            .enumerate();
+        let cells = tails.chunks_exact_mut(DEPTHS).zip(spreads.chunks_exact_mut(DEPTHS)).enumerate();
         for (member, (tails, spreads)) in cells {
             row.variance.copy_from_slice(self.variance_of(member));
             for line in &measured.lines {
@@ -150,16 +146,10 @@ impl Discrepancy {
         let mut log = by_lanes([&tails, &spreads], |[tails, spreads]| {
             tails.ln() * (-0.5 * (FREEDOM + 1.0)) - spreads.ln() * 0.5
         });
-        let best = (0..log.len())
-            .max_by(|&a, &b| log[a].total_cmp(&log[b]))
-            .unwrap_or(0);
+        let best = (0..log.len()).max_by(|&a, &b| log[a].total_cmp(&log[b])).unwrap_or(0);
         let highest = log.get(best).copied().unwrap_or(0.0);
         log.iter_mut().for_each(|value| *value -= highest);
-        Likelihood {
-            log,
-            best: (best / DEPTHS, best % DEPTHS),
-            highest: f64::from(highest),
-        }
+        Likelihood { log, best: (best / DEPTHS, best % DEPTHS), highest: f64::from(highest) }
     }
 
     /// How each line of a record deviates from what a member expects at a depth.
@@ -201,9 +191,7 @@ impl Discrepancy {
     ) {
         let (index, floor) = (line.index, line.floor as f32);
         let changes = ensemble.members()[member].change(index);
-        let from = reference
-            .depths
-            .map_or(0.0, |depths| changes[usize::from(depths[member])]);
+        let from = reference.depths.map_or(0.0, |depths| changes[usize::from(depths[member])]);
         if row.load.is_some() || reference.anchor.is_some() {
             row.variance.copy_from_slice(self.variance_of(member));
         }
@@ -270,19 +258,12 @@ impl Row {
         let depths_um: Vec<f32> = ensemble.depths_um().iter().map(|um| *um as f32).collect();
         let place = |um: &f32| {
             let um = um / load as f32;
-            let upper = depths_um
-                .partition_point(|depth| *depth <= um)
-                .clamp(1, DEPTHS - 1);
+            let upper = depths_um.partition_point(|depth| *depth <= um).clamp(1, DEPTHS - 1);
             let part = (um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
             (upper - 1, part.clamp(0.0, 1.0))
         };
         let scaled = ((load - 1.0).abs() > 1e-3).then(|| depths_um.iter().map(place).collect());
-        Self {
-            depths_um,
-            load: scaled,
-            expected: [0.0; DEPTHS],
-            variance: [0.0; DEPTHS],
-        }
+        Self { depths_um, load: scaled, expected: [0.0; DEPTHS], variance: [0.0; DEPTHS] }
     }
 }
 

@@ -128,11 +128,7 @@ impl MachineSign {
 
     /// What a check that has grown is a sign of.
     fn of(check: &str, impulsive: bool) -> Option<Self> {
-        let energy = if impulsive {
-            Self::ImpulsiveEnergy
-        } else {
-            Self::BandEnergy
-        };
+        let energy = if impulsive { Self::ImpulsiveEnergy } else { Self::BandEnergy };
         let signs = [
             (TEETH, Self::OneTooth),
             ("ln_shaft_", Self::ShaftLines),
@@ -140,9 +136,7 @@ impl MachineSign {
             ("ln_band_", energy),
             ("ln_floor_", energy),
         ];
-        signs
-            .into_iter()
-            .find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
+        signs.into_iter().find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
     }
 }
 
@@ -236,29 +230,18 @@ pub(super) fn judge(
     };
     // A fault of the sensor says nothing of the machine.
     if sensor_fault.is_none() {
-        let charted = checks
-            .iter()
-            .filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
-        let charted = charted.map(|d| {
-            (
-                d.name.as_str(),
-                normal_score(d, freedom).copysign(d.residual) / CHARTED_SCATTER,
-            )
-        });
-        let whole = WHOLE
-            .into_iter()
-            .zip([z_lines, z_checks].map(|z| z - WHOLE_ALLOWANCE));
+        let charted = checks.iter().filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
+        let charted = charted
+            .map(|d| (d.name.as_str(), normal_score(d, freedom).copysign(d.residual) / CHARTED_SCATTER));
+        let whole = WHOLE.into_iter().zip([z_lines, z_checks].map(|z| z - WHOLE_ALLOWANCE));
         charts.update(charted.chain(whole));
     }
     let lasting = charts.highest().filter(|_| sensor_fault.is_none());
     let p_value = lasting.map_or(p_record, |(_, p)| p.min(p_record));
     let outside = p_value < LEAST_P_VALUE;
     // What a record says by itself comes before what has lasted.
-    let by_itself = if sensor_fault.is_none() && p_checks < LEAST_P_VALUE {
-        grown_most(checks)
-    } else {
-        None
-    };
+    let by_itself =
+        if sensor_fault.is_none() && p_checks < LEAST_P_VALUE { grown_most(checks) } else { None };
     let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < LEAST_P_VALUE);
     let sign_of = |check: &str| MachineSign::of(check, circumstances.impulsive);
     // Where the fit as a whole has been poor, what has grown is what this record shows.
@@ -308,15 +291,11 @@ impl Deviation {
 /// The check that has deviated most, where it has grown; one of the teeth's before others where it stands out
 /// by itself, as what one tooth does is heard between the mesh lines too.
 fn grown_most(checks: &[Deviation]) -> Option<&Deviation> {
-    let teeth = checks
-        .iter()
-        .filter(|d| d.name.starts_with(TEETH) && d.score() > TOOTH_STANDS_OUT);
+    let teeth = checks.iter().filter(|d| d.name.starts_with(TEETH) && d.score() > TOOTH_STANDS_OUT);
     if let Some(tooth) = teeth.max_by(|a, b| a.score().total_cmp(&b.score())) {
         return Some(tooth);
     }
-    let most = checks
-        .iter()
-        .max_by(|a, b| a.score().abs().total_cmp(&b.score().abs()))?;
+    let most = checks.iter().max_by(|a, b| a.score().abs().total_cmp(&b.score().abs()))?;
     (most.residual > 0.0).then_some(most)
 }
 
@@ -326,10 +305,8 @@ fn also(
     most: &Deviation,
     sign_of: impl Fn(&str) -> Option<MachineSign>,
 ) -> Vec<MachineSign> {
-    let mut grown: Vec<&Deviation> = checks
-        .iter()
-        .filter(|d| d.score() > LEAST_GROWN.max(0.5 * most.score()))
-        .collect();
+    let mut grown: Vec<&Deviation> =
+        checks.iter().filter(|d| d.score() > LEAST_GROWN.max(0.5 * most.score())).collect();
     grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
     for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {
@@ -359,9 +336,8 @@ fn sensor_fault(checks: &[Deviation], lines_fell: Option<bool>) -> Option<Sensor
         return Some(SensorFault::Dead);
     }
     let floors = checks.iter().filter(|d| d.name.starts_with("ln_floor_"));
-    let mut floors: Vec<(f64, f64)> = floors
-        .filter_map(|d| Some((octave_hz(&d.name)?[0], d.residual)))
-        .collect();
+    let mut floors: Vec<(f64, f64)> =
+        floors.filter_map(|d| Some((octave_hz(&d.name)?[0], d.residual))).collect();
     floors.sort_by(|a, b| a.0.total_cmp(&b.0));
     let ((_, low), (_, high)) = (floors.first()?, floors.last()?);
     (*high < LOOSE_LOSS && high - low < LOOSE_SLOPE && lines_fell != Some(false))
@@ -420,11 +396,7 @@ mod tests {
             (3.0, 0.0013498980316300933),
             (8.0, 6.220960574271785e-16),
         ] {
-            assert!(
-                (normal_tail(z) / expected - 1.0).abs() < 1e-9,
-                "{z}: {}",
-                normal_tail(z)
-            );
+            assert!((normal_tail(z) / expected - 1.0).abs() < 1e-9, "{z}: {}", normal_tail(z));
         }
     }
 
@@ -432,11 +404,9 @@ mod tests {
     /// Hilferty's is within a tenth.
     #[test]
     fn chi_square_tails_are_near_those_of_scipy() {
-        for (value, freedom, expected) in [
-            (30.0, 10, 8.566412e-4),
-            (10.0, 10, 0.440493),
-            (40.0, 20, 4.995e-3),
-        ] {
+        for (value, freedom, expected) in
+            [(30.0, 10, 8.566412e-4), (10.0, 10, 0.440493), (40.0, 20, 4.995e-3)]
+        {
             let got = normal_tail(chi_square_score(value, freedom));
             assert!((got / expected - 1.0).abs() < 0.1, "{value} {freedom}: {got}");
         }
@@ -446,12 +416,7 @@ mod tests {
     fn deviations(kind: &str, residuals: &[f64]) -> Vec<Deviation> {
         let name = |i: usize| format!("{kind}_{}hz", 250 << i);
         let all = residuals.iter().enumerate();
-        all.map(|(i, &residual)| Deviation {
-            name: name(i),
-            residual,
-            deviation: 0.05,
-        })
-        .collect()
+        all.map(|(i, &residual)| Deviation { name: name(i), residual, deviation: 0.05 }).collect()
     }
 
     fn judged(lines: &[f64], floors: &[f64], rests: &[f64]) -> Novelty {
@@ -487,17 +452,10 @@ mod tests {
     fn what_lasts_is_told_and_named() {
         let mut charts = Charts::default();
         let mut take = |tooth: f64, shaft: f64| {
-            let checks = [
-                ("ln_tooth_worst", tooth),
-                ("ln_shaft_1", shaft),
-                ("ln_rest_1", 0.0),
-                ("ln_rest_2", 0.01),
-            ];
-            let checks = checks.map(|(name, residual)| Deviation {
-                name: name.to_owned(),
-                residual,
-                deviation: 0.05,
-            });
+            let checks =
+                [("ln_tooth_worst", tooth), ("ln_shaft_1", shaft), ("ln_rest_1", 0.0), ("ln_rest_2", 0.01)];
+            let checks =
+                checks.map(|(name, residual)| Deviation { name: name.to_owned(), residual, deviation: 0.05 });
             judge(
                 &Features::default(),
                 &[Vec::new(), checks.to_vec()],
@@ -517,10 +475,7 @@ mod tests {
         );
         assert!(told.windows(2).all(|pair| pair[0].p_value >= pair[1].p_value));
         let strong = take(0.0, 1.0);
-        assert_eq!(
-            (strong.machine_sign, strong.lasting),
-            (Some(MachineSign::ShaftLines), None)
-        );
+        assert_eq!((strong.machine_sign, strong.lasting), (Some(MachineSign::ShaftLines), None));
         for _ in 0..30 {
             take(0.0, 0.0);
         }
@@ -535,46 +490,24 @@ mod tests {
         let mut take = |off: f64| {
             judge(
                 &Features::default(),
-                &[
-                    deviations("ln_mesh", &[off; 8]),
-                    deviations("ln_floor", &[0.01; 4]),
-                ],
+                &[deviations("ln_mesh", &[off; 8]), deviations("ln_floor", &[0.01; 4])],
                 20.0,
                 Circumstances::default(),
                 &mut charts,
             )
         };
         let poor: Vec<Novelty> = (0..8).map(|_| take(0.125)).collect();
-        assert!(
-            !poor[0].outside && poor[7].outside,
-            "{} {}",
-            poor[0].score,
-            poor[7].score
-        );
-        assert_eq!(
-            (poor[7].lasting.as_deref(), poor[7].machine_sign),
-            (Some("lines"), None)
-        );
+        assert!(!poor[0].outside && poor[7].outside, "{} {}", poor[0].score, poor[7].score);
+        assert_eq!((poor[7].lasting.as_deref(), poor[7].machine_sign), (Some("lines"), None));
         let good: Vec<Novelty> = (0..20).map(|_| take(0.04)).collect();
         assert!(!good[19].outside);
     }
 
     #[test]
     fn faults_of_the_samples_speak_for_themselves() {
-        let record = Features {
-            fault: Some(Absence::Clipped),
-            ..Features::default()
-        };
-        let judged = judge(
-            &record,
-            &[Vec::new(), Vec::new()],
-            20.0,
-            Circumstances::default(),
-            &mut Charts::default(),
-        );
-        assert_eq!(
-            (judged.sensor_fault, judged.outside),
-            (Some(SensorFault::Clipped), true)
-        );
+        let record = Features { fault: Some(Absence::Clipped), ..Features::default() };
+        let judged =
+            judge(&record, &[Vec::new(), Vec::new()], 20.0, Circumstances::default(), &mut Charts::default());
+        assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
     }
 }

@@ -84,9 +84,7 @@ pub(super) fn prognosis(
     };
     let time = |units: f64| {
         let told = units <= MAX_UNITS;
-        let away = told
-            .then(|| SignedDuration::try_from_secs_f64(units * unit_s).ok())
-            .flatten()?;
+        let away = told.then(|| SignedDuration::try_from_secs_f64(units * unit_s).ok()).flatten()?;
         now.checked_add(away).ok()
     };
     Some(Prognosis {
@@ -100,21 +98,14 @@ pub(super) fn prognosis(
 
 fn spread_total() -> f64 {
     let deviate = |step| 2.5 * f64::from(step) / f64::from(DEVIATES);
-    (-DEVIATES..=DEVIATES)
-        .map(|step| (-0.5 * f64::powi(deviate(step), 2)).exp())
-        .sum()
+    (-DEVIATES..=DEVIATES).map(|step| (-0.5 * f64::powi(deviate(step), 2)).exp()).sum()
 }
 
 fn median_um(by_rate: &[f32], depths_um: &[f64]) -> f64 {
     let total: f64 = by_rate.iter().map(|p| f64::from(*p)).sum();
     let mut below = 0.0;
     for (depth, um) in depths_um.iter().enumerate() {
-        below += by_rate
-            .iter()
-            .skip(depth)
-            .step_by(DEPTHS)
-            .map(|p| f64::from(*p))
-            .sum::<f64>();
+        below += by_rate.iter().skip(depth).step_by(DEPTHS).map(|p| f64::from(*p)).sum::<f64>();
         if below >= 0.5 * total {
             return *um;
         }
@@ -139,29 +130,17 @@ mod tests {
         let told = prognosis(&by_rate, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0).unwrap();
         let hours = |time: Timestamp| time.duration_since(Timestamp::UNIX_EPOCH).as_secs_f64() / 3600.0;
         assert!((hours(told.median) - 50.0).abs() < 1.0, "{told:?}");
-        assert!(
-            hours(told.p05) < 30.0 && hours(told.p95.unwrap()) > 80.0,
-            "{told:?}"
-        );
+        assert!(hours(told.p05) < 30.0 && hours(told.p95.unwrap()) > 80.0, "{told:?}");
         assert!((told.rate_um_per_day - 24.0 * rates_um(&depths)[3]).abs() < 1e-6);
     }
 
     #[test]
     fn nothing_is_said_without_growth_or_beyond_the_limit() {
         let (standing, depths) = sure(0, 10);
-        assert_eq!(
-            prognosis(&standing, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0),
-            None
-        );
+        assert_eq!(prognosis(&standing, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0), None);
         let (past, _) = sure(3, 30);
-        assert_eq!(
-            prognosis(&past, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0),
-            None
-        );
+        assert_eq!(prognosis(&past, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0), None);
         let (early, _) = sure(3, 1);
-        assert_eq!(
-            prognosis(&early, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0),
-            None
-        );
+        assert_eq!(prognosis(&early, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0), None);
     }
 }

@@ -153,10 +153,8 @@ impl Tracker {
     /// A tracker for an ensemble of libraries; without one, only the baseline is collected and novelty
     /// judged.
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>) -> Self {
-        let grid = ensemble
-            .as_deref()
-            .map(|ensemble| DepthGrid::of(ensemble.depths_um()))
-            .unwrap_or_default();
+        let grid =
+            ensemble.as_deref().map(|ensemble| DepthGrid::of(ensemble.depths_um())).unwrap_or_default();
         Self {
             settings,
             growth: Growth::on(grid.depths_um()),
@@ -169,10 +167,7 @@ impl Tracker {
 
     /// A tracker while there is no library: as without one, and records are told why.
     pub fn without_library(settings: EstimatorSettings, lack: LibraryLack) -> Self {
-        Self {
-            lack,
-            ..Self::new(settings, None)
-        }
+        Self { lack, ..Self::new(settings, None) }
     }
 
     /// The state before the first record.
@@ -205,13 +200,7 @@ impl Tracker {
 
     fn take_record(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         match &mut state.0 {
-            Stage::Collecting {
-                records,
-                start,
-                carried,
-                meshless,
-                chosen,
-            } => {
+            Stage::Collecting { records, start, carried, meshless, chosen } => {
                 if let Some(over) = chosen.take_if(|chosen| at >= chosen.until) {
                     if records.len() >= LEAST_CHOSEN {
                         let (began, ended) = (start.unwrap_or(at), over.latest.unwrap_or(at));
@@ -272,13 +261,9 @@ impl Tracker {
         carried: Option<Carried>,
     ) -> Tracking {
         let intervals = records.len().saturating_sub(1).max(1) as f64;
-        let members = self
-            .ensemble
-            .as_ref()
-            .map_or(0, |ensemble| ensemble.members().len());
-        let filter = carried
-            .map(|carried| carried.filter)
-            .filter(|filter| filter.fits(members, self.variants()));
+        let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
+        let filter =
+            carried.map(|carried| carried.filter).filter(|filter| filter.fits(members, self.variants()));
         Tracking {
             baseline: Baseline::of(records),
             unit_s: ended.duration_since(began).as_secs_f64().max(0.0) / intervals,
@@ -341,14 +326,10 @@ impl Tracker {
                 let parts = at_place(member);
                 let deviates = self.grid.cells().zip(parts).map(|([low, high], part)| {
                     // The error of a cell is the measured one's and the cell's own width.
-                    let (middle, width) = (
-                        0.5 * (low + high) * f64::from(part),
-                        (high - low) * f64::from(part),
-                    );
+                    let (middle, width) =
+                        (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
                     let variance = inspection.error_um * inspection.error_um + width * width / 12.0;
-                    (-0.5 * (inspection.depth_um - middle).powi(2) / variance)
-                        .exp()
-                        .max(1e-30) as f32
+                    (-0.5 * (inspection.depth_um - middle).powi(2) / variance).exp().max(1e-30) as f32
                 });
                 deviates.collect::<Vec<_>>()
             })
@@ -378,32 +359,16 @@ impl Tracker {
     fn without_mesh(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
         let usable = features.fault.is_none() && !features.checks.is_empty();
         let known = meshless.records.len() >= self.settings.baseline_records as usize;
-        let mut answer = self.no_mesh(
-            features,
-            have,
-            "the mesh line was not found in this record, so it does not count",
-        );
+        let mut answer =
+            self.no_mesh(features, have, "the mesh line was not found in this record, so it does not count");
         if known {
-            let Meshless {
-                records,
-                charts,
-                prepared,
-            } = meshless;
-            let healthy = prepared
-                .0
-                .get_or_insert_with(|| self.healthy(&Baseline::of(records)));
-            let circumstances = Circumstances {
-                impulsive: healthy.is_impulsive(features),
-                ..Circumstances::default()
-            };
+            let Meshless { records, charts, prepared } = meshless;
+            let healthy = prepared.0.get_or_insert_with(|| self.healthy(&Baseline::of(records)));
+            let circumstances =
+                Circumstances { impulsive: healthy.is_impulsive(features), ..Circumstances::default() };
             let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
-            let novelty = judge(
-                features,
-                &[Vec::new(), checks],
-                healthy.checks.freedom(),
-                circumstances,
-                charts,
-            );
+            let novelty =
+                judge(features, &[Vec::new(), checks], healthy.checks.freedom(), circumstances, charts);
             self.tell_novelty(&mut answer, novelty);
         } else if usable {
             meshless.records.push(features.clone());
@@ -422,21 +387,14 @@ impl Tracker {
         let lines = HealthyLines::new(baseline, nominal);
         let log_speeds = lines.log_speeds(baseline);
         Arc::new(Healthy {
-            checks: HealthyChecks::new(
-                baseline,
-                log_speeds,
-                self.ensemble.as_deref(),
-                self.grid.depths_um(),
-            ),
+            checks: HealthyChecks::new(baseline, log_speeds, self.ensemble.as_deref(), self.grid.depths_um()),
             lines,
         })
     }
 
     fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let Tracking {
-            baseline, prepared, ..
-        } = &mut *tracking;
+        let Tracking { baseline, prepared, .. } = &mut *tracking;
         let healthy = Arc::clone(prepared.0.get_or_insert_with(|| self.healthy(baseline)));
         let freedom = healthy.checks.freedom();
         if let Some(reason) = tracking.baseline.comparability.refuses(features) {
@@ -444,9 +402,7 @@ impl Tracker {
         }
         let scatter = tracking.baseline.comparability.scatter(features);
         let unmoved = Drift::default();
-        let kurtosis = healthy
-            .checks
-            .kurtosis(features, healthy.lines.log_speed(features));
+        let kurtosis = healthy.checks.kurtosis(features, healthy.lines.log_speed(features));
         let impulsive = kurtosis.as_ref().is_some_and(is_impulsive);
         let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
             let [healthy_checks, shared] = healthy.checks.shared(features);
@@ -465,11 +421,7 @@ impl Tracker {
                 features,
                 &[Vec::new(), healthy.checks_at(features, 0, unmoved.at(0.0, 1.0))],
                 freedom,
-                Circumstances {
-                    gain,
-                    impulsive,
-                    lines_fell: None,
-                },
+                Circumstances { gain, impulsive, lines_fell: None },
                 &mut tracking.charts,
             );
             tracking.learn(&novelty, gain, &gained, kurtosis.as_ref());
@@ -503,27 +455,16 @@ impl Tracker {
             // Less than usual without a mesh line is a machine that stands still.
             let mut checks = healthy.checks_at(features, 0, unmoved.at(0.0, 1.0));
             checks.retain(|deviation| deviation.residual > 0.0);
-            let circumstances = Circumstances {
-                impulsive,
-                ..Circumstances::default()
-            };
-            let novelty = judge(
-                features,
-                &[Vec::new(), checks],
-                freedom,
-                circumstances,
-                &mut tracking.charts,
-            );
+            let circumstances = Circumstances { impulsive, ..Circumstances::default() };
+            let novelty =
+                judge(features, &[Vec::new(), checks], freedom, circumstances, &mut tracking.charts);
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
         let mut gained = healthy.checks.gained(features, healthy.lines.log_speed(features));
         gained.extend(measured.deviations());
         let gain = tracking.levels.gain(&gained, kurtosis.as_ref(), freedom);
-        let reference = Reference {
-            depths: tracking.reference.as_deref(),
-            anchor: tracking.anchor.as_ref(),
-        };
+        let reference = Reference { depths: tracking.reference.as_deref(), anchor: tracking.anchor.as_ref() };
         let likelihood = discrepancy.compare(ensemble, &measured, reference);
         let apart = measured.apart();
         let unseen = self.units(tracking, tracking.seen, at).max(1.0);
@@ -536,17 +477,9 @@ impl Tracker {
         let circumstances = Circumstances {
             gain,
             impulsive,
-            lines_fell: tracking
-                .levels
-                .lines_fell(&gained, &measured.frequencies_hz(mesh_hz)),
+            lines_fell: tracking.levels.lines_fell(&gained, &measured.frequencies_hz(mesh_hz)),
         };
-        let novelty = judge(
-            features,
-            &[lines, checks],
-            freedom,
-            circumstances,
-            &mut tracking.charts,
-        );
+        let novelty = judge(features, &[lines, checks], freedom, circumstances, &mut tracking.charts);
         tracking.learn(&novelty, gain, &gained, kurtosis.as_ref());
         if novelty.outside {
             // What is not wear does not move the estimate of wear.
@@ -558,26 +491,14 @@ impl Tracker {
         let believed = self.take(tracking, at, &measured, &likelihood);
         let mut answer = self.answer(ensemble, &believed, &likelihood);
         let median_outside = self.disagrees(&answer, &likelihood);
-        tracking.disagreeing = if median_outside {
-            tracking.disagreeing.saturating_add(1)
-        } else {
-            0
-        };
+        tracking.disagreeing = if median_outside { tracking.disagreeing.saturating_add(1) } else { 0 };
         if tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated {
             answer.status = WearStatus::NotIdentifiable;
-            answer.reason = format!(
-                "{}: the last records say otherwise than those before",
-                answer.reason
-            );
+            answer.reason = format!("{}: the last records say otherwise than those before", answer.reason);
         }
         if let Some(limit_um) = self.settings.limit_um {
-            answer.prognosis = prognosis(
-                &believed.by_rate,
-                self.grid.depths_um(),
-                limit_um,
-                at,
-                tracking.unit_s,
-            );
+            answer.prognosis =
+                prognosis(&believed.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
             answer.above_limit = Some(self.grid.probability_above(&believed.by_depth(), limit_um));
         }
         answer.novelty = Some(novelty);
@@ -626,10 +547,7 @@ impl Tracker {
             Some(filter) if filter.fits(members, self.variants()) => filter,
             _ => Filter::start(self.grid.depths_um(), members, self.variants()),
         };
-        tracking
-            .filter
-            .insert(filter)
-            .update(&self.growth, units * measured.load, likelihood)
+        tracking.filter.insert(filter).update(&self.growth, units * measured.load, likelihood)
     }
 }
 
@@ -655,8 +573,7 @@ impl Healthy {
     /// How the values that wear hardly moves deviate from what is expected at a depth of the grid and a
     /// drift.
     fn checks_at(&self, record: &Features, depth: usize, drifting: Drifting<'_>) -> Vec<Deviation> {
-        self.checks
-            .deviations(record, self.lines.log_speed(record), depth, drifting)
+        self.checks.deviations(record, self.lines.log_speed(record), depth, drifting)
     }
 
     /// Whether a record is more impulsive than the healthy ones.

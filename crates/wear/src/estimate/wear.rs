@@ -72,10 +72,7 @@ impl LibraryLack {
 
     /// Puts it into the answer to a record of which nothing else is to be told.
     pub(super) fn tell(&self, wear: &mut WearEstimate) {
-        let is_open = matches!(
-            wear.status,
-            WearStatus::CollectingBaseline | WearStatus::NoLibrary
-        );
+        let is_open = matches!(wear.status, WearStatus::CollectingBaseline | WearStatus::NoLibrary);
         if let Some((status, reason)) = self.answer().filter(|_| is_open) {
             (wear.status, wear.reason) = (status, reason);
         }
@@ -198,14 +195,8 @@ pub struct WearEstimate {
 impl WearEstimate {
     /// What of the estimate is followed over time as an indicator: `novelty`, where there is one.
     pub fn indicators(&self) -> Indicators {
-        let novelty = self
-            .novelty
-            .iter()
-            .map(|novelty| ("novelty".to_owned(), novelty.score));
-        Indicators {
-            values: novelty.collect(),
-            ..Indicators::default()
-        }
+        let novelty = self.novelty.iter().map(|novelty| ("novelty".to_owned(), novelty.score));
+        Indicators { values: novelty.collect(), ..Indicators::default() }
     }
 
     /// An answer without a wear depth.

@@ -43,13 +43,8 @@ struct Inputs<'a> {
 /// The name of the library that these inputs give: a hash of all of them, of the model's version and of the
 /// file format.
 pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
-    let inputs = Inputs {
-        format: FORMAT_VERSION,
-        model: MODEL_VERSION,
-        preprocessing: PREPROCESSING,
-        pair,
-        grid,
-    };
+    let inputs =
+        Inputs { format: FORMAT_VERSION, model: MODEL_VERSION, preprocessing: PREPROCESSING, pair, grid };
     let bytes = serde_json::to_vec(&inputs).expect("numbers, strings and lists always serialise");
     hex(&bytes)[..16].to_owned()
 }
@@ -71,9 +66,7 @@ pub fn build(
     let pair = spec.resolve()?;
     let depths_mm: Vec<f64> = (0..grid.states).map(|index| grid.wear_um(index) * 1e-3).collect();
     let id = library_id(spec, grid);
-    let kept = control
-        .checkpoint()
-        .map_or(Ok(Vec::new()), |checkpoint| checkpoint.open(&id))?;
+    let kept = control.checkpoint().map_or(Ok(Vec::new()), |checkpoint| checkpoint.open(&id))?;
     let build = Build {
         grid,
         worn: FlankWear::from_shape_at(&pair, &depths_mm)?,
@@ -106,10 +99,8 @@ struct Build<'a> {
 impl Build<'_> {
     /// All parts by torque and first state; `kept` are those that an earlier build has finished.
     fn parts(&self, kept: Vec<Part>) -> Result<Vec<Part>, LibraryError> {
-        let kept: BTreeMap<(usize, usize), Part> = kept
-            .into_iter()
-            .map(|part| ((part.first, part.torque), part))
-            .collect();
+        let kept: BTreeMap<(usize, usize), Part> =
+            kept.into_iter().map(|part| ((part.first, part.torque), part)).collect();
         let groups = self.grid.states.div_ceil(PART_STATES);
         let start = |group: usize| group * self.grid.states / groups;
         let mut parts: Vec<Part> = (0..groups)
@@ -132,10 +123,7 @@ impl Build<'_> {
         let mut bodies: Option<Vec<Option<ElasticBodies>>> = None;
         let mut parts = Vec::with_capacity(self.grid.torque_factors.len());
         for torque in 0..self.grid.torque_factors.len() {
-            if let Some(part) = kept
-                .get(&(states.start, torque))
-                .filter(|part| self.fits(part, &states))
-            {
+            if let Some(part) = kept.get(&(states.start, torque)).filter(|part| self.fits(part, &states)) {
                 self.counter.add(states.len() * self.grid.speed_factors.len());
                 parts.push(part.clone());
                 continue;
@@ -157,10 +145,7 @@ impl Build<'_> {
         let nominal = self.grid.torque_factors[part.torque] == 1.0;
         part.states.len() == if nominal { states.len() } else { 0 }
             && part.features.len() == self.grid.speed_factors.len()
-            && part
-                .features
-                .iter()
-                .all(|features| features.len() == states.len())
+            && part.features.iter().all(|features| features.len() == states.len())
     }
 
     fn bodies(&self, states: Range<usize>) -> Result<Vec<Option<ElasticBodies>>, LibraryError> {
@@ -222,8 +207,7 @@ impl Build<'_> {
                     })
                     .collect();
             }
-            part.features
-                .push(analyses.into_iter().map(|analysis| analysis.features).collect());
+            part.features.push(analyses.into_iter().map(|analysis| analysis.features).collect());
         }
         Ok(part)
     }
@@ -281,14 +265,8 @@ pub(super) fn analyze(
         torque_nm: Some(run.torque_nm),
         ..OperatingPoint::default()
     };
-    let record = Record::new(
-        "simulated",
-        Timestamp::UNIX_EPOCH,
-        run.sample_rate_hz,
-        "m/s2",
-        samples,
-    )?
-    .with_operating_point(point)?;
+    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?
+        .with_operating_point(point)?;
     let mesh = MeshContext {
         teeth,
         mate_teeth: 0,

@@ -38,10 +38,7 @@ impl Checkpoint {
     }
 
     fn at(path: PathBuf) -> Self {
-        Self {
-            path,
-            file: Mutex::default(),
-        }
+        Self { path, file: Mutex::default() }
     }
 
     /// Removes it: the library is kept whole.
@@ -53,10 +50,7 @@ impl Checkpoint {
     }
 
     fn failed(&self, source: io::Error) -> LibraryError {
-        LibraryError::Io {
-            path: self.path.clone(),
-            source,
-        }
+        LibraryError::Io { path: self.path.clone(), source }
     }
 }
 
@@ -132,12 +126,7 @@ mod tests {
     }
 
     fn part(first: usize) -> Part {
-        Part {
-            first,
-            torque: 1,
-            states: Vec::new(),
-            features: vec![Vec::new(); 3],
-        }
+        Part { first, torque: 1, states: Vec::new(), features: vec![Vec::new(); 3] }
     }
 
     #[test]

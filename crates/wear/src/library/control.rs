@@ -21,30 +21,20 @@ impl<'a> BuildControl<'a> {
 
     /// Calls `progress` with the simulated records done and their number in all.
     pub fn with_progress(progress: &'a (dyn Fn(usize, usize) + Sync)) -> Self {
-        Self {
-            progress,
-            cancel: None,
-            checkpoint: None,
-        }
+        Self { progress, cancel: None, checkpoint: None }
     }
 
     /// Ends the build with [`LibraryError::Cancelled`] soon after `cancel` becomes true.
     #[must_use]
     pub fn cancelled_by(self, cancel: &'a AtomicBool) -> Self {
-        Self {
-            cancel: Some(cancel),
-            ..self
-        }
+        Self { cancel: Some(cancel), ..self }
     }
 
     /// Keeps finished parts here until the build ends well, and takes up those of an earlier build of the
     /// same library.
     #[cfg(feature = "files")]
     pub(super) fn resumed_from(self, checkpoint: &'a dyn PartStore) -> Self {
-        Self {
-            checkpoint: Some(checkpoint),
-            ..self
-        }
+        Self { checkpoint: Some(checkpoint), ..self }
     }
 
     pub(super) fn checkpoint(&self) -> Option<&'a dyn PartStore> {
@@ -76,11 +66,7 @@ pub(super) struct Counter<'a> {
 
 impl<'a> Counter<'a> {
     pub(super) fn new(control: &'a BuildControl<'a>, total: usize) -> Self {
-        Self {
-            control,
-            done: AtomicUsize::new(0),
-            total,
-        }
+        Self { control, done: AtomicUsize::new(0), total }
     }
 
     pub(super) fn add(&self, count: usize) {

@@ -44,20 +44,14 @@ pub fn encode(library: &Library) -> Vec<u8> {
 /// The library in the bytes, if they are whole and as they were written.
 pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
     let damaged = |what: &str| LibraryError::Damaged(what.to_owned());
-    let end = bytes
-        .iter()
-        .take(200)
-        .position(|&b| b == b'\n')
-        .ok_or_else(|| damaged("no header line"))?;
+    let end = bytes.iter().take(200).position(|&b| b == b'\n').ok_or_else(|| damaged("no header line"))?;
     let header = std::str::from_utf8(&bytes[..end]).map_err(|_| damaged("the header line is not text"))?;
     let mut words = header.split(' ');
     if words.next() != Some(MAGIC) {
         return Err(damaged("the first line does not name a flankwatch library"));
     }
-    let found: u32 = words
-        .next()
-        .and_then(|word| word.parse().ok())
-        .ok_or_else(|| damaged("no format version"))?;
+    let found: u32 =
+        words.next().and_then(|word| word.parse().ok()).ok_or_else(|| damaged("no format version"))?;
     if found != FORMAT_VERSION {
         return Err(LibraryError::Version { found });
     }
@@ -76,16 +70,10 @@ pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
         ("operating points", body.tables.len(), grid.operating_points()),
     ] {
         if found != expected {
-            return Err(LibraryError::Damaged(format!(
-                "{found} {what}, expected {expected}"
-            )));
+            return Err(LibraryError::Damaged(format!("{found} {what}, expected {expected}")));
         }
     }
-    let short = body
-        .tables
-        .iter()
-        .flatten()
-        .find(|(_, curve)| curve.len() != grid.states);
+    let short = body.tables.iter().flatten().find(|(_, curve)| curve.len() != grid.states);
     if let Some((name, curve)) = short {
         return Err(LibraryError::Damaged(format!(
             "{} values of {name}, expected {}",
@@ -98,10 +86,7 @@ pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
 
 /// SHA-256 in hexadecimal.
 pub(super) fn hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]
@@ -121,12 +106,7 @@ mod tests {
     fn another_format_is_named() {
         for found in [1, 99] {
             let error = decode(format!("flankwatch-library {found} abc\n{{}}").as_bytes()).unwrap_err();
-            assert!(
-                error
-                    .to_string()
-                    .contains(&format!("version {found}, expected 2")),
-                "{error}"
-            );
+            assert!(error.to_string().contains(&format!("version {found}, expected 2")), "{error}");
         }
     }
 

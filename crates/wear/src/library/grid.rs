@@ -64,10 +64,7 @@ impl GridSettings {
     /// module 6 mm, and go with the module.
     #[must_use]
     pub fn for_pair(&self, pair: &PairSpec) -> Self {
-        Self {
-            max_wear_um: self.max_wear_um * pair.size(),
-            ..self.clone()
-        }
+        Self { max_wear_um: self.max_wear_um * pair.size(), ..self.clone() }
     }
 
     /// Greatest wear depth of a state in µm.
@@ -102,22 +99,12 @@ impl GridSettings {
     /// # Errors
     /// [`LibraryError::Grid`] naming the field, its value and what was expected.
     pub fn validate(&self) -> Result<(), LibraryError> {
-        let refuse = |field, value: String, expected| {
-            Err(LibraryError::Grid {
-                field,
-                value,
-                expected,
-            })
-        };
+        let refuse = |field, value: String, expected| Err(LibraryError::Grid { field, value, expected });
         if !(2..=10_000).contains(&self.states) {
             return refuse("states", self.states.to_string(), "a number from 2 to 10000");
         }
         if !(self.max_wear_um > 0.0 && self.max_wear_um.is_finite()) {
-            return refuse(
-                "max_wear_um",
-                self.max_wear_um.to_string(),
-                "a finite depth above 0",
-            );
+            return refuse("max_wear_um", self.max_wear_um.to_string(), "a finite depth above 0");
         }
         if !(0.1..=600.0).contains(&self.seconds) {
             return refuse("seconds", self.seconds.to_string(), "a length from 0.1 to 600 s");
@@ -130,9 +117,7 @@ impl GridSettings {
             );
         }
         for (field, factors) in [("torques", &self.torque_factors), ("speeds", &self.speed_factors)] {
-            let sound = factors
-                .iter()
-                .all(|factor| (FACTORS.0..=FACTORS.1).contains(factor))
+            let sound = factors.iter().all(|factor| (FACTORS.0..=FACTORS.1).contains(factor))
                 && factors.windows(2).all(|two| two[0] < two[1])
                 && factors.contains(&1.0)
                 && factors.len() <= MOST_FACTORS;
@@ -196,42 +181,16 @@ mod tests {
 
     #[test]
     fn unusable_factors_are_refused_with_their_axis() {
-        let unusable = [
-            vec![],
-            vec![0.5, 2.0],
-            vec![1.0, 1.0],
-            vec![1.0, 0.5],
-            vec![-1.0, 1.0],
-            vec![1.0, f64::NAN],
-        ];
+        let unusable =
+            [vec![], vec![0.5, 2.0], vec![1.0, 1.0], vec![1.0, 0.5], vec![-1.0, 1.0], vec![1.0, f64::NAN]];
         for factors in unusable {
-            let torques = GridSettings {
-                torque_factors: factors.clone(),
-                ..GridSettings::default()
-            };
-            let speeds = GridSettings {
-                speed_factors: factors,
-                ..GridSettings::default()
-            };
-            assert!(
-                torques
-                    .validate()
-                    .unwrap_err()
-                    .to_string()
-                    .starts_with("library torques is [")
-            );
-            assert!(
-                speeds
-                    .validate()
-                    .unwrap_err()
-                    .to_string()
-                    .starts_with("library speeds is [")
-            );
+            let torques = GridSettings { torque_factors: factors.clone(), ..GridSettings::default() };
+            let speeds = GridSettings { speed_factors: factors, ..GridSettings::default() };
+            assert!(torques.validate().unwrap_err().to_string().starts_with("library torques is ["));
+            assert!(speeds.validate().unwrap_err().to_string().starts_with("library speeds is ["));
         }
-        let many = GridSettings {
-            speed_factors: (1..=33).map(f64::from).collect(),
-            ..GridSettings::default()
-        };
+        let many =
+            GridSettings { speed_factors: (1..=33).map(f64::from).collect(), ..GridSettings::default() };
         assert!(many.validate().is_err());
         assert!(GridSettings::default().validate().is_ok());
     }

@@ -108,11 +108,7 @@ pub struct Library {
 impl Library {
     /// Puts a library together; states in rising order of wear, the first unworn; tables by torque and speed.
     fn from_parts(manifest: Manifest, states: Vec<LibraryState>, tables: Vec<FeatureCurves>) -> Self {
-        Self {
-            manifest,
-            states,
-            tables,
-        }
+        Self { manifest, states, tables }
     }
 
     /// Hash of everything the library depends on.

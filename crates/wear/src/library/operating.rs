@@ -23,10 +23,8 @@ pub(super) fn curves<'a>(states: impl Iterator<Item = &'a Features> + Clone) -> 
         .values
         .keys()
         .filter_map(|name| {
-            let curve: Option<Vec<f64>> = states
-                .clone()
-                .map(|features| features.values.get(name).copied())
-                .collect();
+            let curve: Option<Vec<f64>> =
+                states.clone().map(|features| features.values.get(name).copied()).collect();
             Some((name.clone(), curve?))
         })
         .collect()
@@ -92,9 +90,7 @@ pub(super) fn at<'a>(
             let mut sum = vec![0.0; first[name].len()];
             for (table, weight) in &corners {
                 let curve = table.get(name)?;
-                sum.iter_mut()
-                    .zip(curve)
-                    .for_each(|(sum, value)| *sum += weight * value);
+                sum.iter_mut().zip(curve).for_each(|(sum, value)| *sum += weight * value);
             }
             Some((name.as_str(), sum))
         })

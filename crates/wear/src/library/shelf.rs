@@ -24,9 +24,7 @@ pub struct LibraryShelf {
 impl LibraryShelf {
     /// A shelf in a folder, which is made when the first library is kept.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
-        Self {
-            folder: folder.into(),
-        }
+        Self { folder: folder.into() }
     }
 
     /// The library of these inputs: loaded where it is kept and whole, else built and kept.
@@ -146,20 +144,12 @@ impl LibraryShelf {
             Ok(entries) => entries,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
             Err(source) => {
-                return Err(LibraryError::Io {
-                    path: self.folder.clone(),
-                    source,
-                });
+                return Err(LibraryError::Io { path: self.folder.clone(), source });
             }
         };
         let mut manifests = Vec::new();
         for entry in entries {
-            let path = entry
-                .map_err(|source| LibraryError::Io {
-                    path: self.folder.clone(),
-                    source,
-                })?
-                .path();
+            let path = entry.map_err(|source| LibraryError::Io { path: self.folder.clone(), source })?.path();
             let Some(id) = path
                 .file_stem()
                 .and_then(|stem| stem.to_str())
@@ -205,22 +195,12 @@ pub fn keep(path: &Path, library: &Library) -> Result<(), LibraryError> {
 }
 
 fn keep_bytes(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
-    let failed = |source| LibraryError::Io {
-        path: path.to_owned(),
-        source,
-    };
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
+    let failed = |source| LibraryError::Io { path: path.to_owned(), source };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(failed)?;
     let temporary = path.with_extension(format!("{}.part", std::process::id()));
     let mut file = File::create(&temporary).map_err(failed)?;
-    file.write_all(bytes)
-        .and_then(|()| file.sync_all())
-        .map_err(failed)?;
+    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed)?;
     fs::rename(&temporary, path).map_err(failed)?;
-    File::open(folder)
-        .and_then(|folder| folder.sync_all())
-        .map_err(failed)
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
 }

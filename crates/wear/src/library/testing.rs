@@ -38,10 +38,7 @@ pub(crate) fn made_up_library() -> Library {
                 wear_um,
                 driving_turns: None,
                 indicators,
-                features: Features {
-                    values,
-                    ..Features::default()
-                },
+                features: Features { values, ..Features::default() },
                 cycle: CycleTable::default(),
             }
         })
@@ -72,11 +69,7 @@ fn made_up_pair() -> PairSpec {
             centre_distance_mm: Some(150.0),
         },
         material: Default::default(),
-        operation: OperationSpec {
-            torque_nm: 1300.0,
-            output_torque_nm: None,
-            shaft_speed_hz: 16.64,
-        },
+        operation: OperationSpec { torque_nm: 1300.0, output_torque_nm: None, shaft_speed_hz: 16.64 },
         supports: Default::default(),
         dynamics: Default::default(),
         errors: Default::default(),

@@ -31,10 +31,7 @@ struct Resonance {
 impl TransmissionPath {
     /// A path that passes everything unchanged.
     pub fn direct() -> Self {
-        Self {
-            direct: 1.0,
-            resonances: Vec::new(),
-        }
+        Self { direct: 1.0, resonances: Vec::new() }
     }
 
     /// A random path for a sampling rate in hertz; damping ratios of 1 to 5 %, gains of 0.3 to 3 either way.
@@ -49,10 +46,7 @@ impl TransmissionPath {
                 Resonance::new(frequency_hz / sample_rate_hz, damping_ratio, gain)
             })
             .collect();
-        Self {
-            direct: 0.5,
-            resonances,
-        }
+        Self { direct: 0.5, resonances }
     }
 
     /// What the sensor sees of a vibration; starts from rest.
@@ -83,12 +77,7 @@ impl Resonance {
         let (sin, cos) = (std::f64::consts::TAU * frequency).sin_cos();
         let alpha = sin * damping_ratio;
         let a0 = 1.0 + alpha;
-        Self {
-            gain,
-            b0: alpha / a0,
-            a1: -2.0 * cos / a0,
-            a2: (1.0 - alpha) / a0,
-        }
+        Self { gain, b0: alpha / a0, a1: -2.0 * cos / a0, a2: (1.0 - alpha) / a0 }
     }
 }
 
@@ -98,13 +87,8 @@ mod tests {
 
     #[test]
     fn a_resonance_has_its_gain_at_its_frequency_and_none_at_rest() {
-        let path = TransmissionPath {
-            direct: 0.0,
-            resonances: vec![Resonance::new(0.05, 0.02, 3.0)],
-        };
-        let samples: Vec<f64> = (0..4000)
-            .map(|n| (std::f64::consts::TAU * 0.05 * n as f64).sin())
-            .collect();
+        let path = TransmissionPath { direct: 0.0, resonances: vec![Resonance::new(0.05, 0.02, 3.0)] };
+        let samples: Vec<f64> = (0..4000).map(|n| (std::f64::consts::TAU * 0.05 * n as f64).sin()).collect();
         let seen = path.apply(&samples);
         let peak = seen[3000..].iter().fold(0.0f64, |a, x| a.max(x.abs()));
         // The band-pass prototype has gain 1 at resonance by construction; the sample grid hits the sine's

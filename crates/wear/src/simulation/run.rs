@@ -89,12 +89,7 @@ impl Run {
         plan.validate()?;
         let pair = plan.pair.resolve()?;
         let path = TransmissionPath::random(&mut ChaCha8Rng::seed_from_u64(plan.seed), plan.sample_rate_hz);
-        let mut run = Self {
-            plan,
-            pair,
-            path,
-            noise_deviation: 0.0,
-        };
+        let mut run = Self { plan, pair, path, noise_deviation: 0.0 };
         let seconds = run.plan.seconds.min(2.0);
         let healthy = run.vibration(
             0.0,
@@ -143,13 +138,8 @@ impl Run {
                 (x + self.noise_deviation * noise) as f32
             })
             .collect();
-        let record = Record::new(
-            plan.channel.clone(),
-            self.start_time(index),
-            plan.sample_rate_hz,
-            "m/s2",
-            samples,
-        )?;
+        let record =
+            Record::new(plan.channel.clone(), self.start_time(index), plan.sample_rate_hz, "m/s2", samples)?;
         // The speed is left for the receiver to find, as on a machine without a tachometer.
         let record = record.with_operating_point(OperatingPoint {
             shaft_speed_hz: None,
@@ -178,9 +168,7 @@ impl Run {
             seed,
             start_phase_turns: phase,
         };
-        let seen = self
-            .path
-            .apply(&flankwatch_gear::simulate(&self.pair, &cycle, &settings)?);
+        let seen = self.path.apply(&flankwatch_gear::simulate(&self.pair, &cycle, &settings)?);
         let wanted = (seconds * self.plan.sample_rate_hz).round() as usize;
         Ok(seen[seen.len() - wanted.min(seen.len())..].to_vec())
     }
@@ -189,58 +177,19 @@ impl Run {
 impl RunPlan {
     fn validate(&self) -> Result<(), SimulationError> {
         let checks = [
-            (
-                "records",
-                f64::from(self.records),
-                1.0..=1e6,
-                "a number from 1 to 1000000",
-            ),
+            ("records", f64::from(self.records), 1.0..=1e6, "a number from 1 to 1000000"),
             ("seconds", self.seconds, 0.1..=600.0, "a length from 0.1 to 600 s"),
-            (
-                "rate",
-                self.sample_rate_hz,
-                1000.0..=1e6,
-                "a rate from 1000 to 1000000 Hz",
-            ),
-            (
-                "max wear",
-                self.max_wear_um,
-                0.0..=1e4,
-                "a depth from 0 to 10000 µm",
-            ),
-            (
-                "wear exponent",
-                self.wear_exponent,
-                0.1..=10.0,
-                "a number from 0.1 to 10",
-            ),
-            (
-                "interval",
-                self.interval_s,
-                0.0..=1e7,
-                "a time from 0 to 10000000 s",
-            ),
+            ("rate", self.sample_rate_hz, 1000.0..=1e6, "a rate from 1000 to 1000000 Hz"),
+            ("max wear", self.max_wear_um, 0.0..=1e4, "a depth from 0 to 10000 µm"),
+            ("wear exponent", self.wear_exponent, 0.1..=10.0, "a number from 0.1 to 10"),
+            ("interval", self.interval_s, 0.0..=1e7, "a time from 0 to 10000000 s"),
             ("snr", self.snr_db, -60.0..=200.0, "a ratio from -60 to 200 dB"),
-            (
-                "speed variation",
-                self.speed_variation,
-                0.0..=0.5,
-                "a fraction from 0 to 0.5",
-            ),
-            (
-                "torque variation",
-                self.torque_variation,
-                0.0..=0.9,
-                "a fraction from 0 to 0.9",
-            ),
+            ("speed variation", self.speed_variation, 0.0..=0.5, "a fraction from 0 to 0.5"),
+            ("torque variation", self.torque_variation, 0.0..=0.9, "a fraction from 0 to 0.9"),
         ];
         for (field, value, range, expected) in checks {
             if !range.contains(&value) {
-                return Err(SimulationError::Plan {
-                    field,
-                    value,
-                    expected,
-                });
+                return Err(SimulationError::Plan { field, value, expected });
             }
         }
         Ok(())

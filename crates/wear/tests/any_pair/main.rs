@@ -20,18 +20,13 @@ const PAIRS: u64 = 48;
 const LONGEST: Duration = Duration::from_secs(120);
 
 fn pairs() -> u64 {
-    std::env::var("FLANKWATCH_PAIRS").map_or(PAIRS, |pairs| {
-        pairs.parse().expect("FLANKWATCH_PAIRS is a number")
-    })
+    std::env::var("FLANKWATCH_PAIRS")
+        .map_or(PAIRS, |pairs| pairs.parse().expect("FLANKWATCH_PAIRS is a number"))
 }
 
 /// Three wear states, a quarter of a second each, down to the usual depth.
 fn quick_library(spec: &PairSpec) -> Result<Library, LibraryError> {
-    let grid = GridSettings {
-        states: 3,
-        seconds: 0.25,
-        ..GridSettings::default()
-    };
+    let grid = GridSettings { states: 3, seconds: 0.25, ..GridSettings::default() };
     build(spec, &grid.for_pair(spec), &BuildControl::silent())
 }
 
@@ -54,19 +49,11 @@ fn each_pair_has_a_library_or_is_refused_at_its_description() {
                     let start = Instant::now();
                     let library = quick_library(&spec)
                         .unwrap_or_else(|error| panic!("pair {number} was accepted: {error}"));
-                    assert!(
-                        start.elapsed() < LONGEST,
-                        "pair {number} took {:?}",
-                        start.elapsed()
-                    );
+                    assert!(start.elapsed() < LONGEST, "pair {number} took {:?}", start.elapsed());
                     assert_eq!(library.states().len(), 3);
                     0
                 }
-                Err(GearError::Field {
-                    field,
-                    value,
-                    expected,
-                }) => {
+                Err(GearError::Field { field, value, expected }) => {
                     assert!(
                         field.contains('.') && !value.is_empty() && !expected.is_empty(),
                         "pair {number}"
@@ -78,11 +65,7 @@ fn each_pair_has_a_library_or_is_refused_at_its_description() {
         })
         .sum();
     println!("{refused} of {} pairs are refused", pairs());
-    assert!(
-        refused as u64 * 10 < pairs(),
-        "{refused} of {} plausible pairs are refused",
-        pairs()
-    );
+    assert!(refused as u64 * 10 < pairs(), "{refused} of {} plausible pairs are refused", pairs());
 }
 
 /// A group of members around each eighth pair; none of them is left out.
@@ -96,11 +79,7 @@ fn each_accepted_pair_has_members_around_it() {
             let start = Instant::now();
             let ensemble = Ensemble::build(Arc::new(library), &settings, &BuildControl::silent()).unwrap();
             assert_eq!(ensemble.members().len(), VARIANTS, "pair {number}");
-            assert!(
-                start.elapsed() < LONGEST,
-                "the members of pair {number} took {:?}",
-                start.elapsed()
-            );
+            assert!(start.elapsed() < LONGEST, "the members of pair {number} took {:?}", start.elapsed());
             for member in ensemble.members() {
                 assert!(
                     (0..16).all(|line| member.change(line).iter().all(|change| change.is_finite())),

@@ -54,11 +54,7 @@ pub(crate) fn pair(number: u64) -> PairSpec {
         let least = 1.0 - f64::from(teeth) * angle.sin().powi(2) / 2.0;
         if careless { 0.0 } else { least.max(0.0) + more }
     };
-    let more = if dice.chance(0.5) {
-        0.0
-    } else {
-        dice.between(0.0, 0.3)
-    };
+    let more = if dice.chance(0.5) { 0.0 } else { dice.between(0.0, 0.3) };
     let profile_shift = [shift(teeth[0], more), shift(teeth[1], 0.0)];
     let root = [0, 1].map(|i| module_mm * (f64::from(teeth[i]) / 2.0 - 1.25 + profile_shift[i]));
     let bore_radius_mm = root.map(|root| root * dice.between(0.1, 0.68));
@@ -89,16 +85,8 @@ pub(crate) fn pair(number: u64) -> PairSpec {
             profile_shift,
             centre_distance_mm: None,
         },
-        material: MaterialSpec {
-            youngs_modulus_pa,
-            poisson_ratio,
-            density_kg_per_m3,
-        },
-        operation: OperationSpec {
-            torque_nm,
-            output_torque_nm: None,
-            shaft_speed_hz,
-        },
+        material: MaterialSpec { youngs_modulus_pa, poisson_ratio, density_kg_per_m3 },
+        operation: OperationSpec { torque_nm, output_torque_nm: None, shaft_speed_hz },
         supports,
         dynamics: DynamicsSpec {
             mesh_damping_ratio: dice.log_between(0.03, 0.5),
@@ -107,16 +95,8 @@ pub(crate) fn pair(number: u64) -> PairSpec {
                 ResponseCoordinate::Bearing2,
                 ResponseCoordinate::Mesh,
             ]),
-            contact: if dice.chance(0.6) {
-                ContactRule::Loaded
-            } else {
-                ContactRule::Threshold
-            },
-            plane: if face_width_mm < 3.0 * module_mm {
-                PlaneState::Stress
-            } else {
-                PlaneState::Strain
-            },
+            contact: if dice.chance(0.6) { ContactRule::Loaded } else { ContactRule::Threshold },
+            plane: if face_width_mm < 3.0 * module_mm { PlaneState::Stress } else { PlaneState::Strain },
             ..DynamicsSpec::default()
         },
         errors: Default::default(),

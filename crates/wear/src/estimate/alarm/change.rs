@@ -26,13 +26,8 @@ pub enum AlarmState {
 
 impl AlarmState {
     /// All of them.
-    pub const ALL: [Self; 5] = [
-        Self::Normal,
-        Self::Unacknowledged,
-        Self::Acknowledged,
-        Self::ReturnedUnacknowledged,
-        Self::Shelved,
-    ];
+    pub const ALL: [Self; 5] =
+        [Self::Normal, Self::Unacknowledged, Self::Acknowledged, Self::ReturnedUnacknowledged, Self::Shelved];
 
     /// Its name in JSON.
     pub fn name(self) -> &'static str {
@@ -143,9 +138,6 @@ impl AlarmChange {
     /// Whether both tell the same: readings that were computed again may differ in their last digits.
     pub fn tells_the_same_as(&self, other: &Self) -> bool {
         let value = other.value;
-        Self {
-            value,
-            ..self.clone()
-        } == *other
+        Self { value, ..self.clone() } == *other
     }
 }

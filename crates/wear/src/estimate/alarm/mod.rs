@@ -109,9 +109,7 @@ impl Alarm {
             Some(over_s) => self.rate.update(over_s, reading.time, value)?,
             None => value,
         };
-        let AlarmSettings {
-            raise_of, clear_of, ..
-        } = rule.settings;
+        let AlarmSettings { raise_of, clear_of, .. } = rule.settings;
         self.recent.push_back(value);
         while self.recent.len() > raise_of.max(clear_of) as usize {
             self.recent.pop_front();
@@ -192,28 +190,21 @@ impl Alarm {
         let state = self.state(time);
         let is_open = self.outstanding && !self.acknowledged;
         match action {
-            AlarmAction::Acknowledge if !is_open => Err(AlarmError::State {
-                state,
-                expected: "unacknowledged or returned_unacknowledged",
-            }),
-            AlarmAction::Shelve { until } if *until <= time => Err(AlarmError::State {
-                state,
-                expected: "shelving until a later time",
-            }),
-            AlarmAction::Unshelve if state != AlarmState::Shelved => Err(AlarmError::State {
-                state,
-                expected: "shelved",
-            }),
-            AlarmAction::ShelvingOver if self.shelved_until.is_none_or(|until| until > time) => {
-                Err(AlarmError::State {
-                    state,
-                    expected: "a shelving that is over",
-                })
+            AlarmAction::Acknowledge if !is_open => {
+                Err(AlarmError::State { state, expected: "unacknowledged or returned_unacknowledged" })
             }
-            AlarmAction::Stale { severity, .. } if *severity == self.raised => Err(AlarmError::State {
-                state,
-                expected: "another severity",
-            }),
+            AlarmAction::Shelve { until } if *until <= time => {
+                Err(AlarmError::State { state, expected: "shelving until a later time" })
+            }
+            AlarmAction::Unshelve if state != AlarmState::Shelved => {
+                Err(AlarmError::State { state, expected: "shelved" })
+            }
+            AlarmAction::ShelvingOver if self.shelved_until.is_none_or(|until| until > time) => {
+                Err(AlarmError::State { state, expected: "a shelving that is over" })
+            }
+            AlarmAction::Stale { severity, .. } if *severity == self.raised => {
+                Err(AlarmError::State { state, expected: "another severity" })
+            }
             _ => Ok(()),
         }
     }
@@ -241,19 +232,9 @@ impl Alarm {
         if above.is_none() && below.is_none() {
             return false;
         }
-        let AlarmSettings {
-            raise,
-            raise_of,
-            clear,
-            clear_of,
-        } = rule.settings;
+        let AlarmSettings { raise, raise_of, clear, clear_of } = rule.settings;
         let count = |of: u32, holds: &dyn Fn(f64) -> bool| {
-            self.recent
-                .iter()
-                .rev()
-                .take(of as usize)
-                .filter(|value| holds(**value))
-                .count()
+            self.recent.iter().rev().take(of as usize).filter(|value| holds(**value)).count()
         };
         if self.raised >= Some(severity) {
             let is_good = |value: f64| {

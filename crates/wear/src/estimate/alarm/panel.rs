@@ -29,9 +29,7 @@ pub type PanelChange = (usize, AlarmChange);
 impl AlarmPanel {
     /// Before the first record.
     pub fn of(rules: &[AlarmRule]) -> Self {
-        Self {
-            alarms: vec![Alarm::default(); rules.len()],
-        }
+        Self { alarms: vec![Alarm::default(); rules.len()] }
     }
 
     /// The alarms in the order of the rules.
@@ -75,8 +73,6 @@ impl AlarmPanel {
         }
         let each = self.alarms.iter_mut().zip(rules).enumerate();
         let begin_again = each.filter(|(_, (_, rule))| rule.quantity.begins_again(event.kind));
-        begin_again
-            .filter_map(|(n, (alarm, _))| Some((n, alarm.begin_again(event)?)))
-            .collect()
+        begin_again.filter_map(|(n, (alarm, _))| Some((n, alarm.begin_again(event)?))).collect()
     }
 }

@@ -47,17 +47,10 @@ impl RateWindow {
                 cell.after_s += (after_s - cell.after_s) / cell.readings;
                 cell.value += (value - cell.value) / cell.readings;
             }
-            None => self.cells.push_back(Cell {
-                number,
-                readings: 1.0,
-                after_s,
-                value,
-            }),
+            None => self.cells.push_back(Cell { number, readings: 1.0, after_s, value }),
         }
         let points = || {
-            self.cells
-                .iter()
-                .map(|cell| ((cell.number - number) as f64 * cell_s + cell.after_s, cell.value))
+            self.cells.iter().map(|cell| ((cell.number - number) as f64 * cell_s + cell.after_s, cell.value))
         };
         let reach_s = after_s - points().next()?.0;
         let count = self.cells.len() as f64;
@@ -67,10 +60,7 @@ impl RateWindow {
         let sum = points().fold((0.0, 0.0), |sum, point| (sum.0 + point.0, sum.1 + point.1));
         let mean = (sum.0 / count, sum.1 / count);
         let [across, along] = points().fold([0.0, 0.0], |[across, along], (at, value)| {
-            [
-                across + (at - mean.0) * (value - mean.1),
-                along + (at - mean.0).powi(2),
-            ]
+            [across + (at - mean.0) * (value - mean.1), along + (at - mean.0).powi(2)]
         });
         Some(SECONDS_A_DAY * across / along).filter(|rate| rate.is_finite())
     }
@@ -97,10 +87,8 @@ mod tests {
         // 3 a day over two days, hourly at first, then every second for a while, then hourly.
         let mut window = RateWindow::default();
         let value = |seconds: i64| 5.0 + 3.0 * seconds as f64 / SECONDS_A_DAY;
-        let times = (0..24)
-            .map(|n| 3600 * n)
-            .chain((0..5000).map(|n| 86_400 + n))
-            .chain((26..48).map(|n| 3600 * n));
+        let times =
+            (0..24).map(|n| 3600 * n).chain((0..5000).map(|n| 86_400 + n)).chain((26..48).map(|n| 3600 * n));
         let mut told = Vec::new();
         for seconds in times {
             let time = Timestamp::UNIX_EPOCH + SignedDuration::from_secs(seconds);
@@ -108,10 +96,7 @@ mod tests {
         }
         for (seconds, rate) in told {
             assert_eq!(rate.is_some(), seconds >= 43_200, "{seconds} s: {rate:?}");
-            assert!(
-                rate.is_none_or(|rate| (rate - 3.0).abs() < 1e-6),
-                "{seconds} s: {rate:?}"
-            );
+            assert!(rate.is_none_or(|rate| (rate - 3.0).abs() < 1e-6), "{seconds} s: {rate:?}");
         }
         assert!(window.cells.len() <= CELLS as usize);
     }

@@ -26,9 +26,7 @@ impl Severity {
 
     /// The one of that name.
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Warning, Self::Danger]
-            .into_iter()
-            .find(|severity| severity.name() == name)
+        [Self::Warning, Self::Danger].into_iter().find(|severity| severity.name() == name)
     }
 }
 
@@ -79,12 +77,7 @@ pub struct AlarmSettings {
 
 impl Default for AlarmSettings {
     fn default() -> Self {
-        Self {
-            raise: 3,
-            raise_of: 5,
-            clear: 5,
-            clear_of: 5,
-        }
+        Self { raise: 3, raise_of: 5, clear: 5, clear_of: 5 }
     }
 }
 
@@ -117,13 +110,7 @@ impl AlarmRule {
     /// # Errors
     /// The first one that cannot, with what was expected.
     pub fn validate(&self) -> Result<(), AlarmError> {
-        let refuse = |field, value, expected| {
-            Err(AlarmError::Field {
-                field,
-                value,
-                expected,
-            })
-        };
+        let refuse = |field, value, expected| Err(AlarmError::Field { field, value, expected });
         let levels = [
             ("warning", self.warning),
             ("danger", self.danger),
@@ -164,19 +151,10 @@ impl AlarmRule {
             }
             (AlarmQuantity::RatePerDay(_), Some(_)) | (_, None) => {}
             (_, Some(value)) => {
-                return refuse(
-                    "over_s",
-                    value,
-                    "nothing beside a quantity that is no rate_per_day",
-                );
+                return refuse("over_s", value, "nothing beside a quantity that is no rate_per_day");
             }
         }
-        let AlarmSettings {
-            raise,
-            raise_of,
-            clear,
-            clear_of,
-        } = self.settings;
+        let AlarmSettings { raise, raise_of, clear, clear_of } = self.settings;
         for (field, some, of) in [("raise", raise, raise_of), ("clear", clear, clear_of)] {
             if some == 0 || some > of || of > MOST_READINGS {
                 return refuse(
@@ -191,13 +169,7 @@ impl AlarmRule {
 
     /// Whether there is a level, and danger lies beyond warning on both sides, with room between the sides.
     fn check_order(&self) -> Result<(), AlarmError> {
-        let refuse = |field, value, expected| {
-            Err(AlarmError::Field {
-                field,
-                value,
-                expected,
-            })
-        };
+        let refuse = |field, value, expected| Err(AlarmError::Field { field, value, expected });
         match (self.warning, self.danger) {
             (Some(warning), Some(danger)) if danger <= warning => {
                 return refuse("danger", danger, "a level above the warning's");
@@ -210,12 +182,9 @@ impl AlarmRule {
             }
             _ => {}
         }
-        let highest_below = [
-            ("warning_below", self.warning_below),
-            ("danger_below", self.danger_below),
-        ]
-        .into_iter()
-        .find_map(|(field, level)| Some((field, level?)));
+        let highest_below = [("warning_below", self.warning_below), ("danger_below", self.danger_below)]
+            .into_iter()
+            .find_map(|(field, level)| Some((field, level?)));
         match (highest_below, self.warning.or(self.danger)) {
             (None, None) => Err(AlarmError::NoLevel),
             (Some((field, below)), Some(above)) if below + 2.0 * self.hysteresis >= above => refuse(

@@ -11,12 +11,7 @@ fn rule(raise: u32, raise_of: u32, clear: u32, clear_of: u32) -> AlarmRule {
         warning: Some(100.0),
         danger: Some(200.0),
         hysteresis: 10.0,
-        settings: AlarmSettings {
-            raise,
-            raise_of,
-            clear,
-            clear_of,
-        },
+        settings: AlarmSettings { raise, raise_of, clear, clear_of },
         ..AlarmRule::of(AlarmQuantity::WearUm)
     }
 }
@@ -44,10 +39,7 @@ fn act(alarm: &mut Alarm, minute: i64, action: AlarmAction) -> Result<AlarmChang
 
 fn feed(alarm: &mut Alarm, rule: &AlarmRule, values: &[f64]) -> Vec<Option<Severity>> {
     let mut read = |(i, value): (usize, &f64)| {
-        let reading = AlarmReading {
-            time: at(i as i64),
-            value: Some(*value),
-        };
+        let reading = AlarmReading { time: at(i as i64), value: Some(*value) };
         alarm.reading(rule, reading);
         alarm.severity()
     };
@@ -57,16 +49,9 @@ fn feed(alarm: &mut Alarm, rule: &AlarmRule, values: &[f64]) -> Vec<Option<Sever
 #[test]
 fn n_of_m_raise_and_n_of_m_clear() {
     let (mut alarm, rule) = (Alarm::default(), rule(2, 3, 2, 3));
-    let got = feed(
-        &mut alarm,
-        &rule,
-        &[101.0, 50.0, 101.0, 95.0, 95.0, 89.0, 95.0, 89.0],
-    );
+    let got = feed(&mut alarm, &rule, &[101.0, 50.0, 101.0, 95.0, 95.0, 89.0, 95.0, 89.0]);
     let warning = Some(Severity::Warning);
-    assert_eq!(
-        got,
-        [None, None, warning, warning, warning, warning, warning, None]
-    );
+    assert_eq!(got, [None, None, warning, warning, warning, warning, warning, None]);
     assert_eq!(alarm.state(at(9)), AlarmState::ReturnedUnacknowledged);
     assert_eq!(alarm.last().map(|change| change.value), Some(Some(89.0)));
 }
@@ -85,16 +70,10 @@ fn an_alarm_goes_through_its_states() {
     assert!(act(&mut alarm, 1, AlarmAction::Acknowledge).is_err());
     // Worse: to be acknowledged again. Less bad: not.
     feed(&mut alarm, &rule, &[250.0]);
-    assert_eq!(
-        (alarm.state(at(2)), alarm.severity()),
-        (AlarmState::Unacknowledged, Some(Severity::Danger))
-    );
+    assert_eq!((alarm.state(at(2)), alarm.severity()), (AlarmState::Unacknowledged, Some(Severity::Danger)));
     act(&mut alarm, 2, AlarmAction::Acknowledge).unwrap();
     feed(&mut alarm, &rule, &[150.0]);
-    assert_eq!(
-        (alarm.state(at(3)), alarm.severity()),
-        (AlarmState::Acknowledged, Some(Severity::Warning))
-    );
+    assert_eq!((alarm.state(at(3)), alarm.severity()), (AlarmState::Acknowledged, Some(Severity::Warning)));
     feed(&mut alarm, &rule, &[0.0]);
     assert_eq!(alarm.state(at(4)), AlarmState::Normal);
     feed(&mut alarm, &rule, &[150.0, 0.0]);
@@ -109,29 +88,17 @@ fn nobody_acknowledges_worse_than_was_shown() {
     feed(&mut alarm, &rule, &[250.0]);
     // Done when only a warning was there: a late record made it worse.
     let change = alarm.act(&taken(1, AlarmAction::Acknowledge, Some(Severity::Warning)));
-    assert_eq!(
-        (change.state, change.by.as_str()),
-        (AlarmState::Unacknowledged, "Ada")
-    );
+    assert_eq!((change.state, change.by.as_str()), (AlarmState::Unacknowledged, "Ada"));
     let change = alarm.act(&taken(1, AlarmAction::Acknowledge, Some(Severity::Danger)));
     assert_eq!(change.state, AlarmState::Acknowledged);
     // Done again, as after a late record that changed what it was about: kept, without effect.
     let change = alarm.act(&taken(2, AlarmAction::Unshelve, None));
-    assert_eq!(
-        (change.state, change.action),
-        (AlarmState::Acknowledged, Some(AlarmAction::Unshelve))
-    );
+    assert_eq!((change.state, change.action), (AlarmState::Acknowledged, Some(AlarmAction::Unshelve)));
 }
 
 #[test]
 fn a_new_gear_ends_what_the_old_one_raised() {
-    let rules = [
-        rule(2, 2, 2, 2),
-        AlarmRule {
-            quantity: AlarmQuantity::Novelty,
-            ..rule(1, 1, 1, 1)
-        },
-    ];
+    let rules = [rule(2, 2, 2, 2), AlarmRule { quantity: AlarmQuantity::Novelty, ..rule(1, 1, 1, 1) }];
     let mut panel = AlarmPanel::of(&rules);
     let event = |kind| MaintenanceEvent {
         time: at(3),
@@ -146,27 +113,13 @@ fn a_new_gear_ends_what_the_old_one_raised() {
     }
     let changed = panel.maintenance(&rules, &event(MaintenanceKind::SensorReplaced));
     let state = AlarmState::ReturnedUnacknowledged;
-    assert_eq!(
-        changed
-            .iter()
-            .map(|(n, change)| (*n, change.state))
-            .collect::<Vec<_>>(),
-        [(1, state)]
-    );
+    assert_eq!(changed.iter().map(|(n, change)| (*n, change.state)).collect::<Vec<_>>(), [(1, state)]);
     let changed = panel.maintenance(&rules, &event(MaintenanceKind::GearReplaced));
-    assert_eq!(
-        changed
-            .iter()
-            .map(|(n, change)| (*n, change.state))
-            .collect::<Vec<_>>(),
-        [(0, state)]
-    );
+    assert_eq!(changed.iter().map(|(n, change)| (*n, change.state)).collect::<Vec<_>>(), [(0, state)]);
     // One more reading above does not raise it: those of the old gear do not count.
     assert_eq!(feed(&mut panel.alarms[0], &rules[0], &[150.0]), [None]);
-    let action = PanelAction {
-        quantity: AlarmQuantity::Novelty,
-        taken: taken(4, AlarmAction::Acknowledge, None),
-    };
+    let action =
+        PanelAction { quantity: AlarmQuantity::Novelty, taken: taken(4, AlarmAction::Acknowledge, None) };
     assert_eq!(panel.act(&rules, &action).unwrap().1.state, AlarmState::Normal);
     assert_eq!(panel.act(&rules[..1], &action), None);
 }
@@ -178,10 +131,7 @@ fn what_is_shelved_comes_back_by_itself() {
     assert!(act(&mut alarm, 5, AlarmAction::Unshelve).is_err());
     assert!(act(&mut alarm, 5, AlarmAction::Shelve { until: at(5) }).is_err());
     act(&mut alarm, 5, AlarmAction::Shelve { until: at(20) }).unwrap();
-    assert_eq!(
-        (alarm.state(at(19)), alarm.state(at(20))),
-        (AlarmState::Shelved, AlarmState::Unacknowledged)
-    );
+    assert_eq!((alarm.state(at(19)), alarm.state(at(20))), (AlarmState::Shelved, AlarmState::Unacknowledged));
     act(&mut alarm, 6, AlarmAction::Unshelve).unwrap();
     assert_eq!(alarm.state(at(7)), AlarmState::Unacknowledged);
 }
@@ -201,23 +151,10 @@ fn rules_that_cannot_be_used_are_refused() {
     let good = rule(1, 3, 1, 3);
     assert!(good.validate().is_ok());
     let refused = [
-        AlarmRule {
-            warning: None,
-            danger: None,
-            ..good.clone()
-        },
-        AlarmRule {
-            danger: Some(90.0),
-            ..good.clone()
-        },
-        AlarmRule {
-            hysteresis: -1.0,
-            ..good.clone()
-        },
-        AlarmRule {
-            warning: Some(f64::NAN),
-            ..good.clone()
-        },
+        AlarmRule { warning: None, danger: None, ..good.clone() },
+        AlarmRule { danger: Some(90.0), ..good.clone() },
+        AlarmRule { hysteresis: -1.0, ..good.clone() },
+        AlarmRule { warning: Some(f64::NAN), ..good.clone() },
         rule(0, 3, 1, 3),
         rule(4, 3, 1, 3),
         rule(1, 3, 1, 2000),
@@ -282,43 +219,24 @@ proptest! {
 
 #[test]
 fn a_level_can_lie_below_and_on_both_sides() {
-    let both = AlarmRule {
-        warning_below: Some(50.0),
-        danger_below: Some(20.0),
-        ..rule(2, 2, 2, 2)
-    };
+    let both = AlarmRule { warning_below: Some(50.0), danger_below: Some(20.0), ..rule(2, 2, 2, 2) };
     assert!(both.validate().is_ok());
     let mut alarm = Alarm::default();
     let got = feed(
         &mut alarm,
         &both,
-        &[
-            75.0, 45.0, 45.0, 55.0, 55.0, 65.0, 65.0, 10.0, 10.0, 150.0, 150.0, 75.0, 75.0,
-        ],
+        &[75.0, 45.0, 45.0, 55.0, 55.0, 65.0, 65.0, 10.0, 10.0, 150.0, 150.0, 75.0, 75.0],
     );
     let (none, warning, danger) = (None, Some(Severity::Warning), Some(Severity::Danger));
     // 55 is not yet beyond the hysteresis; from danger below it goes to warning above, and back.
-    let expected = [
-        none, none, warning, warning, warning, warning, none, none, danger, danger, warning, warning, none,
-    ];
+    let expected =
+        [none, none, warning, warning, warning, warning, none, none, danger, danger, warning, warning, none];
     assert_eq!(got, expected);
     for refused in [
-        AlarmRule {
-            danger_below: Some(60.0),
-            ..both.clone()
-        },
-        AlarmRule {
-            warning_below: Some(85.0),
-            ..both.clone()
-        },
-        AlarmRule {
-            warning_below: Some(f64::NAN),
-            ..both.clone()
-        },
-        AlarmRule {
-            danger: Some(1e308),
-            ..both.clone()
-        },
+        AlarmRule { danger_below: Some(60.0), ..both.clone() },
+        AlarmRule { warning_below: Some(85.0), ..both.clone() },
+        AlarmRule { warning_below: Some(f64::NAN), ..both.clone() },
+        AlarmRule { danger: Some(1e308), ..both.clone() },
     ] {
         assert!(refused.validate().is_err(), "{refused:?}");
     }
@@ -333,33 +251,19 @@ fn a_rate_is_watched_and_an_inspection_is_no_growth() {
         ..AlarmRule::of(AlarmQuantity::RatePerDay(RatedQuantity::WearUm))
     };
     assert!(rate.validate().is_ok());
-    let without = AlarmRule {
-        over_s: None,
-        ..rate.clone()
-    };
+    let without = AlarmRule { over_s: None, ..rate.clone() };
     assert_eq!(without.validate(), Err(AlarmError::NoStretch));
-    let stray = AlarmRule {
-        over_s: Some(60.0),
-        ..rule(1, 1, 1, 1)
-    };
+    let stray = AlarmRule { over_s: Some(60.0), ..rule(1, 1, 1, 1) };
     assert!(stray.validate().is_err());
     // 60 µm a day for an hour, then 240.
     let slow: Vec<f64> = (0..60).map(|minute| 60.0 / 1440.0 * f64::from(minute)).collect();
     let fast = (0..60).map(|minute| 2.5 + 240.0 / 1440.0 * f64::from(minute));
-    let (mut alarm, values) = (
-        Alarm::default(),
-        slow.iter().copied().chain(fast).collect::<Vec<_>>(),
-    );
+    let (mut alarm, values) = (Alarm::default(), slow.iter().copied().chain(fast).collect::<Vec<_>>());
     let got = feed(&mut alarm, &rate, &values);
-    assert!(
-        got[..60].iter().all(Option::is_none) && got[119] == Some(Severity::Warning),
-        "{got:?}"
-    );
+    assert!(got[..60].iter().all(Option::is_none) && got[119] == Some(Severity::Warning), "{got:?}");
     assert!(alarm.value().unwrap() > 100.0);
 
-    let mut panel = AlarmPanel {
-        alarms: vec![Alarm::default()],
-    };
+    let mut panel = AlarmPanel { alarms: vec![Alarm::default()] };
     let rules = [rate];
     feed(&mut panel.alarms[0], &rules[0], &slow);
     let inspected = MaintenanceEvent {
@@ -371,54 +275,30 @@ fn a_rate_is_watched_and_an_inspection_is_no_growth() {
         until: None,
     };
     panel.maintenance(&rules, &inspected);
-    let reading = AlarmReading {
-        time: at(61),
-        value: Some(80.0),
-    };
+    let reading = AlarmReading { time: at(61), value: Some(80.0) };
     assert_eq!(panel.alarms[0].reading(&rules[0], reading), None);
 }
 
 #[test]
 fn silence_is_told_by_a_clock_and_ended_by_a_record() {
-    let stale = AlarmRule {
-        warning: Some(60.0),
-        danger: Some(600.0),
-        ..AlarmRule::of(AlarmQuantity::StaleS)
-    };
+    let stale =
+        AlarmRule { warning: Some(60.0), danger: Some(600.0), ..AlarmRule::of(AlarmQuantity::StaleS) };
     assert!(stale.validate().is_ok());
     let severities = [59.0, 61.0, 601.0].map(|seconds| stale.severity_of_silence(seconds));
-    assert_eq!(
-        severities,
-        [None, Some(Severity::Warning), Some(Severity::Danger)]
-    );
+    assert_eq!(severities, [None, Some(Severity::Warning), Some(Severity::Danger)]);
     let mut alarm = Alarm::default();
     let silent = |severity, silent_s| AlarmAction::Stale { severity, silent_s };
     assert!(act(&mut alarm, 5, silent(None, 3)).is_err(), "nothing is raised");
     let raised = act(&mut alarm, 5, silent(Some(Severity::Warning), 61)).unwrap();
-    assert_eq!(
-        (raised.state, raised.value),
-        (AlarmState::Unacknowledged, Some(61.0))
-    );
-    assert!(
-        act(&mut alarm, 6, silent(Some(Severity::Warning), 120)).is_err(),
-        "told already"
-    );
+    assert_eq!((raised.state, raised.value), (AlarmState::Unacknowledged, Some(61.0)));
+    assert!(act(&mut alarm, 6, silent(Some(Severity::Warning), 120)).is_err(), "told already");
     act(&mut alarm, 7, AlarmAction::Acknowledge).unwrap();
     let worse = act(&mut alarm, 8, silent(Some(Severity::Danger), 601)).unwrap();
-    assert_eq!(
-        (worse.state, worse.severity),
-        (AlarmState::Unacknowledged, Some(Severity::Danger))
-    );
+    assert_eq!((worse.state, worse.severity), (AlarmState::Unacknowledged, Some(Severity::Danger)));
     let back = alarm.record_came(at(9)).unwrap();
-    assert_eq!(
-        (back.state, back.severity),
-        (AlarmState::ReturnedUnacknowledged, None)
-    );
+    assert_eq!((back.state, back.severity), (AlarmState::ReturnedUnacknowledged, None));
     assert_eq!(alarm.record_came(at(10)), None);
-    let below = AlarmRule {
-        warning_below: Some(1.0),
-        ..stale
-    };
+    let below = AlarmRule { warning_below: Some(1.0), ..stale };
     assert!(below.validate().is_err());
 }
 
@@ -446,19 +326,10 @@ fn a_fault_of_the_sensor_is_watched_where_it_is_judged() {
     };
     let none = Indicators::default();
     let value = |wear: &WearEstimate| AlarmQuantity::SensorFault.value(wear, [&none, &none]);
-    assert_eq!(
-        value(&with(WearStatus::SensorFault, Some(SensorFault::Clipped))),
-        Some(1.0)
-    );
+    assert_eq!(value(&with(WearStatus::SensorFault, Some(SensorFault::Clipped))), Some(1.0));
     assert_eq!(value(&with(WearStatus::Estimated, None)), Some(0.0));
-    let learning = WearEstimate {
-        novelty: None,
-        ..with(WearStatus::CollectingBaseline, None)
-    };
+    let learning = WearEstimate { novelty: None, ..with(WearStatus::CollectingBaseline, None) };
     assert_eq!(value(&learning), None);
-    let level = |danger| AlarmRule {
-        danger: Some(danger),
-        ..AlarmRule::of(AlarmQuantity::SensorFault)
-    };
+    let level = |danger| AlarmRule { danger: Some(danger), ..AlarmRule::of(AlarmQuantity::SensorFault) };
     assert!(level(0.5).validate().is_ok() && level(1.0).validate().is_err());
 }

@@ -19,24 +19,17 @@ impl Tracker {
             answer.reason = fault.words().to_owned();
         } else if let Some(sign) = novelty.machine_sign {
             answer.status = WearStatus::OutsideLibrary;
-            let band = novelty
-                .band_hz
-                .map(|[low, high]| format!(" (most between {low:.0} and {high:.0} Hz)"));
+            let band =
+                novelty.band_hz.map(|[low, high]| format!(" (most between {low:.0} and {high:.0} Hz)"));
             let also: Vec<&str> = novelty.also.iter().map(|sign| sign.short()).collect();
-            let also = if also.is_empty() {
-                String::new()
-            } else {
-                format!("; also possible: {}", also.join(", "))
-            };
+            let also =
+                if also.is_empty() { String::new() } else { format!("; also possible: {}", also.join(", ")) };
             let off = match &novelty.lasting {
                 Some(check) => format!("{check} has deviated for several records"),
                 None => format!("off are {}", most_deviating(&novelty)),
             };
-            answer.reason = format!(
-                "most like this: {}{}{also}; {off}",
-                sign.words(),
-                band.unwrap_or_default()
-            );
+            answer.reason =
+                format!("most like this: {}{}{also}; {off}", sign.words(), band.unwrap_or_default());
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
             let what = match &self.ensemble {
@@ -110,10 +103,7 @@ impl Tracker {
 
     /// An answer without a depth.
     pub(super) fn no_number(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
-        let baseline = BaselineProgress {
-            have,
-            need: self.settings.baseline_records,
-        };
+        let baseline = BaselineProgress { have, need: self.settings.baseline_records };
         let ensemble = self.ensemble.as_ref();
         WearEstimate {
             library_id: ensemble.map(|ensemble| ensemble.described().id().to_owned()),
@@ -125,14 +115,9 @@ impl Tracker {
 
 /// The transmission error due to wear, of a probability by member and depth.
 fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
-    let errors = ensemble
-        .members()
-        .iter()
-        .flat_map(|member| member.transmission_error_um().iter().copied());
-    let mut weighted: Vec<(f32, f32)> = errors
-        .zip(joint.iter().copied())
-        .filter(|(_, p)| *p > 1e-7)
-        .collect();
+    let errors = ensemble.members().iter().flat_map(|member| member.transmission_error_um().iter().copied());
+    let mut weighted: Vec<(f32, f32)> =
+        errors.zip(joint.iter().copied()).filter(|(_, p)| *p > 1e-7).collect();
     weighted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let total: f32 = weighted.iter().map(|(_, p)| p).sum();
     let quantile = |level: f32| {
@@ -143,11 +128,7 @@ fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
         });
         found.map(|(error_um, _)| f64::from(*error_um))
     };
-    Some(Interval {
-        median: quantile(0.5)?,
-        p05: quantile(0.05)?,
-        p95: quantile(0.95)?,
-    })
+    Some(Interval { median: quantile(0.5)?, p05: quantile(0.05)?, p95: quantile(0.95)? })
 }
 
 /// The features that deviate most, in words.
@@ -160,12 +141,6 @@ fn most_deviating(novelty: &Novelty) -> String {
 /// The library state nearest to a depth.
 fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
     let far = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
-    let index = (0..library.states().len())
-        .min_by(|a, b| far(a).total_cmp(&far(b)))
-        .unwrap_or(0);
-    BestState {
-        index,
-        wear_um: library.states()[index].wear_um,
-        member,
-    }
+    let index = (0..library.states().len()).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+    BestState { index, wear_um: library.states()[index].wear_um, member }
 }

@@ -14,10 +14,7 @@ use crate::library::testing::made_up_library;
 const NEED: u32 = 20;
 
 fn settings() -> EstimatorSettings {
-    EstimatorSettings {
-        baseline_records: NEED,
-        limit_um: Some(200.0),
-    }
+    EstimatorSettings { baseline_records: NEED, limit_um: Some(200.0) }
 }
 
 /// Features that the made-up library gives at a wear depth, seen through a path with its own gain per line,
@@ -36,18 +33,11 @@ fn seen(library: &Library, wear_um: f64, noise: f64, rng: &mut ChaCha8Rng) -> Fe
         .map(|(i, (name, low))| {
             let high = states[lower + 1].features.values[name];
             let path_gain = (i as f64 * 1.7).sin();
-            (
-                name.clone(),
-                low + part * (high - low) + path_gain + scatter.sample(rng),
-            )
+            (name.clone(), low + part * (high - low) + path_gain + scatter.sample(rng))
         })
         .collect();
     let background = values.keys().map(|name| (name.clone(), -6.0)).collect();
-    Features {
-        values,
-        background,
-        ..Features::default()
-    }
+    Features { values, background, ..Features::default() }
 }
 
 fn tracker(library: &Arc<Library>) -> Tracker {
@@ -60,23 +50,12 @@ fn run(library: &Arc<Library>, records: usize, seed: u64) -> Vec<(WearEstimate, 
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut state = tracker.start();
     for _ in 0..NEED {
-        tracker.update(
-            &mut state,
-            Timestamp::UNIX_EPOCH,
-            &seen(library, 0.0, 0.05, &mut rng),
-        );
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(library, 0.0, 0.05, &mut rng));
     }
     (0..records)
         .map(|i| {
             let truth = 240.0 * i as f64 / (records - 1) as f64;
-            (
-                tracker.update(
-                    &mut state,
-                    Timestamp::UNIX_EPOCH,
-                    &seen(library, truth, 0.05, &mut rng),
-                ),
-                truth,
-            )
+            (tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(library, truth, 0.05, &mut rng)), truth)
         })
         .collect()
 }
@@ -88,33 +67,15 @@ fn the_baseline_is_counted_and_no_number_is_claimed_meanwhile() {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let mut state = tracker.start();
     for have in 1..=NEED {
-        let wear = tracker.update(
-            &mut state,
-            Timestamp::UNIX_EPOCH,
-            &seen(&library, 0.0, 0.05, &mut rng),
-        );
-        assert_eq!(
-            (wear.status, wear.median_um),
-            (WearStatus::CollectingBaseline, None)
-        );
+        let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+        assert_eq!((wear.status, wear.median_um), (WearStatus::CollectingBaseline, None));
         assert_eq!(wear.reason, format!("collecting baseline, {have} of {NEED}"));
     }
-    let wear = tracker.update(
-        &mut state,
-        Timestamp::UNIX_EPOCH,
-        &seen(&library, 0.0, 0.05, &mut rng),
-    );
+    let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
     assert_eq!(wear.status, WearStatus::Estimated);
-    assert!(
-        wear.p05_um.unwrap() <= 2.0 && wear.p95_um.unwrap() < 40.0,
-        "{}",
-        wear.reason
-    );
+    assert!(wear.p05_um.unwrap() <= 2.0 && wear.p95_um.unwrap() < 40.0, "{}", wear.reason);
     let quantiles = [wear.p05_um, wear.p25_um, wear.median_um, wear.p75_um, wear.p95_um].map(Option::unwrap);
-    assert!(
-        quantiles.is_sorted() && quantiles[1] < quantiles[3],
-        "{quantiles:?}"
-    );
+    assert!(quantiles.is_sorted() && quantiles[1] < quantiles[3], "{quantiles:?}");
 }
 
 #[test]
@@ -133,10 +94,7 @@ fn a_run_through_an_unknown_path_is_followed_and_its_interval_holds_the_truth() 
     let (error_um, coverage) = (error_um / f64::from(count), covered as f64 / f64::from(count));
     // Four lines, each of which a member may have wrong by half: a tenth of the library.
     assert!(error_um < 24.5, "mean error {error_um} µm");
-    assert!(
-        coverage >= 0.85,
-        "the 90 % interval holds the truth in {coverage} of the records"
-    );
+    assert!(coverage >= 0.85, "the 90 % interval holds the truth in {coverage} of the records");
 }
 
 #[test]
@@ -149,10 +107,7 @@ fn a_copy_in_json_goes_on_with_the_same_bits() {
         let features = seen(&library, f64::from(i), 0.05, &mut rng);
         let mut copy: TrackerState = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
         let expected = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features);
-        assert_eq!(
-            tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &features),
-            expected
-        );
+        assert_eq!(tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &features), expected);
         assert_eq!(copy, state);
     }
 }
@@ -172,20 +127,10 @@ fn without_a_library_the_answer_says_so() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut state = tracker.start();
     for _ in 0..NEED {
-        tracker.update(
-            &mut state,
-            Timestamp::UNIX_EPOCH,
-            &seen(&library, 0.0, 0.05, &mut rng),
-        );
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
     }
     assert_eq!(
-        tracker
-            .update(
-                &mut state,
-                Timestamp::UNIX_EPOCH,
-                &seen(&library, 0.0, 0.05, &mut rng)
-            )
-            .status,
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng)).status,
         WearStatus::NoLibrary
     );
 }
@@ -194,32 +139,16 @@ fn without_a_library_the_answer_says_so() {
 fn while_there_is_no_library_every_answer_says_why() {
     let library = made_up_library();
     for (lack, status, word) in [
-        (
-            LibraryLack::Simulated,
-            WearStatus::AwaitingLibrary,
-            "being simulated",
-        ),
-        (
-            LibraryLack::Failed("no teeth".into()),
-            WearStatus::LibraryFailed,
-            "no teeth",
-        ),
+        (LibraryLack::Simulated, WearStatus::AwaitingLibrary, "being simulated"),
+        (LibraryLack::Failed("no teeth".into()), WearStatus::LibraryFailed, "no teeth"),
     ] {
         let tracker = Tracker::without_library(settings(), lack);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut state = tracker.start();
         for n in 1..=NEED + 3 {
-            let wear = tracker.update(
-                &mut state,
-                Timestamp::UNIX_EPOCH,
-                &seen(&library, 0.0, 0.05, &mut rng),
-            );
-            assert_eq!(
-                (wear.status, wear.baseline.have),
-                (status, n.min(NEED)),
-                "{}",
-                wear.reason
-            );
+            let wear =
+                tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+            assert_eq!((wear.status, wear.baseline.have), (status, n.min(NEED)), "{}", wear.reason);
             assert!(wear.reason.contains(word), "{}", wear.reason);
         }
         let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &Features::default());
@@ -234,11 +163,7 @@ fn an_excluded_record_leaves_the_state_as_it_is() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut state = tracker.start();
     for n in 1..=NEED + 2 {
-        tracker.update(
-            &mut state,
-            Timestamp::UNIX_EPOCH,
-            &seen(&library, 0.0, 0.05, &mut rng),
-        );
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
         let wear = tracker.excluded(&state);
         assert_eq!(
             (wear.status, wear.median_um, wear.baseline.have),
@@ -280,11 +205,7 @@ fn the_baseline_is_the_records_that_people_choose() {
         last = Some(wear);
     }
     let wear = last.unwrap();
-    assert!(
-        wear.median_um.unwrap() < 30.0,
-        "wear counts from zero there: {}",
-        wear.reason
-    );
+    assert!(wear.median_um.unwrap() < 30.0, "wear counts from zero there: {}", wear.reason);
 }
 
 #[test]
@@ -305,10 +226,7 @@ fn too_few_chosen_records_are_no_baseline() {
     tracker.event(&mut state, &event);
     for hour in 0..NEED {
         let wear = tracker.update(&mut state, at(hour), &seen(&library, 0.0, 0.03, &mut rng));
-        assert_eq!(
-            (wear.status, wear.baseline.have),
-            (WearStatus::CollectingBaseline, hour + 1)
-        );
+        assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, hour + 1));
     }
     let wear = tracker.update(&mut state, at(NEED), &seen(&library, 0.0, 0.03, &mut rng));
     assert_ne!(wear.status, WearStatus::CollectingBaseline);
@@ -344,12 +262,7 @@ fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
     for _ in 0..NEED {
         at(&mut state, 0.0, &mut rng);
     }
-    let before = (0..120)
-        .map(|i| at(&mut state, f64::from(i), &mut rng))
-        .last()
-        .unwrap()
-        .median_um
-        .unwrap();
+    let before = (0..120).map(|i| at(&mut state, f64::from(i), &mut rng)).last().unwrap().median_um.unwrap();
     let event = |kind| MaintenanceEvent {
         time: Timestamp::UNIX_EPOCH,
         kind,
@@ -358,26 +271,16 @@ fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
         inspection: None,
         until: None,
     };
-    for (kind, truth) in [
-        (MaintenanceKind::SensorReplaced, 119.0),
-        (MaintenanceKind::GearReplaced, 0.0),
-    ] {
+    for (kind, truth) in [(MaintenanceKind::SensorReplaced, 119.0), (MaintenanceKind::GearReplaced, 0.0)] {
         let mut state = state.clone();
         tracker.event(&mut state, &event(kind));
         for have in 1..=NEED {
             let wear = at(&mut state, truth, &mut rng);
-            assert_eq!(
-                (wear.status, wear.baseline.have),
-                (WearStatus::CollectingBaseline, have)
-            );
+            assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, have));
         }
         let after = at(&mut state, truth, &mut rng);
         let (low, high) = (after.p05_um.unwrap(), after.p95_um.unwrap());
-        assert!(
-            low <= truth && truth <= high,
-            "{kind:?} before {before}: {}",
-            after.reason
-        );
+        assert!(low <= truth && truth <= high, "{kind:?} before {before}: {}", after.reason);
     }
 }
 
@@ -391,12 +294,8 @@ fn what_wear_does_not_explain_moves_nothing() {
         let mut features = seen(&library, 0.0, 0.03, rng);
         let scatter = Normal::new(0.0, 0.03).unwrap();
         for band in 1..=4 {
-            features
-                .checks
-                .insert(format!("ln_floor_{band}"), -3.0 + scatter.sample(rng));
-            features
-                .checks
-                .insert(format!("ln_rest_{band}"), -2.0 + shift + scatter.sample(rng));
+            features.checks.insert(format!("ln_floor_{band}"), -3.0 + scatter.sample(rng));
+            features.checks.insert(format!("ln_rest_{band}"), -2.0 + shift + scatter.sample(rng));
         }
         features
     };
@@ -414,15 +313,9 @@ fn what_wear_does_not_explain_moves_nothing() {
     assert!(!calm.novelty.unwrap().outside);
     let before = belief(&state);
     let other = take(&mut state, 0.8);
-    assert_eq!(
-        (other.status, other.median_um),
-        (WearStatus::OutsideLibrary, None)
-    );
+    assert_eq!((other.status, other.median_um), (WearStatus::OutsideLibrary, None));
     let novelty = other.novelty.unwrap();
-    assert!(
-        novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BandEnergy),
-        "{novelty:?}"
-    );
+    assert!(novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BandEnergy), "{novelty:?}");
     assert_eq!(belief(&state), before);
 }
 
@@ -443,23 +336,10 @@ fn an_inspection_narrows_the_interval_and_is_believed() {
     for record in NEED + 1..NEED + 60 {
         before = take(&mut state, record, f64::from(record - NEED));
     }
-    let inspection = Inspection {
-        depth_um: 60.0,
-        error_um: 3.0,
-        gear: None,
-        place: crate::library::FlankPlace::Greatest,
-    };
+    let inspection =
+        Inspection { depth_um: 60.0, error_um: 3.0, gear: None, place: crate::library::FlankPlace::Greatest };
     assert!(inspection.fault().is_none());
-    assert_eq!(
-        Inspection {
-            error_um: 0.0,
-            ..inspection
-        }
-        .fault()
-        .unwrap()
-        .0,
-        "inspection.error_um"
-    );
+    assert_eq!(Inspection { error_um: 0.0, ..inspection }.fault().unwrap().0, "inspection.error_um");
     let event = MaintenanceEvent {
         time: at(NEED + 60),
         kind: MaintenanceKind::Inspected,
@@ -471,12 +351,7 @@ fn an_inspection_narrows_the_interval_and_is_believed() {
     tracker.event(&mut state, &event);
     let after = take(&mut state, NEED + 60, 60.0);
     let width = |wear: &WearEstimate| wear.p95_um.unwrap() - wear.p05_um.unwrap();
-    assert!(
-        width(&after) < width(&before),
-        "{} {}",
-        after.reason,
-        before.reason
-    );
+    assert!(width(&after) < width(&before), "{} {}", after.reason, before.reason);
     assert!((after.median_um.unwrap() - 60.0).abs() < 6.0, "{}", after.reason);
 }
 
@@ -494,9 +369,5 @@ fn the_end_of_the_library_is_said_as_such() {
         last = Some(tracker.update(&mut state, at, &seen(&library, um, 0.05, &mut rng)));
     }
     let wear = last.unwrap();
-    assert!(
-        wear.at_least_um.is_some_and(|least| least > 150.0),
-        "{}",
-        wear.reason
-    );
+    assert!(wear.at_least_um.is_some_and(|least| least > 150.0), "{}", wear.reason);
 }

@@ -41,11 +41,7 @@ pub fn encode_ensemble(ensemble: &Ensemble) -> Vec<u8> {
 /// [`LibraryError::Damaged`] or [`LibraryError::Version`].
 pub fn decode_ensemble(bytes: &[u8], described: Arc<Library>) -> Result<Ensemble, LibraryError> {
     let damaged = |what: &str| LibraryError::Damaged(what.to_owned());
-    let end = bytes
-        .iter()
-        .take(200)
-        .position(|&b| b == b'\n')
-        .ok_or_else(|| damaged("no header line"))?;
+    let end = bytes.iter().take(200).position(|&b| b == b'\n').ok_or_else(|| damaged("no header line"))?;
     let header = std::str::from_utf8(&bytes[..end]).map_err(|_| damaged("the header line is not text"))?;
     let words: Vec<&str> = header.split(' ').collect();
     let [MAGIC, version, id, hash] = words[..] else {
@@ -60,31 +56,20 @@ pub fn decode_ensemble(bytes: &[u8], described: Arc<Library>) -> Result<Ensemble
         return Err(damaged("its content is not what was written"));
     }
     let members = body.chunks_exact(MEMBER_BYTES).map(member).collect();
-    Ok(Ensemble {
-        id: id.to_owned(),
-        depths_um: depths_um(described.max_wear_um()),
-        members,
-        described,
-    })
+    Ok(Ensemble { id: id.to_owned(), depths_um: depths_um(described.max_wear_um()), members, described })
 }
 
 fn member(bytes: &[u8]) -> Member {
     let (head, tables) = bytes.split_at(MEMBER_BYTES - 4 * FLOATS);
     let draw = u32::from_le_bytes([head[0], head[1], head[2], head[3]]);
     let damping: [u8; 8] = std::array::from_fn(|i| head[6 + i]);
-    let floats: Vec<f32> = tables
-        .chunks_exact(4)
-        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-        .collect();
+    let floats: Vec<f32> =
+        tables.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     let (changes, rest) = floats.split_at(MESH_LINES * DEPTHS);
     let (transmission_error_um, places) = rest.split_at(DEPTHS);
     Member {
         draw: (draw != u32::MAX).then_some(draw as usize),
-        contact: if head[4] == 1 {
-            ContactRule::Loaded
-        } else {
-            ContactRule::Threshold
-        },
+        contact: if head[4] == 1 { ContactRule::Loaded } else { ContactRule::Threshold },
         archard: head[5] == 1,
         mesh_damping_ratio: f64::from_le_bytes(damping),
         changes: changes.to_vec(),

@@ -106,10 +106,7 @@ impl Member {
             Err(GearError::NoContact { .. } | GearError::Unstable { .. })
                 if drawn.contact() == Some(ContactRule::Threshold) =>
             {
-                drawn
-                    .specs
-                    .iter_mut()
-                    .for_each(|spec| spec.dynamics.contact = ContactRule::Loaded);
+                drawn.specs.iter_mut().for_each(|spec| spec.dynamics.contact = ContactRule::Loaded);
                 Self::of_drawn(&drawn, draw, depths_um)
             }
             members => members,
@@ -133,10 +130,8 @@ impl Member {
             .iter()
             .map(|wear| MeshCycle::coarse(&pair, bodies.as_ref(), wear, CYCLE_POINTS))
             .collect::<Result<_, _>>()?;
-        let errors: Vec<Vec<f64>> = cycles
-            .iter()
-            .map(|cycle| errors_um(&pair, &cycle.uste_rad, &cycle.stiffness_n_per_m))
-            .collect();
+        let errors: Vec<Vec<f64>> =
+            cycles.iter().map(|cycle| errors_um(&pair, &cycle.uste_rad, &cycle.stiffness_n_per_m)).collect();
         let transmission_error_um: Vec<f32> = swings_um(&errors).into_iter().map(|um| um as f32).collect();
         let places = places(&pair, &worn, &depths_mm);
         let member = |spec: &PairSpec| {
@@ -189,20 +184,11 @@ pub(crate) fn line_name(line: usize) -> String {
 fn places(pair: &GearPair, worn: &[FlankWear], depths_mm: &[f64]) -> Vec<f32> {
     let mut parts = Vec::with_capacity(8 * DEPTHS);
     for (index, gear) in pair.gears.iter().enumerate() {
-        for radius in [
-            Some(gear.sap_radius_mm),
-            Some(gear.pitch_radius_mm),
-            Some(gear.tip_radius_mm),
-            None,
-        ] {
+        for radius in [Some(gear.sap_radius_mm), Some(gear.pitch_radius_mm), Some(gear.tip_radius_mm), None] {
             // Without wear the first step's shape stands for it.
             let states = worn.iter().zip(depths_mm).enumerate();
             parts.extend(states.map(|(i, (wear, depth_mm))| {
-                let (wear, depth_mm) = if i == 0 {
-                    (&worn[1], &depths_mm[1])
-                } else {
-                    (wear, depth_mm)
-                };
+                let (wear, depth_mm) = if i == 0 { (&worn[1], &depths_mm[1]) } else { (wear, depth_mm) };
                 let at = match radius {
                     Some(radius) => wear.depth_mm(index, radius),
                     None => wear.greatest_depth_mm(pair)[index],
@@ -220,18 +206,15 @@ fn errors_um(pair: &GearPair, uste_rad: &[f64], stiffness_n_per_m: &[f64]) -> Ve
     let [driving, driven] = pair.gears.each_ref().map(|gear| gear.base_radius_mm * 1e-3);
     let force_n = pair.spec.operation.torque_nm / driving;
     let places = uste_rad.iter().zip(stiffness_n_per_m);
-    places
-        .map(|(uste, stiffness)| 1e6 * (uste * driven + force_n / stiffness))
-        .collect()
+    places.map(|(uste, stiffness)| 1e6 * (uste * driven + force_n / stiffness)).collect()
 }
 
 /// Peak to peak of what each state's transmission error has more than the first one's.
 fn swings_um(errors: &[Vec<f64>]) -> Vec<f64> {
     let swing = |errors_um: &Vec<f64>| {
         let added = errors_um.iter().zip(&errors[0]).map(|(worn, new)| worn - new);
-        let (low, high) = added.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| {
-            (low.min(e), high.max(e))
-        });
+        let (low, high) =
+            added.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(e), high.max(e)));
         if high >= low { high - low } else { 0.0 }
     };
     errors.iter().map(swing).collect()
@@ -247,14 +230,9 @@ fn changes(spec: &PairSpec, cycles: &[MeshCycle]) -> Result<Vec<f32>, GearError>
         ..RunSettings::nominal(&pair, SAMPLES_A_PERIOD * mesh_hz, 1.0)
     };
     let responses = simulate_together(&pair, &cycles.iter().collect::<Vec<_>>(), &run, None)?;
-    let amplitudes: Vec<Vec<f64>> = responses
-        .iter()
-        .map(|response| log_amplitudes(response))
-        .collect();
+    let amplitudes: Vec<Vec<f64>> = responses.iter().map(|response| log_amplitudes(response)).collect();
     let cells = (0..MESH_LINES).flat_map(|line| amplitudes.iter().map(move |at| (line, at)));
-    Ok(cells
-        .map(|(line, at)| (at[line] - amplitudes[0][line]) as f32)
-        .collect())
+    Ok(cells.map(|(line, at)| (at[line] - amplitudes[0][line]) as f32).collect())
 }
 
 /// Natural logarithms of the amplitudes of the mesh harmonics of a response over whole mesh periods.
@@ -267,9 +245,7 @@ fn log_amplitudes(response: &[f64]) -> Vec<f64> {
             re += value * cos;
             im += value * sin;
         }
-        (2.0 * re.hypot(im) / response.len() as f64)
-            .max(LEAST_AMPLITUDE)
-            .ln()
+        (2.0 * re.hypot(im) / response.len() as f64).max(LEAST_AMPLITUDE).ln()
     };
     (0..MESH_LINES).map(amplitude).collect()
 }

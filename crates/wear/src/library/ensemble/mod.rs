@@ -63,9 +63,7 @@ impl EnsembleSettings {
     /// The first members of these, which are simulated in seconds.
     #[must_use]
     pub fn first(self) -> Self {
-        Self {
-            members: self.members.min(FIRST_MEMBERS),
-        }
+        Self { members: self.members.min(FIRST_MEMBERS) }
     }
 }
 
@@ -80,19 +78,14 @@ pub struct Ensemble {
 
 /// The name of an ensemble: a hash of all that it depends on.
 pub fn ensemble_id(library_id: &str, settings: &EnsembleSettings) -> String {
-    let inputs = format!(
-        "{library_id} {MODEL_VERSION} {PRIOR_VERSION} {}",
-        settings.members
-    );
+    let inputs = format!("{library_id} {MODEL_VERSION} {PRIOR_VERSION} {}", settings.members);
     hex(inputs.as_bytes())[..16].to_owned()
 }
 
 /// Depths in µm from 0 to a greatest one, closer together where wear is small and the lines move fast.
 fn depths_um(greatest_um: f64) -> Vec<f64> {
     let part = |index: usize| index as f64 / (DEPTHS - 1) as f64;
-    (0..DEPTHS)
-        .map(|index| greatest_um * part(index) * (0.25 + 0.75 * part(index)))
-        .collect()
+    (0..DEPTHS).map(|index| greatest_um * part(index) * (0.25 + 0.75 * part(index))).collect()
 }
 
 impl Ensemble {
@@ -136,17 +129,9 @@ impl Ensemble {
         if settings.members == 0 {
             return Ok(Self::of(described));
         }
-        let mut members: Vec<Member> = self
-            .members
-            .iter()
-            .filter(|member| member.draw.is_some())
-            .cloned()
-            .collect();
-        let first = members
-            .iter()
-            .filter_map(|member| member.draw)
-            .max()
-            .map_or(0, |last| last + 1);
+        let mut members: Vec<Member> =
+            self.members.iter().filter(|member| member.draw.is_some()).cloned().collect();
+        let first = members.iter().filter_map(|member| member.draw).max().map_or(0, |last| last + 1);
         let groups = settings.members.div_ceil(VARIANTS);
         let counter = Counter::new(control, groups.saturating_sub(first));
         let drawn: Vec<Result<Vec<Member>, LibraryError>> = (first..groups)
@@ -207,9 +192,7 @@ impl Ensemble {
     #[must_use]
     pub fn without_group(&self, group: usize) -> Self {
         let mut other = self.clone();
-        other
-            .members
-            .drain(group * self.variants()..(group + 1) * self.variants());
+        other.members.drain(group * self.variants()..(group + 1) * self.variants());
         other.id = format!("{}-without-{group}", self.id);
         other
     }
@@ -253,9 +236,7 @@ mod tests {
         assert_eq!((large.id(), whole.id()), (whole.id(), whole.id()));
         assert_ne!(small.id(), large.id());
         assert_eq!(
-            decode_ensemble(&encode_ensemble(&large), Arc::clone(large.described()))
-                .unwrap()
-                .members(),
+            decode_ensemble(&encode_ensemble(&large), Arc::clone(large.described())).unwrap().members(),
             large.members()
         );
     }

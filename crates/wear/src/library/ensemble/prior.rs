@@ -80,10 +80,7 @@ impl Drawn {
 
 /// Draw number `draw` around a described pair, with `variants` pairs.
 pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Drawn, GearError> {
-    let mut dice = Draw {
-        number: draw,
-        coordinate: 0,
-    };
+    let mut dice = Draw { number: draw, coordinate: 0 };
     let mut spec = described.clone();
     // Neither moves a mesh line while the teeth touch.
     spec.errors.long_period_um = Some(0.0);
@@ -92,11 +89,7 @@ pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Dra
         ContactRule::Loaded => 0.7,
         ContactRule::Threshold => 0.5,
     };
-    spec.dynamics.contact = if dice.chance(loaded) {
-        ContactRule::Loaded
-    } else {
-        ContactRule::Threshold
-    };
+    spec.dynamics.contact = if dice.chance(loaded) { ContactRule::Loaded } else { ContactRule::Threshold };
     let independent_teeth = dice.chance(0.5);
     let wear = wear(&mut dice, &described.wear);
     let torque = dice.between(0.9, 1.1);
@@ -111,30 +104,20 @@ pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Dra
     spec.wear = wear.spec(&spec.resolve()?);
     let coordinate = dice.coordinate;
     let variant = |variant| {
-        let mut dice = Draw {
-            number: draw * variants + variant,
-            coordinate,
-        };
+        let mut dice = Draw { number: draw * variants + variant, coordinate };
         let mut spec = spec.clone();
         dynamics(&mut dice, described, &mut spec);
         errors(&mut dice, described, &mut spec);
         spec
     };
-    Ok(Drawn {
-        specs: (0..variants).map(variant).collect(),
-        independent_teeth,
-    })
+    Ok(Drawn { specs: (0..variants).map(variant).collect(), independent_teeth })
 }
 
 fn dynamics(dice: &mut Draw, described: &PairSpec, spec: &mut PairSpec) {
     let usual = DynamicsSpec::default();
     let given = described.dynamics.mesh_damping_ratio;
     let (wide, narrow) = (dice.log_between(0.03, 0.5), given * dice.factor(0.25));
-    spec.dynamics.mesh_damping_ratio = if given == usual.mesh_damping_ratio {
-        wide
-    } else {
-        narrow.min(1.0)
-    };
+    spec.dynamics.mesh_damping_ratio = if given == usual.mesh_damping_ratio { wide } else { narrow.min(1.0) };
     let stiffness = described.supports().stiffness_n_per_m;
     let (wide, narrow) = (dice.log_between(0.5, 2.0), dice.factor(0.2));
     let is_usual = stiffness == described.usual_supports().stiffness_n_per_m;
@@ -201,10 +184,7 @@ fn wear(dice: &mut Draw, described: &WearSpec) -> Wear {
             ..WearSpec::default()
         });
     }
-    Wear::Drawn {
-        shape,
-        ratio: if gears_differ { ratio } else { 1.0 },
-    }
+    Wear::Drawn { shape, ratio: if gears_differ { ratio } else { 1.0 } }
 }
 
 /// Coordinates that a given shape takes.
@@ -238,11 +218,7 @@ impl Shape {
                 (self.tip_ratio, (radius_mm - pitch) / (tip - pitch))
             };
             let part = self.floor + (end - self.floor) * way.clamp(0.0, 1.0).powf(self.exponent);
-            WearPoint {
-                gear: index as u32 + 1,
-                radius_mm,
-                depth_um: SHAPE_DEPTH_UM * scale * part.max(0.0),
-            }
+            WearPoint { gear: index as u32 + 1, radius_mm, depth_um: SHAPE_DEPTH_UM * scale * part.max(0.0) }
         };
         (0..=SHAPE_POINTS).map(point).collect()
     }
@@ -254,9 +230,7 @@ mod tests {
     use super::*;
 
     fn draws(described: &PairSpec) -> Vec<PairSpec> {
-        (0..50)
-            .flat_map(|i| draw(described, i, 4).unwrap().specs)
-            .collect()
+        (0..50).flat_map(|i| draw(described, i, 4).unwrap().specs).collect()
     }
 
     #[test]
@@ -265,15 +239,9 @@ mod tests {
         let all = draws(&described);
         let damping: Vec<f64> = all.iter().map(|spec| spec.dynamics.mesh_damping_ratio).collect();
         assert!(damping.iter().any(|z| *z < 0.05) && damping.iter().any(|z| *z > 0.35));
-        let loaded = all
-            .iter()
-            .filter(|spec| spec.dynamics.contact == ContactRule::Loaded)
-            .count();
+        let loaded = all.iter().filter(|spec| spec.dynamics.contact == ContactRule::Loaded).count();
         assert!((110..170).contains(&loaded), "{loaded}");
-        let archard = all
-            .iter()
-            .filter(|spec| spec.wear.shape == WearShape::Archard)
-            .count();
+        let archard = all.iter().filter(|spec| spec.wear.shape == WearShape::Archard).count();
         assert!((55..105).contains(&archard), "{archard}");
     }
 
