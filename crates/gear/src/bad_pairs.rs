@@ -10,7 +10,7 @@ use super::{ContactRule, FlankWear, GearError, MeshCycle, PairSpec};
 const LIBRARY_WEAR_MM: f64 = 0.245;
 
 /// File, field, value, and the part of the expectation that names the limit.
-const REFUSALS: [(&str, &str, &str, &str); 16] = [
+const REFUSALS: [(&str, &str, &str, &str); 17] = [
     ("undercut", "geometry.teeth", "12", "at least 18 teeth on gear 1"),
     ("pointed-rack", "geometry.dedendum", "2.2", "less than 2.1579"),
     ("pointed-tip", "geometry.addendum", "1", "below 0.1 it is pointed"),
@@ -25,6 +25,7 @@ const REFUSALS: [(&str, &str, &str, &str); 16] = [
     ("nan-bore", "geometry.bore_radius_mm", "NaN", "above 0"),
     ("nan-wear", "wear.floor", "NaN", "from 0 to 1"),
     ("negative-wear-coefficient", "wear.coefficient", "-0.000001", "above 0"),
+    ("wear-pressure-exponent", "wear.pressure_exponent", "9", "from 0.3 to 3"),
     ("nan-hardness", "wear.hardness_pa", "NaN", "from 1000000 to 1000000000000"),
     ("wear-table-without-depth", "wear.table", "1 points", "at least one depth above 0"),
 ];

@@ -20,12 +20,15 @@ use super::{Flank, FlankPoint, FlankWear, Gear, GearPair};
 /// Least radius of curvature in modules: nearer to the base circle the involute's own vanishes.
 const LEAST_CURVATURE_MODULES: f64 = 0.05;
 
+/// p₀: pressure in MPa at which the wear coefficient holds whatever the pressure exponent is.
+const COEFFICIENT_PRESSURE_MPA: f64 = 1000.0;
+
 /// Material that a place of the flanks loses in a turn of the driving gear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rubbing {
     /// Arc length in mm along the unworn involutes of both gears, from their base circles.
     pub(super) arcs_mm: [f64; 2],
-    /// Force times sliding in N for each mm of width.
+    /// Force times sliding in N for each mm of width, times (p/p₀)^(m − 1).
     pub(super) work_n: f64,
 }
 
@@ -104,9 +107,15 @@ impl<'a> ContactBand<'a> {
             offset += place.stiffness_mpa * place.gap_mm;
             closing = offset / stiffness;
         }
-        rubbings.extend(places.iter().take_while(|place| place.gap_mm < closing).map(|place| Rubbing {
-            arcs_mm: place.arcs_mm,
-            work_n: place.stiffness_mpa * (closing - place.gap_mm) * place.slide_mm_per_rad * load.turn_rad,
+        let exponent = self.pair.spec.wear.pressure_exponent - 1.0;
+        rubbings.extend(places.iter().take_while(|place| place.gap_mm < closing).map(|place| {
+            let force_n_per_mm = place.stiffness_mpa * (closing - place.gap_mm);
+            let pressure_mpa = force_n_per_mm / self.spacing_mm;
+            let factor = (pressure_mpa / COEFFICIENT_PRESSURE_MPA).powf(exponent);
+            Rubbing {
+                arcs_mm: place.arcs_mm,
+                work_n: force_n_per_mm * factor * place.slide_mm_per_rad * load.turn_rad,
+            }
         }));
     }
 
@@ -231,6 +240,20 @@ mod tests {
             assert!((middle - place).abs() < 0.01, "{middle} {place}");
             assert!((work / (FORCE_N_PER_MM * (1.0 + 24.0 / 26.0) * x) - 1.0).abs() < 0.01, "{work}");
         }
+    }
+
+    /// The bed's pressure is a parabola of p₀ = 3F/4a: ∫ p² = 0.8 p₀ ∫ p, with 2a = 0.4552 mm.
+    #[test]
+    fn an_exponent_of_2_weighs_the_wear_with_the_pressure() {
+        let mut spec = shen2022_spec();
+        let work = |spec: &crate::PairSpec| -> f64 {
+            let pair = spec.resolve().unwrap();
+            rubbed(&pair, &FlankWear::none(), 0.05).iter().map(|rubbing| rubbing.work_n).sum()
+        };
+        let archards = work(&spec);
+        spec.wear.pressure_exponent = 2.0;
+        let wanted = 0.8 * 0.75 * FORCE_N_PER_MM / (0.5 * 0.4552) / 1000.0;
+        assert!((work(&spec) / archards / wanted - 1.0).abs() < 0.02, "{} {wanted}", work(&spec) / archards);
     }
 
     /// A dent as wide as the band in the driving flank, 20 µm deep: both of its shoulders carry, and its

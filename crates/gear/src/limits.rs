@@ -90,6 +90,7 @@ pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
     for hardness in spec.wear.hardness_pa {
         refusals.note(within("wear.hardness_pa", hardness, 1e6, 1e12));
     }
+    refusals.note(within("wear.pressure_exponent", spec.wear.pressure_exponent, 0.3, 3.0));
     refusals.note(wear::check_shape(&spec.wear));
 }
 

@@ -289,6 +289,10 @@ pub struct WearSpec {
     pub coefficient: f64,
     /// H: indentation hardness of the driving and the driven flanks in Pa, for the shape `archard`.
     pub hardness_pa: [f64; 2],
+    /// m: how wear grows with the contact pressure for the shape `archard`, dh/ds ∝ (p/p₀)^m with p₀ = 1 GPa.
+    /// 1 is Archard's law; experiments scatter around it.
+    #[serde(skip_serializing_if = "is_one")]
+    pub pressure_exponent: f64,
     /// Whether this shape was measured on the machine's own gears, so that the wear estimate need not doubt
     /// it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -349,6 +353,12 @@ impl Default for ErrorSpec {
     }
 }
 
+/// Archard's own exponent is not written out.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_one(exponent: &f64) -> bool {
+    *exponent == 1.0
+}
+
 impl Default for WearSpec {
     fn default() -> Self {
         Self {
@@ -358,6 +368,7 @@ impl Default for WearSpec {
             exponent: 4.0,
             coefficient: 1.7e-7,
             hardness_pa: [7e9, 7e9],
+            pressure_exponent: 1.0,
             measured: false,
             table: Vec::new(),
         }

@@ -195,6 +195,11 @@ export const SETUP_GROUPS = [
             ["archard", "After Archard's law"],
           ],
         },
+        {
+          path: "gear.pair.wear.pressure_exponent",
+          label: "Exponent of the pressure, after Archard",
+          hint: "1",
+        },
         { path: "gear.pair.wear.measured", label: "The shape of the wear was measured", kind: "check" },
       ]),
     },

@@ -21,7 +21,7 @@ use crate::library::DEPTHS;
 const CARRIED: f32 = 0.03;
 
 /// Weight of the newest record's likelihood in the answer.
-const ADDED: f32 = 0.08;
+const ADDED: f32 = 0.12;
 
 /// Probability that what was believed before a record is forgotten for the prior.
 const FORGOTTEN: f32 = 0.003;

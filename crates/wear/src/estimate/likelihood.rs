@@ -35,7 +35,7 @@ const DISCREPANCY_OVER: f64 = 0.65;
 const LOAD_DISCREPANCY: f32 = 0.35;
 
 /// Depth over which what a member is wrong by at an inspection is forgotten, in parts of the greatest.
-const ANCHOR_REACH: f32 = 0.33;
+const ANCHOR_REACH: f32 = 0.4;
 
 /// Depths and lines known from an inspection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

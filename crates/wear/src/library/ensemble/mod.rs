@@ -38,7 +38,7 @@ pub const VARIANTS: usize = 4;
 pub const FIRST_MEMBERS: usize = 96;
 
 /// Identifier of the prior: it changes when other pairs are drawn, or when they are simulated in another way.
-const PRIOR_VERSION: &str = "prior-6";
+const PRIOR_VERSION: &str = "prior-7";
 
 /// How many pairs are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

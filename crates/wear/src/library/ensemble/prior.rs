@@ -8,13 +8,13 @@
 //! | support stiffness | × 0.5 to 2 | log-normal, 20 % |
 //! | once-per-tooth error | 0 to twice the usual amplitude, any phase | log-normal, 30 %, any phase |
 //! | torque | ± 10 % | ± 10 % |
-//! | shape of wear | Archard 0.4 (hardness ratio ½ to 2), least at the pitch point 0.6 | the given one within 10 %; where it was not measured, in 0.7 of the members |
+//! | shape of wear | Archard 0.4 (hardness ratio 0.35 to 2.8, pressure exponent 0.6 to 1.5), least at the pitch point 0.6 | the given one within 10 %; where it was not measured, in 0.7 of the members |
 //!
 //! A field counts as given where it differs from its default, which for supports and errors goes with the
 //! size of the pair. The shape that is least at the pitch point has exponents from 1.2 to 4 (log-uniform:
 //! sliding grows linearly from the pitch point, the paper draws a parabola), a depth at the pitch point of 0
 //! to 0.7 of the greatest (mostly near 0: nothing slides there), a tip ratio of 0.3 to 1.2, and in 0.3 of the
-//! members one gear that wears ½ to 2 times as fast as the other.
+//! members one gear that wears 0.35 to 2.8 times as fast as the other.
 
 use flankwatch_gear::{
     ContactRule, DynamicsSpec, GearError, GearPair, PairSpec, WearPoint, WearShape, WearSpec,
@@ -165,11 +165,10 @@ fn wear(dice: &mut Draw, described: &WearSpec) -> Wear {
     let ratio = dice.log_between(0.35, 2.8);
     let like = like(dice, described);
     dice.coordinate -= LIKE_COORDINATES;
-    let shape = Shape {
-        floor: 0.7 * dice.between(0.0, 1.0).powi(3),
-        tip_ratio: dice.between(0.3, 1.2),
-        exponent: dice.log_between(1.2, 4.0),
-    };
+    let floor = 0.7 * dice.between(0.0, 1.0).powi(3);
+    // A shape after Archard has neither tip ratio nor floor, but an exponent of the pressure.
+    let third = dice.uniform();
+    let shape = Shape { floor, tip_ratio: 0.3 + 0.9 * third, exponent: dice.log_between(1.2, 4.0) };
     if described.measured || (!is_usual && given) {
         let mut spec = like;
         // The hardness is given to a tenth.
@@ -181,6 +180,7 @@ fn wear(dice: &mut Draw, described: &WearSpec) -> Wear {
         return Wear::Given(WearSpec {
             shape: WearShape::Archard,
             hardness_pa: [hardness, hardness * ratio],
+            pressure_exponent: 0.6 + 0.9 * third,
             ..WearSpec::default()
         });
     }
