@@ -328,7 +328,7 @@ fn urgency(wear: Option<&WearEstimate>) -> u8 {
     match wear.map(|wear| wear.status) {
         Some(WearStatus::OutsideLibrary) => 4,
         Some(WearStatus::Estimated) => 3,
-        Some(WearStatus::NotIdentifiable) => 2,
+        Some(WearStatus::NotIdentifiable | WearStatus::Provisional) => 2,
         Some(WearStatus::SensorFault) => 1,
         _ => 0,
     }

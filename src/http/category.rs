@@ -89,9 +89,12 @@ impl Category {
                 | WearStatus::SpeedInDoubt
                 | WearStatus::LibraryFailed,
             ) => Self::OutOfSpecification,
-            Some(WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary | WearStatus::Recomputing) => {
-                Self::CheckFunction
-            }
+            Some(
+                WearStatus::CollectingBaseline
+                | WearStatus::AwaitingLibrary
+                | WearStatus::Provisional
+                | WearStatus::Recomputing,
+            ) => Self::CheckFunction,
             _ if library_state == "building" => Self::CheckFunction,
             Some(WearStatus::NoLibrary | WearStatus::SensorFault | WearStatus::Excluded) | None => Self::None,
         }

@@ -78,7 +78,7 @@ export function wearState(wear, limits) {
   if (wear.status === "recomputing") return "recomputing";
   if (wear.status === "not_comparable") return "not_comparable";
   if (wear.status === "speed_in_doubt") return "speed_in_doubt";
-  if (wear.status === "awaiting_library") return "building";
+  if (wear.status === "awaiting_library" || wear.status === "provisional") return "building";
   if (wear.status === "library_failed") return "library_failed";
   if (wear.status === "sensor_fault") return "sensor";
   if (wear.status === "outside_library") return "outside";
@@ -153,6 +153,8 @@ export function sentence(wear, limits, hasPair = true) {
     return "No gear pair is described for this asset, so wear in µm is not estimated. Indicators are computed, and records unlike the baseline are told by their novelty.";
   if (wear.status === "awaiting_library")
     return "The library of the gear pair is being simulated. Records are stored with their indicators, and their wear follows by itself.";
+  if (wear.status === "provisional")
+    return `The rest of the library is being simulated, and the final answer follows: ${wear.reason}.`;
   if (wear.status === "library_failed")
     return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the description to try again.`;
   if (wear.status === "excluded")

@@ -257,6 +257,9 @@ impl Simulations {
         let mut estimators = lock(&self.estimators);
         let keyed = estimators.entry(fold_key.clone()).or_insert_with(|| {
             let (estimator, lack) = match library {
+                Ok(ensemble) if ensemble.is_part_of(&self.neighbours) => {
+                    (ChannelEstimator::provisional(settings, ensemble, rules), None)
+                }
                 Ok(ensemble) => (ChannelEstimator::new(settings, Some(ensemble), rules), None),
                 Err(lack) => (ChannelEstimator::without_library(settings, lack.clone(), rules), Some(lack)),
             };

@@ -47,6 +47,11 @@ impl ChannelEstimator {
         Self { tracker: Arc::new(Tracker::new(settings, ensemble)), rules: rules.into() }
     }
 
+    /// One with the first members of an ensemble whose rest is still simulated.
+    pub fn provisional(settings: EstimatorSettings, first: Arc<Ensemble>, rules: Vec<AlarmRule>) -> Self {
+        Self { tracker: Arc::new(Tracker::provisional(settings, first)), rules: rules.into() }
+    }
+
     /// One while there is no library: as without a pair, and records are told why.
     pub fn without_library(settings: EstimatorSettings, lack: LibraryLack, rules: Vec<AlarmRule>) -> Self {
         Self { tracker: Arc::new(Tracker::without_library(settings, lack)), rules: rules.into() }

@@ -144,6 +144,8 @@ pub struct Tracker {
     settings: EstimatorSettings,
     ensemble: Option<Arc<Ensemble>>,
     lack: LibraryLack,
+    /// Whether more members of the ensemble follow.
+    is_provisional: bool,
     grid: DepthGrid,
     growth: Growth,
     discrepancy: Option<Discrepancy>,
@@ -162,7 +164,14 @@ impl Tracker {
             grid,
             ensemble,
             lack: LibraryLack::default(),
+            is_provisional: false,
         }
+    }
+
+    /// A tracker for the first members of an ensemble whose rest is still simulated: what it answers to a
+    /// record is told as provisional, and nothing is called other than wear.
+    pub fn provisional(settings: EstimatorSettings, first: Arc<Ensemble>) -> Self {
+        Self { is_provisional: true, ..Self::new(settings, Some(first)) }
     }
 
     /// A tracker while there is no library: as without one, and records are told why.
@@ -185,6 +194,9 @@ impl Tracker {
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         let mut answer = self.take_record(state, at, features);
         self.lack.tell(&mut answer);
+        if self.is_provisional {
+            answer.make_provisional();
+        }
         answer
     }
 

@@ -20,6 +20,8 @@ pub enum WearStatus {
     NoLibrary,
     /// The library to compare with is still being simulated; the estimate follows.
     AwaitingLibrary,
+    /// The first answer, from a part of the library: the final one follows when all of it is simulated.
+    Provisional,
     /// The library to compare with could not be simulated.
     LibraryFailed,
     /// The record gives no feature to compare (no shaft speed found, for example).
@@ -193,6 +195,23 @@ pub struct WearEstimate {
 }
 
 impl WearEstimate {
+    /// Tells a comparison as the first answer from a part of the library: a depth stays, and what no part
+    /// explains is left open.
+    pub(super) fn make_provisional(&mut self) {
+        match self.status {
+            WearStatus::Estimated | WearStatus::NotIdentifiable => {
+                self.reason = format!("first answer from a part of the library: {}", self.reason);
+            }
+            WearStatus::OutsideLibrary => {
+                "the part of the library that is simulated does not explain this record"
+                    .clone_into(&mut self.reason);
+                self.novelty = None;
+            }
+            _ => return,
+        }
+        self.status = WearStatus::Provisional;
+    }
+
     /// What of the estimate is followed over time as an indicator: `novelty`, where there is one.
     pub fn indicators(&self) -> Indicators {
         let novelty = self.novelty.iter().map(|novelty| ("novelty".to_owned(), novelty.score));

@@ -157,6 +157,39 @@ fn while_there_is_no_library_every_answer_says_why() {
 }
 
 #[test]
+fn a_part_of_the_library_gives_provisional_answers_and_calls_nothing_a_fault() {
+    let library = made_up_library();
+    let first = Arc::new(Ensemble::of(Arc::new(made_up_library())));
+    let [provisional, whole] = [
+        Tracker::provisional(settings(), Arc::clone(&first)),
+        Tracker::new(settings(), Some(Arc::clone(&first))),
+    ];
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let records: Vec<Features> = (0..NEED + 5)
+        .map(|n| {
+            let mut record = seen(&library, 0.0, 0.05, &mut rng);
+            if n >= NEED + 3 {
+                // Lines that no wear moves so.
+                for (i, value) in record.values.values_mut().enumerate() {
+                    *value += if i % 2 == 0 { 4.0 } else { -4.0 };
+                }
+            }
+            record
+        })
+        .collect();
+    let follow = |tracker: &Tracker| -> Vec<WearEstimate> {
+        let mut state = tracker.start();
+        records.iter().map(|record| tracker.update(&mut state, Timestamp::UNIX_EPOCH, record)).collect()
+    };
+    let answers = follow(&provisional).into_iter().zip(follow(&whole)).skip(NEED as usize);
+    for (n, (first, whole)) in answers.enumerate() {
+        assert_eq!((first.status, first.median_um), (WearStatus::Provisional, whole.median_um), "{n}");
+        assert_eq!(whole.status == WearStatus::OutsideLibrary, n >= 3, "{}", whole.reason);
+        assert!(first.novelty.is_none_or(|novelty| !novelty.outside));
+    }
+}
+
+#[test]
 fn an_excluded_record_leaves_the_state_as_it_is() {
     let library = Arc::new(made_up_library());
     let tracker = tracker(&library);

@@ -182,6 +182,11 @@ impl Ensemble {
         &self.members
     }
 
+    /// Whether these are the first members of an ensemble with these settings.
+    pub fn is_part_of(&self, settings: &EnsembleSettings) -> bool {
+        self.variants() > 1 && self.id != ensemble_id(self.described.id(), settings)
+    }
+
     /// Members of one group, which stand one after the other: they have the same gears and the same wear.
     pub fn variants(&self) -> usize {
         let drawn = self.members.first().is_some_and(|member| member.draw.is_some());
