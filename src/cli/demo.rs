@@ -16,7 +16,7 @@ use crate::asset::{AssetId, AssetSpec, BaselineSpec, GearSpec, Location, SensorS
 use crate::estimate::{Inspection, MaintenanceEvent, MaintenanceKind};
 use crate::gear::ContactRule;
 use crate::http::{RunningService, ServiceConfig, StartError, start};
-use crate::library::FlankPlace;
+use crate::library::{EnsembleSettings, FlankPlace};
 use crate::recording::{BlockEncoding, encode_block};
 use crate::service::{Clock, RecordFormat, Service, ServiceError, SystemClock, UploadMetadata};
 use crate::signal::EnvelopeSearch;
@@ -110,11 +110,17 @@ async fn start_anywhere(
     clock: Arc<dyn Clock>,
 ) -> Result<RunningService, CliError> {
     let usual = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
-    match start(ServiceConfig::new(listen.unwrap_or(usual), &data_dir), clock.clone()).await {
+    let config = |address| {
+        let mut config = ServiceConfig::new(address, &data_dir);
+        // The story lasts a minute, and all members would take that long.
+        config.work.neighbours = EnsembleSettings::default().first();
+        config
+    };
+    match start(config(listen.unwrap_or(usual)), clock.clone()).await {
         Err(StartError::Listen { source, .. })
             if listen.is_none() && source.kind() == ErrorKind::AddrInUse =>
         {
-            Ok(start(ServiceConfig::new((Ipv4Addr::LOCALHOST, 0).into(), data_dir), clock).await?)
+            Ok(start(config((Ipv4Addr::LOCALHOST, 0).into()), clock).await?)
         }
         started => Ok(started?),
     }
