@@ -8,7 +8,7 @@
 //! | support stiffness | × 0.5 to 2 | log-normal, 20 % |
 //! | once-per-tooth error | 0 to twice the usual amplitude, any phase | log-normal, 30 %, any phase |
 //! | torque | ± 10 % | ± 10 % |
-//! | shape of wear | Archard 0.4 (hardness ratio 0.35 to 2.8, pressure exponent 0.6 to 1.5), least at the pitch point 0.6 | the given one within 10 %; where it was not measured, in 0.7 of the members |
+//! | shape of wear | Archard 0.4 (hardness ratio 0.35 to 2.8, pressure exponent 0.85 to 1.25), least at the pitch point 0.6 | the given one within 10 %; where it was not measured, in 0.7 of the members |
 //!
 //! A field counts as given where it differs from its default, which for supports and errors goes with the
 //! size of the pair. The shape that is least at the pitch point has exponents from 1.2 to 4 (log-uniform:
@@ -180,7 +180,7 @@ fn wear(dice: &mut Draw, described: &WearSpec) -> Wear {
         return Wear::Given(WearSpec {
             shape: WearShape::Archard,
             hardness_pa: [hardness, hardness * ratio],
-            pressure_exponent: 0.6 + 0.9 * third,
+            pressure_exponent: 0.85 + 0.4 * third,
             ..WearSpec::default()
         });
     }
