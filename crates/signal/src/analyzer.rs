@@ -100,8 +100,15 @@ impl Analyzer {
         let moments = work.transform(record);
         let resolution_hz = work.resolution_hz(record);
         let given = given_speed(record);
-        let located =
-            locate(&work.amplitude, resolution_hz, given, mesh, moments.constant, &mut work.sorting);
+        let located = locate(
+            &work.amplitude,
+            resolution_hz,
+            given,
+            mesh,
+            moments.constant,
+            &mut work.sorting,
+            &mut work.says,
+        );
         (moments, located)
     }
 

@@ -17,9 +17,6 @@ const MOST_SUMMED_REACH: usize = 8;
 /// Bins that are summed at once: more sums than this do not fit the registers.
 const BINS_AT_ONCE: usize = 3;
 
-/// Samples of a turn after which the next turn is taken, so that the bins' waves stay in the first cache.
-const COLUMNS: usize = 256;
-
 /// Whole turns of a shaft, the samples evenly spaced in its angle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AngleRecord {
@@ -53,21 +50,28 @@ pub struct OrderSpectrum {
 impl AngleRecord {
     /// The mean over all turns at each angle.
     pub fn synchronous_average(&self) -> Vec<f64> {
-        let [mut average, odd] = self.sums(0..self.turns);
-        let scale = 1.0 / self.turns as f64;
-        average.iter_mut().zip(&odd).for_each(|(sum, odd)| *sum = (*sum + odd) * scale);
+        let mut average = Vec::new();
+        self.average_into([&mut average, &mut Vec::new()]);
         average
     }
 
-    /// The sums over the even and over the odd ones of some turns, counted from the first of them, at each
-    /// angle.
-    pub(super) fn sums(&self, turns: Range<usize>) -> [Vec<f64>; 2] {
-        let mut sums = [vec![0.0; self.samples_per_turn], vec![0.0; self.samples_per_turn]];
-        let chosen = &self.samples[turns.start * self.samples_per_turn..turns.end * self.samples_per_turn];
-        for (number, turn) in chosen.chunks_exact(self.samples_per_turn).enumerate() {
-            sums[number % 2].iter_mut().zip(turn).for_each(|(sum, sample)| *sum += sample);
+    /// Puts it into the first of two rooms; the other one is worked in.
+    pub(super) fn average_into(&self, [average, odd]: [&mut Vec<f64>; 2]) {
+        self.sum_into(0..self.turns, [&mut *average, &mut *odd]);
+        let scale = 1.0 / self.turns as f64;
+        average.iter_mut().zip(odd).for_each(|(sum, odd)| *sum = (*sum + *odd) * scale);
+    }
+
+    /// Puts the sums over the even and over the odd ones of some turns, counted from the first of them, at each
+    /// angle into `sums`.
+    pub(super) fn sum_into(&self, turns: Range<usize>, sums: [&mut Vec<f64>; 2]) {
+        let per_turn = self.samples_per_turn;
+        let chosen = &self.samples[turns.start * per_turn..turns.end * per_turn];
+        for (parity, sum) in sums.into_iter().enumerate() {
+            sum.clear();
+            sum.resize(per_turn, 0.0);
+            Arch::new().dispatch(EverySecondTurn { samples: chosen, parity, sum });
         }
-        sums
     }
 
     /// The line at order `teeth` of the Hann amplitude spectrum over orders, as [`read_line`] finds it there;
@@ -87,51 +91,56 @@ impl AngleRecord {
             return read_line(&self.order_spectrum(transforms).amplitude, position as f64);
         }
         let first = position - reach;
-        let bins: Vec<Complex<f64>> = self.bins(first, 2 * reach + 1);
+        let count = 2 * reach + 1;
+        let bins = self.bins(first, count, transforms);
         let one_sided = 4.0 / self.samples.len() as f64;
-        let amplitude: Vec<f64> =
-            bins.windows(3).map(|w| one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm()).collect();
-        Some(read_line_in(&amplitude, first + 1, position as f64))
+        let mut amplitude = [0.0; 2 * MOST_SUMMED_REACH];
+        for (amplitude, w) in amplitude.iter_mut().zip(bins[..count].windows(3)) {
+            *amplitude = one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm();
+        }
+        Some(read_line_in(&amplitude[..count - 2], first + 1, position as f64))
     }
 
     /// `count` bins of the unwindowed transform from `first` on, summed term by term: exp(−2πikn/N) at sample
     /// j of turn t is exp(−2πikt/turns)·exp(−2πikj/N).
-    fn bins(&self, first: usize, count: usize) -> Vec<Complex<f64>> {
+    fn bins(
+        &self,
+        first: usize,
+        count: usize,
+        transforms: &mut Transforms,
+    ) -> [Complex<f64>; 2 * MOST_SUMMED_REACH + 1 + BINS_AT_ONCE] {
         let arch = Arch::new();
         let (total, per_turn) = (self.samples.len(), self.samples_per_turn);
-        let wave = |k: usize, j: usize, period: usize| {
-            Complex::from_polar(1.0, -TAU * ((k * j) % period) as f64 / period as f64)
-        };
-        let step: Vec<Complex<f64>> = (0..per_turn).map(|j| wave(1, j, total)).collect();
-        let mut current: Vec<Complex<f64>> = (0..per_turn).map(|j| wave(first, j, total)).collect();
+        let [mut step, mut current, mut roots] = [(); 3].map(|()| transforms.complex_room());
+        fill_wave(&mut step, per_turn, 1, total);
+        fill_wave(&mut current, per_turn, first, total);
+        fill_wave(&mut roots, self.turns, 1, self.turns);
         let mut waves: [[Vec<f64>; 2]; BINS_AT_ONCE] =
-            std::array::from_fn(|_| [vec![0.0; per_turn], vec![0.0; per_turn]]);
-        let mut bins = Vec::with_capacity(count + BINS_AT_ONCE);
-        while bins.len() < count {
+            std::array::from_fn(|_| [transforms.room(), transforms.room()]);
+        waves.as_flattened_mut().iter_mut().for_each(|wave| wave.resize(per_turn, 0.0));
+        let mut bins = [Complex::default(); 2 * MOST_SUMMED_REACH + 1 + BINS_AT_ONCE];
+        for done in (0..count).step_by(BINS_AT_ONCE) {
             for [cos, sin] in &mut waves {
                 for ((wave, step), (re, im)) in current.iter_mut().zip(&step).zip(cos.iter_mut().zip(sin)) {
                     (*re, *im) = (wave.re, wave.im);
                     *wave *= step;
                 }
             }
-            let mut sums = vec![[Complex::<f64>::default(); BINS_AT_ONCE]; self.turns];
-            for begin in (0..per_turn).step_by(COLUMNS) {
-                let columns = begin..per_turn.min(begin + COLUMNS);
-                let waves = waves.each_ref().map(|wave| wave.each_ref().map(|part| &part[columns.clone()]));
-                for (turn, sums) in self.samples.chunks_exact(per_turn).zip(&mut sums) {
-                    let turn = &turn[columns.clone()];
-                    let parts = arch.dispatch(TurnBins { turn, waves });
-                    sums.iter_mut().zip(parts).for_each(|(sum, part)| *sum += part);
+            let mut turns = self.samples.chunks_exact(per_turn).enumerate();
+            while let Some((number, turn)) = turns.next() {
+                // A last turn without a partner goes twice, and is counted once.
+                let (other, weight) = turns.next().map_or((turn, 0.0), |(_, other)| (other, 1.0));
+                let waves = waves.each_ref().map(|wave| wave.each_ref().map(Vec::as_slice));
+                let parts = arch.dispatch(TurnBins { turns: [turn, other], waves });
+                for (bin, [part, of_other]) in parts.into_iter().enumerate() {
+                    let k = first + done + bin;
+                    let at_turn = |number: usize| roots[k * number % self.turns];
+                    bins[done + bin] += part * at_turn(number) + of_other * at_turn(number + 1) * weight;
                 }
             }
-            let k = first + bins.len();
-            for bin in 0..BINS_AT_ONCE {
-                let of_turns =
-                    sums.iter().enumerate().map(|(t, sums)| sums[bin] * wave(k + bin, t, self.turns));
-                bins.push(of_turns.sum::<Complex<f64>>());
-            }
         }
-        bins.truncate(count);
+        waves.into_iter().flatten().for_each(|wave| transforms.keep(wave));
+        [step, current, roots].into_iter().for_each(|room| transforms.keep_complex(room));
         bins
     }
 
@@ -153,33 +162,71 @@ impl AngleRecord {
     }
 }
 
-/// Σ x·(cos + i·sin) over a part of one turn, in the processor's widest registers.
+/// The sum over every second turn: a plain loop that is compiled for each kind of processor.
+struct EverySecondTurn<'a> {
+    samples: &'a [f64],
+    parity: usize,
+    sum: &'a mut [f64],
+}
+
+impl WithSimd for EverySecondTurn<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for turn in self.samples.chunks_exact(self.sum.len()).skip(self.parity).step_by(2) {
+            for (sum, sample) in self.sum.iter_mut().zip(turn) {
+                *sum += sample;
+            }
+        }
+    }
+}
+
+/// Fills with exp(−2πikj/period), j = 0 … `count` − 1: products of two, as sines are what takes long.
+fn fill_wave(wave: &mut Vec<Complex<f64>>, count: usize, k: usize, period: usize) {
+    const FINE: usize = 64;
+    let at = |j: usize| Complex::from_polar(1.0, -TAU * ((k * j) % period) as f64 / period as f64);
+    let fine: [Complex<f64>; FINE] = std::array::from_fn(at);
+    wave.clear();
+    for coarse in (0..count).step_by(FINE) {
+        let turned = at(coarse);
+        wave.extend(fine.iter().take(count - coarse).map(|fine| turned * fine));
+    }
+}
+
+/// Σ x·(cos + i·sin) over each of two turns, in the processor's widest registers: the waves are loaded once
+/// for both.
 struct TurnBins<'a> {
-    turn: &'a [f64],
+    turns: [&'a [f64]; 2],
     /// Cosine and sine of each bin.
     waves: [[&'a [f64]; 2]; BINS_AT_ONCE],
 }
 
 impl WithSimd for TurnBins<'_> {
-    type Output = [Complex<f64>; BINS_AT_ONCE];
+    /// By bin and turn.
+    type Output = [[Complex<f64>; 2]; BINS_AT_ONCE];
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let (turn, rest) = S::as_simd_f64s(self.turn);
+        let [(one, one_rest), (other, other_rest)] = self.turns.map(|turn| S::as_simd_f64s(turn));
         let waves = self.waves.map(|wave| wave.map(|part| S::as_simd_f64s(part)));
         let [[(c0, _), (s0, _)], [(c1, _), (s1, _)], [(c2, _), (s2, _)]] = waves;
-        let mut sums = [simd.splat_f64s(0.0); 2 * BINS_AT_ONCE];
-        let rows = turn.iter().zip(c0).zip(s0).zip(c1).zip(s1).zip(c2).zip(s2);
-        for ((((((&x, &c0), &s0), &c1), &s1), &c2), &s2) in rows {
-            for (sum, wave) in sums.iter_mut().zip([c0, s0, c1, s1, c2, s2]) {
+        let mut sums = [[simd.splat_f64s(0.0); 2]; 2 * BINS_AT_ONCE];
+        let rows = one.iter().zip(other).zip(c0).zip(s0).zip(c1).zip(s1).zip(c2).zip(s2);
+        for (((((((&x, &y), &c0), &s0), &c1), &s1), &c2), &s2) in rows {
+            for ([sum, other_sum], wave) in sums.iter_mut().zip([c0, s0, c1, s1, c2, s2]) {
                 *sum = simd.mul_add_e_f64s(x, wave, *sum);
+                *other_sum = simd.mul_add_e_f64s(y, wave, *other_sum);
             }
         }
         std::array::from_fn(|bin| {
             let [(_, cos), (_, sin)] = waves[bin];
-            let [re, im] = [sums[2 * bin], sums[2 * bin + 1]].map(|sum| simd.reduce_sum_f64s(sum));
-            let left = rest.iter().zip(cos).zip(sin);
-            left.fold(Complex::new(re, im), |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
+            std::array::from_fn(|turn| {
+                let [re, im] = [sums[2 * bin][turn], sums[2 * bin + 1][turn]];
+                let sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
+                let rest = [one_rest, other_rest][turn].iter().zip(cos).zip(sin);
+                rest.fold(sum, |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
+            })
         })
     }
 }

@@ -1,9 +1,10 @@
 //! How well the lines of a spectrum support a mesh comb, and whether they support another one better.
 //! Positions are in bins.
 
-use super::line::{fits, noise_amplitude};
+use super::line::{MEDIAN_OF_NOISE, fits, noise_amplitude};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::speed::MeshContext;
+use super::sums::mean_of;
 
 /// Harmonics that are looked at.
 const ORDERS: usize = 10;
@@ -82,8 +83,8 @@ pub(super) enum CombDoubt {
 
 /// The lines of a spectrum up to a frequency: for each bin the logarithm of how far a line within its reach
 /// stands above the noise, 0 where there is none.
-struct Lines {
-    says: Vec<f64>,
+struct Lines<'a> {
+    says: &'a mut [f64],
     /// What a position has on the mean, and what a missing line takes off.
     chance: f64,
 }
@@ -94,10 +95,11 @@ pub(super) fn support(
     mesh: f64,
     context: &MeshContext,
     scratch: &mut Vec<f64>,
+    says: &mut Vec<f64>,
 ) -> Support {
     let sought = (1..=ORDERS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32;
     let top = ((ORDERS as f64 + 0.5) * mesh).min(amplitude.len() as f64 - 1.0) as usize;
-    let mut lines = Lines::of(&amplitude[..=top], scratch);
+    let mut lines = Lines::of(&amplitude[..=top], scratch, says);
     lines.without(mesh, context);
     let found = (1..=sought).filter(|order| lines.at(f64::from(*order) * mesh) > 0.0).count() as u32;
     let slower_shaft = mesh / f64::from(context.teeth.max(context.mate_teeth).max(1));
@@ -114,17 +116,42 @@ pub(super) fn support(
     Support { found, sought, doubt }
 }
 
-impl Lines {
-    fn of(amplitude: &[f64], scratch: &mut Vec<f64>) -> Self {
+fn highest(amplitude: &[f64]) -> f64 {
+    let (blocks, rest) = amplitude.as_chunks::<8>();
+    let larger = |a: f64, b: f64| if b > a { b } else { a };
+    let mut parts = [0.0; 8];
+    for block in blocks {
+        parts.iter_mut().zip(block).for_each(|(part, value)| *part = larger(*part, *value));
+    }
+    parts.into_iter().chain(rest.iter().copied()).fold(0.0, larger)
+}
+
+/// Whether even this highest bin does not stand out of the noise that the median of the bins `around` gives.
+/// Most stretches have no line, and to count the bins below a level takes a tenth of finding their median.
+fn nothing_stands_out(highest: f64, around: &[f64], least: f64) -> bool {
+    if highest < STANDS_OUT * least {
+        return true;
+    }
+    // The median is above this level where no more than half of the bins are not.
+    let level = highest / STANDS_OUT * MEDIAN_OF_NOISE * (1.0 + 1e-9);
+    let below = around.iter().map(|a| u32::from(*a <= level)).sum::<u32>();
+    below as usize <= around.len() / 2
+}
+
+impl<'a> Lines<'a> {
+    fn of(amplitude: &[f64], scratch: &mut Vec<f64>, says: &'a mut Vec<f64>) -> Self {
         let length = amplitude.len();
-        let mut says = vec![0.0_f64; length];
-        let least = NOISE_FLOOR * amplitude.iter().copied().fold(0.0, f64::max);
+        says.clear();
+        says.resize(length, 0.0);
+        let least = NOISE_FLOOR * highest(amplitude);
         for start in (0..length).step_by(NOISE_BINS) {
             let end = (start + NOISE_BINS).min(length);
+            let around = &amplitude[start.saturating_sub(NOISE_BINS / 2)..(end + NOISE_BINS / 2).min(length)];
+            if nothing_stands_out(highest(&amplitude[start..end]), around, least) {
+                continue;
+            }
             scratch.clear();
-            scratch.extend_from_slice(
-                &amplitude[start.saturating_sub(NOISE_BINS / 2)..(end + NOISE_BINS / 2).min(length)],
-            );
+            scratch.extend_from_slice(around);
             let Some(noise) =
                 noise_amplitude(scratch).map(|noise| noise.max(least)).filter(|noise| *noise > 0.0)
             else {
@@ -142,7 +169,7 @@ impl Lines {
                 }
             }
         }
-        let chance = MISSING + says.iter().sum::<f64>() / length as f64;
+        let chance = MISSING + mean_of(says, |says| *says);
         Self { says, chance }
     }
 
@@ -161,7 +188,7 @@ impl Lines {
     }
 
     fn at(&self, position: f64) -> f64 {
-        self.says.get(position.round() as usize).copied().unwrap_or(0.0)
+        self.says.get((position + 0.5) as usize).copied().unwrap_or(0.0)
     }
 
     /// What all lines say for a comb.
@@ -282,7 +309,7 @@ mod tests {
         let (mut bins, mut amplitude) = (Vec::new(), Vec::new());
         Transforms::default().forward(&mut samples, &mut bins);
         hann_amplitude(&bins, LENGTH, &mut amplitude);
-        support(&amplitude, mesh, context, &mut Vec::new())
+        support(&amplitude, mesh, context, &mut Vec::new(), &mut Vec::new())
     }
 
     fn comb(mesh: f64) -> impl Iterator<Item = f64> + Clone {
@@ -352,7 +379,7 @@ mod tests {
     #[test]
     fn nothing_at_all_is_no_panic() {
         for amplitude in [vec![0.0; 2], vec![0.0; 4000], vec![1.0; 30]] {
-            let support = support(&amplitude, 10.0, &context(), &mut Vec::new());
+            let support = support(&amplitude, 10.0, &context(), &mut Vec::new(), &mut Vec::new());
             assert_eq!(support.found, 0);
         }
     }

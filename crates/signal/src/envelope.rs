@@ -1,10 +1,13 @@
 //! The envelope spectrum of a band, from the band's bins alone.
 
+use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
+use rustfft::FftDirection;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::spectrum::hann_amplitude;
+use super::sums::mean_of;
 use super::transform::Transforms;
 
 /// The envelope has this many times as many samples as the band has bins. The modulus of a signal of B bins
@@ -134,9 +137,8 @@ pub(super) fn band_bins(
 /// Work space and result of an envelope spectrum.
 #[derive(Default)]
 pub(super) struct Envelope {
-    packed: Vec<Complex<f64>>,
-    real: Vec<f64>,
-    imaginary: Vec<f64>,
+    analytic: Vec<Complex<f64>>,
+    modulus: Vec<f64>,
     bins: Vec<Complex<f64>>,
     /// Amplitudes, as many as the band has bins, at the distance of the record's own bins.
     pub(super) amplitude: Vec<f64>,
@@ -158,32 +160,42 @@ impl Envelope {
     ) {
         let width = last - first + 1;
         let samples = (OVERSAMPLING * width).next_power_of_two().min(length);
-        let scale = 1.0 / length as f64;
-        // The analytic signal's real and imaginary parts are two real signals, the second a quarter period
-        // behind.
-        for (output, factor) in
-            [(&mut self.real, Complex::new(scale, 0.0)), (&mut self.imaginary, Complex::new(0.0, -scale))]
-        {
-            self.packed.clear();
-            self.packed.resize(samples / 2 + 1, Complex::default());
-            for (packed, bin) in self.packed[1..].iter_mut().zip(&bins[first..=last]) {
-                *packed = bin * factor;
-            }
-            output.resize(samples, 0.0);
-            transforms.inverse(&mut self.packed, output);
+        // Its real part is the band itself, which has each bin twice.
+        let scale = 2.0 / length as f64;
+        self.analytic.clear();
+        self.analytic.resize(samples, Complex::default());
+        for (place, bin) in self.analytic[1..].iter_mut().zip(&bins[first..=last]) {
+            *place = bin * scale;
         }
-        let mut sum = 0.0;
-        for (re, im) in self.real.iter_mut().zip(&self.imaginary) {
-            *re = (*re * *re + im * im).sqrt();
-            sum += *re;
-        }
-        let mean = sum / samples as f64;
-        self.real.iter_mut().for_each(|modulus| *modulus -= mean);
-        transforms.forward(&mut self.real, &mut self.bins);
+        transforms.complex(&mut self.analytic, FftDirection::Inverse);
+        self.modulus.resize(samples, 0.0);
+        Arch::new().dispatch(Moduli { analytic: &self.analytic, modulus: &mut self.modulus });
+        transforms.forward(&mut self.modulus, &mut self.bins);
         // The bins beyond the band's width are not asked for; two more are what the window needs.
         self.bins.truncate((width + 2).min(samples / 2 + 1));
         hann_amplitude(&self.bins, samples, &mut self.amplitude);
         self.amplitude.truncate(width);
+    }
+}
+
+/// The modulus of a signal without its mean: plain loops that are compiled for each kind of processor.
+struct Moduli<'a> {
+    analytic: &'a [Complex<f64>],
+    modulus: &'a mut [f64],
+}
+
+impl WithSimd for Moduli<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (modulus, z) in self.modulus.iter_mut().zip(self.analytic) {
+            *modulus = z.norm_sqr().sqrt();
+        }
+        let mean = mean_of(self.modulus, |modulus| *modulus);
+        for modulus in self.modulus {
+            *modulus -= mean;
+        }
     }
 }
 

@@ -1,5 +1,7 @@
 //! Samples that are not what the sensor felt: clipped ones and gaps.
 
+use pulp::{Arch, Simd, WithSimd};
+
 use super::indicators::Absence;
 
 /// This many equal samples in a row are no vibration.
@@ -26,7 +28,27 @@ const STRIDE: usize = 64;
 
 /// What makes indicators of a record's shape meaningless: a gap filled with one value, or clipping. `low` and
 /// `high` are the samples' lowest and highest value.
-pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
+pub(super) fn fault(samples: &[f32], range: [f32; 2]) -> Option<Absence> {
+    Arch::new().dispatch(Looking { samples, range })
+}
+
+/// Plain loops that are compiled for each kind of processor.
+struct Looking<'a> {
+    samples: &'a [f32],
+    range: [f32; 2],
+}
+
+impl WithSimd for Looking<'_> {
+    type Output = Option<Absence>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Option<Absence> {
+        fault_within(self.samples, self.range)
+    }
+}
+
+#[inline(always)]
+fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     if low >= high {
         return Some(Absence::Constant);
     }
@@ -64,6 +86,7 @@ pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
 }
 
 /// Whether samples pile up at a limit: many more at it than next to it.
+#[inline(always)]
 fn piled_up(samples: &[f32], limit: f32, range: f32) -> bool {
     let at_limit = samples.iter().filter(|&&x| x == limit).count();
     if at_limit < PILED_UP_SAMPLES {

@@ -2,6 +2,7 @@
 
 use realfft::num_complex::Complex;
 
+use super::sums::mean_of;
 use super::transform::Transforms;
 
 /// Shaft orders that are regular: once and twice per turn (unbalance, misalignment).
@@ -44,24 +45,25 @@ impl GearSignals {
         if teeth == 0 || 2 * (teeth + 1) >= samples {
             return None;
         }
-        let mut bins = Vec::new();
-        transforms.forward(&mut average.to_vec(), &mut bins);
+        let (mut bins, mut turn) = (transforms.complex_room(), transforms.room());
+        turn.extend_from_slice(average);
+        transforms.forward(&mut turn, &mut bins);
+        transforms.keep(turn);
         let scale = 1.0 / samples as f64;
         bins.iter_mut().for_each(|bin| *bin *= scale);
         bins[0] = Complex::default();
         let mut signal = |keep: &dyn Fn(usize) -> bool, factor: Complex<f64>| {
-            let mut kept: Vec<Complex<f64>> = bins
-                .iter()
-                .enumerate()
-                .map(|(k, bin)| if keep(k) { bin * factor } else { Complex::default() })
-                .collect();
+            let (mut kept, mut output) = (transforms.complex_room(), transforms.room());
+            let all = bins.iter().enumerate();
+            kept.extend(all.map(|(k, bin)| if keep(k) { bin * factor } else { Complex::default() }));
             if let Some(last) = kept.last_mut()
                 && samples.is_multiple_of(2)
             {
                 last.im = 0.0;
             }
-            let mut output = vec![0.0; samples];
+            output.resize(samples, 0.0);
             transforms.inverse(&mut kept, &mut output);
+            transforms.keep_complex(kept);
             output
         };
         let one = Complex::new(1.0, 0.0);
@@ -71,19 +73,31 @@ impl GearSignals {
             ..=(teeth + SIDEBANDS).min(2 * teeth - 1).min((samples - 1) / 2);
         let real = signal(&|k| band.contains(&k), one);
         let imaginary = signal(&|k| band.contains(&k), Complex::new(0.0, -1.0));
-        let mut mesh_envelope: Vec<f64> =
-            real.iter().zip(&imaginary).map(|(re, im)| (re * re + im * im).sqrt()).collect();
-        let mean = mesh_envelope.iter().sum::<f64>() * scale;
+        let [whole, regular, residual, difference] = [
+            signal(&|_| true, one),
+            signal(&regular, one),
+            signal(&|k| !regular(k), one),
+            signal(&|k| !regular(k) && !sideband(k), one),
+        ];
+        let mut mesh_envelope = real;
+        for (re, im) in mesh_envelope.iter_mut().zip(&imaginary) {
+            *re = (*re * *re + im * im).sqrt();
+        }
+        let mean = mean_of(&mesh_envelope, |modulus| *modulus);
         mesh_envelope.iter_mut().for_each(|modulus| *modulus -= mean);
-        Some(Self {
-            average: signal(&|_| true, one),
-            regular: signal(&regular, one),
-            residual: signal(&|k| !regular(k), one),
-            difference: signal(&|k| !regular(k) && !sideband(k), one),
-            mesh_envelope,
-            amplitude: bins.iter().map(|bin| 2.0 * bin.norm()).collect(),
-            teeth,
-        })
+        transforms.keep(imaginary);
+        let mut amplitude = transforms.room();
+        amplitude.extend(bins.iter().map(|bin| 2.0 * bin.norm()));
+        transforms.keep_complex(bins);
+        Some(Self { average: whole, regular, residual, difference, mesh_envelope, amplitude, teeth })
+    }
+
+    /// Gives the memory back.
+    pub(super) fn give_back(self, transforms: &mut Transforms) {
+        let Self { average, regular, residual, difference, mesh_envelope, amplitude, .. } = self;
+        for room in [average, regular, residual, difference, mesh_envelope, amplitude] {
+            transforms.keep(room);
+        }
     }
 
     /// Amplitude (peak) of mesh harmonic `order`, where it lies below half the sampling rate.

@@ -83,6 +83,7 @@ mod spectrum;
 mod speed;
 mod speed_wander;
 mod steadying;
+mod sums;
 mod tooth_contrast;
 mod transform;
 

@@ -1,7 +1,7 @@
 //! Reading one line of a Hann amplitude spectrum between its bins, and the noise beside it. Positions are in
 //! bins.
 
-use std::f64::consts::{LN_2, PI};
+use std::f64::consts::PI;
 
 /// A line's main lobe under the Hann window reaches two bins to either side.
 pub(super) const MAIN_LOBE_BINS: f64 = 2.0;
@@ -18,6 +18,9 @@ const WANDER_FRACTION: f64 = 5e-4;
 
 /// What stands out: noise alone reaches 4 times its root mean square in one bin of e¹⁶ = 9 million.
 const STANDING_OUT: f64 = 4.0;
+
+/// Median of the amplitude of noise in parts of its root mean square: √(ln 2).
+pub(super) const MEDIAN_OF_NOISE: f64 = 0.832_554_611_157_697_7;
 
 /// Bins on each side of a line that its background is taken from.
 const BACKGROUND_BINS: usize = 32;
@@ -119,7 +122,7 @@ pub(super) fn noise_amplitude(values: &mut [f64]) -> Option<f64> {
     }
     let middle = values.len() / 2;
     let (_, median, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    Some(*median / LN_2.sqrt())
+    Some(*median / MEDIAN_OF_NOISE)
 }
 
 /// Root-mean-square amplitude of the noise in one bin near `position`, from up to 32 bins on each side.

@@ -1,11 +1,14 @@
 //! Following a mesh harmonic's phase through a record, and with it the shaft's angle.
 
+use std::cmp::Ordering;
 use std::f64::consts::TAU;
 
 use realfft::num_complex::Complex;
+use rustfft::FftDirection;
 
-use super::phases::phases;
+use super::phases::phases_of;
 use super::shaft_angle::{AngleSource, ShaftAngle};
+use super::sums::mean_of;
 use super::transform::Transforms;
 
 /// Harmonics that are tried; the one that gives the angle best is taken.
@@ -86,11 +89,12 @@ impl MeshBand<'_> {
         transforms: &mut Transforms,
     ) -> Option<ShaftAngle> {
         let shaft_hz = self.mesh_hz / f64::from(self.teeth);
-        let angles = (1..=HARMONICS_ALONG).filter_map(|harmonic| {
+        let followed = (1..=HARMONICS_ALONG).filter_map(|harmonic| {
             let reach_hz = KNOWN_REACH_SHAFTS * shaft_hz + part * f64::from(harmonic) * self.mesh_hz;
             self.follow(harmonic, reach_hz, Some(ahead_periods), transforms)
         });
-        best(angles)
+        let followed = followed.collect();
+        self.best(followed, transforms)
     }
 
     fn track(
@@ -98,11 +102,10 @@ impl MeshBand<'_> {
         reach_hz: impl Fn(f64) -> Option<f64>,
         transforms: &mut Transforms,
     ) -> Option<ShaftAngle> {
-        best(
-            (1..=HARMONICS).filter_map(|harmonic| {
-                self.follow(harmonic, reach_hz(f64::from(harmonic))?, None, transforms)
-            }),
-        )
+        let followed = (1..=HARMONICS)
+            .filter_map(|harmonic| self.follow(harmonic, reach_hz(f64::from(harmonic))?, None, transforms));
+        let followed = followed.collect();
+        self.best(followed, transforms)
     }
 
     /// Follows one harmonic in the band of ± `reach_hz` around where it is expected.
@@ -117,7 +120,7 @@ impl MeshBand<'_> {
         reach_hz: f64,
         ahead_periods: Option<&dyn Fn(f64) -> f64>,
         transforms: &mut Transforms,
-    ) -> Option<ShaftAngle> {
+    ) -> Option<Followed> {
         let duration_s = self.length as f64 / self.sample_rate_hz;
         let orders = f64::from(harmonic) * f64::from(self.teeth);
         let shaft_bins = self.mesh_hz / f64::from(self.teeth) * duration_s;
@@ -135,58 +138,94 @@ impl MeshBand<'_> {
         let signal = self.analytic(first, last, transforms);
         let samples = signal.len();
         let turn = (samples as f64 / shaft_bins).round().max(1.0) as usize;
-        let mut phase = match ahead_periods {
-            None => first_phase(&signal, turn),
+        let (mut phase, mut turned) = (transforms.room(), transforms.complex_room());
+        let (mut line, mut steps) = (transforms.complex_room(), transforms.complex_room());
+        match ahead_periods {
+            None => turn_back_by_frequency(&signal, turn, &mut phase, &mut turned, transforms),
             Some(ahead_periods) => {
                 let constant = TAU * (centre_hz * duration_s - (first - 1) as f64) / samples as f64;
                 let ahead = |j: usize| TAU * f64::from(harmonic) * ahead_periods(j as f64 / samples as f64);
-                (0..samples).map(|j| constant * j as f64 + ahead(j)).collect()
+                phase.extend((0..samples).map(|j| constant * j as f64 + ahead(j)));
+                turned
+                    .extend(signal.iter().zip(&phase).map(|(z, phase)| z * Complex::from_polar(1.0, -phase)));
             }
-        };
+        }
         let reach_bins = (LINE_REACH_SHAFTS * shaft_bins).ceil() as usize;
-        let mut turned = turned_back(&signal, &phase);
-        let mut line = low_pass(&turned, reach_bins, transforms);
+        let mut moves = transforms.room();
+        low_pass(&turned, reach_bins, &mut line, transforms);
         for step in 0..STEPS {
             if step > 0 {
                 turn_back_by(&mut turned, &line);
-                line = low_pass(&turned, reach_bins, transforms);
+                low_pass(&turned, reach_bins, &mut line, transforms);
             }
             let mut left = line[0].arg();
             phase[0] += left;
-            let steps: Vec<Complex<f64>> = line.windows(2).map(|pair| pair[1] * pair[0].conj()).collect();
-            for (phase, step) in phase[1..].iter_mut().zip(phases(&steps)) {
+            steps.clear();
+            steps.extend(line.windows(2).map(|pair| pair[1] * pair[0].conj()));
+            phases_of(&steps, &mut moves);
+            for (phase, step) in phase[1..].iter_mut().zip(&moves) {
                 left += step;
                 *phase += left;
             }
         }
         let left_out = (UNSETTLED_TURNS * turn as f64) as usize;
         let inside = left_out..samples.saturating_sub(left_out);
-        if inside.len() < 2 {
-            return None;
+        let standing = (inside.len() >= 2).then(|| {
+            let (line, signal) = (&line[inside.clone()], &signal[inside]);
+            let line_power = mean_of(line, Complex::norm_sqr);
+            let rest = (mean_of(signal, Complex::norm_sqr) - line_power).max(0.0);
+            let line_bins = (2 * reach_bins + 1) as f64;
+            let other_bins = ((last - first + 1) as f64 - line_bins).max(1.0);
+            // A computed signal may have nothing at all beside its line.
+            let background = (rest * line_bins / other_bins).max(1e-18 * line_power);
+            let lowest = line.iter().map(Complex::norm_sqr).fold(f64::INFINITY, f64::min).sqrt();
+            ((line_power / background).sqrt(), lowest >= LOST_LINE * line_power.sqrt())
+        });
+        for room in [signal, turned, line, steps] {
+            transforms.keep_complex(room);
         }
-        let power =
-            |values: &[Complex<f64>]| values.iter().map(|z| z.norm_sqr()).sum::<f64>() / values.len() as f64;
-        let line_power = power(&line[inside.clone()]);
-        let rest = (power(&signal[inside.clone()]) - line_power).max(0.0);
-        let line_bins = (2 * reach_bins + 1) as f64;
-        let other_bins = ((last - first + 1) as f64 - line_bins).max(1.0);
-        // A computed signal may have nothing at all beside its line.
-        let background = (rest * line_bins / other_bins).max(1e-18 * line_power);
-        let ratio = (line_power / background).sqrt();
-        let lowest = line[inside.clone()].iter().map(|z| z.norm()).fold(f64::INFINITY, f64::min);
-        let followed = ratio >= LEAST_RATIO && lowest >= LOST_LINE * line_power.sqrt();
-        if !followed {
-            return None;
+        transforms.keep(moves);
+        match standing {
+            Some((ratio, true)) if ratio >= LEAST_RATIO => {
+                Some(Followed { harmonic, ratio, orders, first, left_out, phase })
+            }
+            _ => {
+                transforms.keep(phase);
+                None
+            }
         }
+    }
+
+    /// The angle by the harmonic that is followed best.
+    fn best(&self, mut followed: Vec<Followed>, transforms: &mut Transforms) -> Option<ShaftAngle> {
+        let mut angle = None;
+        while angle.is_none()
+            && let Some((index, _)) = followed.iter().enumerate().max_by(|(_, a), (_, b)| a.cmp(b))
+        {
+            let best = followed.remove(index);
+            angle = self.angle(&best);
+            transforms.keep(best.phase);
+        }
+        for other in followed {
+            transforms.keep(other.phase);
+        }
+        angle
+    }
+
+    fn angle(&self, followed: &Followed) -> Option<ShaftAngle> {
+        let Followed { harmonic, ratio, orders, first, left_out, phase } = followed;
+        let duration_s = self.length as f64 / self.sample_rate_hz;
+        let samples = phase.len();
+        let inside = *left_out..samples - left_out;
         // The band was moved down to bin 1.
         let moved = |j: usize| TAU * (first - 1) as f64 * j as f64 / samples as f64;
-        let start = phase[left_out] + moved(left_out);
+        let start = phase[*left_out] + moved(*left_out);
         let revolutions = inside.clone().map(|j| (phase[j] + moved(j) - start) / (TAU * orders)).collect();
         let times_s = inside.map(|j| j as f64 * duration_s / samples as f64).collect();
         let source = AngleSource::MeshPhase {
-            harmonic,
-            line_to_background: ratio,
-            angle_error_deg: 360.0 / (TAU * orders * ratio * 2.0_f64.sqrt()),
+            harmonic: *harmonic,
+            line_to_background: *ratio,
+            angle_error_deg: followed.angle_error_deg(),
         };
         ShaftAngle::through(revolutions, times_s, source).ok()
     }
@@ -219,61 +258,90 @@ impl MeshBand<'_> {
         last: usize,
         transforms: &mut Transforms,
     ) -> Vec<Complex<f64>> {
-        let scale = 1.0 / self.length as f64;
-        let mut part = |factor: Complex<f64>| {
-            let mut packed = vec![Complex::default(); samples / 2 + 1];
-            for (packed, bin) in packed[1..].iter_mut().zip(&self.bins[first..=last]) {
-                *packed = bin * factor;
-            }
-            let mut output = vec![0.0; samples];
-            transforms.inverse(&mut packed, &mut output);
-            output
-        };
-        let real = part(Complex::new(scale, 0.0));
-        let imaginary = part(Complex::new(0.0, -scale));
-        real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
-    }
-}
-
-/// The angle that is followed best.
-fn best(angles: impl Iterator<Item = ShaftAngle>) -> Option<ShaftAngle> {
-    let quality = |angle: &ShaftAngle| match angle.source() {
-        AngleSource::MeshPhase { line_to_background, angle_error_deg, .. }
-            if line_to_background >= SAFE_RATIO =>
-        {
-            (true, -angle_error_deg)
+        // Its real part is the band itself, which has each bin twice.
+        let scale = 2.0 / self.length as f64;
+        let mut signal = transforms.complex_room();
+        signal.resize(samples, Complex::default());
+        for (place, bin) in signal[1..].iter_mut().zip(&self.bins[first..=last]) {
+            *place = bin * scale;
         }
-        AngleSource::MeshPhase { line_to_background, .. } => (false, line_to_background),
-        _ => (false, 0.0),
-    };
-    angles.max_by(|a, b| {
-        let ((a_is_safe, a), (b_is_safe, b)) = (quality(a), quality(b));
-        a_is_safe.cmp(&b_is_safe).then(a.total_cmp(&b))
-    })
+        transforms.complex(&mut signal, FftDirection::Inverse);
+        signal
+    }
 }
 
-/// The integral of the frequency over `turn` samples around each sample, weighted by power.
-fn first_phase(signal: &[Complex<f64>], turn: usize) -> Vec<f64> {
-    let mut sums: Vec<Complex<f64>> = vec![Complex::default()];
-    let mut sum = sums[0];
-    for pair in signal.windows(2) {
-        sum += pair[1] * pair[0].conj();
-        sums.push(sum);
+/// One harmonic that stands out, and its phase.
+struct Followed {
+    harmonic: u32,
+    /// Amplitude of the line over the background.
+    ratio: f64,
+    /// Periods of the harmonic in a turn of the shaft.
+    orders: f64,
+    /// First bin of the band.
+    first: usize,
+    /// Samples at each end that have not settled.
+    left_out: usize,
+    /// By sample of the band's signal.
+    phase: Vec<f64>,
+}
+
+impl Followed {
+    fn angle_error_deg(&self) -> f64 {
+        360.0 / (TAU * self.orders * self.ratio * 2.0_f64.sqrt())
     }
+
+    /// Which one is followed better.
+    fn cmp(&self, other: &Self) -> Ordering {
+        let quality = |followed: &Self| {
+            if followed.ratio >= SAFE_RATIO {
+                (true, -followed.angle_error_deg())
+            } else {
+                (false, followed.ratio)
+            }
+        };
+        let ((is_safe, this), (other_is_safe, other)) = (quality(self), quality(other));
+        is_safe.cmp(&other_is_safe).then(this.total_cmp(&other))
+    }
+}
+
+/// The phase by the frequency over `turn` samples around each sample, weighted by power, and the signal turned
+/// back by it.
+fn turn_back_by_frequency(
+    signal: &[Complex<f64>],
+    turn: usize,
+    phase: &mut Vec<f64>,
+    turned: &mut Vec<Complex<f64>>,
+    transforms: &mut Transforms,
+) {
+    let (mut sums, mut steps) = (transforms.complex_room(), transforms.complex_room());
+    let mut sum = Complex::default();
+    sums.push(sum);
+    sums.extend(signal.windows(2).map(|pair| {
+        sum += pair[1] * pair[0].conj();
+        sum
+    }));
     let half = turn.div_ceil(2);
     let around = |j: usize| sums[(j + 1 + half).min(sums.len() - 1)] - sums[j.saturating_sub(half)];
-    let steps: Vec<Complex<f64>> = (0..signal.len() - 1).map(around).collect();
-    let mut phase = vec![0.0];
+    steps.extend((0..signal.len() - 1).map(around));
+    phases_of(&steps, phase);
     let mut total = 0.0;
-    phase.extend(phases(&steps).iter().map(|step| {
-        total += step;
-        total
+    for phase in phase.iter_mut() {
+        total += *phase;
+        *phase = total;
+    }
+    phase.insert(0, 0.0);
+    // What turns back goes on with each step: no sine is needed.
+    let mut back = Complex::new(1.0, 0.0);
+    turned.push(signal[0]);
+    turned.extend(signal[1..].iter().zip(&steps).map(|(z, step)| {
+        let modulus = step.norm_sqr().sqrt();
+        if modulus > 0.0 {
+            back *= step.conj() / modulus;
+        }
+        z * back
     }));
-    phase
-}
-
-fn turned_back(signal: &[Complex<f64>], phase: &[f64]) -> Vec<Complex<f64>> {
-    signal.iter().zip(phase).map(|(z, phase)| z * Complex::from_polar(1.0, -phase)).collect()
+    transforms.keep_complex(sums);
+    transforms.keep_complex(steps);
 }
 
 /// Turns each sample back by the phase of `line` there, which is what was last added to the followed phase.
@@ -288,18 +356,19 @@ fn turn_back_by(signal: &mut [Complex<f64>], line: &[Complex<f64>]) {
 }
 
 /// What lies within `reach` bins of zero.
-fn low_pass(signal: &[Complex<f64>], reach: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
+fn low_pass(
+    signal: &[Complex<f64>],
+    reach: usize,
+    line: &mut Vec<Complex<f64>>,
+    transforms: &mut Transforms,
+) {
+    line.clear();
+    line.extend_from_slice(signal);
+    transforms.complex(line, FftDirection::Forward);
     let scale = 1.0 / signal.len() as f64;
-    let mut filter = |mut values: Vec<f64>| {
-        let mut bins = Vec::new();
-        transforms.forward(&mut values, &mut bins);
-        for (k, bin) in bins.iter_mut().enumerate() {
-            *bin = if k <= reach { *bin * scale } else { Complex::default() };
-        }
-        transforms.inverse(&mut bins, &mut values);
-        values
-    };
-    let real = filter(signal.iter().map(|z| z.re).collect());
-    let imaginary = filter(signal.iter().map(|z| z.im).collect());
-    real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
+    let last = signal.len() - 1;
+    for (k, bin) in line.iter_mut().enumerate() {
+        *bin = if k <= reach || last - k < reach { *bin * scale } else { Complex::default() };
+    }
+    transforms.complex(line, FftDirection::Inverse);
 }

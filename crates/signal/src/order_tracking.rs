@@ -257,7 +257,9 @@ impl Analyzer {
             turned.mesh_line(mesh.teeth, transforms).map(|line| line.amplitude).ok_or(Absence::AboveNyquist);
         let signals = split(turned, mesh, transforms)?;
         let angle = AngleUsed { source: turned.angle, turns: turned.turns, tachometer_refused: refused };
-        Ok(GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics))
+        let analysis = GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics);
+        signals.give_back(transforms);
+        Ok(analysis)
     }
 }
 
@@ -267,11 +269,15 @@ fn split(
     mesh: &MeshContext,
     transforms: &mut Transforms,
 ) -> Result<GearSignals, Absence> {
-    let average = turned.synchronous_average();
+    let [mut average, mut odd] = [transforms.room(), transforms.room()];
+    turned.average_into([&mut average, &mut odd]);
     // Lines between two orders are taken out before; those near to one cannot be told from it.
     let near = NEAR_ORDER_BINS / turned.turns as f64;
     let is_foreign = |order: usize| mesh.others.lie_at(order as f64, near);
-    GearSignals::split(&average, mesh.teeth, &is_foreign, transforms).ok_or(Absence::AboveNyquist)
+    let signals = GearSignals::split(&average, mesh.teeth, &is_foreign, transforms);
+    transforms.keep(average);
+    transforms.keep(odd);
+    signals.ok_or(Absence::AboveNyquist)
 }
 
 /// Whether a record's shape is the machine's: not that of a converter's limit or of missing samples.

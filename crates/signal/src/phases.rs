@@ -26,11 +26,10 @@ const DENOMINATOR: [f64; 5] = [
     1.945_506_571_482_614e2,
 ];
 
-/// The phase of each value, from −π to π.
-pub(super) fn phases(values: &[Complex<f64>]) -> Vec<f64> {
-    let mut phases = vec![0.0; values.len()];
-    Arch::new().dispatch(Phases { values, phases: &mut phases });
-    phases
+/// Puts the phase of each value, from −π to π, into `phases`.
+pub(super) fn phases_of(values: &[Complex<f64>], phases: &mut Vec<f64>) {
+    phases.resize(values.len(), 0.0);
+    Arch::new().dispatch(Phases { values, phases });
 }
 
 struct Phases<'a> {
@@ -81,7 +80,9 @@ mod tests {
             [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 1.0), (-1.0, 1e-300)];
         let values: Vec<Complex<f64>> =
             on_circle.chain(on_axes.map(|(re, im)| Complex::new(re, im))).collect();
-        for (got, value) in phases(&values).iter().zip(&values) {
+        let mut phases = Vec::new();
+        phases_of(&values, &mut phases);
+        for (got, value) in phases.iter().zip(&values) {
             let want = value.im.atan2(value.re);
             assert!((got - want).abs() <= 4.0 * f64::EPSILON * want.abs(), "{value}: {got} {want}");
         }

@@ -7,6 +7,7 @@ use super::indicators::Absence;
 use super::interpolation::{Kernel, REACH};
 use super::record::Record;
 use super::shaft_angle::ShaftAngle;
+use super::sums::mean_of;
 
 /// The fewest whole turns that are averaged.
 pub(super) const LEAST_TURNS: usize = 4;
@@ -81,9 +82,8 @@ impl Resampler {
         let turns = turns as usize;
         let Self { kernel, centred, steps, positions, spare } = self;
         let kernel = kernel.get_or_insert_with(Kernel::new);
-        let mean = samples.iter().map(|&x| f64::from(x)).sum::<f64>() / samples.len() as f64;
-        centred.clear();
-        centred.extend(samples.iter().map(|&x| f64::from(x) - mean));
+        centred.resize(samples.len(), 0.0);
+        kernel.arch().dispatch(Centring { samples, centred });
         steps.clear();
         steps.extend((0..samples_per_turn).map(|j| j as f64 / samples_per_turn as f64));
         positions.resize(samples_per_turn, 0.0);
@@ -119,6 +119,24 @@ impl Resampler {
     /// Drops work space.
     pub(super) fn give_back(&mut self) {
         *self = Self { kernel: self.kernel.take(), ..Self::default() };
+    }
+}
+
+/// A record without its mean: plain loops that are compiled for each kind of processor.
+struct Centring<'a> {
+    samples: &'a [f32],
+    centred: &'a mut [f64],
+}
+
+impl WithSimd for Centring<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let mean = mean_of(self.samples, |&x| f64::from(x));
+        for (centred, &x) in self.centred.iter_mut().zip(self.samples) {
+            *centred = f64::from(x) - mean;
+        }
     }
 }
 

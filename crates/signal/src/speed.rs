@@ -161,15 +161,16 @@ fn find_comb(
     [low, high]: [f64; 2],
     context: &MeshContext,
     scratch: &mut Vec<f64>,
+    says: &mut Vec<f64>,
 ) -> Option<(MeshComb, Support)> {
     let first = mesh_comb::find(amplitude, [low, high], context.teeth, scratch)?;
-    let lines = support(amplitude, first.mesh, context, scratch);
+    let lines = support(amplitude, first.mesh, context, scratch, says);
     if let Some(CombDoubt::OtherMesh(other)) = lines.doubt
         && (low..=high).contains(&other)
     {
         let near = [other * (1.0 - NEAR_OTHER), other * (1.0 + NEAR_OTHER)];
         let second = mesh_comb::find(amplitude, near, context.teeth, scratch);
-        let second = second.map(|comb| (comb, support(amplitude, comb.mesh, context, scratch)));
+        let second = second.map(|comb| (comb, support(amplitude, comb.mesh, context, scratch, says)));
         if let Some(better) = second.filter(|(_, lines)| lines.doubt.is_none()) {
             return Some(better);
         }
@@ -189,6 +190,7 @@ pub(super) fn locate(
     context: &MeshContext,
     constant: bool,
     scratch: &mut Vec<f64>,
+    says: &mut Vec<f64>,
 ) -> LocatedMesh {
     let teeth = f64::from(context.teeth);
     let nominal_hz = context.nominal_shaft_speed_hz;
@@ -215,12 +217,12 @@ pub(super) fn locate(
         None => {
             let highest = amplitude.len() as f64 - 1.0 - MAIN_LOBE_BINS;
             let range = [centre * (1.0 - tolerance), (centre * (1.0 + tolerance)).min(highest)];
-            find_comb(amplitude, range, context, scratch)
+            find_comb(amplitude, range, context, scratch, says)
         }
     };
     let (comb, lines) = comb.unzip();
     let lines = lines.or_else(|| {
-        (given.is_some() && absence.is_none()).then(|| support(amplitude, centre, context, scratch))
+        (given.is_some() && absence.is_none()).then(|| support(amplitude, centre, context, scratch, says))
     });
     let comb_to_background = comb.map(|comb| comb.to_background);
     let (harmonics_found, harmonics_sought) =

@@ -4,6 +4,7 @@
 use std::f64::consts::TAU;
 
 use realfft::num_complex::Complex;
+use rustfft::FftDirection;
 
 use super::line::{MAIN_LOBE_BINS, noise_amplitude, read_line};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
@@ -58,8 +59,9 @@ pub(super) struct Steadied {
 impl Steadied {
     /// Puts the transform back.
     pub(super) fn undo(self, work: &mut RecordSpectrum) {
-        work.bins = self.bins;
-        work.amplitude = self.amplitude;
+        let bins = std::mem::replace(&mut work.bins, self.bins);
+        let amplitude = std::mem::replace(&mut work.amplitude, self.amplitude);
+        work.steadied = (bins, amplitude);
     }
 }
 
@@ -108,7 +110,8 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
     if ahead.swing() * f64::from(mesh.teeth) * (harmonics as f64) < LEAST_SWING_TURNS {
         return None;
     }
-    let mut steadied = work.bins.clone();
+    let mut steadied = std::mem::take(&mut work.steadied.0);
+    steadied.clone_from(&work.bins);
     for order in 1..=harmonics {
         let centre = order as f64 * mean_bins;
         let inner = REACH_SHAFTS * mean_bins / f64::from(mesh.teeth);
@@ -126,23 +129,19 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
             let back = TAU * turns_each * ahead.revolutions(j as f64 / samples as f64);
             *z *= Complex::from_polar(1.0, -back);
         }
-        let mut part = |values: Vec<f64>| {
-            let (mut values, mut bins) = (values, Vec::new());
-            work.transforms.forward(&mut values, &mut bins);
-            bins
-        };
-        let real = part(signal.iter().map(|z| z.re).collect());
-        let imaginary = part(signal.iter().map(|z| z.im).collect());
+        work.transforms.complex(&mut signal, FftDirection::Forward);
         // The analytic signal holds each bin twice over the record's length.
         let scale = work.length as f64 / (2.0 * samples as f64);
         let kept = (centre - inner).ceil() as usize..=(centre + inner).floor() as usize;
         for bin in kept.filter(|bin| (first..=last).contains(bin)) {
             let m = bin - first + 1;
-            steadied[bin] = (real[m] + imaginary[m] * Complex::i()) * scale;
+            steadied[bin] = signal[m] * scale;
         }
+        work.transforms.keep_complex(signal);
     }
     let bins = std::mem::replace(&mut work.bins, steadied);
-    let amplitude = std::mem::take(&mut work.amplitude);
+    let room = std::mem::take(&mut work.steadied.1);
+    let amplitude = std::mem::replace(&mut work.amplitude, room);
     hann_amplitude(&work.bins, work.length, &mut work.amplitude);
     Some(Steadied { mesh_bins: mean_bins, bins, amplitude })
 }

@@ -10,6 +10,7 @@ use realfft::num_complex::Complex;
 use super::angle_record::AngleRecord;
 use super::features::Features;
 use super::speed::MeshContext;
+use super::sums::{mean_of, sum_of};
 use super::transform::Transforms;
 
 /// Shaft orders beside each mesh harmonic that are left out on each side: errors of the whole gear modulate
@@ -45,24 +46,60 @@ pub(super) fn insert_tooth_checks(
         return;
     }
     let highest = (harmonics * teeth + teeth / 2).min((per_turn - 1) / 2);
-    let left_out = |order: usize| {
+    let mut kept = transforms.room();
+    kept.extend((0..=per_turn / 2).map(|order| {
         let beside = (order % teeth).min(teeth - order % teeth);
-        beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0)
-    };
-    let left_out: Vec<bool> = (0..=per_turn / 2).map(left_out).collect();
-    for group in GROUPS.into_iter().filter(|group| *group <= turned.turns).take(MOST_GROUPS) {
-        let mut contrast = Contrast::default();
-        let groups = turned.turns / group;
-        for first in (0..groups).map(|index| index * group) {
-            contrast.add(turned.sums(first..first + group), group, teeth, &left_out, transforms);
+        let left_out = beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0);
+        f64::from(u8::from(!left_out))
+    }));
+    let filled = GROUPS.into_iter().filter(|group| *group <= turned.turns).take(MOST_GROUPS);
+    let mut levels: [Option<Contrast>; MOST_GROUPS] = [const { None }; MOST_GROUPS];
+    for (level, group) in levels.iter_mut().zip(filled) {
+        *level = Some(Contrast::of(group, teeth, transforms));
+    }
+    // The smallest group first: its averages add up to those of the larger ones.
+    let mut levels: Vec<Contrast> = levels.into_iter().flatten().collect();
+    levels.reverse();
+    let smallest = levels.first().map_or(usize::MAX, |level| level.group);
+    let [mut even, mut odd] = [transforms.room(), transforms.room()];
+    for first in (0..turned.turns / smallest).map(|index| index * smallest) {
+        turned.sum_into(first..first + smallest, [&mut even, &mut odd]);
+        // The difference between even and odd turns has the noise of the average and nothing of what repeats.
+        for (even, odd) in even.iter_mut().zip(&mut odd) {
+            (*even, *odd) = (*even + *odd, *even - *odd);
         }
-        contrast.insert(group, features);
+        levels[0].turns += smallest;
+        for (signal, bins) in [&mut even, &mut odd].into_iter().zip(&mut levels[0].bins) {
+            transforms.forward(signal, bins);
+        }
+        for index in 0..levels.len() {
+            let (below, above) = levels.split_at_mut(index + 1);
+            let level = &mut below[index];
+            if level.turns < level.group {
+                break;
+            }
+            if let Some(above) = above.first_mut() {
+                above.add(level);
+            }
+            level.take(&kept, &mut even, transforms);
+        }
+    }
+    for level in levels {
+        level.insert(features, transforms);
+    }
+    for room in [kept, even, odd] {
+        transforms.keep(room);
     }
 }
 
-/// What several averages have between the mesh harmonics.
-#[derive(Debug, Default)]
+/// What several averages of as many turns have between the mesh harmonics.
 struct Contrast {
+    /// Turns of an average, and those of the one that is being made.
+    group: usize,
+    turns: usize,
+    teeth: usize,
+    /// Transforms of the sum of all turns and of the difference between even and odd ones.
+    bins: [Vec<Complex<f64>>; 2],
     averages: f64,
     /// Mean squares of what lies between the harmonics, of the noise in it, and the fourth moment.
     repeated: f64,
@@ -75,51 +112,73 @@ struct Contrast {
 }
 
 impl Contrast {
-    /// Takes one average, from the sums over its even and its odd turns.
-    fn add(
-        &mut self,
-        [mut average, mut alternating]: [Vec<f64>; 2],
-        turns: usize,
-        teeth: usize,
-        left_out: &[bool],
-        transforms: &mut Transforms,
-    ) {
-        let scale = 1.0 / turns as f64;
-        // Half the difference between even and odd turns has the noise of the average and nothing of what
-        // repeats.
-        for (even, odd) in average.iter_mut().zip(&mut alternating) {
-            (*even, *odd) = ((*even + *odd) * scale, (*even - *odd) * scale);
+    fn of(group: usize, teeth: usize, transforms: &mut Transforms) -> Self {
+        Self {
+            group,
+            turns: 0,
+            teeth,
+            bins: [transforms.complex_room(), transforms.complex_room()],
+            averages: 0.0,
+            repeated: 0.0,
+            noise: 0.0,
+            fourth: 0.0,
+            floor: 0.0,
+            by_pitch: transforms.room(),
         }
-        self.floor = self.floor.max(ROUNDING * ROUNDING * mean_square(&average));
-        let mut between_harmonics = |signal: &mut [f64]| {
-            let mut bins = Vec::new();
-            transforms.forward(signal, &mut bins);
-            for (bin, out) in bins.iter_mut().zip(left_out) {
-                if *out {
-                    *bin = Complex::default();
-                }
-            }
-            transforms.inverse(&mut bins, signal);
-            let scale = 1.0 / signal.len() as f64;
-            signal.iter_mut().for_each(|x| *x *= scale);
-        };
-        between_harmonics(&mut average);
-        between_harmonics(&mut alternating);
-        self.averages += 1.0;
-        self.repeated += mean_square(&average);
-        self.noise += mean_square(&alternating);
-        self.fourth += average.iter().map(|x| x.powi(4)).sum::<f64>() / average.len() as f64;
-        let energies = pitch_energies(&average, teeth);
-        self.by_pitch.resize(energies.len(), 0.0);
-        self.by_pitch.iter_mut().zip(energies).for_each(|(sum, energy)| *sum += energy);
     }
 
-    fn insert(mut self, turns: usize, features: &mut Features) {
+    /// Adds the turns of a smaller group.
+    fn add(&mut self, part: &Self) {
+        for (bins, others) in self.bins.iter_mut().zip(&part.bins) {
+            if self.turns == 0 {
+                bins.clear();
+                bins.extend_from_slice(others);
+            } else {
+                bins.iter_mut().zip(others).for_each(|(bin, other)| *bin += other);
+            }
+        }
+        self.turns += part.turns;
+    }
+
+    /// Takes the average of a whole group, of which it leaves what lies between the harmonics in `signal`. By
+    /// Parseval's theorem mean squares are those of the transforms.
+    fn take(&mut self, kept: &[f64], signal: &mut [f64], transforms: &mut Transforms) {
+        let scale = 1.0 / (self.group * signal.len()) as f64;
+        let [bins, alternating] = &mut self.bins;
+        // Each bin stands for its mirror image too, but those at the ends.
+        let ends = [bins.first(), bins.last()].into_iter().flatten().map(Complex::norm_sqr).sum::<f64>();
+        let whole = scale * scale * (2.0 * sum_of(bins, Complex::norm_sqr) - ends);
+        self.floor = self.floor.max(ROUNDING * ROUNDING * whole);
+        for (bin, kept) in bins.iter_mut().zip(kept) {
+            *bin *= kept * scale;
+        }
+        for (bin, kept) in alternating.iter_mut().zip(kept) {
+            *bin *= kept * scale;
+        }
+        self.averages += 1.0;
+        self.repeated += 2.0 * sum_of(bins, Complex::norm_sqr);
+        self.noise += 2.0 * sum_of(alternating, Complex::norm_sqr);
+        transforms.inverse(bins, signal);
+        let by_pitch = &mut self.by_pitch;
+        by_pitch.resize(signal.len(), 0.0);
+        signal.iter_mut().for_each(|x| *x *= *x);
+        self.fourth += mean_of(signal, |square| square * square);
+        add_pitch_energies(signal, self.teeth, by_pitch);
+        self.turns = 0;
+    }
+
+    fn insert(mut self, features: &mut Features, transforms: &mut Transforms) {
         let scale = 1.0 / self.averages;
         let [repeated, noise, fourth] = [self.repeated, self.noise, self.fourth].map(|sum| sum * scale);
-        if repeated <= self.floor {
-            return;
+        if repeated > self.floor {
+            self.put([repeated, noise, fourth], features);
         }
+        self.bins.into_iter().for_each(|bins| transforms.keep_complex(bins));
+        transforms.keep(self.by_pitch);
+    }
+
+    fn put(&mut self, [repeated, noise, fourth]: [f64; 3], features: &mut Features) {
+        let turns = self.group;
         let mut put =
             |name: &str, squared: f64| features.checks.insert(format!("{name}_{turns}"), 0.5 * squared.ln());
         put("ln_tooth_repeated", repeated / noise.max(self.floor));
@@ -131,21 +190,15 @@ impl Contrast {
     }
 }
 
-fn mean_square(signal: &[f64]) -> f64 {
-    signal.iter().map(|x| x * x).sum::<f64>() / signal.len() as f64
-}
-
-/// The mean square over one tooth's pitch around each angle of the turn.
-fn pitch_energies(signal: &[f64], teeth: usize) -> Vec<f64> {
-    let pitch = (signal.len() / teeth).max(1);
-    let mut sum: f64 = signal[..pitch].iter().map(|x| x * x).sum();
-    (0..signal.len())
-        .map(|first| {
-            let energy = sum.max(0.0) / pitch as f64;
-            sum += signal[(first + pitch) % signal.len()].powi(2) - signal[first].powi(2);
-            energy
-        })
-        .collect()
+/// Adds the mean square over one tooth's pitch around each angle of the turn, from the squares.
+fn add_pitch_energies(squares: &[f64], teeth: usize, energies: &mut [f64]) {
+    let pitch = (squares.len() / teeth).max(1);
+    let mut sum: f64 = squares[..pitch].iter().sum();
+    let comes = squares[pitch..].iter().chain(&squares[..pitch]);
+    for ((energy, comes), goes) in energies.iter_mut().zip(comes).zip(squares) {
+        *energy += sum.max(0.0) / pitch as f64;
+        sum += comes - goes;
+    }
 }
 
 #[cfg(test)]

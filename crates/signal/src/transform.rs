@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use rustfft::{Fft, FftDirection, FftPlanner};
 
 /// How many plans of each direction are kept. Records of one asset share a length, so a few suffice; without
 /// a bound a stream of ever new lengths would grow the memory without end.
@@ -40,12 +41,18 @@ fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
     number == 1
 }
 
-/// Plans of real transforms, the latest used first.
+/// How many rooms of each kind are kept for the next work.
+const KEPT_ROOMS: usize = 16;
+
+/// Plans of transforms, the latest used first, and room to work in that is kept from record to record.
 pub(super) struct Transforms {
     kept_plans: usize,
     forward: Vec<Arc<dyn RealToComplex<f64>>>,
     inverse: Vec<Arc<dyn ComplexToReal<f64>>>,
+    complex: Vec<Arc<dyn Fft<f64>>>,
     scratch: Vec<Complex<f64>>,
+    real_rooms: Vec<Vec<f64>>,
+    complex_rooms: Vec<Vec<Complex<f64>>>,
 }
 
 impl Default for Transforms {
@@ -61,8 +68,53 @@ impl Transforms {
             kept_plans,
             forward: Vec::with_capacity(kept_plans),
             inverse: Vec::with_capacity(kept_plans),
+            complex: Vec::with_capacity(2 * kept_plans),
             scratch: Vec::new(),
+            real_rooms: Vec::new(),
+            complex_rooms: Vec::new(),
         }
+    }
+
+    /// An empty room for real numbers, with the memory of one that was [kept](Self::keep).
+    pub(super) fn room(&mut self) -> Vec<f64> {
+        self.real_rooms.pop().unwrap_or_default()
+    }
+
+    /// Keeps a room's memory for the next work.
+    pub(super) fn keep(&mut self, mut room: Vec<f64>) {
+        if self.real_rooms.len() < KEPT_ROOMS {
+            room.clear();
+            self.real_rooms.push(room);
+        }
+    }
+
+    /// The same for complex numbers.
+    pub(super) fn complex_room(&mut self) -> Vec<Complex<f64>> {
+        self.complex_rooms.pop().unwrap_or_default()
+    }
+
+    /// The same for complex numbers.
+    pub(super) fn keep_complex(&mut self, mut room: Vec<Complex<f64>>) {
+        if self.complex_rooms.len() < KEPT_ROOMS {
+            room.clear();
+            self.complex_rooms.push(room);
+        }
+    }
+
+    /// Σ z·exp(∓2πikn/N) in place of the N values, not divided by their number.
+    pub(super) fn complex(&mut self, values: &mut [Complex<f64>], direction: FftDirection) {
+        let is_it =
+            |plan: &Arc<dyn Fft<f64>>| plan.len() == values.len() && plan.fft_direction() == direction;
+        match self.complex.iter().position(is_it) {
+            Some(index) => self.complex[..=index].rotate_right(1),
+            None => {
+                self.complex.truncate(2 * self.kept_plans - 1);
+                self.complex.insert(0, FftPlanner::new().plan_fft(values.len(), direction));
+            }
+        }
+        let plan = &self.complex[0];
+        grow(&mut self.scratch, plan.get_inplace_scratch_len());
+        plan.process_with_scratch(values, &mut self.scratch);
     }
 
     /// Bins 0 to ⌊N/2⌋ of Σ x·exp(−2πikn/N) of the N samples of `input`, which is overwritten.
