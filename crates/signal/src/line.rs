@@ -17,7 +17,7 @@ const SEARCH_FRACTION: f64 = 1e-4;
 const WANDER_FRACTION: f64 = 5e-4;
 
 /// What stands out: noise alone reaches 4 times its root mean square in one bin of e¹⁶ = 9 million.
-const STANDING_OUT: f64 = 4.0;
+pub(super) const STANDING_OUT: f64 = 4.0;
 
 /// Bins on each side of a line that its background is taken from.
 const BACKGROUND_BINS: usize = 32;
