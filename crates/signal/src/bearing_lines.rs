@@ -111,6 +111,15 @@ struct Comb {
     wander: f64,
 }
 
+/// A bearing's line that stands out.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StandingLine<'a> {
+    bearing: &'a str,
+    line: BearingLine,
+    /// Where its first harmonic is.
+    position: f64,
+}
+
 /// A bearing's line as it was read.
 #[derive(Debug, Clone, Copy)]
 struct Reading {
@@ -133,11 +142,16 @@ impl Comb {
 
 impl EnvelopeLines<'_> {
     /// Puts down each bearing's lines, the one that stands furthest out first: what belongs to it and its
-    /// harmonics is none of the others'.
-    pub(super) fn indicate(&self, bearings: &[Bearing], scratch: &mut Vec<f64>, indicators: &mut Indicators) {
+    /// harmonics is none of the others'. Those that stand out are returned.
+    pub(super) fn indicate<'b>(
+        &self,
+        bearings: &'b [Bearing],
+        scratch: &mut Vec<f64>,
+        indicators: &mut Indicators,
+    ) -> Vec<StandingLine<'b>> {
         let mut open: Vec<(&Bearing, BearingLine)> =
             bearings.iter().flat_map(|bearing| BearingLine::ALL.map(|line| (bearing, line))).collect();
-        let mut taken = Vec::new();
+        let (mut taken, mut standing) = (Vec::new(), Vec::new());
         while !open.is_empty() {
             let read: Vec<Result<Reading, Absence>> =
                 open.iter().map(|(bearing, line)| self.read(bearing, *line, &taken, scratch)).collect();
@@ -154,10 +168,12 @@ impl EnvelopeLines<'_> {
                 indicators.insert(name, read[index].map(|reading| reading.amplitude));
                 indicators.insert(ratio, read[index].map(|reading| reading.to_background));
             }
-            let Some(reading) = stands_out else { return };
+            let Some(reading) = stands_out else { break };
             taken.push(Comb { spacing: reading.position, wander: BEARING_WANDER });
-            open.remove(highest);
+            let (bearing, line) = open.remove(highest);
+            standing.push(StandingLine { bearing: &bearing.name, line, position: reading.position });
         }
+        standing
     }
 
     /// Root sum square of the amplitudes of a line's first harmonics, and root mean square of their ratios
@@ -254,10 +270,11 @@ impl EnvelopeLines<'_> {
         noise_amplitude(scratch).filter(|noise| *noise > 0.0)
     }
 
-    /// The line that stands furthest out, up to a frequency in hertz.
+    /// The line that stands furthest out, up to a frequency in hertz, named by the bearings' lines that are
+    /// `standing` out.
     pub(super) fn strongest(
         &self,
-        bearings: &[Bearing],
+        standing: &[StandingLine<'_>],
         band_hz: [f64; 2],
         highest_hz: f64,
         scratch: &mut Vec<f64>,
@@ -289,34 +306,26 @@ impl EnvelopeLines<'_> {
             frequency_hz: position * self.resolution_hz,
             to_background,
             band_hz,
-            source: self.source(position, bearings),
+            source: self.source(position, standing),
         })
     }
 
-    /// What is known to have a line there: the shaft before a bearing, and of bearings the nearest.
-    fn source(&self, position: f64, bearings: &[Bearing]) -> Option<LineSource> {
+    /// What is known to have a line there: the shaft before a bearing.
+    fn source(&self, position: f64, standing: &[StandingLine<'_>]) -> Option<LineSource> {
         let (shaft_hz, uncertainty) = self.shaft?;
-        let shaft = shaft_hz / self.resolution_hz;
-        let harmonic = (position / shaft).round();
-        let off = (position - harmonic * shaft).abs();
-        let is_near = off <= 1.0 + (SHAFT_WANDER + uncertainty) * position && off < 0.25 * shaft;
-        if (1.0..=f64::from(NAMED_HARMONICS)).contains(&harmonic) && is_near {
-            return Some(LineSource::Shaft { harmonic: harmonic as u32 });
+        let harmonic_of = |spacing: f64, wander: f64| {
+            let harmonic = (position / spacing).round();
+            let off = (position - harmonic * spacing).abs();
+            let is_near = off <= 1.0 + wander * position && off < 0.25 * spacing;
+            ((1.0..=f64::from(NAMED_HARMONICS)).contains(&harmonic) && is_near).then_some(harmonic as u32)
+        };
+        let shaft = harmonic_of(shaft_hz / self.resolution_hz, SHAFT_WANDER + uncertainty);
+        if let Some(harmonic) = shaft {
+            return Some(LineSource::Shaft { harmonic });
         }
-        let mut nearest: Option<(f64, LineSource)> = None;
-        for bearing in bearings {
-            for line in BearingLine::ALL {
-                for harmonic in 1..=NAMED_HARMONICS {
-                    let expected = f64::from(harmonic) * bearing.order(line) * shaft;
-                    let off = (position - expected).abs();
-                    let is_near = off <= 1.0 + (SLIP + uncertainty) * expected;
-                    if is_near && nearest.as_ref().is_none_or(|(least, _)| off / expected < *least) {
-                        let source = LineSource::Bearing { bearing: bearing.name.clone(), line, harmonic };
-                        nearest = Some((off / expected, source));
-                    }
-                }
-            }
-        }
-        nearest.map(|(_, source)| source)
+        standing.iter().find_map(|of| {
+            let harmonic = harmonic_of(of.position, BEARING_WANDER)?;
+            Some(LineSource::Bearing { bearing: of.bearing.to_owned(), line: of.line, harmonic })
+        })
     }
 }

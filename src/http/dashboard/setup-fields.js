@@ -72,11 +72,12 @@ export const SETUP_GROUPS = [
       },
       {
         path: "shaft.speed_tolerance",
-        label: "Speed is searched within ±",
-        unit: "of nominal",
-        hint: "0.05",
+        label: "Shaft speed is searched within ±",
+        unit: "%",
+        factor: 0.01,
+        hint: "5",
       },
-      { path: "shaft.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
+      { path: "shaft.speed_is_exact", label: "The nominal shaft speed is exact", kind: "check" },
       ...pair([
         {
           path: "gear.pair.operation.torque_nm",
