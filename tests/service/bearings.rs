@@ -88,7 +88,8 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_bearings_and_velocity() {
         segment["indicators"][format!("bearing_drive_end_{line}_to_background")].as_f64().unwrap()
     };
     assert!(ratio(&calm, "bpfo") < 3.0 && ratio(last, "bpfo") > 5.0, "{}", ratio(last, "bpfo"));
-    assert!(["bpfi", "bsf"].iter().all(|line| ratio(last, line) < 3.0), "{}", last["indicators"]);
+    // Timing that is not steady smears the strong line into skirts.
+    assert!(["bpfi", "bsf"].iter().all(|line| ratio(last, line) < 0.1 * ratio(last, "bpfo")));
     assert_eq!(last["wear"]["status"], "outside_library");
     let reason = last["wear"]["reason"].as_str().unwrap();
     assert!(reason.contains("the outer race of bearing drive_end") && !reason.contains("mesh"), "{reason}");
