@@ -117,7 +117,7 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_bearings_and_velocity() {
         service.get(&format!("/v1/segments/{id}/{page}")).expect(200);
     }
     for page in ["orders", "turn"] {
-        service.get(&format!("/v1/segments/{id}/{page}")).expect_problem(422, &["shaft"]);
+        service.get(&format!("/v1/segments/{id}/{page}")).expect_problem(422, &["this record has no"]);
     }
     for axis in ["hz", "orders"] {
         let waterfall = service.get(&format!("/v1/assets/fan/waterfall?axis={axis}")).expect(200).json();
