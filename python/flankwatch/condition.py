@@ -16,7 +16,7 @@ class Indicators(dict[str, float]):
     Attributes:
         absent: reason by the name of an indicator that cannot be computed.
         shaft_speed_hz: rotational frequency of the shaft in hertz; ``None`` where it is neither given nor found.
-        shaft_speed_source: ``"record"``, ``"tachometer"`` or ``"mesh_comb"``.
+        shaft_speed_source: ``"record"``, ``"tachometer"``, ``"asset"`` or ``"mesh_comb"``.
         mesh_frequency_hz: teeth times shaft speed in hertz.
         mesh_lines: order, frequency in hertz and peak amplitude of each mesh harmonic that could be read.
         basis: identifier of the method, the quality of the samples, and the source of the shaft's angle.

@@ -39,7 +39,8 @@ pub(crate) fn absence_error(quantity: &str, absence: Absence) -> PyErr {
         Absence::Clipped => "samples stand at the converter's limit",
         Absence::Gaps => "samples are missing",
         Absence::NoSignal => "the signal to divide by is zero",
-        Absence::NotAcceleration => "the unit is not one of acceleration",
+        Absence::NotAcceleration => "the unit is neither one of acceleration nor of velocity",
+        Absence::AboveEnvelope => "the frequency lies above the width of the envelope's band",
         Absence::OtherMesh => "a line of another mesh lies there",
     };
     PyValueError::new_err(format!("no {quantity}: {reason}"))

@@ -1,6 +1,6 @@
 //! Indicators, spectra, kurtogram and cepstrum of one record.
 
-use flankwatch_signal::{Band, BandSource, ConditionSettings, EnvelopeBand, EnvelopeSearch};
+use flankwatch_signal::{Band, BandSource, BearingSettings, ConditionSettings, EnvelopeBand, EnvelopeSearch};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -116,6 +116,7 @@ pub(crate) fn condition<'py>(
         mesh,
         bands: &bands,
         gear_indicators: gear_indicators && teeth.is_some(),
+        bearings: BearingSettings::default(),
     };
     let condition = analyze(py, |analyzer| analyzer.condition(&record, &settings));
     let analysis = condition.analysis;

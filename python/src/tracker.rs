@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use flankwatch_signal::{ConditionSettings, MeshContext};
+use flankwatch_signal::{BearingSettings, ConditionSettings, MeshContext};
 use flankwatch_wear::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, MaintenanceEvent};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
@@ -113,6 +113,7 @@ impl Tracker {
             },
             bands: &[],
             gear_indicators: true,
+            bearings: BearingSettings::default(),
         };
         let (analysis, folded) = analyze(py, |analyzer| {
             let analysis = analyzer.condition(&record, &settings).analysis;

@@ -29,7 +29,8 @@ def test_indicators_are_those_of_scipy():
     assert found["mesh_1"] == pytest.approx(1.0, rel=2e-3)
     assert found["mesh_2"] == pytest.approx(0.3, rel=1e-2)
     assert found.shaft_speed_hz == 25.0 and found.mesh_frequency_hz == 600.0
-    assert "fm4" in found and not found.absent
+    # The unit, none, is no acceleration.
+    assert "fm4" in found and found.absent == {"velocity_rms": "not_acceleration"}
 
 
 def test_the_speed_is_found_around_nominal():
@@ -40,7 +41,7 @@ def test_the_speed_is_found_around_nominal():
 
 def test_what_cannot_be_computed_is_absent_with_its_reason():
     found = flankwatch.indicators(gear_signal(), RATE_HZ)
-    assert found.absent["mesh_1"] == "no_speed" and "mesh_1" not in found
+    assert found.absent == {"velocity_rms": "not_acceleration"} and "mesh_1" not in found
     assert found.shaft_speed_hz is None
 
 

@@ -3,7 +3,7 @@
 use super::spec::field;
 use super::{AssetError, AssetSpec, WearLimits};
 use crate::estimate::{AlarmError, AlarmQuantity, AlarmRule};
-use crate::signal::{Band, Indicators};
+use crate::signal::{BearingLine, Indicators, VELOCITY_RMS};
 
 /// The most rules of an asset: each has a state with every kept state of the fold.
 const MAX_RULES: usize = 32;
@@ -16,34 +16,63 @@ const HYSTERESIS: f64 = 0.05;
 const NOVELTY_WARNING: f64 = 4.0;
 const NOVELTY_HYSTERESIS: f64 = 1.0;
 
+/// A bearing's line stands out from this ratio to its background on: none of 400 lines in noise reached 2.9.
+const BEARING_WARNING: f64 = 3.0;
+const BEARING_HYSTERESIS: f64 = 0.5;
+
 impl AssetSpec {
     /// The alarm rules in force.
     pub fn alarm_rules(&self) -> Vec<AlarmRule> {
-        self.alarms.clone().unwrap_or_else(|| following_from(&self.limits))
+        self.alarms.clone().unwrap_or_else(|| self.rules_that_follow())
+    }
+
+    /// Of a mesh the rules follow from the limits of its wear, of a machine without one novelty is watched;
+    /// of both the zones of velocity and the lines of bearings, where they are described.
+    fn rules_that_follow(&self) -> Vec<AlarmRule> {
+        let mut rules = Vec::from_iter(wear_rule(&self.limits));
+        if !rules.is_empty() || self.gear.is_none() {
+            rules.push(AlarmRule {
+                warning: Some(NOVELTY_WARNING),
+                hysteresis: NOVELTY_HYSTERESIS,
+                ..AlarmRule::of(AlarmQuantity::Novelty)
+            });
+        }
+        if let Some(zones) = self.velocity_zones {
+            let [_, warning, danger] = zones.limits_mm_per_s();
+            rules.push(AlarmRule {
+                warning: Some(warning),
+                danger: Some(danger),
+                hysteresis: HYSTERESIS * warning,
+                ..AlarmRule::of(AlarmQuantity::Indicator(VELOCITY_RMS.to_owned()))
+            });
+        }
+        let bearings = self.bearings();
+        let lines = bearings.iter().flat_map(|bearing| {
+            BearingLine::ALL.map(|line| AlarmQuantity::Indicator(bearing.ratio_indicator(line)))
+        });
+        rules.extend(lines.map(|quantity| AlarmRule {
+            warning: Some(BEARING_WARNING),
+            hysteresis: BEARING_HYSTERESIS,
+            ..AlarmRule::of(quantity)
+        }));
+        rules
     }
 }
 
-fn following_from(limits: &WearLimits) -> Vec<AlarmRule> {
+fn wear_rule(limits: &WearLimits) -> Option<AlarmRule> {
     let WearLimits { warning_um, danger_um } = *limits;
-    let Some(lower) = warning_um.or(danger_um) else {
-        return Vec::new();
-    };
-    let wear = AlarmRule {
+    let lower = warning_um.or(danger_um)?;
+    Some(AlarmRule {
         // A warning at the same depth as danger says nothing.
         warning: warning_um.filter(|warning| danger_um.is_none_or(|danger| *warning < danger)),
         danger: danger_um,
         hysteresis: HYSTERESIS * lower,
         ..AlarmRule::of(AlarmQuantity::WearUm)
-    };
-    let novelty = AlarmRule {
-        warning: Some(NOVELTY_WARNING),
-        hysteresis: NOVELTY_HYSTERESIS,
-        ..AlarmRule::of(AlarmQuantity::Novelty)
-    };
-    vec![wear, novelty]
+    })
 }
 
-pub(super) fn validate(rules: &[AlarmRule], bands: &[Band]) -> Result<(), AssetError> {
+pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
+    let rules = spec.alarms.as_deref().unwrap_or_default();
     if rules.len() > MAX_RULES {
         return Err(field("alarms", format!("a list of {}", rules.len()), "at most 32 rules"));
     }
@@ -52,7 +81,10 @@ pub(super) fn validate(rules: &[AlarmRule], bands: &[Band]) -> Result<(), AssetE
             return Err(field("alarms.quantity", &rule.quantity, "every quantity once"));
         }
         if let Some(name) = rule.quantity.indicator() {
-            check_indicator(name, bands)?;
+            check_indicator(name, spec)?;
+        } else if rule.quantity.is_wear() && spec.gear.is_none() {
+            let expected = "a quantity other than wear: no gear is described";
+            return Err(field("alarms.quantity", &rule.quantity, expected));
         }
         rule.validate().map_err(|error| match error {
             AlarmError::Field { field: name, value, expected } => field(
@@ -82,8 +114,8 @@ pub(super) fn validate(rules: &[AlarmRule], bands: &[Band]) -> Result<(), AssetE
 }
 
 /// A rule on an indicator that no record ever has would never be raised.
-fn check_indicator(name: &str, bands: &[Band]) -> Result<(), AssetError> {
-    let names = Indicators::names(bands);
+fn check_indicator(name: &str, spec: &AssetSpec) -> Result<(), AssetError> {
+    let names = spec.indicator_names();
     if names.iter().any(|known| known == name) {
         return Ok(());
     }
@@ -117,6 +149,42 @@ mod tests {
         let given =
             spec("alarms = [{ quantity = { indicator = \"rms\" }, warning = 2.5 }]").unwrap().alarm_rules();
         assert_eq!(given[0].quantity, AlarmQuantity::Indicator("rms".into()));
+    }
+
+    #[test]
+    fn rules_follow_from_zones_and_bearings_of_a_machine_without_a_mesh() {
+        let of_shaft =
+            |shaft: &str, text: &str| AssetSpec::from_toml(&format!("id = \"fan\"\nshaft = {shaft}\n{text}"));
+        let spec = |text: &str| of_shaft("{}", text);
+        let rules = spec(
+            "velocity_zones = { machine_class = \"group_2_rigid\" }\n[[bearings]]\nname = \"de\"\n\
+             orders = { bpfo = 3.5, bpfi = 5.5, bsf = 2.3, ftf = 0.4 }",
+        )
+        .unwrap()
+        .alarm_rules();
+        let named: Vec<String> = rules.iter().map(|rule| rule.quantity.to_string()).collect();
+        assert_eq!(named.len(), 6, "{named:?}");
+        assert_eq!(named[..2], ["novelty", "indicator:velocity_rms"]);
+        assert!(named.contains(&"indicator:bearing_de_bpfo_to_background".to_owned()), "{named:?}");
+        assert_eq!((rules[1].warning, rules[1].danger), (Some(2.8), Some(4.5)));
+        assert!(rules.iter().all(|rule| rule.validate().is_ok()));
+        for (text, name) in [
+            ("limits = { danger_um = 100 }", "limits.danger_um"),
+            ("alarms = [{ quantity = \"wear_um\", warning = 1 }]", "alarms.quantity"),
+            ("alarms = [{ quantity = { indicator = \"fm4\" }, warning = 1 }]", "alarms.quantity.indicator"),
+            ("[gear]\nteeth = [24, 36]\nshaft_speed_hz = 10", "shaft"),
+        ] {
+            match spec(text) {
+                Err(AssetError::Field { field, .. }) => assert_eq!(field, name, "{text}"),
+                other => panic!("{text}: {other:?}"),
+            }
+        }
+        for shaft in ["{ speed_hz = 0 }", "{ speed_is_exact = true }"] {
+            let error = of_shaft(shaft, "").unwrap_err().to_string();
+            assert!(error.starts_with("shaft.speed_hz is"), "{error}");
+        }
+        let neither = AssetSpec::from_toml("id = \"fan\"").unwrap_err().to_string();
+        assert_eq!(neither, "gear is missing, expected a mesh, or shaft for a machine without one");
     }
 
     #[test]

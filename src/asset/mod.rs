@@ -1,15 +1,21 @@
 //! What is monitored ([`AssetSpec`]) and one analysed stretch of its vibration ([`Segment`]).
 
 mod alarm_rules;
+mod bearing;
 mod operating_bin;
 mod other_mesh;
 mod pair_of_numbers;
 mod place;
 mod segment;
+mod shaft;
 mod spec;
+mod velocity_zones;
 
+pub use bearing::BearingSpec;
 pub use operating_bin::OperatingBin;
 pub use other_mesh::{MAX_ON_ONE_SENSOR, OtherMeshSpec};
 pub use place::{Location, MeasuringPoint};
 pub use segment::{RawReference, Segment, SegmentId};
+pub use shaft::ShaftSpec;
 pub use spec::{AssetError, AssetId, AssetSpec, BaselineSpec, GearSpec, SensorSpec, WearLimits};
+pub use velocity_zones::{MachineClass, VelocityZone, VelocityZones};

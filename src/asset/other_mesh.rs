@@ -75,26 +75,30 @@ impl GearSpec {
 impl AssetSpec {
     /// The description with the meshes of all assets of the same sensor known to it; `all` may hold this one.
     pub fn among(mut self, all: &[AssetSpec]) -> Self {
-        for asset in all.iter().filter(|asset| asset.id != self.id) {
-            let mesh = OtherMeshSpec::of(&asset.gear);
-            if !self.gear.other_meshes.contains(&mesh) {
-                self.gear.other_meshes.push(mesh);
+        let Some(own) = &mut self.gear else { return self };
+        for gear in all.iter().filter(|asset| asset.id != self.id).filter_map(|asset| asset.gear.as_ref()) {
+            let mesh = OtherMeshSpec::of(gear);
+            if !own.other_meshes.contains(&mesh) {
+                own.other_meshes.push(mesh);
             }
         }
         self
     }
 }
 
-fn turns(ratio: Option<[u32; 2]>) -> f64 {
+pub(super) fn turns(ratio: Option<[u32; 2]>) -> f64 {
     ratio.map_or(1.0, |[turns, of]| f64::from(turns) / f64::from(of))
 }
 
-fn is_ratio(ratio: Option<[u32; 2]>) -> bool {
+pub(super) fn is_ratio(ratio: Option<[u32; 2]>) -> bool {
     ratio.is_none_or(|numbers| numbers.iter().all(|number| (1..=MAX_TEETH).contains(number)))
 }
 
 pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
-    let gear = &spec.gear;
+    if spec.sensor.of.as_ref() == Some(&spec.id) {
+        return Err(field("sensor.of", &spec.id, "the id of another asset"));
+    }
+    let Some(gear) = &spec.gear else { return Ok(()) };
     if !is_ratio(gear.shaft_ratio) {
         return Err(field(
             "gear.shaft_ratio",
@@ -116,9 +120,6 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
             "two tooth numbers from 4 to 1000 each, and shaft_ratio of two numbers from 1 to 1000000",
         ));
     }
-    if spec.sensor.of.as_ref() == Some(&spec.id) {
-        return Err(field("sensor.of", &spec.id, "the id of another asset"));
-    }
     Ok(())
 }
 
@@ -130,15 +131,19 @@ mod tests {
         AssetSpec::from_toml(&format!("id = \"{id}\"\n[gear]\nshaft_speed_hz = 10.0\n{gear}"))
     }
 
+    fn gear(spec: &AssetSpec) -> &GearSpec {
+        spec.gear.as_ref().unwrap()
+    }
+
     #[test]
     fn meshes_of_one_sensor_know_of_each_other() {
         let first = spec("first", "teeth = [24, 36]").unwrap();
         let second = spec("second", "teeth = [19, 57]\nshaft_ratio = [24, 36]").unwrap();
         let all = [first.clone(), second.clone()];
-        let heard = OtherMeshSpec::of(&first.gear).seen_from(&second.gear);
+        let heard = OtherMeshSpec::of(gear(&first)).seen_from(gear(&second));
         assert!((heard.mesh_orders - 36.0).abs() < 1e-12 && (heard.shaft_orders[1] - 1.0).abs() < 1e-12);
         let first = first.among(&all);
-        assert_eq!(first.gear.other_meshes, [OtherMeshSpec::of(&second.gear)]);
+        assert_eq!(gear(&first).other_meshes, [OtherMeshSpec::of(gear(&second))]);
         assert_eq!(first.clone().among(&all), first);
     }
 

@@ -32,6 +32,14 @@ pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(
     numbers.map(|numbers| pair("gear.other_meshes.shaft_ratio", RATIO, &numbers)).transpose()
 }
 
+/// `shaft_ratio` of bearings, where it is given.
+pub(super) fn bearing_shaft_ratio<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<[u32; 2]>, D::Error> {
+    let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
+    numbers.map(|numbers| pair("bearings.shaft_ratio", RATIO, &numbers)).transpose()
+}
+
 fn pair<E: Error>(field: &str, expected: &str, numbers: &[f64]) -> Result<[u32; 2], E> {
     let whole = |value: &f64| {
         (value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value)).then_some(*value as u32)
@@ -56,7 +64,7 @@ mod tests {
         let spec = |teeth: &str| {
             AssetSpec::from_toml(&format!("id = \"a\"\n[gear]\nteeth = {teeth}\nshaft_speed_hz = 10.0"))
         };
-        assert_eq!(spec("[24, 36]").unwrap().gear.teeth, [24, 36]);
+        assert_eq!(spec("[24, 36]").unwrap().teeth(), Some([24, 36]));
         for (teeth, told) in [
             ("[24, 26, 27]", "gear.teeth is [24, 26, 27], expected two tooth numbers from 4 to 1000"),
             ("[24]", "gear.teeth is [24], expected"),

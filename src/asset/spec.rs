@@ -1,4 +1,4 @@
-//! An asset: one gear mesh seen by one or more measuring channels. Meshes that one sensor hears together are
+//! An asset: one gear mesh, or a machine without one, seen by one or more measuring channels. Meshes that one sensor hears together are
 //! an asset each.
 
 use std::borrow::Cow;
@@ -9,13 +9,19 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::alarm_rules;
+use super::bearing::{self, BearingSpec};
 use super::operating_bin::{self, OperatingBin};
 use super::other_mesh::{self, OtherMeshSpec};
 use super::pair_of_numbers;
 use super::place::{self, Location, MeasuringPoint};
+use super::shaft::{self, ShaftSpec};
+use super::velocity_zones::{VelocityZone, VelocityZones};
 use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
-use crate::signal::{Band, BandSource, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext, Record};
+use crate::signal::{
+    Band, BandSource, Bearing, BearingSettings, ConditionSettings, Described, EnvelopeBand, EnvelopeSearch,
+    Indicators, MeshContext, Record, VELOCITY_RMS,
+};
 
 /// An asset's name in addresses and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or
 /// digit.
@@ -62,8 +68,18 @@ pub struct AssetSpec {
     /// Where it is.
     #[serde(default, skip_serializing_if = "Location::is_empty")]
     pub location: Location,
-    /// The monitored mesh.
-    pub gear: GearSpec,
+    /// The monitored mesh; none where the machine has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gear: Option<GearSpec>,
+    /// The shaft of a machine without a mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shaft: Option<ShaftSpec>,
+    /// The rolling bearings that the sensor hears.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bearings: Vec<BearingSpec>,
+    /// The zones of ISO 20816 for the root mean square of velocity.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub velocity_zones: Option<VelocityZones>,
     /// The accelerometer.
     #[serde(default)]
     pub sensor: SensorSpec,
@@ -246,14 +262,21 @@ impl AssetSpec {
 
     /// Checks every number; a description that passes can be monitored.
     pub fn validate(&self) -> Result<(), AssetError> {
-        self.gear.check_beside_pair()?;
+        if let Some(gear) = &self.gear {
+            gear.check_beside_pair()?;
+        }
+        self.check_shaft()?;
         other_mesh::validate(self)?;
+        bearing::validate(&self.bearings)?;
+        if let Some(zones) = self.velocity_zones {
+            zones.validate()?;
+        }
         place::check_text("name", Some(self.name.as_str()).filter(|name| !name.is_empty()))?;
         place::check_text("sensor.unit", self.sensor.unit.as_deref())?;
         place::check_text("sensor.channel", self.sensor.channel.as_deref())?;
         self.location.validate()?;
         place::validate(&self.points)?;
-        alarm_rules::validate(self.alarms.as_deref().unwrap_or_default(), &self.bands)?;
+        alarm_rules::validate(self)?;
         operating_bin::validate(&self.operating_bins)?;
         if !(8..=10_000).contains(&self.baseline.records) {
             return Err(field("baseline.records", self.baseline.records, "a number from 8 to 10000"));
@@ -261,6 +284,11 @@ impl AssetSpec {
         for (name, limit) in
             [("limits.warning_um", self.limits.warning_um), ("limits.danger_um", self.limits.danger_um)]
         {
+            if let Some(limit) = limit
+                && self.gear.is_none()
+            {
+                return Err(field(name, limit, "nothing without gear: there is no wear depth"));
+            }
             if let Some(limit) = limit
                 && !(limit > 0.0 && limit <= GREATEST_DEPTH_UM)
             {
@@ -303,10 +331,26 @@ impl AssetSpec {
                 ));
             }
         }
-        if let Some(pair) = &self.gear.pair {
-            pair.check()?;
+        match &self.gear {
+            Some(gear) => {
+                if let Some(pair) = &gear.pair {
+                    pair.check()?;
+                }
+                gear.check_pair_teeth()
+            }
+            None => Ok(()),
         }
-        self.gear.check_pair_teeth()
+    }
+
+    fn check_shaft(&self) -> Result<(), AssetError> {
+        match (&self.shaft, &self.gear) {
+            (Some(_), Some(_)) => {
+                Err(field("shaft", "given beside gear", "one of both: the mesh's speed is in gear"))
+            }
+            (Some(shaft), None) => shaft.validate(),
+            (None, Some(_)) => Ok(()),
+            (None, None) => Err(field("gear", "missing", "a mesh, or shaft for a machine without one")),
+        }
     }
 
     /// The name for people, or the one in addresses where there is none.
@@ -325,32 +369,83 @@ impl AssetSpec {
         self.points.iter().filter_map(with_unit).collect()
     }
 
-    /// What is worked out of each record.
-    pub fn condition_settings(&self) -> ConditionSettings<'_> {
+    /// What is worked out of each record, its bearings being [`bearings`](Self::bearings).
+    pub fn condition_settings<'a>(&'a self, bearings: &'a [Bearing]) -> ConditionSettings<'a> {
+        let bearings = if bearings.is_empty() {
+            BearingSettings::default()
+        } else {
+            BearingSettings { bearings, band_hz: self.envelope_band_hz, search: self.envelope_band }
+        };
         ConditionSettings {
             mesh: self.mesh_context(),
             bands: &self.bands,
             gear_indicators: self.gear_indicators,
+            bearings,
         }
+    }
+
+    /// The bearings as the shaft whose speed is meant hears them.
+    pub fn bearings(&self) -> Vec<Bearing> {
+        let driving_turns = self.gear.as_ref().map_or(1.0, GearSpec::driving_shaft_turns);
+        self.bearings.iter().filter_map(|bearing| bearing.seen_from(driving_turns)).collect()
+    }
+
+    /// The names of all indicators that its records can have.
+    pub fn indicator_names(&self) -> Vec<String> {
+        let bearings = self.bearings();
+        let has_mesh = self.gear.is_some();
+        Indicators::names(&Described { bands: &self.bands, bearings: &bearings, has_mesh })
+    }
+
+    /// The zone of a record's velocity, where zones are described and it has one.
+    pub fn velocity_zone(&self, indicators: &Indicators) -> Option<VelocityZone> {
+        Some(self.velocity_zones?.zone(indicators.get(VELOCITY_RMS)?))
+    }
+
+    /// The gear pair, where it is described.
+    pub fn pair(&self) -> Option<&PairSpec> {
+        self.gear.as_ref()?.pair.as_ref()
+    }
+
+    /// Tooth numbers of the driving and the driven gear.
+    pub fn teeth(&self) -> Option<[u32; 2]> {
+        Some(self.gear.as_ref()?.teeth)
+    }
+
+    /// Nominal rotational frequency in hertz of the shaft whose speed is meant.
+    pub fn nominal_speed_hz(&self) -> Option<f64> {
+        let of_shaft = || self.shaft?.speed_hz;
+        self.gear.as_ref().map(|gear| gear.shaft_speed_hz).or_else(of_shaft)
     }
 
     /// A record as the driving shaft of the mesh sees it.
     pub fn seen_from_shaft<'a>(&self, record: &'a Record) -> Cow<'a, Record> {
-        match self.gear.shaft_ratio {
-            None => Cow::Borrowed(record),
-            Some(_) => Cow::Owned(record.clone().seen_from_shaft(self.gear.driving_shaft_turns())),
+        match &self.gear {
+            Some(gear) if gear.shaft_ratio.is_some() => {
+                Cow::Owned(record.clone().seen_from_shaft(gear.driving_shaft_turns()))
+            }
+            _ => Cow::Borrowed(record),
         }
     }
 
-    /// What the signal code needs to know of the mesh.
+    /// What the signal code needs to know of the mesh, or of the shaft where there is none.
     pub fn mesh_context(&self) -> MeshContext {
-        MeshContext {
-            teeth: self.gear.teeth[0],
-            mate_teeth: self.gear.teeth[1],
-            nominal_shaft_speed_hz: self.gear.shaft_speed_hz,
-            tolerance: self.gear.speed_tolerance,
-            nominal_is_exact: self.gear.speed_is_exact,
-            others: self.gear.others(),
+        match (&self.gear, self.shaft) {
+            (Some(gear), _) => MeshContext {
+                teeth: gear.teeth[0],
+                mate_teeth: gear.teeth[1],
+                nominal_shaft_speed_hz: gear.shaft_speed_hz,
+                tolerance: gear.speed_tolerance,
+                nominal_is_exact: gear.speed_is_exact,
+                others: gear.others(),
+            },
+            (None, Some(shaft)) => MeshContext {
+                nominal_shaft_speed_hz: shaft.speed_hz.unwrap_or(0.0),
+                tolerance: shaft.speed_tolerance,
+                nominal_is_exact: shaft.speed_is_exact,
+                ..MeshContext::unknown()
+            },
+            (None, None) => MeshContext::unknown(),
         }
     }
 }
@@ -361,17 +456,8 @@ impl GearSpec {
         if self.teeth.iter().any(|z| !(4..=1000).contains(z)) {
             return Err(field("gear.teeth", format!("{:?}", self.teeth), "two tooth numbers from 4 to 1000"));
         }
-        if !(self.shaft_speed_hz > 0.0 && self.shaft_speed_hz <= 10_000.0) {
-            return Err(field(
-                "gear.shaft_speed_hz",
-                self.shaft_speed_hz,
-                "a number above 0 and at most 10000",
-            ));
-        }
-        if !(0.0..=0.5).contains(&self.speed_tolerance) {
-            return Err(field("gear.speed_tolerance", self.speed_tolerance, "a fraction from 0 to 0.5"));
-        }
-        Ok(())
+        let names = ["gear.shaft_speed_hz", "gear.speed_tolerance"];
+        shaft::check_speed(names, self.shaft_speed_hz, self.speed_tolerance)
     }
 
     /// Checks that the pair has the teeth of the mesh.

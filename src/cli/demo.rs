@@ -135,7 +135,7 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
         id: id.clone(),
         name: "Demonstration gearbox".to_owned(),
         location: Location::default(),
-        gear: GearSpec {
+        gear: Some(GearSpec {
             teeth: pair.geometry.teeth,
             shaft_speed_hz: pair.operation.shaft_speed_hz,
             shaft_ratio: None,
@@ -143,7 +143,10 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
             speed_tolerance: 0.05,
             speed_is_exact: false,
             pair: Some(pair.clone()),
-        },
+        }),
+        shaft: None,
+        bearings: Vec::new(),
+        velocity_zones: None,
         sensor: SensorSpec::default(),
         points: Vec::new(),
         baseline: BaselineSpec::default(),

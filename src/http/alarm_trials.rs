@@ -93,9 +93,9 @@ pub(super) async fn try_rule(
         return Err(Problem::content("rule.quantity", "stale_s", expected));
     }
     let (asset, channel) = assets::asset_and_channel(&app, &asset, channel.as_deref()).await?;
-    let is_unknown = |name: &&str| !Indicators::names(&asset.spec.bands).iter().any(|known| known == name);
+    let known = asset.spec.indicator_names();
+    let is_unknown = |name: &&str| !known.iter().any(|known| known == name);
     if let Some(unknown) = rule.quantity.indicator().filter(is_unknown) {
-        let known = Indicators::names(&asset.spec.bands);
         let nearest = Indicators::nearest(unknown, known.iter().map(String::as_str)).join(", ");
         let expected = format!("the name of an indicator; the nearest are {nearest}");
         return Err(Problem::content("rule.quantity.indicator", format!("{unknown:?}"), &expected));

@@ -58,8 +58,9 @@ pub(super) struct OrderView {
     /// Peak amplitudes of the mesh harmonics in `unit`, the first at order `teeth[0]`, read at full
     /// resolution.
     mesh_amplitudes: Vec<f64>,
-    /// Tooth numbers, driving and driven.
-    teeth: [u32; 2],
+    /// Tooth numbers, driving and driven; none of a machine without a mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    teeth: Option<[u32; 2]>,
     /// Where the shaft's angle came from, and how sure it is.
     angle: AngleSource,
 }
@@ -80,7 +81,7 @@ pub(super) async fn orders(
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
     let range = LineRange::new(["from_order", "to_order"], asked.from_order, asked.to_order)?;
     let segment = segments::find(&app, &id).await?;
-    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
+    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.teeth();
     let _ticket = app.service.workers.admit_answer()?;
     let computed = app.service.records.analyse_stored(
         &segment,
@@ -90,7 +91,7 @@ pub(super) async fn orders(
     let spectrum = computed.await?.map_err(|absence| absent("spectrum over orders", absence))?;
     let resolution_orders = spectrum.resolution_orders;
     let places = range.places(spectrum.amplitude.len(), resolution_orders);
-    let mesh_amplitudes = mesh_amplitudes(&spectrum, teeth[0]);
+    let mesh_amplitudes = teeth.map_or_else(Vec::new, |[driving, _]| mesh_amplitudes(&spectrum, driving));
     let (first, amplitude) = (places.start, &spectrum.amplitude[places]);
     let kept = reduction::peaks(amplitude, most);
     Ok(Json(OrderView {
@@ -128,7 +129,8 @@ pub(super) struct TurnView {
     /// Whole turns that were averaged.
     turns: usize,
     /// Tooth numbers, driving and driven.
-    teeth: [u32; 2],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    teeth: Option<[u32; 2]>,
     /// Where the shaft's angle came from, and how sure it is.
     angle: AngleSource,
     /// Angle of the driving shaft in degrees.
@@ -154,7 +156,7 @@ pub(super) async fn turn(
     SegmentInPath(id): SegmentInPath,
 ) -> Result<Json<TurnView>, Problem> {
     let segment = segments::find(&app, &id).await?;
-    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
+    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.teeth();
     let _ticket = app.service.workers.admit_answer()?;
     let computed = app
         .service

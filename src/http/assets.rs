@@ -1,5 +1,6 @@
 //! `/v1/assets`.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use axum::Json;
@@ -17,9 +18,10 @@ use super::category::{AlarmCounts, Category};
 use super::etag;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
-use crate::asset::{AssetId, AssetSpec, WearLimits};
+use crate::asset::{AssetId, AssetSpec, VelocityZones, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate, WearStatus};
 use crate::service::{SimulationProgress, SimulationStage};
+use crate::signal::BearingOrders;
 use crate::store::{Asset, StoredAlarm};
 
 /// An asset as it is shown.
@@ -73,6 +75,13 @@ struct Summary {
     alarms: AlarmCounts,
     /// The alarm rules in force: those of its description, or those that follow from its limits.
     alarm_rules: Vec<AlarmRule>,
+    /// Fault frequencies of its bearings by their names, over the rotational frequency of the shaft whose speed
+    /// is meant.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    bearing_orders: BTreeMap<String, BearingOrders>,
+    /// The limits between the zones A to D of `velocity_rms` in mm/s, where it has zones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    velocity_limits_mm_per_s: Option<[f64; 3]>,
     /// Medians of its wear depth in µm at no more than 40 moments, evenly from its first record to its last.
     recent_wear_um: Vec<f64>,
 }
@@ -318,6 +327,13 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
         simulation: simulation.progress.map(SimulationView::from),
         wear,
         wear_channel: speaking.map(|channel| channel.channel.clone()),
+        bearing_orders: asset
+            .spec
+            .bearings()
+            .into_iter()
+            .map(|bearing| (bearing.name.clone(), bearing.seen()))
+            .collect(),
+        velocity_limits_mm_per_s: asset.spec.velocity_zones.map(VelocityZones::limits_mm_per_s),
         recent_wear_um,
         channels: channels.into_iter().map(|channel| channel.channel).collect(),
     })

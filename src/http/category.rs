@@ -80,7 +80,7 @@ impl Category {
             return Self::OutOfSpecification;
         }
         match status {
-            Some(WearStatus::Estimated) => Self::Normal,
+            Some(WearStatus::Estimated | WearStatus::NoMesh) => Self::Normal,
             Some(
                 WearStatus::OutsideLibrary
                 | WearStatus::NotIdentifiable
@@ -138,6 +138,7 @@ mod tests {
                 Category::CheckFunction,
             ),
             (raised(0, 0), Some(&wear(WearStatus::NoLibrary, None)), none, "none", Category::None),
+            (raised(0, 0), Some(&wear(WearStatus::NoMesh, None)), none, "none", Category::Normal),
             (raised(0, 0), None, none, "building", Category::CheckFunction),
             (raised(0, 0), None, none, "failed", Category::OutOfSpecification),
             (raised(0, 0), None, none, "none", Category::None),

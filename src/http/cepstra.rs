@@ -40,7 +40,8 @@ pub(super) struct CepstrumView {
     /// The real cepstrum, without a unit.
     value: Vec<f64>,
     /// Tooth numbers, driving and driven.
-    teeth: [u32; 2],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    teeth: Option<[u32; 2]>,
     /// Shaft speed in hertz, where it is known.
     shaft_speed_hz: Option<f64>,
 }
@@ -65,7 +66,7 @@ pub(super) async fn cepstrum(
         Some(seconds) => return Err(Problem::query("max_s", seconds, "seconds above 0")),
     };
     let segment = segments::find(&app, &id).await?;
-    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
+    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.teeth();
     let _ticket = app.service.workers.admit_answer()?;
     let computed =
         app.service

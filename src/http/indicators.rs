@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use super::app::App;
 use super::chosen::{self, Chosen};
@@ -17,7 +17,7 @@ use super::query::{self, AssetInPath, Parameters};
 use super::{assets, etag, reduction, table};
 use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::WearStatus;
-use crate::signal::Indicators;
+use crate::signal::{Indicators, VELOCITY_RMS};
 use crate::store::Trend;
 
 /// Points of a trend where the client does not say how many.
@@ -53,7 +53,8 @@ pub(super) struct TrendView {
     /// Unit of each indicator; `1` for one without.
     units: BTreeMap<String, String>,
     /// One flat row a record in the order of time: `start_time`, `segment_id`, `operating_bin` where it lies
-    /// in one, `excluded` where it is, and each indicator by name (null where it has none).
+    /// in one, `excluded` where it is, each indicator by name (null where it has none), and beside
+    /// `velocity_rms` the `velocity_zone` where the asset has zones.
     items: Vec<Map<String, Value>>,
     /// Rows were left out to keep to `max_points`.
     reduced: bool,
@@ -115,7 +116,7 @@ pub(super) fn check_names(
     recorded: &BTreeMap<String, Vec<f64>>,
     spec: &AssetSpec,
 ) -> Result<(), Problem> {
-    let known = Indicators::names(&spec.bands);
+    let known = spec.indicator_names();
     let is_known = |name: &&String| known.contains(name) || recorded.contains_key(*name);
     let Some(unknown) = names.iter().find(|name| !is_known(name)) else {
         return Ok(());
@@ -163,6 +164,11 @@ fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, mo
         for (name, column) in names.iter().zip(&columns) {
             // NaN, for no value, becomes null.
             row.insert(name.clone(), column[*n].into());
+            if name == VELOCITY_RMS
+                && let Some(zones) = spec.velocity_zones.filter(|_| column[*n].is_finite())
+            {
+                row.insert("velocity_zone".into(), json!(zones.zone(column[*n])));
+            }
         }
         row
     };

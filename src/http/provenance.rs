@@ -11,7 +11,7 @@ use crate::asset::{AssetSpec, Segment};
 pub(super) type Entries = (&'static str, BTreeMap<String, String>);
 
 /// `asset`, a `sensor` for each measuring point (one for the asset's own sensor where it describes none),
-/// `gear_pair`, and an `acquisition` for each of the latest records of the channels.
+/// `gear_pair` or `shaft`, a `bearing` for each that is described, and an `acquisition` for each of the latest records of the channels.
 pub(super) fn metadata(spec: &AssetSpec, latest: &[Segment]) -> Vec<Entries> {
     let mut all = vec![(
         "asset",
@@ -22,6 +22,8 @@ pub(super) fn metadata(spec: &AssetSpec, latest: &[Segment]) -> Vec<Entries> {
     }
     all.extend(spec.points.iter().map(|point| ("sensor", flat(point))));
     all.push(("gear_pair", flat(&spec.gear)));
+    all.push(("shaft", flat(&spec.shaft)));
+    all.extend(spec.bearings.iter().map(|bearing| ("bearing", flat(bearing))));
     all.extend(latest.iter().map(|segment| {
         let acquisition = json!({
             "channel": segment.channel,

@@ -19,9 +19,9 @@ use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreEr
 /// Most records that one request names.
 const MAX_NAMED: usize = 200;
 
-const STATUSES: &str = "collecting_baseline, no_library, awaiting_library, provisional, library_failed, no_features, \
-    speed_in_doubt, not_comparable, not_identifiable, outside_library, sensor_fault, estimated, recomputing or \
-    excluded";
+const STATUSES: &str = "collecting_baseline, no_library, no_mesh, awaiting_library, provisional, library_failed, \
+    no_features, speed_in_doubt, not_comparable, not_identifiable, outside_library, sensor_fault, estimated, \
+    recomputing or excluded";
 
 /// What records are chosen by besides channel and time.
 #[derive(Debug, Default)]

@@ -109,13 +109,24 @@ async fn alarms(app: &App, asset: &AssetId, channel: &str) -> Result<Vec<Reporte
 }
 
 fn facts(spec: &AssetSpec) -> Vec<(String, String)> {
-    let [driving, driven] = spec.gear.teeth;
-    let mut facts = vec![
-        ("Gears".to_owned(), format!("{driving} / {driven} teeth")),
-        ("Nominal speed of the driving shaft".to_owned(), format!("{} Hz", spec.gear.shaft_speed_hz)),
-    ];
-    if let Some(pair) = &spec.gear.pair {
+    let mut facts = Vec::new();
+    if let Some([driving, driven]) = spec.teeth() {
+        facts.push(("Gears".to_owned(), format!("{driving} / {driven} teeth")));
+    }
+    if let Some(speed_hz) = spec.nominal_speed_hz() {
+        let of = if spec.gear.is_some() { "the driving shaft" } else { "the shaft" };
+        facts.push((format!("Nominal speed of {of}"), format!("{speed_hz} Hz")));
+    }
+    if let Some(pair) = spec.pair() {
         facts.push(("Gear pair".to_owned(), pair.name.clone()));
+    }
+    if !spec.bearings.is_empty() {
+        let names: Vec<&str> = spec.bearings.iter().map(|bearing| bearing.name.as_str()).collect();
+        facts.push(("Bearings".to_owned(), names.join(", ")));
+    }
+    if let Some(zones) = spec.velocity_zones {
+        let limits = zones.limits_mm_per_s().map(|limit| limit.to_string());
+        facts.push(("Velocity zones A to D".to_owned(), format!("limits {} mm/s", limits.join(", "))));
     }
     facts
 }

@@ -12,7 +12,7 @@ use super::chosen;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
 use super::record_choice::{self, RecordChoice};
-use crate::asset::{AssetId, RawReference, Segment, SegmentId};
+use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId, VelocityZone};
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Indicators, OperatingPoint, ShaftSpeed};
 use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey};
@@ -77,13 +77,17 @@ pub(super) struct SegmentRow {
     basis: Basis,
     #[serde(flatten)]
     indicators: Indicators,
+    /// The zone of ISO 20816 that `velocity_rms` lies in, where the asset has zones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    velocity_zone: Option<VelocityZone>,
     /// The wear estimate after this record, without its posterior.
     wear: WearEstimate,
 }
 
-impl From<Segment> for SegmentRow {
-    fn from(segment: Segment) -> Self {
+impl SegmentRow {
+    fn of(segment: Segment, spec: &AssetSpec) -> Self {
         Self {
+            velocity_zone: spec.velocity_zone(&segment.indicators),
             id: segment.id,
             asset_id: segment.asset_id,
             channel: segment.channel,
@@ -138,7 +142,17 @@ pub(super) async fn list(
     let page = Page::new(segments, limit, |segment: &Segment| {
         query::cursor_of(&SegmentKey { start_time: segment.start_time, id: segment.id.clone() })
     });
-    Ok(Json(page.map(SegmentRow::from)))
+    Ok(Json(page.map(|segment| SegmentRow::of(segment, &spec))))
+}
+
+/// A segment, whole, and what the asset's description says of it.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct SegmentView {
+    #[serde(flatten)]
+    segment: Segment,
+    /// The zone of ISO 20816 that `velocity_rms` lies in, where the asset has zones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    velocity_zone: Option<VelocityZone>,
 }
 
 /// One segment, whole
@@ -147,13 +161,16 @@ pub(super) async fn list(
     path = "/v1/segments/{segment}",
     tag = "records",
     params(("segment" = String, Path, description = "The segment")),
-    responses((status = 200, body = Segment)),
+    responses((status = 200, body = SegmentView)),
 )]
 pub(super) async fn show(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-) -> Result<Json<Segment>, Problem> {
-    Ok(Json(find(&app, &id).await?))
+) -> Result<Json<SegmentView>, Problem> {
+    let segment = find(&app, &id).await?;
+    let spec = app.service.store.asset(&segment.asset_id).await?.spec;
+    let velocity_zone = spec.velocity_zone(&segment.indicators);
+    Ok(Json(SegmentView { segment, velocity_zone }))
 }
 
 /// Delete one segment

@@ -141,18 +141,18 @@ pub(super) async fn show(
     let Some(first) = segments.first() else {
         return Ok(Json(view));
     };
-    let nominal_hz = asset.spec.gear.shaft_speed_hz;
-    let end = end.transpose()?.unwrap_or(match asked.axis {
-        Axis::Hz => first.sample_rate_hz / 2.0,
-        Axis::Orders => first.sample_rate_hz / 2.0 / nominal_hz,
-    });
+    let latest_speed = segments.iter().rev().find_map(|segment| segment.shaft_speed);
+    let speed_hz = asset.spec.nominal_speed_hz().or(latest_speed.map(|speed| speed.shaft_speed_hz));
+    let highest = match (asked.axis, speed_hz) {
+        (Axis::Hz, _) => first.sample_rate_hz / 2.0,
+        (Axis::Orders, Some(speed_hz)) => first.sample_rate_hz / 2.0 / speed_hz,
+        (Axis::Orders, None) => return Err(Problem::query("axis", "orders", "hz: no shaft speed is known")),
+    };
+    let end = end.transpose()?.unwrap_or(highest);
     let grid = Grid { axis: asked.axis, cells, end_bits: end.to_bits() };
-    let teeth = f64::from(asset.spec.gear.teeth[0]);
     view.mesh_position = match asked.axis {
-        Axis::Orders => Some(teeth),
-        Axis::Hz => {
-            segments.iter().rev().find_map(|segment| segment.shaft_speed).map(|speed| speed.mesh_frequency_hz)
-        }
+        Axis::Orders => asset.spec.teeth().map(|[driving, _]| f64::from(driving)),
+        Axis::Hz => latest_speed.map(|speed| speed.mesh_frequency_hz).filter(|mesh_hz| *mesh_hz > 0.0),
     };
     view.position = (0..cells).map(|n| (n as f64 + 0.5) * end / cells as f64).collect();
     let _ticket = app.service.workers.admit_answer()?;

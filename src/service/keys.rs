@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use crate::asset::AssetSpec;
@@ -15,21 +16,27 @@ const RUN_INDICATORS: &str = "run-2";
 
 /// Everything but its raw bytes that the analysis of a record of this asset depends on.
 pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
-    let gear = &spec.gear;
-    let mut others: Vec<String> =
-        gear.other_meshes.iter().map(|mesh| serde_json::to_string(mesh).unwrap_or_default()).collect();
-    others.sort_unstable();
-    let mut parts = vec![
-        PREPROCESSING.to_owned(),
-        format!("{:?}", gear.teeth),
-        format!("{:?}", gear.shaft_ratio),
-        gear.shaft_speed_hz.to_bits().to_string(),
-        gear.speed_tolerance.to_bits().to_string(),
-        gear.speed_is_exact.to_string(),
-    ];
-    parts.extend(others);
+    let mut parts = vec![PREPROCESSING.to_owned()];
+    match &spec.gear {
+        Some(gear) => {
+            parts.extend([
+                format!("{:?}", gear.teeth),
+                format!("{:?}", gear.shaft_ratio),
+                gear.shaft_speed_hz.to_bits().to_string(),
+                gear.speed_tolerance.to_bits().to_string(),
+                gear.speed_is_exact.to_string(),
+            ]);
+            let mut others: Vec<String> = gear.other_meshes.iter().map(json).collect();
+            others.sort_unstable();
+            parts.extend(others);
+        }
+        None => parts.push(format!("no mesh, {}", json(&spec.shaft))),
+    }
+    if !spec.bearings.is_empty() {
+        parts.extend([json(&spec.bearings), json(&spec.envelope_band_hz), json(&spec.envelope_band)]);
+    }
     let feature = hash(&parts.iter().map(String::as_str).collect::<Vec<_>>());
-    let bands = serde_json::to_string(&spec.bands).unwrap_or_default();
+    let bands = json(&spec.bands);
     let gear_indicators = if spec.gear_indicators { GEAR_PREPROCESSING } else { "" };
     let analysis = hash(&[INDICATORS, &feature, &bands, gear_indicators]);
     AnalysisKeys { analysis: Arc::from(analysis), feature: Arc::from(feature) }
@@ -46,6 +53,7 @@ pub(crate) fn fold_key(
     let compared_with = match library {
         Ok(ensemble) => ensemble.id().to_owned(),
         Err(LibraryLack::NotDescribed) => String::new(),
+        Err(LibraryLack::NoMesh) => "no mesh".to_owned(),
         Err(LibraryLack::Simulated) => "awaited".to_owned(),
         Err(LibraryLack::Failed(reason)) => format!("failed: {reason}"),
     };
@@ -57,8 +65,12 @@ pub(crate) fn fold_key(
         &compared_with,
         &settings.baseline_records.to_string(),
         &format!("{:?}", settings.limit_um),
-        &serde_json::to_string(rules).unwrap_or_default(),
+        &json(rules),
     ])
+}
+
+fn json<T: Serialize + ?Sized>(value: &T) -> String {
+    serde_json::to_string(value).unwrap_or_default()
 }
 
 fn hash(parts: &[&str]) -> String {

@@ -12,6 +12,7 @@ import {
   PHONE,
   removeAsset,
   say,
+  sendNoise,
   shoot,
   shots,
 } from "./page.mjs";
@@ -43,6 +44,37 @@ const slide = (page, name, part) =>
   }, part);
 
 export const CHECKS = {
+  "a machine without gears is made with its bearing": async (name) => {
+    const id = `fan-${Date.now()}`;
+    const opened = await open("");
+    const { page } = opened;
+    await page.getByRole("link", { name: "New asset" }).click();
+    await page.getByLabel("Gear pair, for wear in µm").selectOption("no-gears");
+    await page.getByLabel("Teeth, driving", { exact: true }).waitFor({ state: "hidden" });
+    await fill(page, {
+      Name: id,
+      "Speed of the shaft (rpm)": "1800",
+      Bearing: "de",
+      "Rolling elements": "9",
+      "Diameter of a rolling element (mm)": "7.94",
+      "Pitch diameter (mm)": "39.04",
+    });
+    await page.getByLabel("Zones of velocity (ISO 20816)", { exact: true }).selectOption("group_2_rigid");
+    await page.getByRole("button", { name: "Create asset" }).click();
+    await page.getByText("Waiting for the first record").waitFor();
+    const made = await json(`assets/${id}`);
+    assert.deepEqual(
+      [made.gear, made.shaft.speed_hz, made.bearings[0].rolling_elements, made.velocity_zones.machine_class],
+      [undefined, 30, 9, "group_2_rigid"],
+    );
+    await sendNoise(id, 1);
+    await page.getByText("Velocity zones A to D").waitFor();
+    await page.getByRole("link", { name: "Settings" }).click();
+    await page.getByLabel("Nominal speed (Hz)", { exact: true }).waitFor();
+    await removeAsset(id);
+    await close(opened, name);
+  },
+
   "an asset is made by its numbers, copied, edited and deleted": async (name) => {
     const id = `form-${Date.now()}`;
     const opened = await open("");

@@ -5,7 +5,8 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use flankwatch::signal::{
-    AnalysisSettings, Analyzer, AngleSource, ConditionSettings, MeshContext, OtherMeshes, Record,
+    AnalysisSettings, Analyzer, AngleSource, BearingSettings, ConditionSettings, MeshContext, OtherMeshes,
+    Record,
 };
 use flate2::read::GzDecoder;
 use jiff::Timestamp;
@@ -165,7 +166,8 @@ fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
         nominal_is_exact: false,
         others: OtherMeshes::NONE,
     };
-    let settings = ConditionSettings { mesh, bands: &[], gear_indicators: true };
+    let settings =
+        ConditionSettings { mesh, bands: &[], gear_indicators: true, bearings: BearingSettings::default() };
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     for (name, omx) in RECORDINGS {
         for (channel, samples) in ["a1", "a2", "a3", "a4"].iter().zip(columns(&data, name)) {

@@ -6,6 +6,7 @@ mod access;
 mod alarms;
 mod assets;
 mod backups;
+mod bearings;
 mod clients;
 mod corrections;
 mod damaged_store;

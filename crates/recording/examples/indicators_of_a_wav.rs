@@ -11,7 +11,7 @@ use std::io::Cursor;
 
 use flankwatch_recording::{RecordDefaults, WavWriter, decode_wav};
 use flankwatch_signal::{
-    AnalysisSettings, Analyzer, ConditionSettings, Indicators, MeshContext, OtherMeshes,
+    AnalysisSettings, Analyzer, BearingSettings, ConditionSettings, Indicators, MeshContext, OtherMeshes,
 };
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -34,6 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         },
         bands: &[],
         gear_indicators: true,
+        bearings: BearingSettings::default(),
     };
     // One analyzer for all records: it keeps what it has planned.
     let mut analyzer = Analyzer::new(AnalysisSettings::default());

@@ -8,7 +8,9 @@ use std::hint::black_box;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-use flankwatch_signal::{AnalysisSettings, Analyzer, ConditionSettings, MeshContext, OtherMeshes, Record};
+use flankwatch_signal::{
+    AnalysisSettings, Analyzer, BearingSettings, ConditionSettings, MeshContext, OtherMeshes, Record,
+};
 use jiff::Timestamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -75,7 +77,8 @@ fn main() {
         (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
     let samples: Vec<f64> = record.samples().iter().map(|&x| f64::from(x)).collect();
 
-    let settings = ConditionSettings { mesh, bands: &[], gear_indicators: true };
+    let settings =
+        ConditionSettings { mesh, bands: &[], gear_indicators: true, bearings: BearingSettings::default() };
     let mut tasks: Vec<Task> = Vec::new();
     tasks.push((
         TRANSFORM,

@@ -6,7 +6,7 @@ use crate::{Record, RecordError};
 const G_M_S2: f64 = 9.806_65;
 
 /// What one of a unit is in m/s²; none of what is no unit of acceleration.
-fn in_m_s2(unit: &str) -> Option<f64> {
+pub(super) fn in_m_s2(unit: &str) -> Option<f64> {
     match unit {
         "m/s2" | "m/s²" | "m/s^2" => Some(1.0),
         "mm/s2" | "mm/s²" | "mm/s^2" => Some(1e-3),

@@ -1,7 +1,7 @@
 //! One record's analysis: a single transform of the whole record serves everything.
 
 use super::band::Band;
-use super::checks::insert_checks;
+use super::checks::{insert_checks, insert_shaft_lines};
 use super::envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch, band_bins};
 use super::faults::fault;
 use super::features::{Extent, Features};
@@ -17,6 +17,7 @@ use super::spectrum::Spectrum;
 use super::speed::{LocatedMesh, MeshContext, ShaftSpeed, SpeedSource, given_speed, locate};
 use super::steadying::{Mesh, steady};
 use super::transform::spectrum_length;
+use super::velocity::{VELOCITY_RMS, velocity_rms};
 
 /// The default envelope band's reach around a mesh harmonic in mesh frequencies.
 const DEFAULT_BAND_MESHES: f64 = 1.5;
@@ -130,6 +131,9 @@ impl Analyzer {
         }
         let mut features = Features::default();
         let deviation = moments.deviation();
+        let velocity =
+            deviation.and_then(|_| velocity_rms(&work.amplitude, work.length, resolution_hz, record.unit()));
+        indicators.insert(VELOCITY_RMS, velocity);
         if let (Ok(deviation), Ok(kurtosis)) = (deviation, moments.kurtosis()) {
             features.values.insert("ln_rms".to_owned(), deviation.ln());
             features.values.insert("ln_kurtosis".to_owned(), kurtosis.ln());
@@ -137,7 +141,8 @@ impl Analyzer {
 
         let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh));
         let mut mesh_lines = Vec::new();
-        for order in 1..=self.settings.harmonics {
+        let harmonics = if mesh.teeth > 0 { self.settings.harmonics } else { 0 };
+        for order in 1..=harmonics {
             let line = lines.and_then(|lines| lines.read(work, order as f64).ok_or(Absence::AboveNyquist));
             let is_own = lines.is_ok_and(|lines| lines.is_own(order as f64, 0.0));
             let amplitude =
@@ -159,7 +164,16 @@ impl Analyzer {
         let certain = located.mesh.ok().filter(|_| features.speed_doubt.is_none());
         if let Ok(deviation) = deviation {
             let comb = certain.map(|mesh_bins| (mesh_bins, mesh));
+            let uncertain = |speed: &ShaftSpeed| speed.source == SpeedSource::Nominal;
+            let shaft = speed.filter(|speed| mesh.teeth == 0 && !uncertain(speed));
+            let shaft_bins = match certain {
+                Some(mesh_bins) => Some(mesh_bins / f64::from(mesh.teeth)),
+                None => shaft.map(|speed| speed.shaft_speed_hz / resolution_hz),
+            };
             insert_checks(work, resolution_hz, comb, deviation, &mut features);
+            if let Some(shaft_bins) = shaft_bins {
+                insert_shaft_lines(work, shaft_bins, mesh.others, deviation, &mut features);
+            }
         }
         if let (Some(mesh_bins), Ok(deviation)) = (certain, deviation) {
             let place = Mesh { bins: mesh_bins, teeth: mesh.teeth, sample_rate_hz: record.sample_rate_hz() };
@@ -458,7 +472,7 @@ mod tests {
             let got = analyzer.analyze(&record, &MESH);
             let numbers = got.indicators.values.values().chain(got.features.values.values());
             assert!(numbers.chain(got.features.background.values()).all(|x| x.is_finite()), "{length}");
-            assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
+            assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 16);
             let spectrum = analyzer.amplitude_spectrum(&record);
             assert_eq!(spectrum.amplitude.len(), length / 2 + 1);
             let band =
@@ -482,7 +496,8 @@ mod tests {
             let got = analyze(&record, MeshContext { teeth, tolerance, ..MESH });
             prop_assert!(got.indicators.values.values().all(|x| x.is_finite()), "{:?}", got.indicators);
             prop_assert!(got.features.values.values().all(|x| x.is_finite()), "{:?}", got.features);
-            prop_assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
+            let of_mesh = if teeth > 0 { 11 } else { 0 };
+            prop_assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 5 + of_mesh);
         }
     }
 

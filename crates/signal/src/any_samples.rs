@@ -4,8 +4,8 @@ use jiff::Timestamp;
 use proptest::prelude::*;
 
 use super::{
-    AnalysisSettings, Analyzer, ConditionSettings, EnvelopeSearch, MeshContext, OtherMeshes, Quality, Record,
-    RunMeans, Tachometer,
+    AnalysisSettings, Analyzer, Bearing, BearingOrders, BearingSettings, ConditionSettings, EnvelopeSearch,
+    MeshContext, OtherMeshes, Quality, Record, RunMeans, Tachometer,
 };
 
 const RATE_HZ: f64 = 1000.0;
@@ -26,16 +26,24 @@ fn record(samples: Vec<f32>) -> Record {
 /// Everything that can be asked of a record.
 fn analyse_everything(record: &Record, mesh: MeshContext) {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
-    let settings = ConditionSettings { mesh, bands: &[], gear_indicators: true };
+    let orders = BearingOrders::of_geometry(9, 0.2, 0.0);
+    let bearings = [Bearing { name: "de".into(), shaft_turns: 0.5, orders }];
+    let settings = ConditionSettings {
+        mesh,
+        bands: &[],
+        gear_indicators: true,
+        bearings: BearingSettings { bearings: &bearings, ..BearingSettings::default() },
+    };
     let condition = analyzer.condition(record, &settings);
     let indicators = &condition.analysis.indicators;
     assert!(indicators.values.values().all(|x| x.is_finite()), "{indicators:?}");
     assert!(condition.analysis.features.values.values().all(|x| x.is_finite()));
     assert!(indicators.values.keys().all(|name| !indicators.absent.contains_key(name)));
-    assert_eq!(indicators.values.len() + indicators.absent.len(), 15 + 12);
+    let of_mesh = if mesh.teeth > 0 { 11 + 12 } else { 0 };
+    assert_eq!(indicators.values.len() + indicators.absent.len(), 5 + of_mesh + 8);
     let run = RunMeans::default().update(indicators);
     assert!(run.values.values().all(|x| x.is_finite()));
-    assert_eq!(run.values.len() + run.absent.len(), 2);
+    assert_eq!(run.values.len() + run.absent.len(), if mesh.teeth > 0 { 2 } else { 0 });
     let gear = analyzer.gear_indicators(record, &mesh, None);
     for (name, value) in &gear.indicators.values {
         assert_eq!(indicators.get(name), Some(*value));

@@ -4,9 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::indicators::Absence;
 use super::spectrum::HANN_BANDWIDTH_BINS;
-
-/// Standard gravity in m/s².
-const GRAVITY_M_PER_S2: f64 = 9.806_65;
+use super::velocity::to_mm_per_s;
 
 /// What is summed up in a band.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,7 +14,7 @@ pub enum BandQuantity {
     /// The record as it is, in its unit.
     #[default]
     Record,
-    /// Velocity in mm/s: the record, an acceleration in m/s² or g, integrated.
+    /// Velocity in mm/s: the record, integrated where it is an acceleration.
     Velocity,
 }
 
@@ -39,9 +37,7 @@ impl Band {
     /// Whether name and frequencies can be used.
     pub fn is_usable(&self) -> bool {
         let [low, high] = self.band_hz;
-        let name = &self.name;
-        let letters = name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
-        letters && (1..=32).contains(&name.len()) && low >= 0.0 && low < high && high.is_finite()
+        is_name(&self.name) && low >= 0.0 && low < high && high.is_finite()
     }
 
     /// The indicator's name.
@@ -49,8 +45,7 @@ impl Band {
         format!("band_{}", self.name)
     }
 
-    /// √(Σ P(f)·Δf) over the bins of the Hann power spectral density P from the lowest to the highest
-    /// frequency, both included and zero left out; for velocity each divided by (2πf)².
+    /// The band's value, of a Hann amplitude spectrum of `samples` samples.
     pub(super) fn rms(
         &self,
         amplitude: &[f64],
@@ -58,37 +53,44 @@ impl Band {
         resolution_hz: f64,
         unit: &str,
     ) -> Result<f64, Absence> {
-        let factor = match self.quantity {
-            BandQuantity::Record => 1.0,
-            BandQuantity::Velocity => 1e3 * acceleration_m_per_s2(unit).ok_or(Absence::NotAcceleration)?,
-        };
-        let [low, high] = self.band_hz.map(|frequency| frequency / resolution_hz);
-        if high > 0.5 * samples as f64 {
-            return Err(Absence::AboveNyquist);
-        }
-        let (first, last) = ((low.ceil() as usize).max(1), high.floor() as usize);
-        if first > last {
-            return Err(Absence::TooShort);
-        }
-        let power = |k: usize| {
-            let sides = if 2 * k == samples { 1.0 } else { 0.5 };
-            let omega = match self.quantity {
-                BandQuantity::Record => 1.0,
-                BandQuantity::Velocity => std::f64::consts::TAU * k as f64 * resolution_hz,
-            };
-            sides * (amplitude[k] / omega).powi(2) / HANN_BANDWIDTH_BINS
-        };
-        Ok(factor * (first..=last).map(power).sum::<f64>().sqrt())
+        rms_between(self.band_hz, self.quantity, amplitude, samples, resolution_hz, unit)
     }
 }
 
-fn acceleration_m_per_s2(unit: &str) -> Option<f64> {
-    match unit {
-        "m/s2" | "m/s^2" | "m/s²" => Some(1.0),
-        "g" => Some(GRAVITY_M_PER_S2),
-        "mg" => Some(1e-3 * GRAVITY_M_PER_S2),
-        _ => None,
+/// Whether a name can be part of an indicator's: 1 to 32 of `a-z`, `0-9` and `_`.
+pub fn is_name(name: &str) -> bool {
+    let letters = name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+    letters && (1..=32).contains(&name.len())
+}
+
+/// √(Σ P(f)·Δf) over the bins of the Hann power spectral density P from the lowest to the highest frequency,
+/// both included and zero left out; for the velocity of an acceleration each divided by (2πf)².
+pub(super) fn rms_between(
+    band_hz: [f64; 2],
+    quantity: BandQuantity,
+    amplitude: &[f64],
+    samples: usize,
+    resolution_hz: f64,
+    unit: &str,
+) -> Result<f64, Absence> {
+    let (factor, integrates) = match quantity {
+        BandQuantity::Record => (1.0, false),
+        BandQuantity::Velocity => to_mm_per_s(unit).ok_or(Absence::NotAcceleration)?,
+    };
+    let [low, high] = band_hz.map(|frequency| frequency / resolution_hz);
+    if high > 0.5 * samples as f64 {
+        return Err(Absence::AboveNyquist);
     }
+    let (first, last) = ((low.ceil() as usize).max(1), high.floor() as usize);
+    if first > last {
+        return Err(Absence::TooShort);
+    }
+    let power = |k: usize| {
+        let sides = if 2 * k == samples { 1.0 } else { 0.5 };
+        let omega = if integrates { std::f64::consts::TAU * k as f64 * resolution_hz } else { 1.0 };
+        sides * (amplitude[k] / omega).powi(2) / HANN_BANDWIDTH_BINS
+    };
+    Ok(factor * (first..=last).map(power).sum::<f64>().sqrt())
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use std::f64::consts::SQRT_2;
 use super::features::Features;
 use super::line::{MAIN_LOBE_BINS, background, noise_amplitude};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
+use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;
 use super::speed::MeshContext;
 
@@ -45,8 +46,7 @@ const NOISE_BANDWIDTH_BINS: f64 = 1.5;
 const COMB_SHAFTS: f64 = 3.5;
 const COMB_WANDER: f64 = 0.006;
 
-/// Puts down the noise floors, the energy beside the combs of this mesh and of others, and the shaft's own
-/// lines; of a record without a `mesh` (its place in bins and what is known of it) the floors and all energy
+/// Puts down the noise floors and the energy beside the combs of this mesh and of others; of a record without a `mesh` (its place in bins and what is known of it) the floors and all energy
 /// of the octaves. Noise is a density, so that it does not depend on how long the record is.
 pub(super) fn insert_checks(
     work: &mut RecordSpectrum,
@@ -79,15 +79,24 @@ pub(super) fn insert_checks(
             features.insert_check(format!("ln_rest_{centre_hz:.0}hz"), rest * to_density, deviation);
         }
     }
-    let Some((mesh_bins, mesh)) = mesh else { return };
-    let shaft_bins = mesh_bins / f64::from(mesh.teeth);
+}
+
+/// Puts down the lines of a shaft.
+pub(super) fn insert_shaft_lines(
+    work: &mut RecordSpectrum,
+    shaft_bins: f64,
+    others: OtherMeshes,
+    deviation: f64,
+    features: &mut Features,
+) {
+    let RecordSpectrum { amplitude, sorting, .. } = work;
     if shaft_bins < SHAFT_RESOLVED_BINS {
         return;
     }
     for order in 1..=SHAFT_ORDERS {
         let position = order as f64 * shaft_bins;
         let reach = SHAFT_REACH * shaft_bins;
-        if mesh.others.lie_at(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins) {
+        if others.lie_at(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins) {
             continue;
         }
         let (first, last) = ((position - reach).ceil() as usize, (position + reach).floor() as usize);

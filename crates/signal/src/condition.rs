@@ -7,6 +7,7 @@ use super::analyzer::{Analysis, Analyzer};
 use super::band::Band;
 use super::features::PREPROCESSING;
 use super::gear_indicators::AngleUsed;
+use super::impacts::BearingSettings;
 use super::indicators::Absence;
 use super::record::{Quality, Record};
 use super::speed::MeshContext;
@@ -24,8 +25,10 @@ pub struct ConditionSettings<'a> {
     pub mesh: MeshContext,
     /// Bands whose values become indicators.
     pub bands: &'a [Band],
-    /// Whether the indicators over the shaft's angle are wanted.
+    /// Whether the indicators over the shaft's angle are wanted, where there is a mesh.
     pub gear_indicators: bool,
+    /// The bearings that the sensor hears.
+    pub bearings: BearingSettings<'a>,
 }
 
 /// What a record's indicators and features rest on.
@@ -56,7 +59,9 @@ impl Analyzer {
         let mesh = &settings.mesh;
         let located = self.locate(record, mesh);
         let mut analysis = self.analyze_located(record, mesh, settings.bands, &located);
-        let wanted = settings.gear_indicators || located.1.mesh.is_ok();
+        self.insert_impacts(record, &settings.bearings, mesh.tolerance, &mut analysis);
+        let gear_indicators = settings.gear_indicators && mesh.teeth > 0;
+        let wanted = gear_indicators || located.1.mesh.is_ok();
         let turned = if wanted {
             self.turned_located(record, mesh, &located, analysis.features.fault)
         } else {
@@ -66,7 +71,7 @@ impl Analyzer {
         let mut basis =
             Basis { preprocessing: PREPROCESSING.to_owned(), quality: record.quality(), shaft_angle: None };
         let mut clipped = record.quality().clipped;
-        if settings.gear_indicators {
+        if gear_indicators {
             let gear = self.gear_indicators_turned(mesh, &turned);
             clipped |= gear.indicators.absent.values().any(|reason| *reason == Absence::Clipped);
             analysis.indicators.extend(gear.indicators);

@@ -6,6 +6,7 @@ use rustfft::FftDirection;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::indicators::Absence;
 use super::spectrum::hann_amplitude;
 use super::sums::mean_of;
 use super::transform::Transforms;
@@ -28,6 +29,9 @@ pub enum BandSource {
     StrongestMeshHarmonic,
     /// The most impulsive band of the record's kurtogram.
     Kurtogram,
+    /// From a sixteenth to 45 % of the sampling rate, where impacts of bearings ring: of a machine without a
+    /// mesh.
+    Impacts,
     /// All of the spectrum, where no shaft speed is known, or no kurtogram can be made.
     Whole,
     /// Given with the query.
@@ -66,7 +70,16 @@ pub struct EnvelopeBand {
     pub spectral_kurtosis: Option<f64>,
 }
 
+/// Impacts ring far above the lines of shafts and meshes, and below where anti-aliasing filters act. Both as
+/// parts of the sampling rate.
+const IMPACT_BAND: [f64; 2] = [1.0 / 16.0, 0.45];
+
 impl EnvelopeBand {
+    /// The band of bearings' impacts in a record of this sampling rate.
+    pub fn of_impacts(sample_rate_hz: f64) -> Self {
+        Self::given(IMPACT_BAND.map(|part| part * sample_rate_hz), BandSource::Impacts)
+    }
+
     /// A band that someone gave.
     pub fn given(band_hz: [f64; 2], source: BandSource) -> Self {
         Self { band_hz, source, spectral_kurtosis: None }
@@ -108,6 +121,16 @@ pub enum BandError {
         /// Their distance in hertz.
         resolution_hz: f64,
     },
+}
+
+impl BandError {
+    /// Why an indicator of the band is absent.
+    pub(super) fn absence(self) -> Absence {
+        match self {
+            Self::AboveNyquist { .. } => Absence::AboveNyquist,
+            Self::Order { .. } | Self::TooNarrow { .. } => Absence::TooShort,
+        }
+    }
 }
 
 /// The first and the last bin of a band of a spectrum of `length` samples. The bins at zero and at half the

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::bearing_lines::EnvelopeLine;
 use super::indicators::Absence;
 use super::record::OperatingPoint;
 
@@ -70,6 +71,10 @@ pub struct Features {
     /// Why the shaft speed that was found in the record is in doubt: then there are no lines of the mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_doubt: Option<String>,
+    /// The strongest line of the envelope spectrum, where it stands out: of a record whose kurtosis exceeds 4,
+    /// or of a machine whose bearings are described.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub envelope_line: Option<EnvelopeLine>,
     /// What is wrong with the samples themselves: they do not vary, are clipped, or have gaps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fault: Option<Absence>,

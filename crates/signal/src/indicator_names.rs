@@ -1,26 +1,53 @@
 //! Which indicators there are, and which of them a misspelt name is near to.
 
 use super::band::Band;
+use super::bearing::Bearing;
 use super::gear_indicators;
 use super::indicators::Indicators;
+use super::velocity::VELOCITY_RMS;
 use crate::AnalysisSettings;
 
 /// Those of the record as it is, besides the lines and bands.
-const OF_THE_RECORD: [&str; 5] = ["rms", "peak", "crest_factor", "kurtosis", "omx"];
+const OF_THE_RECORD: [&str; 5] = ["rms", "peak", "crest_factor", "kurtosis", VELOCITY_RMS];
 
-/// Those that need the records before.
-const OF_THE_RUN: [&str; 3] = ["na4", "nb4", "novelty"];
+/// That of the run which needs no mesh.
+const NOVELTY: &str = "novelty";
+
+/// Those of a mesh that need the records before.
+const OF_THE_RUN: [&str; 2] = ["na4", "nb4"];
 
 /// How many names are told in place of one that there is not.
 const NEAREST: usize = 3;
 
+/// What is described of a machine and decides which indicators there are.
+#[derive(Debug, Clone, Copy)]
+pub struct Described<'a> {
+    /// Bands that the user defined.
+    pub bands: &'a [Band],
+    /// The bearings.
+    pub bearings: &'a [Bearing],
+    /// Whether there is a gear mesh.
+    pub has_mesh: bool,
+}
+
+impl Default for Described<'_> {
+    /// A mesh, and nothing else.
+    fn default() -> Self {
+        Self { bands: &[], bearings: &[], has_mesh: true }
+    }
+}
+
 impl Indicators {
-    /// The names of all indicators there can be; `bands` are those that the user defined.
-    pub fn names(bands: &[Band]) -> Vec<String> {
-        let harmonics = AnalysisSettings::default().harmonics;
-        let fixed = OF_THE_RECORD.into_iter().chain(gear_indicators::NAMES).chain(OF_THE_RUN);
+    /// The names of all indicators there can be of what is described.
+    pub fn names(described: &Described<'_>) -> Vec<String> {
+        let harmonics = if described.has_mesh { AnalysisSettings::default().harmonics } else { 0 };
+        let of_mesh = ["omx"].into_iter().chain(gear_indicators::NAMES).chain(OF_THE_RUN);
+        let of_mesh = of_mesh.filter(|_| described.has_mesh);
+        let fixed = OF_THE_RECORD.into_iter().chain(of_mesh).chain([NOVELTY]);
         let lines = (1..=harmonics).map(|order| format!("mesh_{order}"));
-        fixed.map(str::to_owned).chain(lines).chain(bands.iter().map(Band::indicator)).collect()
+        let of_bearings = described.bearings.iter().flat_map(Bearing::all_indicators);
+        let of_bands = described.bands.iter().map(Band::indicator);
+        fixed.map(str::to_owned).chain(lines).chain(of_bearings).chain(of_bands).collect()
     }
 
     /// The names nearest to one, the nearest first; of equally near ones in the order given.
@@ -62,31 +89,42 @@ mod tests {
     use jiff::Timestamp;
 
     use super::*;
-    use crate::{Analyzer, BandQuantity, ConditionSettings, MeshContext, Record, RunMeans};
+    use crate::{
+        Analyzer, BandQuantity, BearingOrders, BearingSettings, ConditionSettings, MeshContext, Record,
+        RunMeans,
+    };
+
+    fn given(mesh: MeshContext, bands: &[Band], bearings: &[Bearing]) -> BTreeSet<String> {
+        let samples = (0..2000).map(|k| (0.3 * f64::from(k)).sin() as f32).collect();
+        let record = Record::new("a", Timestamp::UNIX_EPOCH, 1000.0, "m/s2", samples).unwrap();
+        let bearings = BearingSettings { bearings, ..BearingSettings::default() };
+        let settings = ConditionSettings { mesh, bands, gear_indicators: true, bearings };
+        let mut analysed =
+            Analyzer::new(AnalysisSettings::default()).condition(&record, &settings).analysis.indicators;
+        if mesh.teeth > 0 {
+            analysed.extend(RunMeans::default().update(&analysed));
+        }
+        analysed.values.into_keys().chain(analysed.absent.into_keys()).collect()
+    }
 
     #[test]
     fn the_names_are_those_that_an_analysis_gives() {
         let bands = [Band { name: "low".into(), band_hz: [10.0, 100.0], quantity: BandQuantity::Record }];
-        let samples = (0..2000).map(|k| (0.3 * f64::from(k)).sin() as f32).collect();
-        let record = Record::new("a", Timestamp::UNIX_EPOCH, 1000.0, "m/s2", samples).unwrap();
-        let settings =
-            ConditionSettings { mesh: MeshContext::unknown(), bands: &bands, gear_indicators: true };
-        let mut analysed =
-            Analyzer::new(AnalysisSettings::default()).condition(&record, &settings).analysis.indicators;
-        analysed.extend(RunMeans::default().update(&analysed));
-        let given: BTreeSet<&str> =
-            analysed.values.keys().chain(analysed.absent.keys()).map(String::as_str).collect();
-        let names = Indicators::names(&bands);
-        // That of the estimate comes after a baseline only.
-        let told: BTreeSet<&str> =
-            names.iter().map(String::as_str).filter(|name| *name != "novelty").collect();
-        assert_eq!(told, given);
-        assert_eq!(names.len(), told.len() + 1, "each once");
+        let orders = BearingOrders::of_geometry(9, 0.2, 0.0);
+        let bearings = [Bearing { name: "de".into(), shaft_turns: 1.0, orders }];
+        let mesh = MeshContext { teeth: 20, nominal_shaft_speed_hz: 2.0, ..MeshContext::unknown() };
+        for (mesh, has_mesh) in [(mesh, true), (MeshContext::unknown(), false)] {
+            let names = Indicators::names(&Described { bands: &bands, bearings: &bearings, has_mesh });
+            // That of the estimate comes after a baseline only.
+            let told: BTreeSet<String> = names.iter().filter(|name| *name != NOVELTY).cloned().collect();
+            assert_eq!(told, given(mesh, &bands, &bearings));
+            assert_eq!(names.len(), told.len() + 1, "each once");
+        }
     }
 
     #[test]
     fn the_nearest_names_come_first() {
-        let names = Indicators::names(&[]);
+        let names = Indicators::names(&Described::default());
         let nearest = |name: &str| Indicators::nearest(name, names.iter().map(String::as_str));
         assert_eq!(nearest("kurtsosis")[0], "kurtosis");
         assert_eq!(nearest("RMS")[0], "rms");

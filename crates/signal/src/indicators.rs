@@ -5,9 +5,11 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::band::{Band, BandQuantity};
+use super::bearing;
+use super::velocity::VELOCITY_RMS;
 
 /// Identifier of what the indicators are made by; stored ones made by another are computed again.
-pub const INDICATORS: &str = "indicators-1";
+pub const INDICATORS: &str = "indicators-2";
 
 /// Why an indicator could not be computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,10 +35,13 @@ pub enum Absence {
     Gaps,
     /// The signal to divide by is zero.
     NoSignal,
-    /// The samples' unit is not one of acceleration, so that no velocity follows from them.
+    /// The samples' unit is neither one of acceleration nor of velocity, so that no velocity follows from
+    /// them.
     NotAcceleration,
     /// A line of another mesh that the sensor hears lies there.
     OtherMesh,
+    /// The frequency lies above what the band's envelope holds: its width.
+    AboveEnvelope,
 }
 
 /// The condition indicators of one record by name; those that could not be computed are absent with a reason,
@@ -50,6 +55,9 @@ pub enum Absence {
 /// | `kurtosis` | E[((x − μ)/σ)⁴], Eq. (32): population σ, not excess (Gaussian 3, sine 1.5) | none |
 /// | `omx` | amplitude of the first mesh line: `mesh_1` | the record's |
 /// | `mesh_h` | peak amplitude of the line at h × mesh frequency, h = 1 …: Hann window, amplitude-corrected, interpolated between bins | the record's |
+/// | `velocity_rms` | root mean square of the velocity from 10 to 1000 Hz, as in ISO 20816; of records of at least 0.2 s | mm/s |
+/// | `bearing_…_bpfo`, `_bpfi`, `_bsf`, `_ftf` | of a described bearing: root sum square of the first three harmonics of the frequency in the envelope spectrum | the record's |
+/// | `bearing_…_to_background` | of the same lines: root mean square of amplitude over the noise's amplitude in one bin; about 1 in noise | none |
 /// | `band_…` | root mean square of a band that the user defines: see [`Band`](super::Band) | the record's, or mm/s |
 ///
 /// Over the angle of the driving shaft, by [`Analyzer::gear_indicators`](super::Analyzer::gear_indicators): x
@@ -123,13 +131,13 @@ impl Indicators {
             "nb4",
         ];
         let is_velocity = |band: &Band| band.quantity == BandQuantity::Velocity && band.indicator() == name;
-        if DIMENSIONLESS.contains(&name) {
+        if DIMENSIONLESS.contains(&name) || bearing::is_ratio(name) {
             "1".to_owned()
         } else if name.ends_with("_variance") {
             format!("({unit})^2")
         } else if name.ends_with("_fourth_moment") {
             format!("({unit})^4")
-        } else if bands.iter().any(is_velocity) {
+        } else if name == VELOCITY_RMS || bands.iter().any(is_velocity) {
             "mm/s".to_owned()
         } else {
             unit.to_owned()

@@ -81,16 +81,18 @@ impl Analyzer {
     /// [`Absence::Constant`], or [`Absence::TooShort`] below 129 samples.
     pub fn kurtogram(&mut self, record: &Record) -> Result<Kurtogram, Absence> {
         let moments = self.work.transform(record);
-        let answer = if moments.constant {
-            Err(Absence::Constant)
-        } else {
-            let resolution_hz = self.work.resolution_hz(record);
-            let usable = (self.work.length - 1) / 2;
-            let nyquist_hz = 0.5 * record.sample_rate_hz();
-            self.kurtogram.of(&self.work.bins[1..=usable], resolution_hz, nyquist_hz)
-        };
+        let answer =
+            if moments.constant { Err(Absence::Constant) } else { self.kurtogram_transformed(record) };
         self.give_back(record);
         answer
+    }
+
+    /// The same of the record that was transformed last, which is not constant.
+    pub(super) fn kurtogram_transformed(&mut self, record: &Record) -> Result<Kurtogram, Absence> {
+        let resolution_hz = self.work.resolution_hz(record);
+        let usable = (self.work.length - 1) / 2;
+        let nyquist_hz = 0.5 * record.sample_rate_hz();
+        self.kurtogram.of(&self.work.bins[1..=usable], resolution_hz, nyquist_hz)
     }
 }
 

@@ -47,6 +47,8 @@ mod angle_record;
 #[cfg(test)]
 mod any_samples;
 mod band;
+mod bearing;
+mod bearing_lines;
 mod cepstrum;
 mod checks;
 mod comb_support;
@@ -59,6 +61,7 @@ mod gear_indicators;
 #[cfg(test)]
 mod gear_reference;
 mod gear_signals;
+mod impacts;
 mod indicator_names;
 mod indicators;
 mod interpolation;
@@ -86,17 +89,22 @@ mod steadying;
 mod sums;
 mod tooth_contrast;
 mod transform;
+mod velocity;
 
 pub use acceleration::unit_factor;
 pub use analyzer::{Analysis, AnalysisSettings, Analyzer};
 pub use angle_record::{AngleRecord, OrderSpectrum};
-pub use band::{Band, BandQuantity};
+pub use band::{Band, BandQuantity, is_name};
+pub use bearing::{Bearing, BearingLine, BearingOrders};
+pub use bearing_lines::{EnvelopeLine, LineSource};
 pub use cepstrum::Cepstrum;
 pub use condition::{Basis, Condition, ConditionSettings, GEAR_PREPROCESSING};
 pub use envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch};
 pub use features::{Extent, Features, PREPROCESSING};
 pub use gear_indicators::{AngleUsed, GearAnalysis, RunMean, RunMeans};
 pub use gear_signals::GearSignals;
+pub use impacts::BearingSettings;
+pub use indicator_names::Described;
 pub use indicators::{Absence, INDICATORS, Indicators};
 pub use kurtogram::{Kurtogram, KurtogramBand, KurtogramLevel};
 pub use mesh_lines::MeshLine;
@@ -105,3 +113,4 @@ pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordErro
 pub use shaft_angle::{AngleSource, PulseError, ShaftAngle};
 pub use spectrum::Spectrum;
 pub use speed::{MeshContext, ShaftSpeed, SpeedDoubt, SpeedSource};
+pub use velocity::VELOCITY_RMS;

@@ -17,7 +17,7 @@ const SEARCH_FRACTION: f64 = 1e-4;
 const WANDER_FRACTION: f64 = 5e-4;
 
 /// What stands out: noise alone reaches 4 times its root mean square in one bin of e¹⁶ = 9 million.
-const STANDING_OUT: f64 = 4.0;
+pub(super) const STANDING_OUT: f64 = 4.0;
 
 /// Median of the amplitude of noise in parts of its root mean square: √(ln 2).
 pub(super) const MEDIAN_OF_NOISE: f64 = 0.832_554_611_157_697_7;

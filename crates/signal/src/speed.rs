@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::comb_support::{CombDoubt, Support, support};
 use super::indicators::Absence;
-use super::line::{MAIN_LOBE_BINS, fits};
+use super::line::{MAIN_LOBE_BINS, STANDING_OUT, background, fits, read_line};
 use super::mesh_comb::{self, MESH_RESOLVED_BINS, MeshComb};
 use super::other_meshes::OtherMeshes;
 use super::record::Record;
@@ -12,7 +12,7 @@ use super::record::Record;
 /// What is known of the mesh before a record is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshContext {
-    /// Teeth on the shaft whose speed is meant (the driving gear, the pinion).
+    /// Teeth on the shaft whose speed is meant (the driving gear, the pinion); 0 where there is no mesh.
     pub teeth: u32,
     /// Teeth of the gear that it meshes with; 0 where they are not known.
     pub mate_teeth: u32,
@@ -53,6 +53,10 @@ pub enum SpeedSource {
     Asset,
     /// Found from the comb of mesh harmonics within the tolerance around nominal.
     MeshComb,
+    /// Of a machine without a mesh: found from the harmonics of the shaft's own rate within the tolerance.
+    ShaftLines,
+    /// Of a machine without a mesh: the nominal speed, no better known than its tolerance says.
+    Nominal,
 }
 
 /// A record's shaft speed and where it came from.
@@ -63,7 +67,8 @@ pub struct ShaftSpeed {
     pub shaft_speed_hz: f64,
     /// Where it came from.
     pub source: SpeedSource,
-    /// Mesh frequency in hertz: teeth × shaft speed.
+    /// Mesh frequency in hertz: teeth × shaft speed; 0 where there is no mesh, and then left out.
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub mesh_frequency_hz: f64,
     /// How far the comb stands above the background, as a ratio of amplitudes (root mean square over its
     /// lines); `None` where none stood out beside a given speed.
@@ -99,6 +104,19 @@ pub enum SpeedDoubt {
 }
 
 impl ShaftSpeed {
+    /// The speed of a shaft without teeth.
+    fn without_mesh(shaft_speed_hz: f64, source: SpeedSource) -> Self {
+        Self {
+            shaft_speed_hz,
+            source,
+            mesh_frequency_hz: 0.0,
+            comb_to_background: None,
+            harmonics_found: 0,
+            harmonics_sought: 0,
+            doubt: None,
+        }
+    }
+
     /// The doubt in words, where there is one.
     pub fn doubt_in_words(&self) -> Option<String> {
         let (shaft_hz, mesh_hz) = (self.shaft_speed_hz, self.mesh_frequency_hz);
@@ -120,6 +138,10 @@ impl ShaftSpeed {
     }
 }
 
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
 impl SpeedDoubt {
     fn of(doubt: CombDoubt, resolution_hz: f64) -> Self {
         match doubt {
@@ -135,6 +157,10 @@ const GIVEN_SPEED_TOLERANCE: f64 = 1e-3;
 
 /// The lines of a comb that fits better are looked for within this part of its frequency.
 const NEAR_OTHER: f64 = 0.005;
+
+/// Harmonics of a shaft without teeth that are looked for, and how many of them have to stand out.
+const SHAFT_HARMONICS: u32 = 5;
+const LEAST_SHAFT_HARMONICS: u32 = 2;
 
 /// The mesh in one record's spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -178,6 +204,37 @@ fn find_comb(
     Some((first, lines))
 }
 
+/// The speed of a shaft without teeth by the harmonics of its rate, of which at least two have to stand out.
+fn find_shaft(
+    amplitude: &[f64],
+    resolution_hz: f64,
+    context: &MeshContext,
+    scratch: &mut Vec<f64>,
+) -> Option<ShaftSpeed> {
+    let range = [-1.0, 1.0]
+        .map(|side| context.nominal_shaft_speed_hz * (1.0 + side * context.tolerance) / resolution_hz);
+    if !fits(range[1], amplitude.len()) {
+        return None;
+    }
+    let comb = mesh_comb::find(amplitude, range, 1, scratch)?;
+    let sought = (1..=SHAFT_HARMONICS)
+        .take_while(|order| fits(f64::from(*order) * comb.mesh, amplitude.len()))
+        .collect::<Vec<_>>();
+    let mut stands_out = |order: &&u32| {
+        let position = f64::from(**order) * comb.mesh;
+        let noise = background(amplitude, position, Some(comb.mesh), 2.0 * comb.mesh, scratch);
+        let line = read_line(amplitude, position);
+        line.zip(noise).is_some_and(|(line, noise)| line.amplitude >= STANDING_OUT * noise)
+    };
+    let found = sought.iter().filter(&mut stands_out).count() as u32;
+    (found >= LEAST_SHAFT_HARMONICS).then(|| ShaftSpeed {
+        comb_to_background: Some(comb.to_background),
+        harmonics_found: found,
+        harmonics_sought: sought.len() as u32,
+        ..ShaftSpeed::without_mesh(comb.mesh * resolution_hz, SpeedSource::ShaftLines)
+    })
+}
+
 /// Finds the mesh: the speed that comes with the record before the asset's exact one before the comb within
 /// the tolerance around nominal.
 ///
@@ -196,6 +253,18 @@ pub(super) fn locate(
     let nominal_hz = context.nominal_shaft_speed_hz;
     let exact = context.nominal_is_exact && nominal_hz > 0.0;
     let given = given.or(exact.then_some((nominal_hz, SpeedSource::Asset)));
+    if context.teeth == 0 {
+        let shaft = match given {
+            Some((speed_hz, source)) => Some(ShaftSpeed::without_mesh(speed_hz, source)),
+            None if nominal_hz > 0.0 && nominal_hz.is_finite() => {
+                let found = find_shaft(amplitude, resolution_hz, context, scratch).filter(|_| !constant);
+                Some(found.unwrap_or(ShaftSpeed::without_mesh(nominal_hz, SpeedSource::Nominal)))
+            }
+            None => None,
+        };
+        let absence = if constant { Absence::Constant } else { Absence::NoSpeed };
+        return LocatedMesh { speed: shaft, mesh: Err(absence) };
+    }
     let (centre_hz, tolerance) = match given {
         Some((speed, _)) => (speed, GIVEN_SPEED_TOLERANCE),
         None => (nominal_hz, context.tolerance.max(0.0)),

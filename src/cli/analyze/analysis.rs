@@ -12,12 +12,12 @@ use super::record::AnalyzedRecord;
 use crate::asset::AssetSpec;
 use crate::cli::CliError;
 use crate::cli::library::kept_ensemble;
-use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, PanelChange};
+use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, LibraryLack, PanelChange};
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
 use crate::report::{Report, ReportedAlarm, ReportedRecord};
 use crate::signal::{
-    AnalysisSettings, Analyzer, BandSource, Condition, ConditionSettings, EnvelopeBand, EnvelopeSearch,
-    MeshContext, OperatingPoint, Record, ShaftSpeed, Spectrum,
+    AnalysisSettings, Analyzer, BandSource, BearingSettings, Condition, ConditionSettings, EnvelopeBand,
+    EnvelopeSearch, MeshContext, OperatingPoint, Record, ShaftSpeed, Spectrum,
 };
 
 /// The records of a command's files.
@@ -87,8 +87,14 @@ impl<'a> Analysis<'a> {
     fn take_record(&mut self, path: &Path, recorded: Recorded) {
         let record = recorded.record;
         // Without a description there is no mesh to speak of, and no reason to name what it would have given.
-        let unknown = ConditionSettings { mesh: MeshContext::unknown(), bands: &[], gear_indicators: false };
-        let settings = self.asset.as_ref().map_or(unknown, AssetSpec::condition_settings);
+        let unknown = ConditionSettings {
+            mesh: MeshContext::unknown(),
+            bands: &[],
+            gear_indicators: false,
+            bearings: BearingSettings::default(),
+        };
+        let bearings = self.asset.as_ref().map_or_else(Vec::new, AssetSpec::bearings);
+        let settings = self.asset.as_ref().map_or(unknown, |asset| asset.condition_settings(&bearings));
         let seen = self.asset.as_ref().map_or(Cow::Borrowed(&record), |asset| asset.seen_from_shaft(&record));
         let Condition { analysis, basis } = self.analyzer.condition(&seen, &settings);
         let envelope =
@@ -116,6 +122,7 @@ impl<'a> Analysis<'a> {
             wear: None,
             wear_reason: "no asset is described, see --asset".to_owned(),
             reference_wear_um: recorded.reference_wear_um,
+            has_mesh: self.asset.as_ref().is_some_and(|asset| asset.gear.is_some()),
             features: analysis.features,
         });
     }
@@ -154,10 +161,13 @@ impl<'a> Analysis<'a> {
         });
         // A library is worth its simulation only if some channel gets past its baseline.
         let needed = longest.values().any(|&count| count > settings.baseline_records);
-        let pair = asset.gear.pair.as_ref().filter(|_| needed);
+        let pair = asset.pair().filter(|_| needed);
         let ensemble =
             pair.map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.members)).transpose()?;
-        let estimator = ChannelEstimator::new(settings, ensemble, asset.alarm_rules());
+        let estimator = match &asset.gear {
+            Some(_) => ChannelEstimator::new(settings, ensemble, asset.alarm_rules()),
+            None => ChannelEstimator::without_library(settings, LibraryLack::NoMesh, asset.alarm_rules()),
+        };
         let mut order: Vec<usize> = (0..self.records.len()).collect();
         order.sort_by_key(|&i| self.records[i].start_time);
         let mut channels: BTreeMap<String, (ChannelState, Vec<PanelChange>)> = BTreeMap::new();

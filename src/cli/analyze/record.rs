@@ -36,6 +36,9 @@ pub(super) struct AnalyzedRecord {
     pub(super) wear_reason: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) reference_wear_um: Option<f64>,
+    /// Whether the described machine has a gear mesh.
+    #[serde(skip)]
+    pub(super) has_mesh: bool,
     #[serde(skip)]
     pub(super) features: Features,
 }

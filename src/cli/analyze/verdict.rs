@@ -12,18 +12,26 @@ pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
     };
     let estimates: Option<Vec<&WearEstimate>> = records.iter().map(|record| record.wear.as_ref()).collect();
     match estimates {
-        Some(estimates) => of_estimates(&estimates, last.start_time),
+        Some(estimates) => of_estimates(&estimates, last.start_time, last.has_mesh),
         None => format!("no wear: {}", last.wear_reason),
     }
 }
 
 /// What estimates say after the last of them, of the record that starts at `last`.
-fn of_estimates(estimates: &[&WearEstimate], last: Timestamp) -> String {
+fn of_estimates(estimates: &[&WearEstimate], last: Timestamp, has_mesh: bool) -> String {
     let Some(latest) = estimates.last() else {
         return String::new();
     };
     match latest.status {
         WearStatus::Estimated => worn(estimates, latest, last),
+        WearStatus::NoMesh => "the last record is like the healthy ones".to_owned(),
+        WearStatus::CollectingBaseline if !has_mesh => {
+            let baseline = latest.baseline;
+            format!("learning what healthy looks like: {} of {} records", baseline.have, baseline.need)
+        }
+        WearStatus::OutsideLibrary if !has_mesh => {
+            format!("{} is unlike the healthy ones: {}", since(estimates), cause_without_mesh(latest))
+        }
         WearStatus::OutsideLibrary => format!("{} is not wear: {}", since(estimates), cause(latest)),
         WearStatus::SensorFault => format!("{} cannot be judged: {}", since(estimates), cause(latest)),
         WearStatus::CollectingBaseline => {
@@ -94,6 +102,17 @@ fn cause(wear: &WearEstimate) -> String {
     words.strip_suffix(", not wear").unwrap_or(words).to_owned()
 }
 
+/// The same of a machine without a gear mesh.
+fn cause_without_mesh(wear: &WearEstimate) -> String {
+    let Some((novelty, sign)) =
+        wear.novelty.as_ref().and_then(|novelty| Some((novelty, novelty.machine_sign?)))
+    else {
+        return wear.reason.clone();
+    };
+    let line = novelty.envelope_line.as_ref().map(|line| format!("; {}", line.words()));
+    sign.words_without_mesh().to_owned() + &line.unwrap_or_default()
+}
+
 /// The time from one moment to a later one, in the largest unit that leaves two of it.
 fn span(from: Timestamp, to: Timestamp) -> String {
     let seconds = to.duration_since(from).as_secs_f64().max(0.0);
@@ -115,7 +134,7 @@ mod tests {
     }
 
     fn said(estimates: &[WearEstimate]) -> String {
-        of_estimates(&estimates.iter().collect::<Vec<_>>(), Timestamp::UNIX_EPOCH)
+        of_estimates(&estimates.iter().collect::<Vec<_>>(), Timestamp::UNIX_EPOCH, true)
     }
 
     #[test]
@@ -148,6 +167,15 @@ mod tests {
     }
 
     #[test]
+    fn a_machine_without_a_mesh_is_told_without_wear() {
+        let said = |status| of_estimates(&[&wear(status)], Timestamp::UNIX_EPOCH, false);
+        assert_eq!(said(WearStatus::NoMesh), "the last record is like the healthy ones");
+        for status in [WearStatus::CollectingBaseline, WearStatus::OutsideLibrary] {
+            assert!(!said(status).contains("wear is"), "{}", said(status));
+        }
+    }
+
+    #[test]
     fn what_is_not_wear_is_told_from_where_it_began() {
         let novelty = Novelty {
             p_value: 1e-9,
@@ -157,6 +185,7 @@ mod tests {
             machine_sign: Some(MachineSign::OneTooth),
             also: Vec::new(),
             band_hz: None,
+            envelope_line: None,
             lasting: None,
             most: Vec::new(),
         };

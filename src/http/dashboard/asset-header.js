@@ -24,12 +24,12 @@ function small(text, title) {
   return h("span", { class: "muted", title }, text);
 }
 
-function speedFact(speed, gear, known) {
+function speedFact(speed, nominal, known) {
   if (!speed)
     return fact(
       "Shaft speed",
-      known ? "not found" : hertz(gear.shaft_speed_hz),
-      small(known ? `nominal ${hertz(gear.shaft_speed_hz)}` : "nominal"),
+      known || nominal == null ? "not found" : hertz(nominal),
+      nominal == null ? null : small(known ? `nominal ${hertz(nominal)}` : "nominal"),
     );
   return fact(
     "Shaft speed",
@@ -78,8 +78,27 @@ function limitFact(wear) {
   );
 }
 
+function meshFacts(gear, speed) {
+  return [
+    fact(
+      "Mesh frequency",
+      hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]),
+      small(speed ? "teeth × shaft speed" : "from the nominal speed"),
+    ),
+    fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
+  ];
+}
+
+function bearingsFact(bearings) {
+  return bearings?.length ? fact("Bearings", bearings.map(({ name }) => name).join(", ")) : null;
+}
+
+function zoneFact({ velocity_limits_mm_per_s: limits }) {
+  return limits ? fact("Velocity zones A to D", `limits ${limits.join(", ")} mm/s`) : null;
+}
+
 function facts(asset, wear, last) {
-  const { summary, gear } = asset;
+  const { summary, gear, shaft } = asset;
   const speed = wear?.shaft_speed;
   const { have, need } = wear?.baseline ?? {};
   const baseline =
@@ -89,14 +108,11 @@ function facts(asset, wear, last) {
   return [
     limitFact(wear),
     fact("Baseline", ...baseline),
-    libraryFact(summary, wear),
-    speedFact(speed, gear, Boolean(wear?.segment_id)),
-    fact(
-      "Mesh frequency",
-      hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]),
-      small(speed ? "teeth × shaft speed" : "from the nominal speed"),
-    ),
-    fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
+    gear ? libraryFact(summary, wear) : null,
+    speedFact(speed, gear?.shaft_speed_hz ?? shaft?.speed_hz, Boolean(wear?.segment_id)),
+    ...(gear ? meshFacts(gear, speed) : []),
+    bearingsFact(asset.bearings),
+    zoneFact(summary),
     fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "record" : "records"}`, last),
   ];
 }
@@ -169,7 +185,7 @@ export class AssetHeader {
     setChildren(this.#number, ...(known ? wearNumber(wear, limits) : []));
     this.#number.hidden = !known;
     setChildren(this.#bar, known ? wearBar(wear, limits) : null);
-    const words = wear?.segment_id ? sentence(wear, limits, Boolean(asset.gear.pair)) : sentence(null);
+    const words = wear?.segment_id ? sentence(wear, limits, Boolean(asset.gear?.pair)) : sentence(null);
     setText(this.#sentence, several ? `Channel ${channel}: ${words}` : words);
     setChildren(this.#facts, facts(asset, wear, this.#age));
     this.#last = summary.last_start_time;

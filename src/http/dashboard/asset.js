@@ -291,7 +291,7 @@ export class AssetPage {
   #drawWear(history, latest, selected, revision, events) {
     if (history instanceof Error) return this.#wear.say(history.message);
     if (history.items.length === 0) return this.#wear.say("No records of this channel yet.");
-    const reason = withoutEstimate(history.items, Boolean(this.#data.asset.gear.pair));
+    const reason = withoutEstimate(history.items, Boolean(this.#data.asset.gear?.pair));
     if (reason) return this.#wear.say(reason);
     return this.#wear.show(
       wearDrawing(history, latest.limits, selected, revision, latest, events, timeOf(this.#query.time)),

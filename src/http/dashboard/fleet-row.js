@@ -23,6 +23,7 @@ function note(text) {
 const WAITING = {
   empty: "waiting for the first record",
   no_library: "no gear pair described",
+  normal: "no gear mesh: like the baseline",
   library_failed: "the library could not be built",
   building: "the library is being built",
 };

@@ -94,6 +94,7 @@ export function bytes(value) {
 const INDICATORS = {
   rms: "RMS",
   kurtosis: "Kurtosis",
+  velocity_rms: "Velocity RMS",
   omx: "OMX",
   omx_tracked: "OMX, order-tracked",
   crest_factor: "Crest factor",
@@ -114,6 +115,8 @@ export function indicatorName(name) {
   const mesh = /^mesh_(\d+)$/.exec(name);
   if (mesh) return `Mesh harmonic ${mesh[1]}×`;
   const band = /^band_(.+)$/.exec(name);
+  const [, bearing, line, ratio] = /^bearing_(.+)_(bpfo|bpfi|bsf|ftf)(_to_background)?$/.exec(name) ?? [];
+  if (bearing) return `${line.toUpperCase()} of bearing ${bearing}${ratio ? ", over its background" : ""}`;
   return INDICATORS[name] ?? (band ? `Band ${band[1]}` : name.replaceAll("_", " "));
 }
 
@@ -158,7 +161,8 @@ const ABSENCES = {
   clipped: "clipped",
   gaps: "samples missing",
   no_signal: "no signal to compare with",
-  not_acceleration: "unit is not an acceleration",
+  not_acceleration: "unit is neither acceleration nor velocity",
+  above_envelope: "above the width of the envelope's band",
   other_mesh: "a line of another mesh lies there",
 };
 
@@ -169,7 +173,10 @@ export function absence(reason) {
 
 const SPEED_SOURCES = {
   record: "given with the record",
+  tachometer: "from the tachometer",
   asset: "the asset's exact nominal speed",
+  shaft_lines: "found from the shaft's own lines",
+  nominal: "nominal, within its tolerance",
   mesh_comb: "found from the mesh harmonics",
 };
 

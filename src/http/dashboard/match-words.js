@@ -45,8 +45,8 @@ const SENSOR_FAULTS = {
 const MACHINE_SIGNS = {
   one_tooth: "one tooth differs from the others: a crack or chip",
   shaft_lines: "the shaft's own lines have grown: misalignment or unbalance",
-  impulsive_energy: "impulses beside the mesh lines have grown: a bearing or looseness",
-  band_energy: "energy beside the mesh lines has grown: a bearing, looseness or another machine",
+  impulsive_energy: "impulses have grown: a bearing or looseness",
+  band_energy: "energy has grown: a bearing, looseness or another machine",
 };
 
 /** What a record shows that wear does not explain, in words; null where nothing is named. */

@@ -95,7 +95,7 @@ export class MatchPage {
   /** A record without a best state, with what speaks against one where that is known. */
   async #unmatched(segment, asset) {
     this.#say(
-      `Record of ${utc(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear.pair))}`,
+      `Record of ${utc(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear?.pair))}`,
     );
     const { novelty } = segment.wear;
     this.#novelty.element.hidden = !novelty?.most?.length;

@@ -4,8 +4,9 @@ import { h } from "./dom.js";
 import { absence, count, hertz, indicatorName, number, span, unit, utc } from "./format.js";
 import { depthWords, transmissionWords } from "./state.js";
 
-const SHOWN = ["rms", "peak", "crest_factor", "kurtosis", "omx"];
-const UNITLESS = ["kurtosis", "crest_factor"];
+const SHOWN = ["rms", "velocity_rms", "peak", "crest_factor", "kurtosis", "omx"];
+const UNITS = { kurtosis: "", crest_factor: "", velocity_rms: "mm/s" };
+const BEARING_RATIO = /^bearing_.+_to_background$/;
 
 /** Channel, length, rate, speed and load of a record. */
 export function recordWords(segment) {
@@ -20,8 +21,13 @@ export function recordWords(segment) {
 function amount(name, { indicators = {}, absent = {}, unit: unitName }) {
   const value = indicators[name];
   if (value == null) return h("span", { class: "muted" }, absence(absent[name] ?? "absent"));
-  return `${number(value)} ${UNITLESS.includes(name) ? "" : unit(unitName)}`.trim();
+  const words = BEARING_RATIO.test(name) ? "" : (UNITS[name] ?? unit(unitName));
+  return `${number(value)} ${words}`.trim();
 }
+
+/** The zone of ISO 20816 beside the velocity, where the asset has zones. */
+const zoneWords = (name, { velocity_zone: zone }) =>
+  name === "velocity_rms" && zone ? h("span", { class: "muted" }, `zone ${zone}`) : null;
 
 function fact(name, segment, pinned) {
   const before = pinned?.indicators?.[name];
@@ -35,7 +41,7 @@ function fact(name, segment, pinned) {
     "div",
     { class: "fact" },
     h("dt", {}, indicatorName(name)),
-    h("dd", {}, amount(name, segment), compared),
+    h("dd", {}, amount(name, segment), zoneWords(name, segment), compared),
   );
 }
 
@@ -63,11 +69,12 @@ function wearFacts({ wear }) {
 /** The record's wear and main indicators; under each indicator that of the pinned record and how many times as large it is now. */
 export function recordFacts(segment, pinned) {
   const { indicators = {}, absent = {} } = segment;
+  const ratios = Object.keys(indicators).filter((name) => BEARING_RATIO.test(name));
   return [
     ...wearFacts(segment),
-    ...SHOWN.filter((name) => name in indicators || name in absent).map((name) =>
-      fact(name, segment, pinned),
-    ),
+    ...[...SHOWN, ...ratios]
+      .filter((name) => name in indicators || name in absent)
+      .map((name) => fact(name, segment, pinned)),
   ];
 }
 

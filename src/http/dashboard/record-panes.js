@@ -52,12 +52,16 @@ function posterior({ segment, asset, revision }) {
   const { wear, reference_wear_um: reference } = segment;
   if (wear?.status === "outside_library")
     return "No posterior: wear does not explain this record. The page “Match” says what is odd.";
+  if (!asset.gear) return "No posterior: the machine has no gear mesh, so there is no wear to estimate.";
   if (!asset.gear.pair)
     return "No posterior: wear is not estimated, as no gear pair is described for this asset.";
   if (!wear?.posterior)
     return wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.";
   return posteriorDrawing(wear, asset.limits, reference, revision);
 }
+
+/** What is known of a machine to have lines: the tooth numbers of its mesh, the orders of its bearings. */
+const machineLines = ({ gear, summary }) => ({ teeth: gear?.teeth, bearings: summary.bearing_orders ?? {} });
 
 /** Each pane's `fetch(id, query, signal)` gives its data, `draw(data, other, context)` a drawing, or words where there is nothing to draw. */
 export const PANES = [
@@ -83,7 +87,7 @@ export const PANES = [
     fetch: envelope,
     draw: (data, other, { asset, view, revision }) =>
       data.frequency_hz.length
-        ? envelopeDrawing(data, other, asset.gear.teeth, view, revision)
+        ? envelopeDrawing(data, other, machineLines(asset), view, revision)
         : "The record is too short for a spectrum.",
   },
   {

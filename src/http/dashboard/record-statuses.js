@@ -7,6 +7,8 @@ export const STATUSES = {
   estimated: ["Estimated", "a depth with its interval"],
   collecting_baseline: ["Collecting baseline", "the record teaches what healthy looks like"],
   no_library: ["No library", "no gear pair is described, so that there is nothing to compare with"],
+  no_mesh: ["Like the baseline", "the machine has no gear mesh; the record is like the healthy ones"],
+  speed_in_doubt: ["Speed in doubt", "the lines do not fit the described teeth and speed"],
   awaiting_library: ["Awaiting library", "the library to compare with is still simulated"],
   provisional: ["Provisional", "a first answer from a part of the library; the final one follows"],
   library_failed: ["Library failed", "the library could not be simulated"],

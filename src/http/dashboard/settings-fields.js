@@ -38,6 +38,7 @@ export const GROUPS = [
   },
   {
     title: "Limits on wear depth",
+    mesh: true,
     fields: [
       { path: "limits.warning_um", label: "Warning", unit: "µm" },
       { path: "limits.danger_um", label: "Danger", unit: "µm" },
@@ -45,6 +46,7 @@ export const GROUPS = [
   },
   {
     title: "Shaft and teeth",
+    mesh: true,
     fields: [
       { path: "gear.teeth.0", label: "Teeth, driving", kind: "integer", alike: "gear.pair.geometry.teeth.0" },
       { path: "gear.teeth.1", label: "Teeth, driven", kind: "integer", alike: "gear.pair.geometry.teeth.1" },
@@ -68,6 +70,15 @@ export const GROUPS = [
       },
       { path: "gear.speed_tolerance", label: "Speed is searched within ±", unit: "of nominal" },
       { path: "gear.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
+    ],
+  },
+  {
+    title: "Shaft",
+    shaft: true,
+    fields: [
+      { path: "shaft.speed_hz", label: "Nominal speed", unit: "Hz", hint: "comes with the records" },
+      { path: "shaft.speed_tolerance", label: "Speed is searched within ±", unit: "of nominal" },
+      { path: "shaft.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
     ],
   },
   {

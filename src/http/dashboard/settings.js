@@ -53,7 +53,9 @@ export class SettingsPage {
   }
 
   #build() {
-    const groups = GROUPS.filter((group) => !group.pair || this.#asset.gear.pair).map((group) =>
+    const { gear } = this.#asset;
+    const isThere = ({ pair, mesh, shaft }) => (!pair || gear?.pair) && (!mesh || gear) && (!shaft || !gear);
+    const groups = GROUPS.filter(isThere).map((group) =>
       h(
         "fieldset",
         { class: "card" },
@@ -65,14 +67,15 @@ export class SettingsPage {
         ),
       ),
     );
-    const note = this.#asset.gear.pair
-      ? null
-      : h(
-          "p",
-          { class: "notice" },
-          "No gear pair is described for this asset, so wear in µm is not estimated. ",
-          h("a", { href: `#/new?edit=${encodeURIComponent(this.#id)}` }, "Describe its gears"),
-        );
+    const note =
+      !gear || gear.pair
+        ? null
+        : h(
+            "p",
+            { class: "notice" },
+            "No gear pair is described for this asset, so wear in µm is not estimated. ",
+            h("a", { href: `#/new?edit=${encodeURIComponent(this.#id)}` }, "Describe its gears"),
+          );
     const buttons = h(
       "div",
       { class: "form-buttons" },
@@ -101,7 +104,7 @@ export class SettingsPage {
         "div",
         { class: "settings-grid" },
         this.#form,
-        h("div", { class: "column" }, this.#asset.gear.pair ? this.#pair : null, removalCard(this.#id)),
+        h("div", { class: "column" }, this.#asset.gear?.pair ? this.#pair : null, removalCard(this.#id)),
       ),
     );
   }
@@ -146,7 +149,7 @@ export class SettingsPage {
         kind === "check" ? input.checked : text === "" ? undefined : kind === "text" ? text : Number(text);
       if (value === undefined && valueAt(spec, path) === undefined) continue;
       putAt(spec, path, value);
-      if (alike && spec.gear.pair) putAt(spec, alike, value);
+      if (alike && spec.gear?.pair) putAt(spec, alike, value);
     }
     this.#lists.put(spec);
     return spec;
@@ -154,7 +157,7 @@ export class SettingsPage {
 
   #typed() {
     const spec = this.#description();
-    if (spec.gear.pair) drawPair(this.#drawing, spec.gear.pair.geometry);
+    if (spec.gear?.pair) drawPair(this.#drawing, spec.gear.pair.geometry);
   }
 
   async #submit(event) {

@@ -63,6 +63,21 @@ export const SETUP_GROUPS = [
         needed: true,
         alike: "gear.pair.operation.shaft_speed_hz",
       },
+      {
+        path: "shaft.speed_hz",
+        label: "Speed of the shaft",
+        unit: "rpm",
+        factor: 1 / 60,
+        hint: "comes with the records",
+      },
+      {
+        path: "shaft.speed_tolerance",
+        label: "Shaft speed is searched within ±",
+        unit: "%",
+        factor: 0.01,
+        hint: "5",
+      },
+      { path: "shaft.speed_is_exact", label: "The nominal shaft speed is exact", kind: "check" },
       ...pair([
         {
           path: "gear.pair.operation.torque_nm",
@@ -202,6 +217,41 @@ export const SETUP_GROUPS = [
         },
         { path: "gear.pair.wear.measured", label: "The shape of the wear was measured", kind: "check" },
       ]),
+    },
+  },
+  {
+    title: "Bearing and velocity",
+    fields: [
+      { path: "bearings.0.name", label: "Bearing", kind: "text", hint: "drive_end" },
+      { path: "bearings.0.rolling_elements", label: "Rolling elements", kind: "integer", hint: "9" },
+      { path: "bearings.0.roller_diameter_mm", label: "Diameter of a rolling element", unit: "mm" },
+      { path: "bearings.0.pitch_diameter_mm", label: "Pitch diameter", unit: "mm" },
+      { path: "bearings.0.contact_angle_deg", label: "Contact angle", unit: "°", hint: "0" },
+      {
+        path: "velocity_zones.machine_class",
+        label: "Zones of velocity (ISO 20816)",
+        kind: "choice",
+        choices: [
+          ["", "none"],
+          ["group_1_rigid", "above 300 kW, rigid"],
+          ["group_1_flexible", "above 300 kW, flexible"],
+          ["group_2_rigid", "15 to 300 kW, rigid"],
+          ["group_2_flexible", "15 to 300 kW, flexible"],
+          ["class_1", "class I: to 15 kW"],
+          ["class_2", "class II: 15 to 75 kW"],
+          ["class_3", "class III: large, rigid"],
+          ["class_4", "class IV: large, flexible"],
+        ],
+      },
+    ],
+    more: {
+      title: "Fault frequencies in place of the geometry",
+      fields: [
+        { path: "bearings.0.orders.bpfo", label: "Outer race (BPFO)", unit: "orders" },
+        { path: "bearings.0.orders.bpfi", label: "Inner race (BPFI)", unit: "orders" },
+        { path: "bearings.0.orders.bsf", label: "Rolling element (BSF)", unit: "orders" },
+        { path: "bearings.0.orders.ftf", label: "Cage (FTF)", unit: "orders" },
+      ],
     },
   },
   {

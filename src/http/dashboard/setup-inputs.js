@@ -91,6 +91,13 @@ class FieldInput {
   }
 }
 
+/** Whether a field belongs to a description of a shape: `{ mesh, pair }` say whether it has gears and their pair. */
+function belongs({ path, ofPair }, { mesh, pair }) {
+  if (path.startsWith("shaft.")) return !mesh;
+  if (path.startsWith("gear.") || path.startsWith("limits.")) return mesh && (pair || !ofPair);
+  return true;
+}
+
 /** All inputs of a form. */
 export class SetupInputs {
   #inputs = new Map();
@@ -119,26 +126,35 @@ export class SetupInputs {
     return pruned(rest);
   }
 
-  /** The description as it is typed, over what no field has; `withPair` whether the gear pair belongs to it. */
-  description(rest, withPair) {
+  /** Shows the fields that belong to a description of a shape, and hides the others. */
+  show(shape) {
+    for (const { field, element } of this.#inputs.values()) element.hidden = !belongs(field, shape);
+  }
+
+  /** The description as it is typed, over what no field has. */
+  description(rest, shape) {
     const spec = structuredClone(rest ?? {});
-    if (!withPair && spec.gear) delete spec.gear.pair;
-    for (const { field, value } of this.#inputs.values()) {
-      if (field.ofPair && !withPair) continue;
-      if (value === undefined) continue;
-      putAt(spec, field.path, value);
-      if (field.alike && withPair) putAt(spec, field.alike, value);
+    if (!shape.pair && spec.gear) delete spec.gear.pair;
+    if (shape.mesh) delete spec.shaft;
+    else {
+      delete spec.gear;
+      spec.shaft ??= {};
     }
-    this.#completeLists(spec, withPair);
+    for (const { field, value } of this.#inputs.values()) {
+      if (value === undefined || !belongs(field, shape)) continue;
+      putAt(spec, field.path, value);
+      if (field.alike && shape.pair) putAt(spec, field.alike, value);
+    }
+    this.#completeLists(spec, shape);
     return spec;
   }
 
   /** Where one of two gears has a number of its own, the other one's default is said too. */
-  #completeLists(spec, withPair) {
+  #completeLists(spec, shape) {
     for (const { field } of this.#inputs.values()) {
       if (
         field.pairDefault === undefined ||
-        (field.ofPair && !withPair) ||
+        !belongs(field, shape) ||
         valueAt(spec, field.path) !== undefined
       )
         continue;
@@ -147,11 +163,11 @@ export class SetupInputs {
   }
 
   /** Fields that are needed and empty. */
-  lacking(withPair) {
+  lacking(shape) {
     return [...this.#inputs.values()]
       .filter(
         ({ field, value, isBroken }) =>
-          field.needed && (withPair || !field.ofPair) && value === undefined && !isBroken,
+          field.needed && belongs(field, shape) && value === undefined && !isBroken,
       )
       .map(({ field }) => field);
   }

@@ -15,6 +15,7 @@ const TYPED_MS = 250; // so long nothing is typed before a preview is asked for
 const FROM_SERVER = ["summary", "created_at", "updated_at"];
 const NUMBERS = "numbers";
 const NONE = "none";
+const NO_GEARS = "no-gears";
 
 /** An id from a name. */
 const slug = (name) =>
@@ -116,7 +117,7 @@ export class SetupPage {
       h(
         "p",
         { class: "muted" },
-        "One gear mesh seen by one or more accelerometers. Teeth and speed suffice for indicators; the gear pair adds wear in µm.",
+        "One gear mesh, or a machine without one, seen by one or more accelerometers. Teeth and speed suffice for indicators; the gear pair adds wear in µm, bearings add their lines.",
       ),
     );
     setChildren(
@@ -166,7 +167,7 @@ export class SetupPage {
 
   #jsonEditor() {
     const words =
-      "What no field above has, as JSON as the API takes it: alarm rules, operating bins, bands, further measuring points. The fields above count where both say something.";
+      "What no field above has, as JSON as the API takes it: alarm rules, operating bins, bands, further measuring points and bearings. The fields above count where both say something.";
     return h(
       "details",
       { class: "card setup-more" },
@@ -181,6 +182,7 @@ export class SetupPage {
       [NUMBERS, "By its numbers"],
       ...this.#presets.map(({ name, pair }) => [name, `Begin with: ${pair.name || name}`]),
       [NONE, "None: indicators only"],
+      [NO_GEARS, "No gears: a shaft and its bearings"],
     ];
     setChildren(
       this.#pair,
@@ -213,7 +215,7 @@ export class SetupPage {
       if (asset.name) description.name = `${asset.name}, copy`;
     }
     this.#idTyped = true;
-    this.#pair.value = description.gear.pair ? NUMBERS : NONE;
+    this.#pair.value = description.gear?.pair ? NUMBERS : description.gear ? NONE : NO_GEARS;
     this.#fill(description);
     this.#inputs.get("id").input.readOnly = Boolean(this.#query.edit);
     this.#check(0);
@@ -226,7 +228,13 @@ export class SetupPage {
   }
 
   get #withPair() {
-    return this.#pair.value !== NONE;
+    return this.#shape.pair;
+  }
+
+  /** Whether the machine has gears, and whether their pair is described. */
+  get #shape() {
+    const mesh = this.#pair.value !== NO_GEARS;
+    return { mesh, pair: mesh && this.#pair.value !== NONE };
   }
 
   #choosePair() {
@@ -269,7 +277,7 @@ export class SetupPage {
   /** The description as it stands, null where the JSON cannot be read. */
   #description() {
     const rest = this.#rest();
-    return rest && this.#inputs.description(rest, this.#withPair);
+    return rest && this.#inputs.description(rest, this.#shape);
   }
 
   #typed({ target }) {
@@ -285,21 +293,20 @@ export class SetupPage {
   #check(wait) {
     this.#refusals.saved = [];
     this.#say("", "");
-    for (const element of this.#form.querySelectorAll(".setup-field"))
-      element.hidden = !this.#withPair && element.querySelector('[id^="setup-gear-pair-"]') !== null;
-    for (const element of this.#form.querySelectorAll(".form-fields > .check"))
-      element.hidden = !this.#withPair && element.htmlFor.startsWith("setup-gear-pair-");
+    this.#inputs.show(this.#shape);
     for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
-      folded.hidden = !this.#withPair && folded.querySelector(':scope [id^="setup-gear-pair-"]') !== null;
+      folded.hidden = [...folded.querySelectorAll(".setup-field, .check")].every(({ hidden }) => hidden);
     const spec = this.#description();
     this.#refusals.typed = spec ? typedRefusals(spec) : [];
     this.#showRefusals();
     if (!spec) return;
     if (!this.#withPair)
       return this.#blank(
-        "Without a gear pair there is nothing to preview: indicators are computed, and no wear is estimated.",
+        this.#shape.mesh
+          ? "Without a gear pair there is nothing to preview: indicators are computed, and no wear is estimated."
+          : "Without gears there is nothing to preview: records are judged by their indicators and their novelty.",
       );
-    const lacking = this.#inputs.lacking(true).filter(({ path }) => path !== "id");
+    const lacking = this.#inputs.lacking(this.#shape).filter(({ path }) => path !== "id");
     if (lacking.length)
       return this.#blank(
         `Still needed: ${lacking.map(({ label }) => label.charAt(0).toLowerCase() + label.slice(1)).join(", ")}.`,
@@ -348,7 +355,7 @@ export class SetupPage {
   async #submit(event) {
     event.preventDefault();
     const spec = this.#description();
-    const lacking = this.#inputs.lacking(this.#withPair);
+    const lacking = this.#inputs.lacking(this.#shape);
     this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
     this.#showRefusals();
     if (lacking.length || !spec) {

@@ -266,11 +266,44 @@ const BAND_SOURCES = {
   asset: "set for the asset",
   strongest_mesh_harmonic: "around the strongest mesh harmonic",
   kurtogram: "found by the kurtogram",
+  impacts: "where impacts of bearings ring",
   whole: "the whole band",
 };
 
-/** The drawing of an envelope spectrum, `near` the shafts' lines or whole; `teeth` are those of the driving and the driven gear. */
-export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, revision) {
+const BEARING_LINES = ["bpfo", "bpfi", "bsf", "ftf"];
+
+/** The lines of shafts, mesh and bearings in an envelope spectrum. */
+function knownLines(shaft, teeth, bearings) {
+  const lines = [];
+  const driven = teeth ? (shaft * teeth[0]) / teeth[1] : shaft;
+  if (Math.abs(driven / shaft - 1) > 0.02)
+    lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft" });
+  for (let k = 1; k <= 5; k++)
+    lines.push({
+      frequency_hz: k * shaft,
+      label: k === 1 ? "shaft 1×" : `${k}×`,
+      name: `${teeth ? "driving shaft" : "shaft"} ${k}×`,
+    });
+  for (let k = 1; teeth && k <= ENVELOPE_MESH_LINES; k++)
+    lines.push({
+      frequency_hz: k * shaft * teeth[0],
+      label: `mesh ${k}×`,
+      name: `mesh ${k}×`,
+      isNamed: true,
+    });
+  for (const [bearing, orders] of Object.entries(bearings))
+    for (const line of BEARING_LINES)
+      lines.push({
+        frequency_hz: orders[line] * shaft,
+        label: line.toUpperCase(),
+        name: `${line.toUpperCase()} of bearing ${bearing}`,
+        isNamed: true,
+      });
+  return lines;
+}
+
+/** The drawing of an envelope spectrum, `near` the shafts' lines or whole; `teeth` are those of the driving and the driven gear where there are any, `bearings` fault orders by name. */
+export function envelopeDrawing(envelope, other, { teeth, bearings }, { logarithmic, near }, revision) {
   const colour = palette();
   const {
     shaft_speed_hz: shaft,
@@ -279,25 +312,7 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
   } = envelope;
   const whole = Math.min(envelope.frequency_hz.at(-1), high - low);
   const end = near && shaft ? Math.min(whole, NEAR_SHAFTS * shaft) : whole;
-  const lines = [];
-  if (shaft) {
-    const driven = (shaft * teeth[0]) / teeth[1];
-    if (Math.abs(driven / shaft - 1) > 0.02)
-      lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft" });
-    for (let k = 1; k <= 5; k++)
-      lines.push({
-        frequency_hz: k * shaft,
-        label: k === 1 ? "shaft 1×" : `${k}×`,
-        name: `driving shaft ${k}×`,
-      });
-    for (let k = 1; k <= ENVELOPE_MESH_LINES; k++)
-      lines.push({
-        frequency_hz: k * shaft * teeth[0],
-        label: `mesh ${k}×`,
-        name: `mesh ${k}×`,
-        isMesh: true,
-      });
-  }
+  const lines = shaft ? knownLines(shaft, teeth, bearings) : [];
   const apart = shaft > 0.03 * end;
   const points = lines
     .filter((point) => point.frequency_hz <= end)
@@ -317,7 +332,7 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
     legend: [
       ...comparedEntries(other, colour),
       ...(points.length
-        ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]]
+        ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of what turns with them`]]
         : []),
     ],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
@@ -335,9 +350,9 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
       // lines too close to be told apart have one label for all
       annotations: points
-        .filter(({ isMesh }, index) => index === 0 || isMesh || apart)
+        .filter(({ isNamed }, index) => index === 0 || isNamed || apart)
         .map((point) =>
-          label(apart || point.isMesh ? point : { ...point, label: "shafts" }, colour, logarithmic),
+          label(apart || point.isNamed ? point : { ...point, label: "shafts" }, colour, logarithmic),
         ),
     },
   };

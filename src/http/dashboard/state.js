@@ -75,6 +75,7 @@ export function rank(key) {
 export function wearState(wear, limits) {
   if (wear.status === "collecting_baseline") return "collecting";
   if (wear.status === "no_library") return "no_library";
+  if (wear.status === "no_mesh") return "normal";
   if (wear.status === "recomputing") return "recomputing";
   if (wear.status === "not_comparable") return "not_comparable";
   if (wear.status === "speed_in_doubt") return "speed_in_doubt";
@@ -151,6 +152,8 @@ export function sentence(wear, limits, hasPair = true) {
   }
   if (wear.status === "no_library")
     return "No gear pair is described for this asset, so wear in µm is not estimated. Indicators are computed, and records unlike the baseline are told by their novelty.";
+  if (wear.status === "no_mesh")
+    return "The machine has no gear mesh, so there is no wear to estimate. The record is like those of the baseline.";
   if (wear.status === "awaiting_library")
     return "The library of the gear pair is being simulated. Records are stored with their indicators, and their wear follows by itself.";
   if (wear.status === "provisional")
@@ -200,6 +203,19 @@ function outlook(wear, limits) {
 
 const AGED = 0.1; // a last record so much of the remaining time ago is too old to count from now
 
+/** The strongest line of a record's envelope, in a sentence; empty where none stands out. */
+export function envelopeWords(line) {
+  if (!line) return "";
+  const { frequency_hz: frequency, to_background: ratio, source } = line;
+  const of =
+    source?.kind === "bearing"
+      ? `, ${source.harmonic} × ${source.line.toUpperCase()} of bearing ${source.bearing}`
+      : source
+        ? `, ${source.harmonic} × the shaft's rate`
+        : "";
+  return ` The envelope's strongest line is at ${number(frequency, 4)} Hz${of}, ${number(ratio, 2)} times its background.`;
+}
+
 /** What is not as wear would have it. */
 function unexplained({ novelty, reason }) {
   const most = (novelty?.most ?? []).filter(({ deviations }) => Math.abs(deviations) > 3);
@@ -207,7 +223,7 @@ function unexplained({ novelty, reason }) {
   const words = most
     .map(({ feature, ln_ratio: ratio }) => `${featureName(feature)}, × ${number(Math.exp(ratio), 2)}`)
     .join("; ");
-  return `Something other than wear has changed. Against what the best wear state expects: ${words}. Look at bearings, mounting and load.`;
+  return `Something other than wear has changed. Against what the best wear state expects: ${words}. Look at bearings, mounting and load.${envelopeWords(novelty?.envelope_line)}`;
 }
 
 /** How long until the limit is passed, in words, from the prognosis after the record of `last`; null where none is known. */

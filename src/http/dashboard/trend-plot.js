@@ -8,6 +8,7 @@ import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plo
 /** The panes to choose from; `mesh` holds every mesh harmonic that the records have. */
 export const PANES = [
   { key: "rms", label: "RMS", names: ["rms"] },
+  { key: "velocity_rms", label: "Velocity", names: ["velocity_rms"] },
   { key: "kurtosis", label: "Kurtosis", names: ["kurtosis"] },
   { key: "omx", label: "OMX", names: ["omx"] },
   { key: "crest_factor", label: "Crest factor", names: ["crest_factor"] },
@@ -159,6 +160,7 @@ export function trendDrawing(
     const words = (item) =>
       shown
         .map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim())
+        .concat(shown[0] === "velocity_rms" && item.velocity_zone ? `zone ${item.velocity_zone}` : [])
         .concat(index === 0 ? (caused.get(item.start_time) ?? []) : [])
         .join("<br>");
     const points = recordPoints(

@@ -15,8 +15,9 @@ use crate::store::{Analysed, NewSegment};
 
 /// Indicators and features of a record. To be called on a worker thread.
 pub(crate) fn analyse(record: &Record, spec: &AssetSpec) -> Analysed {
+    let bearings = spec.bearings();
     let Condition { analysis, basis } = with_analyzer(record.samples().len(), |analyzer| {
-        analyzer.condition(&spec.seen_from_shaft(record), &spec.condition_settings())
+        analyzer.condition(&spec.seen_from_shaft(record), &spec.condition_settings(&bearings))
     });
     Analysed {
         keys: analysis_keys(spec),

@@ -172,7 +172,11 @@ impl StoredRecords {
                     BandChoice::Search(search) => search,
                     _ => spec.envelope_band,
                 };
-                let band = given.unwrap_or_else(|| analyzer.envelope_band(&record, speed.as_ref(), search));
+                let of_record = || match (&spec.gear, search) {
+                    (None, EnvelopeSearch::MeshHarmonic) => EnvelopeBand::of_impacts(record.sample_rate_hz()),
+                    _ => analyzer.envelope_band(&record, speed.as_ref(), search),
+                };
+                let band = given.unwrap_or_else(of_record);
                 let mesh_lines =
                     analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
                 let [low, high] = band.band_hz;

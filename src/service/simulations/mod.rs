@@ -162,7 +162,7 @@ impl Simulations {
     }
 
     fn ask(&self, spec: &AssetSpec) -> Option<(String, watch::Receiver<Simulation>)> {
-        let pair = spec.gear.pair.clone()?;
+        let pair = spec.pair()?.clone();
         let grid = self.grid.for_pair(&pair);
         let id = library_id(&pair, &grid);
         let mut all = lock(&self.asked);
@@ -216,6 +216,7 @@ impl Simulations {
     pub(crate) fn estimator(&self, spec: &AssetSpec) -> KeyedEstimator {
         let (id, simulation) = self.of(spec);
         let lack = match simulation.readiness {
+            Readiness::None if spec.gear.is_none() => LibraryLack::NoMesh,
             Readiness::None => LibraryLack::NotDescribed,
             Readiness::Building => LibraryLack::Simulated,
             Readiness::Failed(reason) => LibraryLack::Failed(reason),
@@ -228,7 +229,7 @@ impl Simulations {
     }
 
     fn id_of(&self, spec: &AssetSpec) -> Option<String> {
-        spec.gear.pair.as_ref().map(|pair| library_id(pair, &self.grid.for_pair(pair)))
+        spec.pair().map(|pair| library_id(pair, &self.grid.for_pair(pair)))
     }
 
     /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded

@@ -5,7 +5,7 @@ use std::f64::consts::SQRT_2;
 use serde::{Deserialize, Serialize};
 
 use super::chart::Charts;
-use flankwatch_signal::{Absence, Features};
+use flankwatch_signal::{Absence, EnvelopeLine, Features};
 
 /// Below this p-value a record is not explained.
 const LEAST_P_VALUE: f64 = 1e-4;
@@ -102,6 +102,17 @@ pub enum MachineSign {
 }
 
 impl MachineSign {
+    /// In words, of a machine without a gear mesh.
+    pub fn words_without_mesh(self) -> &'static str {
+        match self {
+            Self::OneTooth | Self::ShaftLines => {
+                "the shaft's own lines have grown: misalignment or unbalance"
+            }
+            Self::ImpulsiveEnergy => "impulses have grown: a bearing or looseness",
+            Self::BandEnergy => "energy has grown: a bearing, looseness or another machine",
+        }
+    }
+
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
@@ -175,6 +186,9 @@ pub struct Novelty {
     /// The octave in hertz whose energy has grown most, where energy is the sign.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
+    /// The strongest line of the record's envelope spectrum, where impulses are the sign and it stands out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub envelope_line: Option<EnvelopeLine>,
     /// The check that has deviated for several records, where that says more than this record alone; `lines`
     /// or `checks` where it is the fit as a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -268,6 +282,10 @@ pub(super) fn judge(
         machine_sign,
         also: check.map_or_else(Vec::new, |check| also(checks, check, sign_of)),
         band_hz: check.and_then(|check| octave_hz(&check.name)),
+        envelope_line: record
+            .envelope_line
+            .clone()
+            .filter(|_| machine_sign == Some(MachineSign::ImpulsiveEnergy)),
         lasting: lasting.map(|(check, _)| check.to_owned()),
         most: most
             .into_iter()

@@ -361,7 +361,10 @@ impl Tracker {
         }
         let mesh_line = features.has_mesh();
         if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
-            return Some("the mesh line was not found in this record, so it does not count");
+            return Some(match self.lack {
+                LibraryLack::NoMesh => "the record is too short to be compared, so it does not count",
+                _ => "the mesh line was not found in this record, so it does not count",
+            });
         }
         None
     }

@@ -18,6 +18,8 @@ pub enum WearStatus {
     CollectingBaseline,
     /// The asset has no gear pair described, so there is no library to compare with.
     NoLibrary,
+    /// The machine has no gear mesh, so there is no wear to estimate; records are judged by novelty alone.
+    NoMesh,
     /// The library to compare with is still being simulated; the estimate follows.
     AwaitingLibrary,
     /// The first answer, from a part of the library: the final one follows when all of it is simulated.
@@ -50,6 +52,8 @@ pub enum LibraryLack {
     /// No gear pair is described.
     #[default]
     NotDescribed,
+    /// The machine has no gear mesh.
+    NoMesh,
     /// It is still being simulated.
     Simulated,
     /// It could not be simulated, with the reason.
@@ -61,6 +65,11 @@ impl LibraryLack {
     fn answer(&self) -> Option<(WearStatus, String)> {
         match self {
             Self::NotDescribed => None,
+            Self::NoMesh => Some((
+                WearStatus::NoMesh,
+                "the machine has no gear mesh, so there is no wear to estimate; the record is like the healthy ones"
+                    .to_owned(),
+            )),
             Self::Simulated => Some((
                 WearStatus::AwaitingLibrary,
                 "the library of the gear pair is being simulated, the wear follows".to_owned(),
@@ -74,7 +83,12 @@ impl LibraryLack {
 
     /// Puts it into the answer to a record of which nothing else is to be told.
     pub(super) fn tell(&self, wear: &mut WearEstimate) {
-        let is_open = matches!(wear.status, WearStatus::CollectingBaseline | WearStatus::NoLibrary);
+        let is_open = match wear.status {
+            WearStatus::NoLibrary => true,
+            // A library that is awaited comes before the baseline; without a mesh none is.
+            WearStatus::CollectingBaseline => *self != Self::NoMesh,
+            _ => false,
+        };
         if let Some((status, reason)) = self.answer().filter(|_| is_open) {
             (wear.status, wear.reason) = (status, reason);
         }

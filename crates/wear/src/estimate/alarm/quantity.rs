@@ -68,7 +68,7 @@ impl AlarmQuantity {
     }
 
     /// Whether it judges wear: what was read of a gear says nothing of the one that replaces it.
-    pub(super) fn is_wear(&self) -> bool {
+    pub fn is_wear(&self) -> bool {
         matches!(self, Self::WearUm | Self::WearAboveLimit | Self::RatePerDay(RatedQuantity::WearUm))
     }
 

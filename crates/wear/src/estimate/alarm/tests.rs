@@ -316,6 +316,7 @@ fn a_fault_of_the_sensor_is_watched_where_it_is_judged() {
             machine_sign: None,
             also: Vec::new(),
             band_hz: None,
+            envelope_line: None,
             lasting: None,
             most: Vec::new(),
         };

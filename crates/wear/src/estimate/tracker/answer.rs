@@ -4,7 +4,7 @@ use super::Tracker;
 use crate::estimate::filter::Believed;
 use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::Novelty;
-use crate::estimate::wear::{BaselineProgress, BestState, Interval, WearEstimate, WearStatus};
+use crate::estimate::wear::{BaselineProgress, BestState, Interval, LibraryLack, WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, Library};
 use flankwatch_signal::Features;
 
@@ -28,8 +28,14 @@ impl Tracker {
                 Some(check) => format!("{check} has deviated for several records"),
                 None => format!("off are {}", most_deviating(&novelty)),
             };
-            answer.reason =
-                format!("most like this: {}{}{also}; {off}", sign.words(), band.unwrap_or_default());
+            let words = match self.lack {
+                LibraryLack::NoMesh => sign.words_without_mesh(),
+                _ => sign.words(),
+            };
+            let band = band.unwrap_or_default();
+            let line = novelty.envelope_line.as_ref().map(|line| format!("; {}", line.words()));
+            let line = line.unwrap_or_default();
+            answer.reason = format!("most like this: {words}{band}{also}{line}; {off}");
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
             let what = match &self.ensemble {

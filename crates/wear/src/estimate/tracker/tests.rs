@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use flankwatch_signal::{BearingLine, EnvelopeLine, LineSource};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -154,6 +155,58 @@ fn while_there_is_no_library_every_answer_says_why() {
         let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &Features::default());
         assert_ne!(wear.status, WearStatus::NoLibrary);
     }
+}
+
+/// The baseline is told as ever, then a status of its own.
+#[test]
+fn a_machine_without_a_mesh_is_judged_by_novelty_alone() {
+    let record = |level: f64, kurtosis: f64, rng: &mut ChaCha8Rng| {
+        let normal = Normal::new(0.0, 0.02).unwrap();
+        let mut scatter = || normal.sample(rng);
+        let octaves = [1000, 2000, 4000, 8000];
+        let checks = octaves.into_iter().flat_map(|hz| {
+            let grown = if hz == 4000 { level } else { 0.0 };
+            [(format!("ln_floor_{hz}hz"), grown + scatter()), (format!("ln_band_{hz}hz"), grown + scatter())]
+        });
+        Features {
+            checks: checks.collect(),
+            values: [("ln_kurtosis".to_owned(), kurtosis.ln() + 0.01)].into(),
+            envelope_line: Some(EnvelopeLine {
+                frequency_hz: 107.3,
+                to_background: 9.0,
+                band_hz: [1600.0, 11520.0],
+                source: Some(LineSource::Bearing {
+                    bearing: "fan".into(),
+                    line: BearingLine::Bpfo,
+                    harmonic: 1,
+                }),
+            }),
+            ..Features::default()
+        }
+    };
+    let tracker = Tracker::without_library(settings(), LibraryLack::NoMesh);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut state = tracker.start();
+    let mut take = |level: f64, kurtosis: f64| {
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &record(level, kurtosis, &mut rng))
+    };
+    for n in 1..=NEED {
+        let wear = take(0.0, 3.0);
+        assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, n), "{}", wear.reason);
+    }
+    let calm = take(0.0, 3.0);
+    assert_eq!(calm.status, WearStatus::NoMesh, "{}", calm.reason);
+    assert!(calm.novelty.is_some_and(|novelty| novelty.score < 4.0));
+    let failing = take(1.0, 9.0);
+    assert_eq!(failing.status, WearStatus::OutsideLibrary, "{}", failing.reason);
+    for words in [
+        "impulses have grown: a bearing or looseness",
+        "most between 2828 and 5657 Hz",
+        "line is at 107.3 Hz, the outer race of bearing fan (1 × BPFO)",
+    ] {
+        assert!(failing.reason.contains(words), "{}", failing.reason);
+    }
+    assert!(!failing.reason.contains("mesh"), "{}", failing.reason);
 }
 
 #[test]

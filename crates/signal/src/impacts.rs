@@ -1,0 +1,210 @@
+//! What the envelope of a record says of impacts: the lines of described bearings, and the strongest line.
+
+use super::analyzer::{Analysis, Analyzer};
+use super::bearing::Bearing;
+use super::bearing_lines::EnvelopeLines;
+use super::envelope::{EnvelopeBand, EnvelopeSearch, band_bins};
+use super::indicators::{Absence, Indicators};
+use super::record::Record;
+use super::speed::SpeedSource;
+
+/// The strongest line is looked for up to this part of the sampling rate.
+const HIGHEST_LINE: f64 = 1.0 / 16.0;
+
+/// A record without described bearings is looked at from this kurtosis on.
+const IMPULSIVE_KURTOSIS: f64 = 4.0;
+
+/// Which bearings there are, and in which band their impacts are looked for.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct BearingSettings<'a> {
+    /// The bearings.
+    pub bearings: &'a [Bearing],
+    /// The band of the envelope in hertz, where it is given.
+    pub band_hz: Option<[f64; 2]>,
+    /// Where it is not: the kurtogram's band; else, whatever the mesh does, from a sixteenth to 45 % of the
+    /// sampling rate.
+    pub search: EnvelopeSearch,
+}
+
+impl Analyzer {
+    /// Adds the bearings' lines to the indicators and the envelope's strongest line to the features of the
+    /// record that was transformed last.
+    pub(super) fn insert_impacts(
+        &mut self,
+        record: &Record,
+        settings: &BearingSettings<'_>,
+        tolerance: f64,
+        analysis: &mut Analysis,
+    ) {
+        let bearings = settings.bearings;
+        let kurtosis = analysis.indicators.get("kurtosis");
+        let is_impulsive = kurtosis.is_some_and(|kurtosis| kurtosis > IMPULSIVE_KURTOSIS);
+        if bearings.is_empty() && !is_impulsive {
+            return;
+        }
+        let band_hz = self.impact_band(record, settings);
+        let work = &mut self.work;
+        let band = match band_bins(band_hz, work.length, record.sample_rate_hz()) {
+            _ if kurtosis.is_none() => Err(Absence::Constant),
+            Ok(band) => Ok(band),
+            Err(error) => Err(error.absence()),
+        };
+        let band = match band {
+            Ok(band) => band,
+            Err(absence) => return absent(bearings, absence, &mut analysis.indicators),
+        };
+        work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
+        let lines = EnvelopeLines {
+            amplitude: &work.envelope.amplitude,
+            resolution_hz: work.resolution_hz(record),
+            shaft: analysis.shaft_speed.map(|speed| {
+                let is_nominal = speed.source == SpeedSource::Nominal;
+                (speed.shaft_speed_hz, if is_nominal { tolerance } else { 0.0 })
+            }),
+        };
+        let standing = lines.indicate(bearings, &mut work.sorting, &mut analysis.indicators);
+        let highest_hz = HIGHEST_LINE * record.sample_rate_hz();
+        analysis.features.envelope_line = lines.strongest(&standing, band_hz, highest_hz, &mut work.sorting);
+    }
+
+    fn impact_band(&mut self, record: &Record, settings: &BearingSettings<'_>) -> [f64; 2] {
+        let usual = EnvelopeBand::of_impacts(record.sample_rate_hz()).band_hz;
+        match (settings.band_hz, settings.search) {
+            (Some(band_hz), _) => band_hz,
+            (None, EnvelopeSearch::Kurtogram) => {
+                let kurtogram = self.kurtogram_transformed(record);
+                kurtogram.map_or(usual, |kurtogram| kurtogram.best.band_hz)
+            }
+            (None, EnvelopeSearch::MeshHarmonic) => usual,
+        }
+    }
+}
+
+fn absent(bearings: &[Bearing], absence: Absence, indicators: &mut Indicators) {
+    for bearing in bearings {
+        for name in bearing.all_indicators() {
+            indicators.insert(name, Err(absence));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use jiff::Timestamp;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::super::{
+        AnalysisSettings, BearingLine, BearingOrders, ConditionSettings, LineSource, MeshContext,
+        OperatingPoint,
+    };
+    use super::*;
+
+    const RATE_HZ: f64 = 20_000.0;
+    const SHAFT_HZ: f64 = 29.3;
+
+    /// Impacts on the outer race of a bearing of 9 balls ring at 4.3 kHz; each comes up to 1 % of the
+    /// interval early or late, and the mean rate is 1 % below that of pure rolling.
+    fn bearing_fault(seconds: f64, impact: f64, seed: u64) -> Record {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let count = (seconds * RATE_HZ) as usize;
+        let mut samples: Vec<f64> = (0..count)
+            .map(|i| {
+                let noise: f64 = StandardNormal.sample(&mut random);
+                noise + 0.8 * (TAU * SHAFT_HZ * i as f64 / RATE_HZ).sin()
+            })
+            .collect();
+        let interval = RATE_HZ / (0.99 * orders().bpfo * SHAFT_HZ);
+        let mut at = 0.3 * interval;
+        while at.ceil() < count as f64 {
+            let first = at.ceil() as usize;
+            for (after, sample) in samples[first..].iter_mut().take(200).enumerate() {
+                let t = ((first + after) as f64 - at) / RATE_HZ;
+                *sample += impact * (-t / 6e-4).exp() * (TAU * 4300.0 * t).sin();
+            }
+            at += interval * (1.0 + random.random_range(-0.01..0.01));
+        }
+        let samples = samples.into_iter().map(|x| x as f32).collect();
+        let point = OperatingPoint { shaft_speed_hz: Some(SHAFT_HZ), ..OperatingPoint::default() };
+        Record::new("a", Timestamp::UNIX_EPOCH, RATE_HZ, "m/s2", samples)
+            .unwrap()
+            .with_operating_point(point)
+            .unwrap()
+    }
+
+    fn orders() -> BearingOrders {
+        BearingOrders::of_geometry(9, 0.2034, 0.0)
+    }
+
+    fn analysed(record: &Record, band_hz: Option<[f64; 2]>) -> Analysis {
+        let bearings = [Bearing { name: "de".into(), shaft_turns: 1.0, orders: orders() }];
+        let settings = ConditionSettings {
+            mesh: MeshContext::unknown(),
+            bands: &[],
+            gear_indicators: false,
+            bearings: BearingSettings { bearings: &bearings, band_hz, ..BearingSettings::default() },
+        };
+        Analyzer::new(AnalysisSettings::default()).condition(record, &settings).analysis
+    }
+
+    fn ratios(analysis: &Analysis) -> [f64; 4] {
+        BearingLine::ALL
+            .map(|line| analysis.indicators.values[&format!("bearing_de_{}_to_background", line.name())])
+    }
+
+    #[test]
+    fn an_outer_race_fault_stands_out_alone_and_is_named() {
+        for seed in 0..10 {
+            let analysis = analysed(&bearing_fault(2.0, 3.0, seed), None);
+            let [bpfo, others @ ..] = ratios(&analysis);
+            assert!(bpfo > 6.0 && others.iter().all(|ratio| *ratio < 3.0), "{bpfo} {others:?}");
+            let line = analysis.features.envelope_line.unwrap();
+            let LineSource::Bearing { line: of, harmonic, .. } = line.source.clone().unwrap() else {
+                panic!("{line:?}");
+            };
+            assert_eq!(of, BearingLine::Bpfo, "{line:?}");
+            let slipped = f64::from(harmonic) * 0.99 * orders().bpfo * SHAFT_HZ;
+            assert!((line.frequency_hz / slipped - 1.0).abs() < 0.003, "{line:?}");
+            let words = format!("the outer race of bearing de ({harmonic} × BPFO)");
+            assert!(line.words().contains(&words), "{}", line.words());
+        }
+    }
+
+    /// A band around the resonance leaves noise out; the amplitude grows with the impacts.
+    #[test]
+    fn the_amplitude_follows_the_impacts() {
+        let band = Some([3300.0, 5300.0]);
+        let amplitude =
+            |impact: f64| analysed(&bearing_fault(4.0, impact, 1), band).indicators.values["bearing_de_bpfo"];
+        let [first, second] = [40.0, 80.0].map(amplitude);
+        assert!((second / first - 2.0).abs() < 0.1, "{first} {second}");
+    }
+
+    #[test]
+    fn noise_has_no_line() {
+        let mut highest = 0.0_f64;
+        for seed in 0..100 {
+            let analysis = analysed(&bearing_fault(1.0, 0.0, 100 + seed), None);
+            highest = ratios(&analysis).into_iter().fold(highest, f64::max);
+            assert_eq!(analysis.features.envelope_line, None);
+        }
+        assert!(highest < 2.9, "{highest}");
+    }
+
+    #[test]
+    fn lines_that_cannot_be_read_say_why() {
+        let short = analysed(&bearing_fault(0.1, 3.0, 0), None);
+        assert_eq!(short.indicators.absent["bearing_de_ftf"], Absence::TooShort);
+        let narrow = analysed(&bearing_fault(1.0, 3.0, 0), Some([4200.0, 4300.0]));
+        assert_eq!(narrow.indicators.absent["bearing_de_bpfi"], Absence::AboveEnvelope);
+        let above = analysed(&bearing_fault(1.0, 3.0, 0), Some([4200.0, 14_300.0]));
+        assert_eq!(above.indicators.absent["bearing_de_bpfo_to_background"], Absence::AboveNyquist);
+        let constant = Record::new("a", Timestamp::UNIX_EPOCH, RATE_HZ, "g", vec![1.0; 5000]).unwrap();
+        assert_eq!(analysed(&constant, None).indicators.absent["bearing_de_bpfo"], Absence::Constant);
+        let unknown = bearing_fault(1.0, 3.0, 0).with_operating_point(OperatingPoint::default()).unwrap();
+        assert_eq!(analysed(&unknown, None).indicators.absent["bearing_de_bpfo"], Absence::NoSpeed);
+    }
+}

@@ -1,0 +1,83 @@
+//! The root mean square of velocity that ISO 20816 judges machines by.
+
+use super::acceleration::in_m_s2;
+use super::band::{BandQuantity, rms_between};
+use super::indicators::Absence;
+
+/// The name of the indicator.
+pub const VELOCITY_RMS: &str = "velocity_rms";
+
+/// The band of ISO 20816-1 and -3 for shafts above 600 turns a minute.
+const BAND_HZ: [f64; 2] = [10.0, 1000.0];
+
+/// The band's lower end lies so many bins from zero: integration would raise what leaks from below it.
+const LEAST_BINS: f64 = 2.0;
+
+/// The unit's factor to mm/s, and whether samples in it have to be integrated for that.
+pub(super) fn to_mm_per_s(unit: &str) -> Option<(f64, bool)> {
+    match unit {
+        "mm/s" => Some((1.0, false)),
+        "m/s" => Some((1e3, false)),
+        "in/s" => Some((25.4, false)),
+        acceleration => Some((1e3 * in_m_s2(acceleration)?, true)),
+    }
+}
+
+/// Root mean square of velocity from 10 to 1000 Hz in mm/s, of a Hann amplitude spectrum of `samples`
+/// samples.
+pub(super) fn velocity_rms(
+    amplitude: &[f64],
+    samples: usize,
+    resolution_hz: f64,
+    unit: &str,
+) -> Result<f64, Absence> {
+    let value = rms_between(BAND_HZ, BandQuantity::Velocity, amplitude, samples, resolution_hz, unit)?;
+    if BAND_HZ[0] < LEAST_BINS * resolution_hz { Err(Absence::TooShort) } else { Ok(value) }
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::Timestamp;
+    use serde::Deserialize;
+
+    use super::super::{AnalysisSettings, Analyzer, MeshContext, Record};
+    use super::*;
+
+    #[derive(Deserialize)]
+    struct Case {
+        unit: String,
+        sample_rate_hz: f64,
+        samples: Vec<f32>,
+        velocity_rms_mm_per_s: f64,
+    }
+
+    fn value(unit: &str, sample_rate_hz: f64, samples: Vec<f32>) -> Result<f64, Absence> {
+        let record = Record::new("1", Timestamp::UNIX_EPOCH, sample_rate_hz, unit, samples).unwrap();
+        let indicators =
+            Analyzer::new(AnalysisSettings::default()).analyze(&record, &MeshContext::unknown()).indicators;
+        indicators.get(VELOCITY_RMS).ok_or_else(|| indicators.absent[VELOCITY_RMS])
+    }
+
+    /// `make_velocity_reference.py` beside the vectors says what SciPy does.
+    #[test]
+    fn it_equals_that_of_scipy() {
+        let text = include_str!("../../../fixtures/reference/signal/velocity_vectors.json");
+        let cases: Vec<Case> = serde_json::from_str(text).unwrap();
+        assert!(cases.len() >= 6);
+        for Case { unit, sample_rate_hz, samples, velocity_rms_mm_per_s: want } in cases {
+            let got = value(&unit, sample_rate_hz, samples).unwrap();
+            assert!((got / want - 1.0).abs() < 1e-6, "{unit}: {got}, SciPy has {want}");
+        }
+    }
+
+    #[test]
+    fn records_that_do_not_allow_it_say_why() {
+        let noise = |count: usize| (0..count).map(|k| (1.7 * k as f32).sin() * (0.3 * k as f32).cos());
+        let of = |unit: &str, rate_hz: f64, count: usize| value(unit, rate_hz, noise(count).collect());
+        assert!(of("m/s2", 4000.0, 800).is_ok());
+        assert_eq!(of("V", 4000.0, 4000), Err(Absence::NotAcceleration));
+        assert_eq!(of("g", 1900.0, 4000), Err(Absence::AboveNyquist));
+        assert_eq!(of("g", 4000.0, 796), Err(Absence::TooShort));
+        assert_eq!(value("g", 4000.0, vec![1.0; 4000]), Err(Absence::Constant));
+    }
+}
