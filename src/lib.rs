@@ -6,7 +6,7 @@
 //! | --- | --- | --- |
 //! | `flankwatch-gear` | [`gear`] | the physics of one gear pair: geometry, wear, mesh relationship, stiffness, dynamics |
 //! | `flankwatch-signal` | [`signal`] | a validated record, its spectra, indicators and features |
-//! | `flankwatch-recording` | [`recording`] | bytes to records and back: WAV, MCAP, CSV, protobuf, JSON |
+//! | `flankwatch-recording` | [`recording`] | bytes to records and back: WAV, MCAP, CSV, NumPy arrays, protobuf, JSON |
 //! | `flankwatch-wear` | [`library`] | the grid of simulated wear states |
 //! | | [`simulation`] | a synthetic run to failure with the truth known |
 //! | | [`estimate`] | the healthy baseline, the likelihood and the tracking of wear over time |

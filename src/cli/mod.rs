@@ -22,6 +22,7 @@ mod quarantine;
 mod rebuild;
 mod recorded_runs;
 mod recording_files;
+mod recording_values;
 mod records;
 mod replay;
 mod serve;

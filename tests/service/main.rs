@@ -20,6 +20,7 @@ mod image;
 mod integrations;
 mod lost_database;
 mod openapi;
+mod packages;
 mod preview;
 mod problems;
 mod recomputing;
