@@ -84,7 +84,7 @@ impl<R: Read> NpyFrames<R> {
     pub fn new(mut reader: R) -> Result<Self, RecordingError> {
         let header = header(&mut reader)?;
         let field = |key: &'static str, expected| {
-            value_of(&header, key).ok_or_else(|| npy("description", shortened(&header), expected))
+            value_of(&header, key).ok_or_else(|| npy("description", shortened(header.trim()), expected))
         };
         let descr = field("descr", "an array with a type, 'descr'")?;
         let (number, big_endian) = number(descr)?;
