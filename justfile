@@ -12,6 +12,10 @@ test:
 ci:
     .ci/run
 
+# The static program, its Debian package, bill of materials and checksums, in target/dist.
+dist *targets:
+    deploy/package/dist {{targets}}
+
 # The code that is made from proto/.
 generate:
     FLANKWATCH_GENERATE=1 cargo test --locked --package flankwatch-recording --test generated

@@ -6,7 +6,7 @@
 //! | --- | --- | --- |
 //! | `flankwatch-gear` | [`gear`] | the physics of one gear pair: geometry, wear, mesh relationship, stiffness, dynamics |
 //! | `flankwatch-signal` | [`signal`] | a validated record, its spectra, indicators and features |
-//! | `flankwatch-recording` | [`recording`] | bytes to records and back: WAV, MCAP, CSV, protobuf, JSON |
+//! | `flankwatch-recording` | [`recording`] | bytes to records and back: WAV, MCAP, CSV, NumPy arrays, protobuf, JSON |
 //! | `flankwatch-wear` | [`library`] | the grid of simulated wear states |
 //! | | [`simulation`] | a synthetic run to failure with the truth known |
 //! | | [`estimate`] | the healthy baseline, the likelihood and the tracking of wear over time |
@@ -22,14 +22,17 @@
 //! | [`store`] | the only SQL and the only raw-object paths |
 //! | [`service`] | the way of records, histories, replays, and what else works on records |
 //! | [`http`] | the API and the dashboard |
-//! | `cluster` | what joins the processes of a service on several machines (feature `cluster`) |
+//! | `cluster` | what joins the processes of a service on several machines (features `postgres`, `nats`) |
+//! | `mqtt` | records from an MQTT broker (feature `mqtt`) |
 //! | [`cli`] | the commands |
 
 pub mod asset;
 pub mod cli;
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 pub mod cluster;
 pub mod http;
+#[cfg(feature = "mqtt")]
+pub mod mqtt;
 pub mod report;
 pub mod service;
 pub mod store;

@@ -40,23 +40,23 @@ pub(super) enum Format {
     Json,
 }
 
-#[cfg(not(feature = "cluster"))]
+#[cfg(not(feature = "nats"))]
 pub(super) fn run(args: &ClusterArgs) -> Result<(), CliError> {
     let Action::Status = args.action;
     args.place.refuse("flankwatch cluster")
 }
 
-#[cfg(not(feature = "cluster"))]
+#[cfg(not(feature = "nats"))]
 impl ClusterPlace {
     /// Says that this program knows no clusters.
     pub(super) fn refuse(&self, command: &'static str) -> Result<(), CliError> {
         // The file is not looked at.
         let _ = &self.config;
-        Err(super::serve::ServeError::WithoutCluster(command).into())
+        Err(super::serve::ServeError::WithoutFeature { what: command, feature: "cluster" }.into())
     }
 }
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "nats")]
 mod with_cluster {
     use jiff::Timestamp;
 
@@ -159,5 +159,5 @@ mod with_cluster {
     }
 }
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "nats")]
 pub(super) use with_cluster::run;

@@ -39,15 +39,15 @@ struct Which {
     all: bool,
 }
 
-#[cfg(not(feature = "cluster"))]
+#[cfg(not(feature = "nats"))]
 pub(super) fn run(args: &DeadLettersArgs) -> Result<(), CliError> {
     args.place.refuse("flankwatch dead-letters")
 }
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "nats")]
 pub(super) use with_cluster::run;
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "nats")]
 mod with_cluster {
     use serde_json::json;
 

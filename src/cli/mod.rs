@@ -3,6 +3,7 @@
 mod analyze;
 mod backup;
 mod cluster;
+mod completions;
 mod convert;
 mod dead_letters;
 mod demo;
@@ -12,9 +13,8 @@ mod figures;
 mod interrupt;
 mod library;
 mod model;
-#[cfg(feature = "cluster")]
 mod mqtt;
-#[cfg(feature = "cluster")]
+#[cfg(feature = "nats")]
 mod node;
 mod output;
 mod pair_file;
@@ -22,9 +22,12 @@ mod quarantine;
 mod rebuild;
 mod recorded_runs;
 mod recording_files;
+mod recording_values;
 mod records;
 mod replay;
 mod serve;
+#[cfg(feature = "postgres")]
+mod shared_store;
 mod simulate;
 mod store_place;
 mod token;
@@ -34,7 +37,7 @@ mod work;
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
@@ -96,6 +99,11 @@ enum Command {
     Rebuild(rebuild::RebuildArgs),
     /// Raw recordings that nothing refers to, before they are removed
     Quarantine(quarantine::QuarantineArgs),
+    /// Print a script that completes commands and options in a shell
+    Completions(completions::CompletionsArgs),
+    /// Write the manual pages
+    #[command(hide = true)]
+    Manual(completions::ManualArgs),
 }
 
 /// What is logged: levels by module as `FLANKWATCH_LOG` says (`info,flankwatch::store=debug`).
@@ -134,6 +142,8 @@ pub fn run() -> ExitCode {
         Command::Restore(args) => backup::restore(args),
         Command::Rebuild(args) => rebuild::run(args),
         Command::Quarantine(args) => quarantine::run(args),
+        Command::Completions(args) => completions::complete(args, Cli::command()),
+        Command::Manual(args) => completions::write_manual(args, Cli::command()),
         Command::Convert(args) => convert::run(args).map_err(CliError::from),
     };
     match outcome {

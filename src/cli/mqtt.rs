@@ -2,7 +2,10 @@
 
 use clap::Args;
 
-use crate::cluster::mqtt::{MqttCredentials, MqttError, MqttSettings, MqttTable};
+#[cfg(not(feature = "mqtt"))]
+use super::serve::ServeError;
+#[cfg(feature = "mqtt")]
+use crate::mqtt::{MqttCredentials, MqttError, MqttSettings, MqttTable};
 
 /// Records from an MQTT broker.
 #[derive(Debug, Clone, Default, Args)]
@@ -13,6 +16,18 @@ pub(super) struct MqttArgs {
     url: Option<String>,
 }
 
+#[cfg(not(feature = "mqtt"))]
+impl MqttArgs {
+    /// Says that this program knows no brokers.
+    pub(super) fn refuse(&self) -> Result<(), ServeError> {
+        match &self.url {
+            None => Ok(()),
+            Some(_) => Err(ServeError::WithoutFeature { what: "--mqtt", feature: "mqtt" }),
+        }
+    }
+}
+
+#[cfg(feature = "mqtt")]
 impl MqttArgs {
     /// The settings that follow with the settings file's table; none where neither names a broker.
     /// `max_bytes` is the largest record taken.

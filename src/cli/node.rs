@@ -4,25 +4,12 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::cluster::{Cluster, ClusterSecrets, ClusterSettings, ClusterTable, RunningWorker};
+use crate::cluster::{Cluster, ClusterSettings, RunningWorker};
 use crate::http::{HealthServer, Node, RunningService, ServiceConfig, SharedEvents, start_node};
 use crate::service::{Role, Service, ServiceFolders, SystemClock};
 use crate::store::{SharedSettings, Store, StoreError, StoreSettings};
 
 use super::serve::ServeError;
-
-/// The settings of a cluster's table and the environment.
-pub(super) fn resolve(table: ClusterTable) -> Result<ClusterSettings, ServeError> {
-    let said = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
-    let secrets = ClusterSecrets {
-        database_url: said("FLANKWATCH_DATABASE_URL"),
-        nats_password: said("FLANKWATCH_NATS_PASSWORD"),
-        nats_token: said("FLANKWATCH_NATS_TOKEN"),
-        s3_access_key_id: said("FLANKWATCH_S3_ACCESS_KEY_ID"),
-        s3_secret_access_key: said("FLANKWATCH_S3_SECRET_ACCESS_KEY"),
-    };
-    Ok(table.resolve(secrets)?)
-}
 
 /// Opens the shared store; a database that is away is waited for.
 async fn open(settings: SharedSettings) -> Result<Store, StoreError> {
@@ -36,12 +23,6 @@ async fn open(settings: SharedSettings) -> Result<Store, StoreError> {
             opened => return opened,
         }
     }
-}
-
-/// Opens the shared store for a moment; where it is away that is said.
-pub(super) async fn open_once(settings: SharedSettings) -> Result<Store, ServeError> {
-    let opened = Store::open(&StoreSettings::Shared(settings)).await;
-    Ok(opened.map_err(crate::cluster::ClusterError::from)?)
 }
 
 /// Starts an API node.

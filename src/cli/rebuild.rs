@@ -34,7 +34,7 @@ pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
     if args.anew {
         match &settings {
             StoreSettings::Folder(folder) => set_aside(folder)?,
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             StoreSettings::Shared(_) => {
                 return Err(CliError::Argument(
                     "--anew is for a data folder: give a cluster an empty database".to_owned(),

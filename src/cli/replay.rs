@@ -11,6 +11,7 @@ use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 
 use super::library::progress_bar;
 use super::recording_files::recording_files;
+use super::recording_values::RecordingValues;
 use super::{CliError, output};
 use crate::asset::AssetId;
 use crate::recording::{BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, encode_block};
@@ -28,7 +29,7 @@ const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
 /// Arguments of `flankwatch replay`.
 #[derive(Args)]
 pub(super) struct ReplayArgs {
-    /// MCAP, WAV or CSV (.csv.gz too) recordings in time order, or folders of them, which are taken in the
+    /// MCAP, WAV, CSV (.csv.gz too) or NumPy (.npy) recordings in time order, or folders of them, which are taken in the
     /// order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
@@ -47,9 +48,11 @@ pub(super) struct ReplayArgs {
     /// How fast: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
-    /// Sampling rate in hertz of CSV that does not say it
+    /// Sampling rate in hertz of CSV that does not say it, and of NumPy arrays
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
+    #[command(flatten)]
+    values: RecordingValues,
     /// Cut WAV and CSV recordings into records of this length in seconds; a rest of less than half of it is
     /// left out
     #[arg(long)]
@@ -123,11 +126,12 @@ impl Sender {
         next_start: &mut Timestamp,
         bar: &ProgressBar,
     ) -> Result<(), CliError> {
-        let defaults = RecordDefaults {
+        let mut defaults = RecordDefaults {
             start_time: *next_start,
             sample_rate_hz: args.rate,
             ..RecordDefaults::default()
         };
+        args.values.apply(path, &mut defaults)?;
         let mut file = RecordingFile::open(path, defaults, args.record_seconds.map(Cut::Seconds))
             .map_err(CliError::recording(path))?;
         let before = bar.position();

@@ -12,11 +12,11 @@ use clap::Args;
 use serde::Deserialize;
 use thiserror::Error;
 
-#[cfg(feature = "cluster")]
-use crate::cluster::mqtt::{MqttError, MqttFeed, MqttTable};
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 use crate::cluster::{ClusterSettings, ClusterTable};
 use crate::http::{ServiceConfig, StartError, TlsFiles, start};
+#[cfg(feature = "mqtt")]
+use crate::mqtt::{MqttError, MqttFeed, MqttTable};
 use crate::service::{RawQuotas, SystemClock};
 
 /// Run the service: the API and the dashboard.
@@ -47,7 +47,6 @@ pub(super) struct ServeArgs {
     /// than once. Needed where nobody is asked for a token.
     #[arg(long, value_name = "NAME")]
     pub host_name: Vec<String>,
-    #[cfg(feature = "cluster")]
     #[command(flatten)]
     pub mqtt: super::mqtt::MqttArgs,
 }
@@ -80,23 +79,28 @@ pub enum ServeError {
     /// The service could not be started, or stopped by itself.
     #[error(transparent)]
     Service(#[from] StartError),
-    /// The program cannot be a part of a cluster.
+    /// The program has not what something needs.
     #[error(
-        "{0} needs a program with the feature `cluster`, and this one was built without it: cargo build --release --features cluster"
+        "{what} needs a program with the feature `{feature}`, and this one was built without it: cargo build --release --features {feature}"
     )]
-    WithoutCluster(&'static str),
+    WithoutFeature {
+        /// What was asked for.
+        what: &'static str,
+        /// The feature.
+        feature: &'static str,
+    },
     /// The settings file says nothing of a cluster.
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "nats")]
     #[error(
         "settings file: the table cluster is missing, expected cluster.database, cluster.nats and cluster.objects"
     )]
     NoClusterTable,
     /// The process cannot be a part of the cluster.
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "postgres")]
     #[error(transparent)]
     Cluster(#[from] crate::cluster::ClusterError),
     /// Records cannot come over MQTT as the settings say.
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "mqtt")]
     #[error(transparent)]
     Mqtt(#[from] MqttError),
 }
@@ -114,20 +118,22 @@ struct ConfigFile {
     host_names: Vec<String>,
     limits: LimitsTable,
     retention: RetentionTable,
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "mqtt")]
     mqtt: Option<MqttTable>,
-    #[cfg(feature = "cluster")]
+    #[cfg(not(feature = "mqtt"))]
+    mqtt: Option<toml::Table>,
+    #[cfg(feature = "postgres")]
     cluster: Option<ClusterTable>,
-    #[cfg(not(feature = "cluster"))]
+    #[cfg(not(feature = "postgres"))]
     cluster: Option<toml::Table>,
 }
 
 /// What `serve` starts.
 pub(super) struct Resolved {
     pub(super) service: ServiceConfig,
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "postgres")]
     pub(super) cluster: Option<ClusterSettings>,
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "mqtt")]
     mqtt: Option<MqttTable>,
 }
 
@@ -196,14 +202,20 @@ impl ServeArgs {
         if let Some(days) = file.retention.quarantine_days {
             config.work.quarantined_for = Duration::from_secs(u64::from(days) * 24 * 3600);
         }
-        #[cfg(not(feature = "cluster"))]
+        #[cfg(not(feature = "postgres"))]
         if file.cluster.is_some() {
-            return Err(ServeError::WithoutCluster("the table cluster of the settings file"));
+            let what = "the table cluster of the settings file";
+            return Err(ServeError::WithoutFeature { what, feature: "cluster" });
+        }
+        #[cfg(not(feature = "mqtt"))]
+        if file.mqtt.is_some() {
+            let what = "the table mqtt of the settings file";
+            return Err(ServeError::WithoutFeature { what, feature: "mqtt" });
         }
         Ok(Resolved {
-            #[cfg(feature = "cluster")]
-            cluster: file.cluster.map(super::node::resolve).transpose()?,
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
+            cluster: file.cluster.map(super::shared_store::resolve).transpose()?,
+            #[cfg(feature = "mqtt")]
             mqtt: file.mqtt,
             service: config,
         })
@@ -252,13 +264,20 @@ impl LimitsTable {
 /// Runs the service until Ctrl-C or SIGTERM.
 pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
     let resolved = args.resolve()?;
-    #[cfg(feature = "cluster")]
+    #[cfg(all(feature = "postgres", not(feature = "nats")))]
+    if resolved.cluster.is_some() {
+        let what = "serving with the table cluster of the settings file";
+        return Err(ServeError::WithoutFeature { what, feature: "nats" });
+    }
+    #[cfg(not(feature = "mqtt"))]
+    args.mqtt.refuse()?;
+    #[cfg(feature = "mqtt")]
     let mqtt = args.mqtt.resolve(resolved.mqtt, resolved.service.http.record_bytes)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(async {
-        #[cfg(feature = "cluster")]
+        #[cfg(feature = "mqtt")]
         let grace = resolved.service.http.grace;
-        #[cfg(feature = "cluster")]
+        #[cfg(feature = "nats")]
         let service = match resolved.cluster {
             Some(cluster) => tokio::select! {
                 started = super::node::start_api(resolved.service, cluster) => started?,
@@ -266,16 +285,16 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
             },
             None => start(resolved.service, Arc::new(SystemClock)).await?,
         };
-        #[cfg(not(feature = "cluster"))]
+        #[cfg(not(feature = "nats"))]
         let service = start(resolved.service, Arc::new(SystemClock)).await?;
-        #[cfg(feature = "cluster")]
+        #[cfg(feature = "mqtt")]
         let mqtt = mqtt.map(|settings| MqttFeed::start(settings, service.service().clone())).transpose()?;
         let mut out = std::io::stdout();
         writeln!(out, "listening on {}", service.url())?;
         out.flush()?;
         asked_to_stop().await?;
         tracing::info!("stopping");
-        #[cfg(feature = "cluster")]
+        #[cfg(feature = "mqtt")]
         if let Some(mqtt) = mqtt {
             mqtt.stop(grace).await;
         }

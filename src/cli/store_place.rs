@@ -28,7 +28,7 @@ impl StorePlace {
             ..ServeArgs::default()
         };
         let resolved = serve.resolve()?;
-        #[cfg(feature = "cluster")]
+        #[cfg(feature = "postgres")]
         if let Some(cluster) = &resolved.cluster {
             let settings = StoreSettings::Shared(cluster.store.clone());
             return Ok((resolved, settings));
@@ -40,11 +40,11 @@ impl StorePlace {
     /// The data folder.
     ///
     /// Error: the store is that of a cluster; `instead` says what is done there.
-    #[cfg_attr(not(feature = "cluster"), expect(unused_variables, reason = "there are no others"))]
+    #[cfg_attr(not(feature = "postgres"), expect(unused_variables, reason = "there are no others"))]
     pub(super) fn folder(&self, instead: &str) -> Result<PathBuf, CliError> {
         match self.resolve()?.1 {
             StoreSettings::Folder(folder) => Ok(folder),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             StoreSettings::Shared(_) => Err(CliError::Argument(format!(
                 "the store is a cluster's, expected a data folder: {instead}"
             ))),

@@ -1,14 +1,13 @@
 //! `flankwatch token`: who may use a service.
 
-use std::path::PathBuf;
-
 use clap::{Args, Subcommand};
 use jiff::Timestamp;
 
 use super::CliError;
 use super::output::print;
-use super::serve::ServeArgs;
+use super::store_place::{StorePlace, runtime};
 use crate::http::{Scope, Token, Tokens};
+use crate::store::StoreSettings;
 
 /// Make, list and revoke the tokens of a service; a running one sees the change at once, those of a cluster
 /// within 2 s.
@@ -16,12 +15,8 @@ use crate::http::{Scope, Token, Tokens};
 pub(super) struct TokenArgs {
     #[command(subcommand)]
     action: Action,
-    /// The service's settings file (TOML); with the table `cluster` the tokens are those of the cluster.
-    #[arg(long, value_name = "FILE", global = true)]
-    config: Option<PathBuf>,
-    /// The service's data folder [default: ./flankwatch-data].
-    #[arg(long, value_name = "DIR", global = true)]
-    data_dir: Option<PathBuf>,
+    #[command(flatten)]
+    place: StorePlace,
 }
 
 #[derive(Debug, Clone, Subcommand)]
@@ -44,42 +39,22 @@ enum Action {
 }
 
 pub(super) fn run(args: &TokenArgs) -> Result<(), CliError> {
-    let serve =
-        ServeArgs { config: args.config.clone(), data_dir: args.data_dir.clone(), ..ServeArgs::default() };
-    let resolved = serve.resolve()?;
-    #[cfg(feature = "cluster")]
-    if let Some(cluster) = resolved.cluster {
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .map_err(super::serve::ServeError::from)?;
-        return runtime.block_on(in_cluster(&args.action, cluster.store));
-    }
-    let tokens = Tokens::of(&resolved.service.data_dir);
-    match &args.action {
-        Action::Create { name, scope } => {
-            let token = tokens.create(name, *scope, Timestamp::now())?;
-            print(&format!("{token}\n"))
+    let (_, settings) = args.place.resolve()?;
+    runtime()?.block_on(async {
+        let tokens = match &settings {
+            StoreSettings::Folder(folder) => Tokens::of(folder),
+            #[cfg(feature = "postgres")]
+            StoreSettings::Shared(_) => Tokens::shared(crate::store::Store::open(&settings).await?),
+        };
+        match &args.action {
+            Action::Create { name, scope } => {
+                let token = tokens.create(name, *scope, Timestamp::now()).await?;
+                print(&format!("{token}\n"))
+            }
+            Action::List => print(&listed(&tokens.list().await?.unwrap_or_default())),
+            Action::Revoke { id } => Ok(tokens.revoke(id, Timestamp::now()).await?),
         }
-        Action::List => print(&listed(&tokens.list()?.unwrap_or_default())),
-        Action::Revoke { id } => Ok(tokens.revoke(id)?),
-    }
-}
-
-#[cfg(feature = "cluster")]
-async fn in_cluster(action: &Action, settings: crate::store::SharedSettings) -> Result<(), CliError> {
-    let store = super::node::open_once(settings).await?;
-    let tokens = crate::http::SharedTokens::of(store.clone());
-    let done = match action {
-        Action::Create { name, scope } => {
-            let token = tokens.create(name, *scope, Timestamp::now()).await?;
-            print(&format!("{token}\n"))
-        }
-        Action::List => print(&listed(&tokens.list().await?.unwrap_or_default())),
-        Action::Revoke { id } => Ok(tokens.revoke(id, Timestamp::now()).await?),
-    };
-    store.close().await;
-    done
+    })
 }
 
 fn listed(tokens: &[Token]) -> String {

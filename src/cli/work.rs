@@ -21,13 +21,13 @@ pub(super) struct WorkArgs {
     pub health: Option<SocketAddr>,
 }
 
-#[cfg(not(feature = "cluster"))]
+#[cfg(not(feature = "nats"))]
 pub(super) fn run(_args: &WorkArgs) -> Result<(), ServeError> {
-    Err(ServeError::WithoutCluster("flankwatch work"))
+    Err(ServeError::WithoutFeature { what: "flankwatch work", feature: "cluster" })
 }
 
 /// Works until Ctrl-C or SIGTERM.
-#[cfg(feature = "cluster")]
+#[cfg(feature = "nats")]
 pub(super) fn run(args: &WorkArgs) -> Result<(), ServeError> {
     use std::io::Write;
     use std::time::Duration;

@@ -1,6 +1,5 @@
 //! The connection to NATS, and the streams that the processes of a cluster share.
 
-use std::path::PathBuf;
 use std::time::Duration;
 
 use async_nats::connection::State;
@@ -8,7 +7,7 @@ use async_nats::jetstream::stream::{Config as StreamConfig, DiscardPolicy, Reten
 use async_nats::jetstream::{self, Context, ContextBuilder};
 use async_nats::{Client, ConnectOptions, Event};
 
-use super::ClusterError;
+use super::{ClusterError, NatsCredentials, NatsSettings};
 
 /// The consumer that all workers share.
 pub(super) const CONSUMER: &str = "workers";
@@ -26,64 +25,7 @@ const REMEMBERED: Duration = Duration::from_secs(600);
 /// How long is kept what is known of a record's deliveries, where nobody takes it away.
 const ATTEMPTS_KEPT: Duration = Duration::from_secs(30 * 24 * 3600);
 
-/// Where NATS is and who asks.
-#[derive(Clone)]
-pub struct NatsSettings {
-    /// Addresses of the servers, `nats://host:4222` or `tls://host:4222`.
-    pub urls: Vec<String>,
-    /// What the names of all streams and subjects of this cluster begin with.
-    pub name: String,
-    /// How the process says who it is.
-    pub credentials: NatsCredentials,
-    /// Certificates (PEM) to trust besides those of the system.
-    pub ca: Option<PathBuf>,
-    /// On how many servers each stream is kept.
-    pub replicas: usize,
-    /// Records that may wait; beyond it further ones are refused until some are done.
-    pub max_records: i64,
-    /// Bytes of messages that may wait.
-    pub max_bytes: i64,
-    /// Events that are kept for clients that lost their connection.
-    pub events_kept: i64,
-    /// How long a record is worked on without a sign of life before another worker gets it.
-    pub ack_wait: Duration,
-}
-
-/// How a process says to NATS who it is.
-#[derive(Clone, Default)]
-pub enum NatsCredentials {
-    /// Not at all.
-    #[default]
-    None,
-    /// By a name and a password.
-    Password {
-        /// The name.
-        user: String,
-        /// The password.
-        password: String,
-    },
-    /// By a token.
-    Token(String),
-    /// By a file with a JWT and a key.
-    File(PathBuf),
-}
-
 impl NatsSettings {
-    /// The defaults for one server and a cluster's name.
-    pub fn new(url: impl Into<String>, name: impl Into<String>) -> Self {
-        Self {
-            urls: vec![url.into()],
-            name: name.into(),
-            credentials: NatsCredentials::None,
-            ca: None,
-            replicas: 1,
-            max_records: 1_000_000,
-            max_bytes: 1 << 30,
-            events_kept: 4096,
-            ack_wait: Duration::from_secs(30),
-        }
-    }
-
     async fn options(&self) -> Result<ConnectOptions, ClusterError> {
         let mut options = ConnectOptions::new()
             .name(format!("flankwatch {}", env!("CARGO_PKG_VERSION")))

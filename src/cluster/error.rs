@@ -20,6 +20,14 @@ pub enum ClusterError {
         /// What would have been right.
         expected: String,
     },
+    /// The program cannot use what a setting asks for.
+    #[error("{field} needs a program with the feature `{feature}`, and this one was built without it")]
+    WithoutFeature {
+        /// Which setting.
+        field: &'static str,
+        /// The feature.
+        feature: &'static str,
+    },
     /// A file with credentials cannot be read.
     #[error("cannot read {path}: {source}", path = path.display())]
     File {
@@ -29,6 +37,7 @@ pub enum ClusterError {
         source: std::io::Error,
     },
     /// No NATS server can be reached, or it refuses.
+    #[cfg(feature = "nats")]
     #[error("cannot connect to NATS at {urls}: {source}")]
     Connect {
         /// Where it was tried.
@@ -37,6 +46,7 @@ pub enum ClusterError {
         source: async_nats::ConnectError,
     },
     /// JetStream refused or failed.
+    #[cfg(feature = "nats")]
     #[error("NATS cannot {action}: {source}")]
     JetStream {
         /// What was tried.
@@ -55,6 +65,7 @@ pub enum ClusterError {
     Ingest(#[from] ServiceError),
 }
 
+#[cfg(feature = "nats")]
 impl ClusterError {
     /// An error of JetStream while `action` was tried.
     pub(super) fn jetstream(action: &'static str) -> impl FnOnce(async_nats::Error) -> Self {

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::{ClusterError, NatsCredentials, NatsSettings, WorkerLimits};
+use super::nats_settings::{NatsTable, WorkerTable};
+use super::{ClusterError, NatsSettings, WorkerLimits};
 use crate::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 
 /// Longest name of a cluster, in bytes: it begins the names of streams.
@@ -34,20 +35,6 @@ struct DatabaseTable {
 
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-struct NatsTable {
-    urls: Vec<String>,
-    user: Option<String>,
-    credentials_file: Option<PathBuf>,
-    ca: Option<PathBuf>,
-    replicas: Option<usize>,
-    max_records: Option<u64>,
-    max_bytes: Option<u64>,
-    events_kept: Option<u64>,
-    ack_wait_s: Option<u64>,
-}
-
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
 struct ObjectsTable {
     bucket: Option<String>,
     folder: Option<PathBuf>,
@@ -55,13 +42,6 @@ struct ObjectsTable {
     region: Option<String>,
     prefix: Option<String>,
     orphan_age_s: Option<u64>,
-}
-
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct WorkerTable {
-    at_once: Option<usize>,
-    max_deliveries: Option<u32>,
 }
 
 /// What is better not written into a file.
@@ -146,65 +126,6 @@ impl DatabaseTable {
     }
 }
 
-impl NatsTable {
-    fn resolve(
-        self,
-        name: String,
-        password: Option<String>,
-        token: Option<String>,
-    ) -> Result<NatsSettings, ClusterError> {
-        let expected = "addresses nats://host:4222 or tls://host:4222";
-        if self.urls.is_empty() {
-            return Err(wrong("cluster.nats.urls", "missing", expected));
-        }
-        if let Some(url) =
-            self.urls.iter().find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
-        {
-            return Err(wrong("cluster.nats.urls", url, expected));
-        }
-        let mut settings = NatsSettings::new(String::new(), name);
-        settings.urls = self.urls;
-        settings.ca = self.ca;
-        settings.credentials = match (self.credentials_file, self.user, password, token) {
-            (None, None, None, None) => NatsCredentials::None,
-            (Some(path), None, None, None) => NatsCredentials::File(path),
-            (None, Some(user), Some(password), None) => NatsCredentials::Password { user, password },
-            (None, None, None, Some(token)) => NatsCredentials::Token(token),
-            (None, Some(user), None, None) => {
-                let expected = "a password with it in FLANKWATCH_NATS_PASSWORD";
-                return Err(wrong("cluster.nats.user", user, expected));
-            }
-            _ => {
-                let expected =
-                    "one of credentials_file, user with FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN";
-                return Err(wrong("cluster.nats", "several credentials", expected));
-            }
-        };
-        if let Some(replicas) = self.replicas {
-            if !(1..=5).contains(&replicas) {
-                return Err(wrong("cluster.nats.replicas", replicas, "1 to 5"));
-            }
-            settings.replicas = replicas;
-        }
-        let count = |field, given: u64| {
-            i64::try_from(at_least(field, given, 1)?).map_err(|_| wrong(field, given, "less than 2^63"))
-        };
-        if let Some(most) = self.max_records {
-            settings.max_records = count("cluster.nats.max_records", most)?;
-        }
-        if let Some(most) = self.max_bytes {
-            settings.max_bytes = count("cluster.nats.max_bytes", most)?;
-        }
-        if let Some(kept) = self.events_kept {
-            settings.events_kept = count("cluster.nats.events_kept", kept)?;
-        }
-        if let Some(wait) = self.ack_wait_s {
-            settings.ack_wait = Duration::from_secs(at_least("cluster.nats.ack_wait_s", wait, 2)?);
-        }
-        Ok(settings)
-    }
-}
-
 impl ObjectsTable {
     fn resolve(&self, secrets: &ClusterSecrets) -> Result<ObjectsSettings, ClusterError> {
         let credentials = match (&secrets.s3_access_key_id, &secrets.s3_secret_access_key) {
@@ -228,13 +149,13 @@ impl ObjectsTable {
             }
         };
         match (&self.bucket, &self.folder) {
-            (Some(bucket), None) => Ok(ObjectsSettings::Bucket(BucketSettings {
+            (Some(bucket), None) => in_bucket(BucketSettings {
                 bucket: bucket.clone(),
                 endpoint: self.endpoint.clone(),
                 region: self.region.clone().unwrap_or_else(|| "us-east-1".to_owned()),
                 credentials,
                 prefix: self.prefix.clone().unwrap_or_default(),
-            })),
+            }),
             (None, Some(folder)) => Ok(ObjectsSettings::Folder(folder.clone())),
             (None, None) => {
                 Err(wrong("cluster.objects", "missing", "a bucket, or a folder that every process reaches"))
@@ -244,27 +165,28 @@ impl ObjectsTable {
     }
 }
 
-impl WorkerTable {
-    fn resolve(self) -> Result<WorkerLimits, ClusterError> {
-        let mut limits = WorkerLimits::default();
-        if let Some(at_once) = self.at_once {
-            limits.at_once = at_least("cluster.worker.at_once", at_once, 1)?;
-        }
-        if let Some(most) = self.max_deliveries {
-            limits.max_deliveries = at_least("cluster.worker.max_deliveries", most, 1)?;
-        }
-        Ok(limits)
-    }
+#[cfg(feature = "s3")]
+fn in_bucket(settings: BucketSettings) -> Result<ObjectsSettings, ClusterError> {
+    Ok(ObjectsSettings::Bucket(settings))
 }
 
-fn at_least<T: PartialOrd + std::fmt::Display>(field: &str, value: T, least: T) -> Result<T, ClusterError> {
+#[cfg(not(feature = "s3"))]
+fn in_bucket(_: BucketSettings) -> Result<ObjectsSettings, ClusterError> {
+    Err(ClusterError::WithoutFeature { field: "cluster.objects.bucket", feature: "s3" })
+}
+
+pub(super) fn at_least<T: PartialOrd + std::fmt::Display>(
+    field: &str,
+    value: T,
+    least: T,
+) -> Result<T, ClusterError> {
     if value < least {
         return Err(wrong(field, value, &format!("at least {least}")));
     }
     Ok(value)
 }
 
-fn wrong(field: &str, value: impl ToString, expected: &str) -> ClusterError {
+pub(super) fn wrong(field: &str, value: impl ToString, expected: &str) -> ClusterError {
     ClusterError::Setting { field: field.to_owned(), value: value.to_string(), expected: expected.to_owned() }
 }
 

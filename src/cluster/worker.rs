@@ -13,7 +13,7 @@ use super::attempts::Attempts;
 use super::connection::{CONSUMER, Connection};
 use super::dead_letters;
 use super::fault::Fault;
-use super::{ClusterError, message, overview};
+use super::{ClusterError, WorkerLimits, message, overview};
 use crate::asset::AssetId;
 use crate::service::{Accepted, QueuedRecord, Service, ServiceError, WorkerOverview};
 
@@ -33,21 +33,6 @@ const AFTER_STOP: Duration = Duration::from_secs(1);
 
 /// How often a record is tried that may be at fault itself.
 const DOUBTFUL_TRIES: u32 = 5;
-
-/// What one worker does.
-#[derive(Debug, Clone)]
-pub struct WorkerLimits {
-    /// Records worked on at once.
-    pub at_once: usize,
-    /// A record that was given out so often without a worker coming back from it goes to the dead letters.
-    pub max_deliveries: u32,
-}
-
-impl Default for WorkerLimits {
-    fn default() -> Self {
-        Self { at_once: 8 * std::thread::available_parallelism().map_or(2, usize::from), max_deliveries: 10 }
-    }
-}
 
 /// A worker's parts; a clone is another handle to the same ones.
 #[derive(Clone)]

@@ -11,65 +11,12 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use jiff::Timestamp;
 
 use super::problem::Problem;
 use super::rate::RateLimiter;
 use super::session::{self, Caller};
-use super::shared_tokens::SharedTokens;
-use super::tokens::{Scope, Token, TokenError, Tokens, find};
-
-/// Where the tokens are.
-pub(super) enum TokenPlace {
-    /// In a file of the data folder.
-    File(Arc<Tokens>),
-    /// In the store that processes share.
-    Shared(SharedTokens),
-}
-
-impl TokenPlace {
-    /// All tokens; none where there never were any.
-    pub(super) async fn list(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
-        match self {
-            Self::File(tokens) => tokens.list(),
-            Self::Shared(tokens) => tokens.list().await,
-        }
-    }
-
-    /// Makes a token; returns it and what is kept of it.
-    pub(super) async fn issue(
-        &self,
-        name: String,
-        scope: Scope,
-        now: Timestamp,
-    ) -> Result<(String, Token), TokenError> {
-        match self {
-            Self::File(tokens) => {
-                let tokens = Arc::clone(tokens);
-                off_thread(move || tokens.issue(&name, scope, now)).await
-            }
-            Self::Shared(tokens) => tokens.issue(&name, scope, now).await,
-        }
-    }
-
-    /// Takes a token back.
-    pub(super) async fn revoke(&self, id: String, now: Timestamp) -> Result<(), TokenError> {
-        match self {
-            Self::File(tokens) => {
-                let tokens = Arc::clone(tokens);
-                off_thread(move || tokens.revoke(&id)).await
-            }
-            Self::Shared(tokens) => tokens.revoke(&id, now).await,
-        }
-    }
-}
-
-/// Does what waits for the disk.
-async fn off_thread<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, TokenError> + Send + 'static,
-) -> Result<T, TokenError> {
-    tokio::task::spawn_blocking(work).await.unwrap_or(Err(TokenError::Silent))
-}
+use super::token::{Scope, find};
+use super::tokens::{TokenError, Tokens};
 
 /// Whether requests need a token.
 #[derive(Debug, PartialEq, Eq)]
@@ -88,7 +35,7 @@ pub(super) enum AuthPolicy {
 
 /// The guard before every operation.
 pub(super) struct Access {
-    tokens: TokenPlace,
+    tokens: Tokens,
     policy: AuthPolicy,
     /// Revoking every token does not reopen the service.
     had_tokens: AtomicBool,
@@ -96,7 +43,7 @@ pub(super) struct Access {
 }
 
 impl Access {
-    pub(super) fn new(tokens: TokenPlace, policy: AuthPolicy, requests_per_s: NonZeroU32) -> Self {
+    pub(super) fn new(tokens: Tokens, policy: AuthPolicy, requests_per_s: NonZeroU32) -> Self {
         Self {
             tokens,
             had_tokens: AtomicBool::new(false),
@@ -106,7 +53,7 @@ impl Access {
     }
 
     /// The tokens, where people may make and revoke them over HTTP.
-    pub(super) fn managed_tokens(&self) -> Result<&TokenPlace, Problem> {
+    pub(super) fn managed_tokens(&self) -> Result<&Tokens, Problem> {
         if self.policy == AuthPolicy::Disabled {
             // Whoever reaches the service could otherwise keep a way in for the time after.
             let detail = "the service runs with --insecure-no-tokens: only `flankwatch token` makes and revokes tokens";

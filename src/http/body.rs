@@ -193,6 +193,10 @@ fn check_mcap(beginning: &[u8]) -> Result<(), Problem> {
             StatusCode::UNPROCESSABLE_ENTITY,
             "the recording is text, expected MCAP as content-type says",
         )),
+        Format::Npy => Err(Problem::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "the recording is a NumPy array, expected MCAP as content-type says",
+        )),
     }
 }
 

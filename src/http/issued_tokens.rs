@@ -15,7 +15,8 @@ use super::body;
 use super::problem::{Details, Problem};
 use super::query::{self, NameInPath, Page, PageParameters, Parameters};
 use super::session::Caller;
-use super::tokens::{Scope, Token, TokenError};
+use super::token::{Scope, Token};
+use super::tokens::TokenError;
 
 /// Longest name in bytes.
 const MAX_NAME: usize = 200;
@@ -142,7 +143,7 @@ pub(super) async fn create(
         }
         _ => {}
     }
-    let issued = place.issue(name, scope, app.service.now()).await;
+    let issued = place.issue(&name, scope, app.service.now()).await;
     let (token, kept) = issued.map_err(|error| unreadable(&error))?;
     tracing::info!(token = kept.id, scope = scope.name(), by = by(caller.as_deref()), "made a token");
     let answer = NewToken { kept: TokenView::from(&kept), token };
@@ -180,7 +181,7 @@ pub(super) async fn revoke(
         );
         return Err(Problem::new(StatusCode::CONFLICT, detail));
     }
-    match place.revoke(id.clone(), app.service.now()).await {
+    match place.revoke(&id, app.service.now()).await {
         Ok(()) => {}
         Err(TokenError::Unknown(_)) => return Err(unknown()),
         Err(error) => return Err(unreadable(&error)),

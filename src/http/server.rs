@@ -8,7 +8,7 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
-use super::access::{Access, AuthPolicy, TokenPlace};
+use super::access::{Access, AuthPolicy};
 use super::app::App;
 use super::connections::{self, TlsFiles};
 use super::event_ring::{EventRing, SharedEvents};
@@ -16,7 +16,6 @@ use super::limits::HttpLimits;
 use super::measurements::Measurements;
 use super::resumable;
 use super::router::router;
-use super::shared_tokens::SharedTokens;
 use super::shares::Shares;
 use super::start_error::StartError;
 use super::tokens::Tokens;
@@ -124,12 +123,8 @@ async fn start_as(
         });
     }
     let tokens = match &node {
-        None => TokenPlace::File(Arc::new(Tokens::of(&config.data_dir))),
-        Some(node) => {
-            let tokens = SharedTokens::of(node.store.clone());
-            tokens.import(&config.data_dir).await?;
-            TokenPlace::Shared(tokens)
-        }
+        None => Tokens::of(&config.data_dir),
+        Some(node) => Tokens::shared(node.store.clone()),
     };
     let is_loopback = config.listen.ip().to_canonical().is_loopback();
     let has_tokens = tokens.list().await?.is_some_and(|tokens| !tokens.is_empty());

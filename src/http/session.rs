@@ -8,7 +8,7 @@ use axum::{Extension, Json};
 use serde::Serialize;
 
 use super::problem::Problem;
-use super::tokens::{Scope, Token};
+use super::token::{Scope, Token};
 
 const COOKIE: &str = "flankwatch_session";
 

@@ -1,109 +1,43 @@
-//! Bearer tokens: who may do what. Of one machine they are kept hashed in a file of the data folder, so that
-//! they are made and revoked while the service runs; where processes share a store they are rows of it
-//! (`shared_tokens`).
+//! The tokens of a service: who may do what. They are kept hashed, and are made and revoked while the service
+//! runs, by itself or by `flankwatch token`.
 
-use std::fs;
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::SystemTime;
+use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
-use subtle::ConstantTimeEq;
 use thiserror::Error;
 
-use crate::store::StoreError;
+use super::token::{Scope, Token, mint};
+use crate::store::{Store, StoreError, TokenStore, TokensVersion};
 
-/// Begins every token, so that one is recognised where it should not be.
-const PREFIX: &str = "fwt";
+/// How old what a node knows may be: so long after it was made or revoked a token is taken or refused
+/// everywhere.
+const KNOWN_FOR: Duration = Duration::from_secs(2);
 
-/// How far a token reaches; each scope holds those before it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Scope {
-    /// Look at everything.
-    Read,
-    /// Send records, start replays, acknowledge alarms.
-    Write,
-    /// Make, change and delete assets.
-    Admin,
-}
+/// How long what was known goes on to count while the database is away, when nobody can revoke anything
+/// either.
+const KNOWN_WITHOUT_DATABASE: Duration = Duration::from_secs(300);
 
-impl Scope {
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Read => "read",
-            Self::Write => "write",
-            Self::Admin => "admin",
-        }
-    }
-}
-
-impl FromStr for Scope {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        [Self::Read, Self::Write, Self::Admin]
-            .into_iter()
-            .find(|scope| scope.name() == name)
-            .ok_or_else(|| format!("scope is {name:?}, expected read, write or admin"))
-    }
-}
-
-/// What is kept of a token: not the token.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Token {
-    /// Identifier, the part of the token that is no secret.
-    pub id: String,
-    /// What it is for.
-    pub name: String,
-    /// How far it reaches.
-    pub scope: Scope,
-    /// When it was made.
-    pub created_at: Timestamp,
-    /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so that a slow hash would add
-    /// nothing.
-    pub(super) sha256: String,
-}
+/// How long the database has to answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Why tokens cannot be read or kept.
 #[derive(Debug, Error)]
 pub enum TokenError {
-    /// The file cannot be read or written.
-    #[error("cannot {action} the tokens {path}: {source}", path = path.display())]
-    File {
-        /// What was tried.
-        action: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The file does not say what it should.
-    #[error("the tokens {path} cannot be used: {source}", path = path.display())]
-    Content {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: serde_json::Error,
-    },
     /// The system gives no random numbers.
     #[error("no random numbers are to be had: {0}")]
     Random(String),
     /// There is no such token.
     #[error("there is no token {0:?}")]
     Unknown(String),
-    /// The store that they are shared in refused or failed.
+    /// Where they are kept refused or failed.
     #[error("tokens: {0}")]
     Store(#[from] StoreError),
-    /// The store that they are shared in does not answer.
+    /// The database does not answer.
     #[error("tokens: the database does not answer")]
     Silent,
-    /// The shared store says something that is not understood.
+    /// What is stored of one is not understood.
     #[error("token {id}: {reason}")]
     Stored {
         /// Which token.
@@ -124,164 +58,193 @@ impl TokenError {
     }
 }
 
-/// The tokens of a data folder.
+/// The tokens of a service.
 #[derive(Debug)]
 pub struct Tokens {
-    path: PathBuf,
-    read: Mutex<Option<Read>>,
-    /// Held while the file is written: each writing begins with what the one before left.
-    writing: Mutex<()>,
+    store: TokenStore,
+    known: Mutex<Option<Known>>,
+    /// Held while the database is asked, so that it is asked once.
+    asking: tokio::sync::Mutex<()>,
 }
 
-/// The file as it was last read.
+/// What was read, and when.
 #[derive(Debug, Clone)]
-struct Read {
-    changed: (Option<SystemTime>, u64),
-    tokens: Arc<Vec<Token>>,
+struct Known {
+    tokens: Option<Arc<Vec<Token>>>,
+    /// The state that they were read in, where states are told.
+    version: Option<TokensVersion>,
+    read_at: Instant,
+    tried_at: Instant,
 }
 
 impl Tokens {
     /// The tokens of a data folder; there need not be any.
     pub fn of(data_dir: &Path) -> Self {
-        Self { path: data_dir.join("tokens.json"), read: Mutex::new(None), writing: Mutex::new(()) }
+        Self::kept_in(TokenStore::in_folder(data_dir))
     }
 
-    /// All tokens; none where there never were any.
-    pub fn list(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
-        let file = |action| move |source| TokenError::File { action, path: self.path.clone(), source };
-        let changed = match fs::metadata(&self.path) {
-            Ok(metadata) => (metadata.modified().ok(), metadata.len()),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(file("read")(error)),
-        };
-        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(read) = read.as_ref()
-            && read.changed == changed
-        {
-            return Ok(Some(Arc::clone(&read.tokens)));
+    /// The tokens of a store that processes share; there need not be any.
+    pub fn shared(store: Store) -> Self {
+        Self::kept_in(TokenStore::shared(store))
+    }
+
+    fn kept_in(store: TokenStore) -> Self {
+        Self { store, known: Mutex::default(), asking: tokio::sync::Mutex::default() }
+    }
+
+    /// All tokens; where processes share them, as they were a moment ago. None where there never were any.
+    pub async fn list(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
+        if let Some(tokens) = self.known_now()? {
+            return Ok(tokens);
         }
-        let text = fs::read(&self.path).map_err(file("read"))?;
-        let tokens: Vec<Token> = serde_json::from_slice(&text)
-            .map_err(|source| TokenError::Content { path: self.path.clone(), source })?;
-        let tokens = Arc::new(tokens);
-        *read = Some(Read { changed, tokens: Arc::clone(&tokens) });
-        Ok(Some(tokens))
+        let _turn = self.asking.lock().await;
+        // Another request may have asked meanwhile.
+        if let Some(tokens) = self.known_now()? {
+            return Ok(tokens);
+        }
+        let version = self.store.version()?;
+        let asked = tokio::time::timeout(ANSWER_TIMEOUT, self.read()).await;
+        let asked = asked.unwrap_or(Err(TokenError::Silent));
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        match asked {
+            Ok(tokens) => {
+                let now = Instant::now();
+                let read = Known { tokens: tokens.clone(), version, read_at: now, tried_at: now };
+                // What changed meanwhile is read by the next request.
+                *known = (self.store.version()? == version).then_some(read);
+                Ok(tokens)
+            }
+            Err(error) => match known.as_mut() {
+                Some(known) if error.is_unavailable() && known.read_at.elapsed() < KNOWN_WITHOUT_DATABASE => {
+                    tracing::warn!(%error, "failed to read tokens: going on with those known");
+                    known.tried_at = Instant::now();
+                    Ok(known.tokens.clone())
+                }
+                _ => Err(error),
+            },
+        }
+    }
+
+    /// What is known, where it need not be asked for now.
+    fn known_now(&self) -> Result<Option<Option<Arc<Vec<Token>>>>, TokenError> {
+        let version = self.store.version()?;
+        let known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let counts = |known: &&Known| match version {
+            Some(_) => known.version == version,
+            None => known.tried_at.elapsed() < KNOWN_FOR && known.read_at.elapsed() < KNOWN_WITHOUT_DATABASE,
+        };
+        Ok(known.as_ref().filter(counts).map(|known| known.tokens.clone()))
+    }
+
+    /// Has the next request ask the database: this node sees its own changes at once.
+    fn forget(&self) {
+        *self.known.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    async fn read(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
+        let Some(stored) = self.store.tokens().await? else {
+            return Ok(None);
+        };
+        let tokens: Vec<Token> = stored.into_iter().map(Token::try_from).collect::<Result<_, _>>()?;
+        Ok(Some(Arc::new(tokens)))
     }
 
     /// Makes a token and returns it; it cannot be had again.
-    pub fn create(&self, name: &str, scope: Scope, now: Timestamp) -> Result<String, TokenError> {
-        Ok(self.issue(name, scope, now)?.0)
+    pub async fn create(&self, name: &str, scope: Scope, now: Timestamp) -> Result<String, TokenError> {
+        Ok(self.issue(name, scope, now).await?.0)
     }
 
     /// Makes a token; returns it and what is kept of it.
-    pub(super) fn issue(
+    pub(super) async fn issue(
         &self,
         name: &str,
         scope: Scope,
         now: Timestamp,
     ) -> Result<(String, Token), TokenError> {
-        let (token, kept) = mint(name, scope, now)?;
-        let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut tokens = self.list()?.map(|tokens| tokens.to_vec()).unwrap_or_default();
-        tokens.push(kept.clone());
-        self.keep(&tokens)?;
-        Ok((token, kept))
-    }
-
-    /// Takes a token back: it opens nothing from now on.
-    pub fn revoke(&self, id: &str) -> Result<(), TokenError> {
-        let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut tokens = self.list()?.map(|tokens| tokens.to_vec()).unwrap_or_default();
-        let before = tokens.len();
-        tokens.retain(|token| token.id != id);
-        if tokens.len() == before {
-            return Err(TokenError::Unknown(id.to_owned()));
+        loop {
+            let (token, kept) = mint(name, scope, now)?;
+            if self.store.insert(&kept.clone().into()).await? {
+                self.forget();
+                return Ok((token, kept));
+            }
         }
-        self.keep(&tokens)
     }
 
-    fn keep(&self, tokens: &[Token]) -> Result<(), TokenError> {
-        let file = |source| TokenError::File { action: "write", path: self.path.clone(), source };
-        if let Some(folder) = self.path.parent() {
-            fs::create_dir_all(folder).map_err(file)?;
+    /// Takes a token back: it opens nothing from now on, on another node a moment later.
+    pub async fn revoke(&self, id: &str, now: Timestamp) -> Result<(), TokenError> {
+        if self.store.revoke(id, now).await? {
+            self.forget();
+            Ok(())
+        } else {
+            Err(TokenError::Unknown(id.to_owned()))
         }
-        let next = self.path.with_extension("new");
-        let text = serde_json::to_vec_pretty(tokens)
-            .map_err(|source| TokenError::Content { path: self.path.clone(), source })?;
-        let mut options = fs::OpenOptions::new();
-        options.write(true).create(true).truncate(true);
-        #[cfg(unix)]
-        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-        let mut out = options.open(&next).map_err(file)?;
-        out.write_all(&text).and_then(|()| out.sync_all()).map_err(file)?;
-        fs::rename(&next, &self.path).map_err(file)
     }
-}
-
-/// A new token: what is given out, and what is kept of it.
-pub(super) fn mint(name: &str, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
-    let mut random = [0; 36];
-    getrandom::fill(&mut random).map_err(|error| TokenError::Random(error.to_string()))?;
-    let (id, secret) = random.split_at(4);
-    let (id, secret) = (hex::encode(id), hex::encode(secret));
-    let kept = Token {
-        id: id.clone(),
-        name: name.to_owned(),
-        scope,
-        created_at: now,
-        sha256: hex::encode(Sha256::digest(&secret)),
-    };
-    Ok((format!("{PREFIX}_{id}_{secret}"), kept))
-}
-
-/// The token among `tokens` that was presented; none where it is not one of them.
-pub(super) fn find<'a>(tokens: &'a [Token], presented: &str) -> Option<&'a Token> {
-    let mut parts = presented.splitn(3, '_');
-    let (prefix, id, secret) = (parts.next()?, parts.next()?, parts.next()?);
-    if prefix != PREFIX {
-        return None;
-    }
-    let hash = hex::encode(Sha256::digest(secret));
-    tokens
-        .iter()
-        .find(|token| token.id == id)
-        .filter(|token| bool::from(token.sha256.as_bytes().ct_eq(hash.as_bytes())))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::token::find;
     use super::*;
 
-    #[test]
-    fn a_token_is_found_until_it_is_revoked_and_never_kept() {
+    #[tokio::test]
+    async fn a_token_is_found_until_it_is_revoked_and_never_kept() {
         let folder = tempfile::tempdir().unwrap();
         let tokens = Tokens::of(folder.path());
-        assert!(tokens.list().unwrap().is_none());
-        let first = tokens.create("press line", Scope::Write, Timestamp::UNIX_EPOCH).unwrap();
-        let second = tokens.create("display", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
-        let kept = tokens.list().unwrap().unwrap();
+        assert!(tokens.list().await.unwrap().is_none());
+        let now = Timestamp::UNIX_EPOCH;
+        let first = tokens.create("press line", Scope::Write, now).await.unwrap();
+        let second = tokens.create("display", Scope::Read, now).await.unwrap();
+        let kept = tokens.list().await.unwrap().unwrap();
         assert_eq!(find(&kept, &first).unwrap().scope, Scope::Write);
         assert_eq!(find(&kept, &second).unwrap().name, "display");
-        let text = fs::read_to_string(folder.path().join("tokens.json")).unwrap();
-        assert!(!text.contains(first.rsplit('_').next().unwrap()));
+        let bytes = std::fs::read(folder.path().join("tokens.db")).unwrap();
+        let text = String::from_utf8_lossy(&bytes);
+        assert!(text.contains("press line") && !text.contains(first.rsplit('_').next().unwrap()));
         let mut wrong = first.clone();
         wrong.replace_range(first.len() - 1.., if first.ends_with('0') { "1" } else { "0" });
         for presented in [wrong.as_str(), "", "fwt", "fwt__", &first[4..], &first[..20]] {
             assert!(find(&kept, presented).is_none(), "{presented}");
         }
-        tokens.revoke(&kept[0].id).unwrap();
-        let kept = tokens.list().unwrap().unwrap();
+        let id = find(&kept, &first).unwrap().id.clone();
+        tokens.revoke(&id, now).await.unwrap();
+        let kept = tokens.list().await.unwrap().unwrap();
         assert!(find(&kept, &first).is_none() && find(&kept, &second).is_some());
-        assert!(matches!(tokens.revoke("none"), Err(TokenError::Unknown(_))));
+        for unknown in [id.as_str(), "none"] {
+            assert!(matches!(tokens.revoke(unknown, now).await, Err(TokenError::Unknown(_))));
+        }
+    }
+
+    #[tokio::test]
+    async fn what_another_process_changes_counts_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let (here, elsewhere) = (Tokens::of(folder.path()), Tokens::of(folder.path()));
+        assert!(here.list().await.unwrap().is_none());
+        for count in 1..=5 {
+            elsewhere.create("a", Scope::Read, Timestamp::UNIX_EPOCH).await.unwrap();
+            assert_eq!(here.list().await.unwrap().unwrap().len(), count);
+        }
+        let kept = here.list().await.unwrap().unwrap();
+        for (count, token) in kept.iter().enumerate() {
+            elsewhere.revoke(&token.id, Timestamp::UNIX_EPOCH).await.unwrap();
+            assert_eq!(here.list().await.unwrap().unwrap().len(), kept.len() - count - 1);
+        }
+    }
+
+    #[tokio::test]
+    async fn a_file_that_is_no_database_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("tokens.db"), [7_u8; 4096]).unwrap();
+        let error = Tokens::of(folder.path()).list().await.unwrap_err().to_string();
+        assert!(error.contains("tokens.db"), "{error}");
     }
 
     #[cfg(unix)]
-    #[test]
-    fn only_the_owner_reads_the_file() {
+    #[tokio::test]
+    async fn only_the_owner_reads_the_file() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
-        Tokens::of(folder.path()).create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
-        let mode = fs::metadata(folder.path().join("tokens.json")).unwrap().permissions().mode();
+        Tokens::of(folder.path()).create("a", Scope::Read, Timestamp::UNIX_EPOCH).await.unwrap();
+        let mode = std::fs::metadata(folder.path().join("tokens.db")).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
     }
 }

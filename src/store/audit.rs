@@ -84,7 +84,7 @@ impl Store {
                 let database = Database::open_folder_to_read(folder).await?;
                 Ok(Self::of(database, Objects::open_to_read(folder.join("raw")), None))
             }
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             shared @ StoreSettings::Shared(_) => Self::open(shared).await,
         }
     }

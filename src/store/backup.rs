@@ -11,12 +11,9 @@ use sqlx::{AnyConnection, Connection};
 use super::database::sqlite_url;
 use super::objects::file_error;
 use super::rows::get;
-use super::{Objects, StoreError, StoreMark, integrity};
+use super::{Objects, StoreError, StoreMark, integrity, tokens};
 
 const DATABASE: &str = "flankwatch.db";
-
-/// Files of a data folder that are no part of the store.
-const BESIDE: [&str; 1] = ["tokens.json"];
 
 /// What was copied.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -52,20 +49,14 @@ pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     if raw.mark()?.is_some_and(|there| there.store != mark.store) {
         return Err(StoreError::Place { path: to.to_path_buf(), what: "is a backup of another store" });
     }
-    let part = to.join("flankwatch.db.part");
-    remove(&part)?;
-    let mut connection = open(&database).await?;
-    sqlx::query("VACUUM INTO $1").bind(part.to_string_lossy().into_owned()).execute(&mut connection).await?;
-    connection.close().await?;
-    sync(&part)?;
-    fs::rename(&part, &copy).map_err(|source| file_error("rename to", &copy, source))?;
+    copy_database(&database, &copy).await?;
     for left in ["flankwatch.db-wal", "flankwatch.db-shm"] {
         remove(&to.join(left))?;
     }
     let (names, mark) = (names_in(&copy).await?, mark_of(&copy).await?);
     let copied = copy_objects(&Objects::open_to_read(data.join("raw")), &raw, names)?;
     raw.set_mark(&mark)?;
-    copy_beside(data, to)?;
+    copy_tokens(data, to).await?;
     sync(to)?;
     Ok(copied)
 }
@@ -93,7 +84,7 @@ pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     let raw = Objects::open(data.join("raw"))?;
     let copied = copy_objects(&Objects::open_to_read(from.join("raw")), &raw, names)?;
     raw.mark_first(&mark)?;
-    copy_beside(from, data)?;
+    copy_tokens(from, data).await?;
     // Last, so that what breaks off can be begun again.
     let part = data.join("flankwatch.db.part");
     fs::copy(&backup, &part).map_err(|source| file_error("copy", &backup, source))?;
@@ -128,13 +119,24 @@ fn copy_objects(from: &Objects, to: &Objects, names: Vec<String>) -> Result<Copi
     Ok(copied)
 }
 
-fn copy_beside(from: &Path, to: &Path) -> Result<(), StoreError> {
-    for name in BESIDE {
-        let (from, to) = (from.join(name), to.join(name));
-        if from.exists() {
-            fs::copy(&from, &to).map_err(|source| file_error("copy", &from, source))?;
-            sync(&to)?;
-        }
+/// Copies a database as it is at one moment.
+async fn copy_database(from: &Path, to: &Path) -> Result<(), StoreError> {
+    let part = to.with_extension("db.part");
+    remove(&part)?;
+    let mut connection = open(from).await?;
+    sqlx::query("VACUUM INTO $1").bind(part.to_string_lossy().into_owned()).execute(&mut connection).await?;
+    connection.close().await?;
+    sync(&part)?;
+    fs::rename(&part, to).map_err(|source| file_error("rename to", to, source))
+}
+
+/// Copies the tokens, which are no part of the store, for the owner of the copy alone.
+async fn copy_tokens(from: &Path, to: &Path) -> Result<(), StoreError> {
+    let (from, to) = (from.join(tokens::FILE), to.join(tokens::FILE));
+    if from.exists() {
+        copy_database(&from, &to).await?;
+        let mode = fs::metadata(&from).map_err(|source| file_error("read", &from, source))?.permissions();
+        fs::set_permissions(&to, mode).map_err(|source| file_error("write", &to, source))?;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 use sqlx::Executor;
 use sqlx::any::AnyPoolOptions;
 use sqlx::{AnyConnection, AnyPool, Connection};
@@ -98,7 +98,7 @@ impl Database {
     }
 
     /// Connects to a PostgreSQL database that processes share, and brings its tables up to date.
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "postgres")]
     pub(super) async fn connect(settings: &super::SharedSettings) -> Result<Self, StoreError> {
         sqlx::any::install_default_drivers();
         let write = shared_pool(settings, settings.write_connections).await?;
@@ -122,7 +122,7 @@ impl Database {
 
 /// What every session of PostgreSQL is set to: commits are durable, and a process that is gone, or cut off,
 /// holds no lock for long.
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 const SESSION: &str = "
     SET application_name = 'flankwatch';
     SET default_transaction_isolation = 'read committed';
@@ -136,7 +136,7 @@ const SESSION: &str = "
     SET client_min_messages = warning";
 
 /// Connections that are made again by themselves when the database was away.
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 async fn shared_pool(settings: &super::SharedSettings, connections: u32) -> Result<AnyPool, sqlx::Error> {
     AnyPoolOptions::new()
         .max_connections(connections.max(1))
@@ -262,9 +262,9 @@ mod tests {
 
     /// The databases that are to carry values: SQLite, and the one that is named for tests.
     async fn databases(folder: &Path) -> Vec<Database> {
-        #[cfg_attr(not(feature = "cluster"), expect(unused_mut, reason = "there is one"))]
+        #[cfg_attr(not(feature = "postgres"), expect(unused_mut, reason = "there is one"))]
         let mut databases = vec![Database::open_folder(folder).await.unwrap()];
-        #[cfg(feature = "cluster")]
+        #[cfg(feature = "postgres")]
         if let Ok(url) = std::env::var("FLANKWATCH_TEST_DATABASE") {
             sqlx::any::install_default_drivers();
             let objects = crate::store::ObjectsSettings::Folder(folder.to_path_buf());

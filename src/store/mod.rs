@@ -72,10 +72,10 @@ pub use removal::{RecordRange, RemovedRecords};
 pub use resumable_uploads::{NewUpload, StoredUpload, UploadPiece, UploadProgress};
 pub use segments::{Analysed, NewSegment, Order, RunResult, SegmentFilter, SegmentKey, StoredFeatures};
 pub use settings::StoreSettings;
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 pub use settings::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 pub use silences::Silence;
-pub use tokens::StoredToken;
+pub use tokens::{StoredToken, TokenStore, TokensVersion};
 pub use trend::{Trend, WearPoint};
 
 /// The store; a clone is another handle to the same one.
@@ -123,7 +123,7 @@ impl Store {
             StoreSettings::Folder(folder) => {
                 (Database::open_folder(folder).await?, Objects::open(folder.join("raw"))?, None)
             }
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             StoreSettings::Shared(shared) => {
                 let objects = Objects::open_shared(&shared.objects)?;
                 let age = SignedDuration::try_from(shared.orphan_age).unwrap_or(SignedDuration::MAX);
@@ -191,7 +191,7 @@ impl Store {
     pub fn open_objects(settings: &StoreSettings) -> Result<Objects, StoreError> {
         match settings {
             StoreSettings::Folder(folder) => Ok(Objects::open_to_read(folder.join("raw"))),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             StoreSettings::Shared(shared) => Objects::open_shared(&shared.objects),
         }
     }

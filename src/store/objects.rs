@@ -1,7 +1,7 @@
 //! Raw recordings as immutable objects named by the hash of their bytes, in a folder or in a bucket; and
 //! libraries that processes share.
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "s3")]
 mod bucket;
 mod folder;
 mod mark;
@@ -35,7 +35,7 @@ pub struct Objects {
 #[derive(Debug)]
 enum Backend {
     Folder(folder::Folder),
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "s3")]
     Bucket(bucket::Bucket),
 }
 
@@ -70,12 +70,13 @@ impl Objects {
 
     /// Opens what other processes write to as well. To be called inside the runtime, which does the requests
     /// to a bucket.
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "postgres")]
     pub(super) fn open_shared(settings: &super::ObjectsSettings) -> Result<Self, StoreError> {
         let backend = match settings {
             super::ObjectsSettings::Folder(folder) => {
                 Backend::Folder(folder::Folder::open_shared(folder.clone())?)
             }
+            #[cfg(feature = "s3")]
             super::ObjectsSettings::Bucket(bucket) => Backend::Bucket(bucket::Bucket::open(bucket)?),
         };
         Ok(Self { backend })
@@ -94,7 +95,7 @@ impl Objects {
         let note = self.note_of(records)?;
         match &self.backend {
             Backend::Folder(folder) => folder.put_all(objects, note),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.put_all(objects, note),
         }
     }
@@ -113,7 +114,7 @@ impl Objects {
                 Some(found) if found == bytes => Ok(()),
                 Some(_) => self.get(name).map(|_| ()),
             },
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(_) => match self.written_at(name)? {
                 None => Err(StoreError::ObjectMissing(name.to_owned())),
                 Some(_) => Ok(()),
@@ -125,7 +126,7 @@ impl Objects {
     pub fn check_room(&self) -> Result<(), StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.check_room(),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(_) => Ok(()),
         }
     }
@@ -173,7 +174,7 @@ impl Objects {
     pub fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.remove_pieces(upload),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.remove_pieces(upload),
         }
     }
@@ -182,7 +183,7 @@ impl Objects {
     pub fn uploads(&self) -> Result<Vec<String>, StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.uploads(),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.uploads(),
         }
     }
@@ -191,7 +192,7 @@ impl Objects {
     pub fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.list(shard),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.list(shard),
         }
     }
@@ -202,7 +203,7 @@ impl Objects {
     fn object_path(&self, name: &str) -> String {
         match &self.backend {
             Backend::Folder(_) => folder::Folder::object_path(name),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(_) => bucket::Bucket::object_path(name),
         }
     }
@@ -210,7 +211,7 @@ impl Objects {
     fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.put_file(path, &bytes),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.put_file(path, bytes),
         }
     }
@@ -218,7 +219,7 @@ impl Objects {
     fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.create_file(path, &bytes),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.create_file(path, bytes),
         }
     }
@@ -226,7 +227,7 @@ impl Objects {
     fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.file(path),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.file(path),
         }
     }
@@ -234,7 +235,7 @@ impl Objects {
     fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.file_written_at(path),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.file_written_at(path),
         }
     }
@@ -242,7 +243,7 @@ impl Objects {
     fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.files(under),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.files(under),
         }
     }
@@ -250,7 +251,7 @@ impl Objects {
     fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.move_file(from, to),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.move_file(from, to),
         }
     }
@@ -258,7 +259,7 @@ impl Objects {
     fn remove_file(&self, path: &str) -> Result<(), StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.remove_file(path),
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "s3")]
             Backend::Bucket(bucket) => bucket.remove_file(path),
         }
     }

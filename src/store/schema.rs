@@ -18,7 +18,7 @@ pub(super) enum Dialect {
     /// SQLite: one connection writes, so that a transaction has all rows to itself.
     Sqlite,
     /// PostgreSQL: many processes write, so that a transaction locks the rows that it changes.
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "postgres")]
     Postgres,
 }
 
@@ -29,7 +29,7 @@ impl Dialect {
             Self::Sqlite => Cow::Borrowed(text),
             // Texts are in the order of their bytes, as everywhere in the program, whatever the database's
             // language.
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             Self::Postgres => {
                 Cow::Owned(text.replace(" BLOB", " BYTEA").replace(" TEXT", " TEXT COLLATE \"C\""))
             }
@@ -42,7 +42,7 @@ impl Dialect {
         match self {
             Self::Sqlite => "",
             // Not FOR UPDATE, which would keep out the foreign keys of rows that refer to these.
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             Self::Postgres => " FOR NO KEY UPDATE",
         }
     }
@@ -51,7 +51,7 @@ impl Dialect {
     pub(super) fn for_share(self) -> &'static str {
         match self {
             Self::Sqlite => "",
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             Self::Postgres => " FOR SHARE",
         }
     }
@@ -60,7 +60,7 @@ impl Dialect {
     pub(super) fn begin_snapshot(self) -> &'static str {
         match self {
             Self::Sqlite => "BEGIN",
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             Self::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY",
         }
     }
@@ -69,7 +69,7 @@ impl Dialect {
     pub(super) fn time_ns(self) -> Option<&'static str> {
         match self {
             Self::Sqlite => None,
-            #[cfg(feature = "cluster")]
+            #[cfg(feature = "postgres")]
             Self::Postgres => {
                 Some("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000000 AS BIGINT) AS now_ns")
             }
@@ -92,10 +92,18 @@ impl Dialect {
 /// The migrations by their numbers, with their descriptions.
 const MIGRATIONS: [(i64, &str, &str); 1] = [(1, "schema", include_str!("migrations/0001_schema.sql"))];
 
+/// The table of tokens: in a database that processes share, or in one of its own beside SQLite's.
+pub(super) const TOKENS: &str = include_str!("migrations/tokens.sql");
+
 impl MigrationSource<'static> for Dialect {
     fn resolve(self) -> BoxFuture<'static, Result<Vec<Migration>, BoxDynError>> {
+        let tables = move |text: &'static str| match self {
+            Self::Sqlite => self.schema(text),
+            #[cfg(feature = "postgres")]
+            Self::Postgres => Cow::Owned(format!("{}\n{}", self.schema(text), self.schema(TOKENS))),
+        };
         let migration = move |(version, description, text): (i64, &'static str, &'static str)| {
-            Migration::new(version, description.into(), MigrationType::Simple, self.schema(text), false)
+            Migration::new(version, description.into(), MigrationType::Simple, tables(text), false)
         };
         Box::pin(async move { Ok(MIGRATIONS.into_iter().map(migration).collect()) })
     }

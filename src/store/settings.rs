@@ -8,7 +8,7 @@ pub enum StoreSettings {
     /// A data folder of this process alone: SQLite and files.
     Folder(PathBuf),
     /// What any number of processes share: PostgreSQL and objects that all of them reach.
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "postgres")]
     Shared(SharedSettings),
 }
 
@@ -19,7 +19,7 @@ impl From<&Path> for StoreSettings {
 }
 
 /// A store that processes share.
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 #[derive(Clone)]
 pub struct SharedSettings {
     /// The PostgreSQL database, `postgres://user:password@host/name?sslmode=verify-full`.
@@ -37,7 +37,7 @@ pub struct SharedSettings {
     pub orphan_age: std::time::Duration,
 }
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 impl SharedSettings {
     /// The defaults for a database and a place of objects.
     pub fn new(database_url: impl Into<String>, objects: ObjectsSettings) -> Self {
@@ -52,7 +52,7 @@ impl SharedSettings {
     }
 }
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 impl std::fmt::Debug for SharedSettings {
     /// Without the database's address, which may hold a password.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -64,17 +64,18 @@ impl std::fmt::Debug for SharedSettings {
 }
 
 /// Where shared objects are.
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 #[derive(Debug, Clone)]
 pub enum ObjectsSettings {
     /// A folder that every process reaches under this path.
     Folder(PathBuf),
     /// A bucket of an S3-compatible object store.
+    #[cfg(feature = "s3")]
     Bucket(BucketSettings),
 }
 
 /// A bucket of an S3-compatible object store.
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 #[derive(Clone)]
 pub struct BucketSettings {
     /// The bucket, which is there already.
@@ -91,7 +92,7 @@ pub struct BucketSettings {
 }
 
 /// Who uses a bucket.
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 #[derive(Clone)]
 pub struct BucketCredentials {
     /// The access key's identifier.
@@ -100,7 +101,7 @@ pub struct BucketCredentials {
     pub secret_access_key: String,
 }
 
-#[cfg(feature = "cluster")]
+#[cfg(feature = "postgres")]
 impl std::fmt::Debug for BucketSettings {
     /// Without the credentials.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -1,9 +1,27 @@
-//! Who may use a service whose store is shared: what every node has to know.
+//! Who may use a service, as rows: of the database that processes share, or of a small one of their own.
+//!
+//! On one machine that is `tokens.db` in the data folder. The service keeps its own database to itself, and
+//! tokens are made and revoked by another process while it runs; they also outlive that database. It has no
+//! write-ahead log, so that any number of processes may open it at any time.
+
+use std::fs;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
+use sqlx::pool::PoolConnection;
+use sqlx::{Any, AnyConnection, Connection};
 
+use super::database::sqlite_url;
+use super::objects::file_error;
 use super::rows::{get, get_time, to_ns};
-use super::{Store, StoreError};
+use super::{Store, StoreError, integrity, schema};
+
+/// The database of tokens in a data folder.
+pub(super) const FILE: &str = "tokens.db";
+
+/// Where the head of an SQLite file counts the transactions that changed it.
+const CHANGE_COUNTER: usize = 24;
 
 /// What is kept of a token: not the token.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -20,11 +38,90 @@ pub struct StoredToken {
     pub sha256: String,
 }
 
-impl Store {
+/// The tokens of a service.
+#[derive(Debug, Clone)]
+pub struct TokenStore {
+    place: Place,
+}
+
+#[derive(Debug, Clone)]
+enum Place {
+    File(PathBuf),
+    Shared(Store),
+}
+
+/// A state of a file of tokens; every change of the tokens makes another one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TokensVersion(Option<u32>);
+
+/// A connection for one piece of work.
+enum Opened {
+    Own(Box<AnyConnection>),
+    Pooled(PoolConnection<Any>),
+}
+
+impl Opened {
+    fn get(&mut self) -> &mut AnyConnection {
+        match self {
+            Self::Own(connection) => connection,
+            Self::Pooled(connection) => connection,
+        }
+    }
+
+    async fn close(self) {
+        if let Self::Own(connection) = self
+            && let Err(error) = connection.close().await
+        {
+            tracing::warn!(%error, "failed to close the database of tokens");
+        }
+    }
+}
+
+impl TokenStore {
+    /// The tokens of a data folder; there need not be any.
+    pub fn in_folder(folder: &Path) -> Self {
+        Self { place: Place::File(folder.join(FILE)) }
+    }
+
+    /// The tokens of a store that processes share.
+    pub fn shared(store: Store) -> Self {
+        Self { place: Place::Shared(store) }
+    }
+
+    /// Which state the tokens are in; none where that is not known without asking for them.
+    pub fn version(&self) -> Result<Option<TokensVersion>, StoreError> {
+        let Place::File(path) = &self.place else {
+            return Ok(None);
+        };
+        let mut head = [0; CHANGE_COUNTER + 4];
+        let read = fs::File::open(path).and_then(|mut file| file.read_exact(&mut head));
+        match read {
+            Ok(()) => {
+                let counter = [head[24], head[25], head[26], head[27]];
+                Ok(Some(TokensVersion(Some(u32::from_be_bytes(counter)))))
+            }
+            // Not made yet, or just being made.
+            Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::UnexpectedEof) => {
+                Ok(Some(TokensVersion(None)))
+            }
+            Err(error) => Err(file_error("read", path, error)),
+        }
+    }
+
     /// The tokens that stand, the oldest first; none where there never were any.
     pub async fn tokens(&self) -> Result<Option<Vec<StoredToken>>, StoreError> {
-        let rows =
-            sqlx::query("SELECT * FROM tokens ORDER BY created_at_ns, id").fetch_all(self.read()).await?;
+        if let Place::File(path) = &self.place
+            && !path.exists()
+        {
+            return Ok(None);
+        }
+        let mut opened = self.open(false).await?;
+        let selected = sqlx::query("SELECT * FROM tokens ORDER BY created_at_ns, id")
+            .fetch_all(opened.get())
+            .await
+            .map_err(|error| self.named(error));
+        opened.close().await;
+        let rows = selected?;
         if rows.is_empty() {
             return Ok(None);
         }
@@ -44,7 +141,8 @@ impl Store {
     }
 
     /// Keeps a token; false where one of that identifier is there, or was.
-    pub async fn insert_token(&self, token: &StoredToken) -> Result<bool, StoreError> {
+    pub async fn insert(&self, token: &StoredToken) -> Result<bool, StoreError> {
+        let mut opened = self.open(true).await?;
         let inserted = sqlx::query(
             "INSERT INTO tokens (id, name, scope, created_at_ns, sha256) VALUES ($1, $2, $3, $4, $5) ON CONFLICT (id) DO NOTHING",
         )
@@ -53,19 +151,63 @@ impl Store {
         .bind(token.scope.as_str())
         .bind(to_ns(token.created_at)?)
         .bind(token.sha256.as_str())
-        .execute(self.write())
-        .await?;
-        Ok(inserted.rows_affected() > 0)
+        .execute(opened.get())
+        .await
+        .map_err(|error| self.named(error));
+        opened.close().await;
+        Ok(inserted?.rows_affected() > 0)
     }
 
     /// Takes a token back; false where there is none that stands.
-    pub async fn revoke_token(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
+    pub async fn revoke(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
+        let mut opened = self.open(true).await?;
         let revoked =
             sqlx::query("UPDATE tokens SET revoked_at_ns = $2 WHERE id = $1 AND revoked_at_ns IS NULL")
                 .bind(id)
                 .bind(to_ns(now)?)
-                .execute(self.write())
-                .await?;
-        Ok(revoked.rows_affected() > 0)
+                .execute(opened.get())
+                .await
+                .map_err(|error| self.named(error));
+        opened.close().await;
+        Ok(revoked?.rows_affected() > 0)
     }
+
+    async fn open(&self, to_write: bool) -> Result<Opened, StoreError> {
+        match &self.place {
+            Place::File(path) => {
+                let opened = connect(path).await.map_err(|error| integrity::named(path, error))?;
+                Ok(Opened::Own(Box::new(opened)))
+            }
+            Place::Shared(store) => {
+                let pool = if to_write { store.write() } else { store.read() };
+                Ok(Opened::Pooled(pool.acquire().await?))
+            }
+        }
+    }
+
+    fn named(&self, error: sqlx::Error) -> StoreError {
+        match &self.place {
+            Place::File(path) => integrity::named(path, error),
+            Place::Shared(_) => error.into(),
+        }
+    }
+}
+
+/// Opens the database of tokens, made where it is missing, for its owner alone.
+async fn connect(path: &Path) -> Result<AnyConnection, StoreError> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
+    }
+    let mut options = fs::OpenOptions::new();
+    options.append(true).create(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options.open(path).map_err(|source| file_error("write", path, source))?;
+    sqlx::any::install_default_drivers();
+    let mut connection = AnyConnection::connect(&sqlite_url(path, "rw")).await?;
+    // What is revoked stays revoked, also where the power fails just after.
+    for statement in ["PRAGMA busy_timeout = 10000", "PRAGMA synchronous = EXTRA", schema::TOKENS] {
+        sqlx::query(statement).execute(&mut connection).await?;
+    }
+    Ok(connection)
 }

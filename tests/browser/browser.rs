@@ -5,13 +5,13 @@ use std::path::Path;
 use std::process::Command;
 
 use flankwatch::gear::PairSpec;
-use flankwatch::http::{Scope, Tokens};
+use flankwatch::http::Scope;
 use flankwatch::recording::{BlockEncoding, WavWriter, encode_block};
 use flankwatch::simulation::{Run, RunPlan};
-use jiff::Timestamp;
 use serde_json::json;
 
 use crate::running::{Service, minute};
+use crate::tokens::Tokens;
 use flankwatch_test_support::needed;
 
 const RECORDS: u32 = 120;
@@ -89,8 +89,8 @@ fn plan(pair: &PairSpec) -> RunPlan {
 fn guarded() -> (Service, String) {
     let service = Service::start();
     service.plain_asset("pump");
-    let token = Tokens::of(service.folder()).create("desk", Scope::Admin, Timestamp::UNIX_EPOCH);
-    (service, token.unwrap())
+    let token = Tokens::of(service.folder()).create("desk", Scope::Admin);
+    (service, token)
 }
 
 /// An asset with records of a run to failure.

@@ -10,3 +10,6 @@ mod running;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/shared_store.rs"]
 mod shared_store;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/tokens.rs"]
+mod tokens;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use flankwatch::cluster::mqtt::{MqttCredentials, MqttFeed, MqttTable};
+use flankwatch::mqtt::{MqttCredentials, MqttFeed, MqttTable};
 use flankwatch::recording::{BlockEncoding, encode_block};
 use flankwatch::signal::Record;
 use serde_json::{Value, json};

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use super::nodes::Client;
-use super::processes::Program;
 use super::site::Site;
 use crate::command::flankwatch;
 
@@ -69,24 +68,4 @@ fn a_token_made_or_revoked_anywhere_counts_on_every_node() {
     drop(again);
     let again = site.api(&config);
     assert_eq!(status(&again.client, None), 401);
-}
-
-#[test]
-#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_file_of_tokens_is_taken_over_once() {
-    let mut site = Site::start();
-    let (config, folder) = (site.config(None), site.own_folder());
-    let data_dir = folder.display().to_string();
-    let said = flankwatch(&["token", "create", "old", "--data-dir", &data_dir]).expect_success();
-    let old = said.out().trim().to_owned();
-    let steady = site.api(&config);
-    let node = Program::api(&config, &folder);
-    wait_for_status(&node.client, Some(&old), 200);
-    wait_for_status(&steady.client, Some(&old), 200);
-    token(&["revoke", old.split('_').nth(1).unwrap()], &config);
-    wait_for_status(&steady.client, Some(&old), 401);
-    drop(node);
-    // The file still holds it.
-    let node = Program::api(&config, &folder);
-    assert_eq!(status(&node.client, Some(&old)), 401);
 }

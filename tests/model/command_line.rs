@@ -269,3 +269,73 @@ fn only_file(folder: &Path) -> PathBuf {
     assert_eq!(files.len(), 1, "{files:?}");
     files[0].clone()
 }
+
+#[test]
+fn shells_and_man_know_every_command() {
+    let help = flankwatch(&["--help"]).expect_success().out();
+    let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+    let commands: Vec<&str> = listed
+        .map_while(|line| line.trim_start().split(' ').next().filter(|name| !name.is_empty()))
+        .filter(|name| *name != "help")
+        .collect();
+    assert!(commands.contains(&"serve") && commands.contains(&"completions"), "{commands:?}");
+    for shell in ["bash", "zsh", "fish"] {
+        let script = flankwatch(&["completions", shell]).expect_success().out();
+        for command in &commands {
+            assert!(script.contains(command), "{shell}: {command}");
+        }
+        assert!(script.contains("data-dir"), "{shell}");
+    }
+    flankwatch(&["completions", "tcsh"]).expect_refusal(&["tcsh", "bash", "zsh", "fish"]);
+    let folder = tempfile::tempdir().unwrap();
+    flankwatch(&["manual", &path(&folder, "man")]).expect_success();
+    for command in commands {
+        let page = fs::read_to_string(folder.path().join(format!("man/flankwatch-{command}.1"))).unwrap();
+        assert!(page.contains(".SH SYNOPSIS") && page.contains(".SH DESCRIPTION"), "{page}");
+    }
+    assert!(folder.path().join("man/flankwatch.1").is_file());
+}
+
+#[test]
+fn analyze_scales_values_reads_arrays_and_takes_times_from_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| path(&folder, name);
+    let spec = hound::WavSpec {
+        channels: 1,
+        sample_rate: 8000,
+        bits_per_sample: 16,
+        sample_format: hound::SampleFormat::Int,
+    };
+    let mut writer = hound::WavWriter::create(at("pump_20260131_120000.wav"), spec).unwrap();
+    for k in 0..64 {
+        writer.write_sample(if k % 2 == 0 { 16384_i16 } else { -16384 }).unwrap();
+    }
+    writer.finalize().unwrap();
+    // Half of 5 V at 100 mV/g.
+    let words = ["--scale", "5", "--sensitivity-mv-per-g", "100", "--time-from-name", "%Y%m%d_%H%M%S"];
+    let found = analyze(&[&[at("pump_20260131_120000.wav").as_str()], &words[..]].concat());
+    assert_eq!((&found[0]["unit"], &found[0]["indicators"]["rms"]), (&Value::from("g"), &Value::from(25.0)));
+    assert_eq!(found[0]["start_time"], "2026-01-31T12:00:00Z");
+
+    let description = "{'descr': '<i2', 'fortran_order': False, 'shape': (4, 2), }\n";
+    let mut array = b"\x93NUMPY\x01\0".to_vec();
+    array.extend_from_slice(&(description.len() as u16).to_le_bytes());
+    array.extend_from_slice(description.as_bytes());
+    for value in [1_i16, 3, -1, 3, 1, 3, -1, 3] {
+        array.extend_from_slice(&value.to_le_bytes());
+    }
+    fs::write(at("array.npy"), &array).unwrap();
+    let found = analyze(&[&at("array.npy"), "--rate", "1000", "--scale", "0.5"]);
+    assert_eq!((found.len(), &found[0]["indicators"]["rms"]), (2, &Value::from(0.5)));
+    assert_eq!(found[1]["indicators"]["peak"], 1.5);
+
+    let refuse = |words: &[&str], said: &[&str]| {
+        flankwatch(&[&["analyze"], words].concat()).expect_refusal(said);
+    };
+    refuse(&[&at("array.npy")], &["array.npy", "sample rate"]);
+    refuse(&[&at("array.npy"), "--rate", "1000", "--scale", "0"], &["--scale is 0"]);
+    refuse(&[&at("array.npy"), "--time-from-name", "%Y"], &["array.npy", "%Y"]);
+    array.truncate(array.len() - 1);
+    fs::write(at("array.npy"), &array).unwrap();
+    refuse(&[&at("array.npy"), "--rate", "1000"], &["array.npy", "4 frames", "3 are there"]);
+}

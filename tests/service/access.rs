@@ -5,13 +5,13 @@ use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
 use std::time::Duration;
 
-use flankwatch::http::{Scope, ServiceConfig, StartError, TlsFiles, Tokens, start};
+use flankwatch::http::{Scope, ServiceConfig, StartError, TlsFiles, start};
 use flankwatch::service::SystemClock;
-use jiff::Timestamp;
 
 use crate::certificate::certificate;
 use crate::command::flankwatch;
 use crate::running::{Answer, Service, mcap, plain_asset, record};
+use crate::tokens::Tokens;
 
 fn with_token(service: &Service, token: &str, method: &str, path: &str, body: &str) -> Answer {
     let authorization = format!("Bearer {token}");
@@ -24,7 +24,7 @@ fn a_token_opens_what_its_scope_says_until_it_is_revoked() {
     let service = Service::start();
     service.plain_asset("pump");
     let tokens = Tokens::of(service.folder());
-    let make = |scope| tokens.create("test", scope, Timestamp::UNIX_EPOCH).unwrap();
+    let make = |scope| tokens.create("test", scope);
     let (read, write, admin) = (make(Scope::Read), make(Scope::Write), make(Scope::Admin));
     let refused = service.get("/v1/assets");
     assert_eq!(refused.header("www-authenticate"), "Bearer");
@@ -46,11 +46,11 @@ fn a_token_opens_what_its_scope_says_until_it_is_revoked() {
     with_token(&service, &write, "POST", "/v1/assets", &other).expect_problem(403, &["admin"]);
     with_token(&service, &write, "DELETE", "/v1/assets/pump", "").expect_problem(403, &["admin"]);
     with_token(&service, &admin, "POST", "/v1/assets", &other).expect(201);
-    for token in tokens.list().unwrap().unwrap().iter() {
+    for token in tokens.list().unwrap().iter() {
         tokens.revoke(&token.id).unwrap();
     }
     with_token(&service, &admin, "GET", "/v1/assets", "").expect_problem(401, &[]);
-    std::fs::remove_file(service.folder().join("tokens.json")).unwrap();
+    std::fs::remove_file(service.folder().join("tokens.db")).unwrap();
     service.get("/v1/assets").expect_problem(401, &[]);
 }
 
@@ -60,7 +60,7 @@ fn a_browser_logs_in_with_a_token_and_out_again() {
     service.plain_asset("pump");
     assert_eq!(service.get("/v1/session").expect(200).json()["token"], serde_json::Value::Null);
     let tokens = Tokens::of(service.folder());
-    let token = tokens.create("desk", Scope::Write, Timestamp::UNIX_EPOCH).unwrap();
+    let token = tokens.create("desk", Scope::Write);
     service.get("/v1/assets/pump/report").expect_problem(401, &["token"]);
     with_token(&service, "fwt_00000000_0", "POST", "/v1/session", "").expect_problem(401, &["revoked"]);
     let begun = with_token(&service, &token, "POST", "/v1/session", "").expect(200);
@@ -91,7 +91,7 @@ fn a_browser_logs_in_with_a_token_and_out_again() {
 
     let ended = send("DELETE", "/v1/session", &own, b"").expect(204);
     assert!(ended.header("set-cookie").contains("Max-Age=0"));
-    tokens.revoke(&tokens.list().unwrap().unwrap()[0].id).unwrap();
+    tokens.revoke(&tokens.list().unwrap()[0].id).unwrap();
     send("GET", "/v1/assets", &[], b"").expect_problem(401, &["revoked"]);
 }
 
@@ -99,8 +99,8 @@ fn a_browser_logs_in_with_a_token_and_out_again() {
 fn too_many_requests_with_one_token_are_put_off() {
     let service = Service::start_with(|config| config.http.requests_per_s = 1.try_into().unwrap());
     let tokens = Tokens::of(service.folder());
-    let token = tokens.create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
-    let other = tokens.create("b", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+    let token = tokens.create("a", Scope::Read);
+    let other = tokens.create("b", Scope::Read);
     let answers: Vec<Answer> =
         (0..20).map(|_| with_token(&service, &token, "GET", "/v1/assets", "")).collect();
     assert_eq!(answers[0].status, 200);
@@ -127,7 +127,7 @@ fn an_address_that_others_reach_needs_tokens() {
     start_on("127.0.0.1:0", |_| {}).unwrap();
     start_on("0.0.0.0:0", |config| config.insecure_no_tokens = true).unwrap();
     start_on("0.0.0.0:0", |config| {
-        Tokens::of(&config.data_dir).create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+        Tokens::of(&config.data_dir).create("a", Scope::Read);
     })
     .unwrap();
 }
@@ -141,7 +141,7 @@ fn a_name_that_leads_here_is_not_enough() {
     as_host("localhost", "/v1/assets").expect(200);
     // The pages show nothing by themselves.
     as_host("evil.example:8600", "/").expect(200);
-    let token = Tokens::of(service.folder()).create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+    let token = Tokens::of(service.folder()).create("a", Scope::Read);
     let authorization = format!("Bearer {token}");
     let headers = [("host", "evil.example"), ("authorization", authorization.as_str())];
     service.send("GET", "/v1/assets", &headers, b"").expect(200);

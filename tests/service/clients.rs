@@ -4,10 +4,10 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-use flankwatch::http::{Scope, Tokens};
-use jiff::Timestamp;
+use flankwatch::http::Scope;
 
 use crate::running::{Answer, Service, record};
+use crate::tokens::Tokens;
 
 fn connect(service: &Service) -> TcpStream {
     let stream = TcpStream::connect(service.url("").trim_start_matches("http://")).unwrap();
@@ -90,7 +90,7 @@ fn a_revoked_tokens_streams_end() {
 
 fn token(service: &Service, name: &str) -> String {
     let tokens = Tokens::of(service.folder());
-    tokens.create(name, Scope::Write, Timestamp::UNIX_EPOCH).unwrap()
+    tokens.create(name, Scope::Write)
 }
 
 #[test]

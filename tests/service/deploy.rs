@@ -242,18 +242,11 @@ fn command_lines() -> Vec<(String, Vec<String>)> {
 #[test]
 fn commands_and_their_options_exist() {
     for (of, words) in command_lines() {
-        // Workers and brokers are of the feature.
-        if words[0] == "work" && cfg!(not(feature = "cluster")) {
-            continue;
-        }
         let help =
             Command::new(env!("CARGO_BIN_EXE_flankwatch")).args([&words[0], "--help"]).output().unwrap();
         assert!(help.status.success(), "{of}: {}", words[0]);
         let help = String::from_utf8(help.stdout).unwrap();
         for option in words[1..].iter().filter(|word| word.starts_with("--")) {
-            if option == "--mqtt" && cfg!(not(feature = "cluster")) {
-                continue;
-            }
             assert!(help.contains(&format!("{option} <")), "{of}: {option} in {help}");
         }
     }

@@ -21,6 +21,7 @@ mod image;
 mod integrations;
 mod lost_database;
 mod openapi;
+mod packages;
 mod preview;
 mod problems;
 mod recomputing;
@@ -57,3 +58,6 @@ mod running;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/shared_store.rs"]
 mod shared_store;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/tokens.rs"]
+mod tokens;

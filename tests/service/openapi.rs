@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::process::Command;
 
-use flankwatch::http::{Scope, Tokens};
-use jiff::Timestamp;
+use flankwatch::http::Scope;
 use serde_json::{Value, json};
 
 use crate::alarms::{at_once, loud, watched};
 use crate::running::{Service, mcap, record};
+use crate::tokens::Tokens;
 use flankwatch_test_support::needed;
 
 fn description(service: &Service) -> Value {
@@ -74,7 +74,7 @@ fn every_example_of_a_request_runs() {
     service.upload("gearbox-1", &loud(0, 4.0));
     let alarm = service.get("/v1/alarms").expect(200).json()["items"][0]["id"].as_str().unwrap().to_owned();
     std::fs::write(service.folder().join("recordings/run.mcap"), mcap(&[record("a1", 5)])).unwrap();
-    let token = Tokens::of(service.folder()).create("examples", Scope::Admin, Timestamp::UNIX_EPOCH).unwrap();
+    let token = Tokens::of(service.folder()).create("examples", Scope::Admin);
     let authorization = format!("Bearer {token}");
     let document = description(&service);
     let mut sent = 0;

@@ -50,6 +50,9 @@ pub struct RecordDefaults {
     pub start_time: Timestamp,
     /// Sampling rate in hertz of a recording that may leave it out: of CSV.
     pub sample_rate_hz: Option<f64>,
+    /// What each value of WAV, CSV or a NumPy array is multiplied with; a full-scale integer of a WAV is 1
+    /// before.
+    pub scale: Option<f64>,
     /// Unit of the samples.
     pub unit: Option<String>,
     /// Units of channels that have one of their own, by name; they count before `unit`.

@@ -1,9 +1,9 @@
 //! A CSV file as records, cut as any other recording.
 
-use std::collections::VecDeque;
 use std::io::Read;
 
 use super::block::check_sample_count;
+use super::cut::{Blocks, Frames};
 use super::{CsvFrames, CsvTiming, Cut, CutPlan, Cutter, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
@@ -27,12 +27,13 @@ pub fn decode_csv(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
 /// Reads a CSV file of any length as consecutive records: all channels of one stretch, then those of the
 /// next.
 pub struct CsvBlocks<R> {
-    frames: CsvFrames<R>,
-    cutter: Cutter,
-    plan: CutPlan,
-    frame: Vec<f32>,
-    ready: VecDeque<Result<Record, RecordingError>>,
-    ended: bool,
+    blocks: Blocks<CsvFrames<R>>,
+}
+
+impl<R: Read> Frames for CsvFrames<R> {
+    fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
+        Self::next_frame(self, frame)
+    }
 }
 
 impl<R: Read> CsvBlocks<R> {
@@ -70,19 +71,14 @@ impl<R: Read> CsvBlocks<R> {
                 said.channel_units.insert(name.clone(), (*unit).to_owned());
             }
         }
-        Ok(Self {
-            cutter: Cutter::new(names, rate_hz, &said, plan),
-            plan,
-            frame: vec![0.0; frames.channels().len()],
-            frames,
-            ready: VecDeque::new(),
-            ended: false,
-        })
+        let channels = channels.len();
+        let cutter = Cutter::new(names, rate_hz, &said, plan);
+        Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
     }
 
     /// Length of the records in seconds where a long recording is cut without having been asked to.
     pub fn default_cut_seconds(&self) -> Option<f64> {
-        self.plan.default_seconds
+        self.blocks.default_cut_seconds()
     }
 }
 
@@ -90,24 +86,7 @@ impl<R: Read> Iterator for CsvBlocks<R> {
     type Item = Result<Record, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while self.ready.is_empty() && !self.ended {
-            match self.frames.next_frame(&mut self.frame) {
-                Ok(true) => {
-                    if self.cutter.push(&self.frame) {
-                        self.ready.extend(self.cutter.take());
-                    }
-                }
-                Ok(false) => {
-                    self.ended = true;
-                    self.ready.extend(self.cutter.take());
-                }
-                Err(error) => {
-                    self.ended = true;
-                    self.ready.push_back(Err(error));
-                }
-            }
-        }
-        self.ready.pop_front()
+        self.blocks.next()
     }
 }
 

@@ -1,5 +1,7 @@
 //! Cutting a long multi-channel recording into records, in bounded memory.
 
+use std::collections::VecDeque;
+
 use jiff::{SignedDuration, Timestamp};
 
 use super::{RecordDefaults, RecordingError};
@@ -83,6 +85,8 @@ pub struct Cutter {
     sample_rate_hz: f64,
     start_time: Timestamp,
     operating_point: OperatingPoint,
+    /// What each value is multiplied with.
+    scale: Option<f64>,
     frames: usize,
     first_frame: u64,
     columns: Vec<Vec<f32>>,
@@ -98,6 +102,7 @@ impl Cutter {
             sample_rate_hz,
             start_time: defaults.start_time,
             operating_point: defaults.operating_point,
+            scale: defaults.scale,
             frames: plan.frames,
             first_frame: 0,
         }
@@ -106,7 +111,10 @@ impl Cutter {
     /// Adds one frame; true when the records are complete and must be taken.
     pub fn push(&mut self, frame: &[f32]) -> bool {
         for (column, &sample) in self.columns.iter_mut().zip(frame) {
-            column.push(sample);
+            column.push(match self.scale {
+                None => sample,
+                Some(scale) => (f64::from(sample) * scale) as f32,
+            });
         }
         self.columns.first().is_some_and(|column| column.len() >= self.frames)
     }
@@ -140,6 +148,59 @@ impl Cutter {
                 })
         });
         records.collect()
+    }
+}
+
+/// A recording that is read frame by frame, a sample of every channel each.
+pub(crate) trait Frames {
+    /// Reads the next frame, false at the end.
+    fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError>;
+}
+
+/// The records of a recording, one stretch of all channels after the other; one stretch is held at a time.
+#[derive(Debug)]
+pub(crate) struct Blocks<F> {
+    frames: F,
+    cutter: Cutter,
+    plan: CutPlan,
+    frame: Vec<f32>,
+    ready: VecDeque<Result<Record, RecordingError>>,
+    ended: bool,
+}
+
+impl<F: Frames> Blocks<F> {
+    pub(crate) fn new(frames: F, channels: usize, cutter: Cutter, plan: CutPlan) -> Self {
+        Self { frames, cutter, plan, frame: vec![0.0; channels], ready: VecDeque::new(), ended: false }
+    }
+
+    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    pub(crate) fn default_cut_seconds(&self) -> Option<f64> {
+        self.plan.default_seconds
+    }
+}
+
+impl<F: Frames> Iterator for Blocks<F> {
+    type Item = Result<Record, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.ready.is_empty() && !self.ended {
+            match self.frames.next_frame(&mut self.frame) {
+                Ok(true) => {
+                    if self.cutter.push(&self.frame) {
+                        self.ready.extend(self.cutter.take());
+                    }
+                }
+                Ok(false) => {
+                    self.ended = true;
+                    self.ready.extend(self.cutter.take());
+                }
+                Err(error) => {
+                    self.ended = true;
+                    self.ready.push_back(Err(error));
+                }
+            }
+        }
+        self.ready.pop_front()
     }
 }
 

@@ -34,10 +34,10 @@ pub enum RecordingError {
     #[error("cannot read or write the recording: {0}")]
     Io(#[from] std::io::Error),
     /// Not a single byte.
-    #[error("the recording is empty (0 bytes), expected a WAV, MCAP or CSV recording")]
+    #[error("the recording is empty (0 bytes), expected a WAV, MCAP, CSV or NumPy recording")]
     NoBytes,
     /// A format that is known, and not read here.
-    #[error("the recording is {name}, expected WAV, MCAP or CSV: {hint}")]
+    #[error("the recording is {name}, expected WAV, MCAP, CSV or .npy: {hint}")]
     Foreign {
         /// The format's name.
         name: &'static str,
@@ -46,7 +46,7 @@ pub enum RecordingError {
     },
     /// No format that is known.
     #[error(
-        "the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP or CSV recording"
+        "the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP, CSV or NumPy recording"
     )]
     UnknownFormat {
         /// Its first bytes in hexadecimal.
@@ -55,6 +55,16 @@ pub enum RecordingError {
     /// A field of a WAV header that cannot be used.
     #[error("wav: {field} is {value}, expected {expected}")]
     Wav {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What would have been right.
+        expected: &'static str,
+    },
+    /// A field of a NumPy array's description that cannot be used.
+    #[error("npy: {field} is {value}, expected {expected}")]
+    Npy {
         /// Which field.
         field: &'static str,
         /// Its value.

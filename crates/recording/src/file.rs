@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use flate2::read::MultiGzDecoder;
 
+use super::npy::NpyBlocks;
 use super::wav::WavBlocks;
 use super::{
     BlockEncoding, CsvBlocks, CsvFrames, CsvTiming, Cut, Format, McapReader, RecordDefaults, Recorded,
@@ -17,10 +18,10 @@ use super::{
 /// How a file that is compressed with gzip begins.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// The records of a WAV, MCAP or CSV file, read as they are asked for. CSV may be compressed with gzip; it is
+/// The records of a WAV, MCAP, CSV or NumPy file, read as they are asked for. CSV may be compressed with gzip; it is
 /// read twice, first for its time.
 ///
-/// A WAV or CSV file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut
+/// A WAV, CSV or NumPy file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut
 /// into records of 10 s, or as `cut` says, where a rest of less than half a record is left out. MCAP records
 /// come as they were recorded.
 pub struct RecordingFile {
@@ -32,6 +33,7 @@ enum Records {
     Wav(Box<WavBlocks<CountedFile>>),
     Mcap(Box<McapReader>),
     Csv(Box<CsvBlocks<Box<dyn Read + Send>>>),
+    Npy(Box<NpyBlocks<CountedFile>>),
 }
 
 /// A file that says how far it has been read.
@@ -79,6 +81,7 @@ impl RecordingFile {
             Format::Csv | Format::Wav => {
                 Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?))
             }
+            Format::Npy => Records::Npy(Box::new(NpyBlocks::new(reader, &defaults, cut)?)),
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(reader, defaults))),
         };
         Ok(Self { records, read })
@@ -95,15 +98,17 @@ impl RecordingFile {
             Records::Wav(_) => Format::Wav,
             Records::Mcap(_) => Format::Mcap,
             Records::Csv(_) => Format::Csv,
+            Records::Npy(_) => Format::Npy,
         }
     }
 
-    /// Length in seconds of the records into which a long WAV or CSV file is cut without having been asked
+    /// Length in seconds of the records into which a long WAV, CSV or NumPy file is cut without having been asked
     /// to; none where it is not.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         match &self.records {
             Records::Wav(blocks) => blocks.default_cut_seconds(),
             Records::Csv(blocks) => blocks.default_cut_seconds(),
+            Records::Npy(blocks) => blocks.default_cut_seconds(),
             Records::Mcap(_) => None,
         }
     }
@@ -133,6 +138,7 @@ impl Iterator for RecordingFile {
             Records::Mcap(reader) => return reader.next(),
             Records::Wav(blocks) => blocks.next()?,
             Records::Csv(blocks) => blocks.next()?,
+            Records::Npy(blocks) => blocks.next()?,
         };
         Some(record.map(|record| Recorded {
             raw: encode_block(&record, BlockEncoding::Protobuf),

@@ -11,6 +11,8 @@ pub enum Format {
     Mcap,
     /// Text, which is read as CSV.
     Csv,
+    /// A NumPy array.
+    Npy,
 }
 
 /// What the Python package reads.
@@ -18,13 +20,12 @@ const BY_PYTHON: &str = "`flankwatch.read` of the Python package reads it, and `
 
 /// Formats that recordings come in and that are not read here: how they begin, their names, and what reads
 /// them.
-const FOREIGN: [(&[u8], &str, &str); 12] = [
+const FOREIGN: [(&[u8], &str, &str); 11] = [
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", BY_PYTHON),
     (b"MATLAB 7.3 MAT-f", "an HDF5 file (MATLAB v7.3)", BY_PYTHON),
     (b"MATLAB 5.0 MAT-f", "a MATLAB file (v5)", BY_PYTHON),
     (b"TDSm", "a TDMS file", BY_PYTHON),
     (b"PAR1", "a Parquet file", BY_PYTHON),
-    (b"\x93NUMPY", "a NumPy file (.npy)", BY_PYTHON),
     (b"fLaC", "a FLAC file", BY_PYTHON),
     (b"    -1\n", "a universal file (UFF)", BY_PYTHON),
     (b"    -1\r\n", "a universal file (UFF)", BY_PYTHON),
@@ -44,6 +45,9 @@ impl Format {
         }
         if [b"RIFF", b"RIFX", b"RF64"].iter().any(|tag| beginning.starts_with(*tag)) {
             return Ok(Self::Wav);
+        }
+        if beginning.starts_with(super::npy::MAGIC) {
+            return Ok(Self::Npy);
         }
         if let Some((_, name, hint)) = FOREIGN.iter().find(|(magic, ..)| beginning.starts_with(magic)) {
             return Err(RecordingError::Foreign { name, hint });
@@ -70,6 +74,7 @@ mod tests {
         assert_eq!(Format::detect("Beschleunigung ä".as_bytes()).unwrap(), Format::Csv);
         assert_eq!(Format::detect(b"\xef\xbb\xbfa;b\n").unwrap(), Format::Csv);
         assert!(matches!(Format::detect(b"\x7fELF\x02"), Err(RecordingError::UnknownFormat { .. })));
+        assert_eq!(Format::detect(b"\x93NUMPY\x01\0v").unwrap(), Format::Npy);
         assert!(matches!(Format::detect(b""), Err(RecordingError::NoBytes)));
     }
 
@@ -81,7 +86,6 @@ mod tests {
             (b"MATLAB 5.0 MAT-file, Plat", "a MATLAB file (v5)"),
             (b"TDSm\x0e\0\0\0", "a TDMS file"),
             (b"    -1\r\n    58\r\n", "a universal file"),
-            (b"\x93NUMPY\x01\0", "a NumPy file"),
         ] {
             let error = Format::detect(beginning).unwrap_err().to_string();
             assert!(error.contains(name) && error.contains("Python package"), "{error}");

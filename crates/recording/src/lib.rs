@@ -1,9 +1,10 @@
-//! Bytes to records and back: WAV, MCAP, CSV, protobuf and JSON.
+//! Bytes to records and back: WAV, MCAP, CSV, NumPy arrays, protobuf and JSON.
 //!
 //! - [`decode_wav`] and [`WavBlocks`], [`WavWriter`]: WAV whole, in stretches, and written;
 //! - [`McapReader`], [`McapWriter`]: MCAP with the messages of [`message`];
 //! - [`decode_block`], [`encode_block`]: one message in protobuf or JSON ([`BlockEncoding`]);
 //! - [`decode_csv`] and [`CsvBlocks`]: CSV whole and in stretches, its rate and time by [`CsvTiming`];
+//! - [`NpyBlocks`]: a NumPy array in stretches;
 //! - [`CsvFrames`] and [`WavFrames`], which a [`Cutter`] makes records of.
 //!
 //! [`RecordDefaults`] says what a recording leaves out.
@@ -60,6 +61,7 @@ mod mcap_record;
 mod mcap_topic;
 mod mcap_writer;
 pub mod message;
+mod npy;
 mod packed_samples;
 mod pulse_count;
 mod pulses;
@@ -82,6 +84,7 @@ pub use json::JsonBlock;
 pub use mcap_history::{HistoryKind, HistoryWriter};
 pub use mcap_reader::{McapReader, REFERENCE_WEAR, Recorded};
 pub use mcap_writer::{McapCompression, McapOptions, McapWriter};
+pub use npy::{NpyBlocks, NpyFrames};
 pub use raw::{RawLayout, RawSample, decode_raw};
 pub use wav::{WavBlocks, WavWriter, decode_wav};
 pub use wav_format::WavFormat;

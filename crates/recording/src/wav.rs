@@ -1,14 +1,13 @@
 //! WAV recordings: read into records, written as 32-bit floating point.
 //!
 //! Floating-point samples are taken as they stand, in the unit given by the defaults. Integers are scaled to
-//! a full scale of −1…1, whatever their number of bits; a sensor's sensitivity then belongs into the unit.
+//! a full scale of −1…1, whatever their number of bits; what that is worth says `scale` of the defaults.
 //! Without a unit it is `"1"`. WAV has no time: the defaults say when it began.
 
-use std::collections::VecDeque;
 use std::io::{Cursor, Read, Seek, Write};
 
 use super::block::check_sample_count;
-use super::cut::{Cut, CutPlan, Cutter};
+use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
 use super::wav_frames::WavFrames;
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
@@ -40,12 +39,13 @@ pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
 /// an early end of the file is an error and the last item.
 #[derive(Debug)]
 pub struct WavBlocks<R> {
-    frames: WavFrames<R>,
-    cutter: Cutter,
-    plan: CutPlan,
-    frame: Vec<f32>,
-    ready: VecDeque<Result<Record, RecordingError>>,
-    ended: bool,
+    blocks: Blocks<WavFrames<R>>,
+}
+
+impl<R: Read> Frames for WavFrames<R> {
+    fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
+        Self::next_frame(self, frame)
+    }
 }
 
 impl<R: Read> WavBlocks<R> {
@@ -73,19 +73,14 @@ impl<R: Read> WavBlocks<R> {
     fn with_plan(frames: WavFrames<R>, defaults: &RecordDefaults, plan: CutPlan) -> Self {
         let format = frames.format();
         let names = defaults.names_of(format.channels);
-        Self {
-            cutter: Cutter::new(names, format.sample_rate_hz.into(), defaults, plan),
-            plan,
-            frame: vec![0.0; format.channels],
-            frames,
-            ready: VecDeque::new(),
-            ended: false,
-        }
+        let channels = format.channels;
+        let cutter = Cutter::new(names, format.sample_rate_hz.into(), defaults, plan);
+        Self { blocks: Blocks::new(frames, channels, cutter, plan) }
     }
 
     /// Length of the records in seconds where a long recording is cut without having been asked to.
     pub fn default_cut_seconds(&self) -> Option<f64> {
-        self.plan.default_seconds
+        self.blocks.default_cut_seconds()
     }
 }
 
@@ -93,24 +88,7 @@ impl<R: Read> Iterator for WavBlocks<R> {
     type Item = Result<Record, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while self.ready.is_empty() && !self.ended {
-            match self.frames.next_frame(&mut self.frame) {
-                Ok(true) => {
-                    if self.cutter.push(&self.frame) {
-                        self.ready.extend(self.cutter.take());
-                    }
-                }
-                Ok(false) => {
-                    self.ended = true;
-                    self.ready.extend(self.cutter.take());
-                }
-                Err(error) => {
-                    self.ended = true;
-                    self.ready.push_back(Err(error));
-                }
-            }
-        }
-        self.ready.pop_front()
+        self.blocks.next()
     }
 }
 

@@ -55,7 +55,7 @@ impl<'a> Analysis<'a> {
     }
 
     pub(super) fn take_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
-        let defaults = RecordDefaults {
+        let mut defaults = RecordDefaults {
             start_time: *next_start,
             sample_rate_hz: self.args.rate,
             unit: self.asset.as_ref().and_then(|asset| asset.sensor.unit.clone()),
@@ -67,6 +67,7 @@ impl<'a> Analysis<'a> {
             },
             ..RecordDefaults::default()
         };
+        self.args.values.apply(path, &mut defaults)?;
         let cut = self.args.record_seconds.map(Cut::Seconds);
         let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::recording(path))?;
         if let Some(seconds) = file.default_cut_seconds() {

@@ -16,6 +16,7 @@ use jiff::Timestamp;
 use self::analysis::Analysis;
 use self::envelope::EnvelopeArg;
 use self::table::Column;
+use super::recording_values::RecordingValues;
 use super::{CliError, output, recording_files::recording_files};
 use crate::asset::AssetSpec;
 use crate::library::EnsembleSettings;
@@ -23,13 +24,15 @@ use crate::library::EnsembleSettings;
 /// Arguments of `flankwatch analyze`.
 #[derive(Args)]
 pub(super) struct AnalyzeArgs {
-    /// WAV, MCAP or CSV (.csv.gz too) recordings in time order, or folders of them, which are taken in the
+    /// WAV, MCAP, CSV (.csv.gz too) or NumPy (.npy) recordings in time order, or folders of them, which are taken in the
     /// order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Sampling rate in hertz of CSV that does not say it
+    /// Sampling rate in hertz of CSV that does not say it, and of NumPy arrays
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
+    #[command(flatten)]
+    values: RecordingValues,
     /// The machine: tooth numbers, nominal speed, gear pair. Without it, indicators that need no speed
     #[arg(long)]
     asset: Option<PathBuf>,

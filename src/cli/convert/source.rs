@@ -90,6 +90,10 @@ impl Source {
                     frames: Frames::Csv(Box::new(frames)),
                 })
             }
+            Ok(Format::Npy) => {
+                let expected = "CSV or WAV: it is a NumPy array, which `analyze` and `replay` read";
+                Err(argument("IN", path.display(), expected))
+            }
             Err(error) => Err(input(error)),
         }
     }

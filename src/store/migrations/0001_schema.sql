@@ -255,16 +255,6 @@ CREATE TABLE upload_pieces (
 
 -- The service itself ----------------------------------------------------------------------------------------
 
--- One row for each token there ever was: one that was revoked stays, so that nothing brings it back.
-CREATE TABLE tokens (
-    id TEXT NOT NULL PRIMARY KEY,
-    name TEXT NOT NULL,
-    scope TEXT NOT NULL,
-    created_at_ns BIGINT NOT NULL,
-    sha256 TEXT NOT NULL,
-    revoked_at_ns BIGINT
-);
-
 -- Replays outlive the process: which ones there were, and what had become of them.
 CREATE TABLE replays (
     number BIGINT NOT NULL PRIMARY KEY,

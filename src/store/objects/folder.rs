@@ -50,11 +50,12 @@ impl Folder {
     }
 
     /// Opens a folder that other processes write to as well; what they are writing is left alone.
-    #[cfg(feature = "cluster")]
+    #[cfg(feature = "postgres")]
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
         let mut unguessable = [0; 8];
-        getrandom::fill(&mut unguessable)
-            .map_err(|source| file_error("name a folder in", &folder, source.into()))?;
+        getrandom::fill(&mut unguessable).map_err(|source| {
+            file_error("name a folder in", &folder, std::io::Error::other(source.to_string()))
+        })?;
         let temporary = folder.join("tmp").join(hex::encode(unguessable));
         fs::create_dir_all(&temporary)
             .map_err(|source| file_error("create the folder", &temporary, source))?;

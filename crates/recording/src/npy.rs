@@ -1,0 +1,371 @@
+//! NumPy arrays (.npy): samples of one channel, or a row of samples for each moment.
+//!
+//! Values are taken as they stand, integers too; a scale belongs into [`RecordDefaults`]. The array has
+//! neither rate nor time: the defaults say them.
+
+use std::io::Read;
+
+use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
+use super::error::shortened;
+use super::{RecordDefaults, RecordingError};
+use flankwatch_signal::Record;
+
+/// How every such file begins.
+pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// Longest description of an array that is read, in bytes; NumPy's own have about a hundred.
+const MAX_HEADER: usize = 1 << 16;
+
+/// Most channels of a recording.
+const MAX_CHANNELS: u64 = 256;
+
+/// Most frames read at once.
+const FRAMES_AT_ONCE: u64 = 4096;
+
+/// How a value stands in the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Number {
+    F32,
+    F64,
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+}
+
+impl Number {
+    fn bytes(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::F32 | Self::I32 | Self::U32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// The value of so many bytes, the least significant one first.
+    fn value(self, bytes: &[u8]) -> f32 {
+        let mut word = [0; 8];
+        word[..bytes.len()].copy_from_slice(bytes);
+        let word = u64::from_le_bytes(word);
+        match self {
+            Self::F32 => f32::from_bits(word as u32),
+            Self::F64 => f64::from_bits(word) as f32,
+            Self::I8 => f32::from(word as u8 as i8),
+            Self::U8 => f32::from(word as u8),
+            Self::I16 => f32::from(word as u16 as i16),
+            Self::U16 => f32::from(word as u16),
+            Self::I32 => word as u32 as i32 as f32,
+            Self::U32 => word as u32 as f32,
+        }
+    }
+}
+
+/// The frames of a NumPy array, read as they are asked for.
+#[derive(Debug)]
+pub struct NpyFrames<R> {
+    reader: R,
+    number: Number,
+    big_endian: bool,
+    frames: u64,
+    channels: usize,
+    read: u64,
+    buffer: Vec<u8>,
+    next: usize,
+}
+
+impl<R: Read> NpyFrames<R> {
+    /// Reads the description of the array.
+    ///
+    /// # Errors
+    /// It is damaged, or the array is none of real numbers in one or two dimensions; what the reader says.
+    pub fn new(mut reader: R) -> Result<Self, RecordingError> {
+        let header = header(&mut reader)?;
+        let field = |key: &'static str, expected| {
+            value_of(&header, key).ok_or_else(|| npy("description", shortened(header.trim()), expected))
+        };
+        let descr = field("descr", "an array with a type, 'descr'")?;
+        let (number, big_endian) = number(descr)?;
+        let shape = field("shape", "an array with a shape")?;
+        let (frames, channels) = shape_of(shape)?;
+        let is_fortran = field("fortran_order", "an array with an order, 'fortran_order'")?;
+        if is_fortran != "False" && channels > 1 {
+            let expected = "False: rows of channels, one after the other (numpy.ascontiguousarray)";
+            return Err(npy("fortran_order", shortened(is_fortran), expected));
+        }
+        Ok(Self { reader, number, big_endian, frames, channels, read: 0, buffer: Vec::new(), next: 0 })
+    }
+
+    /// Frames that the array has by its description.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Channels of the array.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    fn frame_bytes(&self) -> usize {
+        self.channels * self.number.bytes()
+    }
+
+    fn fill(&mut self) -> Result<(), RecordingError> {
+        let frames = FRAMES_AT_ONCE.min(self.frames - self.read);
+        let wanted = frames as usize * self.frame_bytes();
+        self.buffer.clear();
+        self.next = 0;
+        self.reader.by_ref().take(wanted as u64).read_to_end(&mut self.buffer)?;
+        if self.buffer.len() < wanted {
+            let found = self.read + (self.buffer.len() / self.frame_bytes()) as u64;
+            let what = format!("{} frames, of which {found} are there", self.frames);
+            return Err(npy("shape", what, "as many frames as the file holds"));
+        }
+        self.read += frames;
+        Ok(())
+    }
+}
+
+impl<R: Read> Frames for NpyFrames<R> {
+    fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
+        if self.next == self.buffer.len() {
+            self.fill()?;
+            if self.buffer.is_empty() {
+                return Ok(false);
+            }
+        }
+        let end = self.next + self.frame_bytes();
+        let width = self.number.bytes();
+        for (sample, bytes) in frame.iter_mut().zip(self.buffer[self.next..end].chunks_exact_mut(width)) {
+            if self.big_endian {
+                bytes.reverse();
+            }
+            *sample = self.number.value(bytes);
+        }
+        self.next = end;
+        Ok(true)
+    }
+}
+
+/// Reads a NumPy array of any length as consecutive records: all channels of one stretch, then those of the
+/// next.
+pub struct NpyBlocks<R> {
+    blocks: Blocks<NpyFrames<R>>,
+}
+
+impl<R: Read> NpyBlocks<R> {
+    /// Reads the description of an array; the sampling rate is that of the defaults.
+    pub fn new(reader: R, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
+        let frames = NpyFrames::new(reader)?;
+        let rate_hz = defaults.sample_rate_hz.ok_or_else(|| {
+            RecordingError::field("sample rate", "missing", "one in hertz: a NumPy array does not say it")
+        })?;
+        let plan = CutPlan::new(cut, frames.frames(), rate_hz, frames.channels())?;
+        let channels = frames.channels();
+        let cutter = Cutter::new(defaults.names_of(channels), rate_hz, defaults, plan);
+        Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
+    }
+
+    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    pub fn default_cut_seconds(&self) -> Option<f64> {
+        self.blocks.default_cut_seconds()
+    }
+}
+
+impl<R: Read> Iterator for NpyBlocks<R> {
+    type Item = Result<Record, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.blocks.next()
+    }
+}
+
+fn npy(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
+    RecordingError::Npy { field, value: value.to_string(), expected }
+}
+
+/// The description of an array, a dictionary in Python's notation.
+fn header(reader: &mut impl Read) -> Result<String, RecordingError> {
+    let mut beginning = [0; 8];
+    let mut exact = |bytes: &mut [u8]| {
+        reader.read_exact(bytes).map_err(|error| match error.kind() {
+            std::io::ErrorKind::UnexpectedEof => npy("header", "cut off", "a whole header"),
+            _ => error.into(),
+        })
+    };
+    exact(&mut beginning)?;
+    if !beginning.starts_with(MAGIC) {
+        return Err(npy("beginning", format!("{beginning:02x?}"), "that of a NumPy array"));
+    }
+    let length = match beginning[6] {
+        1 => {
+            let mut length = [0; 2];
+            exact(&mut length)?;
+            u32::from(u16::from_le_bytes(length))
+        }
+        2 | 3 => {
+            let mut length = [0; 4];
+            exact(&mut length)?;
+            u32::from_le_bytes(length)
+        }
+        version => return Err(npy("version", version, "1, 2 or 3")),
+    };
+    if length as usize > MAX_HEADER {
+        return Err(npy("header length", length, "at most 65536 bytes"));
+    }
+    let mut text = vec![0; length as usize];
+    exact(&mut text)?;
+    String::from_utf8(text).map_err(|_| npy("header", "not UTF-8", "a dictionary in Python's notation"))
+}
+
+/// What stands after a key, up to the comma behind it.
+fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    let after = header.find(&format!("'{key}'")).map(|at| &header[at + key.len() + 2..])?;
+    let value = after.trim_start().strip_prefix(':')?.trim_start();
+    let end = match value.as_bytes().first()? {
+        b'(' => value.find(')')? + 1,
+        b'[' => value.find(']')? + 1,
+        b'\'' => value[1..].find('\'')? + 2,
+        _ => value.find([',', '}'])?,
+    };
+    Some(value[..end].trim_end())
+}
+
+/// The type of the values, and whether their most significant byte comes first.
+fn number(descr: &str) -> Result<(Number, bool), RecordingError> {
+    let name = descr.trim_matches('\'');
+    let number = match name.get(1..) {
+        Some("f4") => Number::F32,
+        Some("f8") => Number::F64,
+        Some("i1") => Number::I8,
+        Some("u1") => Number::U8,
+        Some("i2") => Number::I16,
+        Some("u2") => Number::U16,
+        Some("i4") => Number::I32,
+        Some("u4") => Number::U32,
+        _ => {
+            let expected = "f4, f8, or i or u with 1, 2 or 4 bytes (numpy.asarray(x, 'f4'))";
+            return Err(npy("descr", shortened(descr), expected));
+        }
+    };
+    match name.as_bytes()[0] {
+        b'<' | b'|' => Ok((number, false)),
+        b'>' => Ok((number, true)),
+        _ => Err(npy("descr", shortened(descr), "an order of bytes, < or >")),
+    }
+}
+
+/// Frames and channels of a shape.
+fn shape_of(shape: &str) -> Result<(u64, usize), RecordingError> {
+    let wrong =
+        || npy("shape", shortened(shape), "(samples,) or (samples, channels) with at most 256 channels");
+    let inner = shape.strip_prefix('(').and_then(|shape| shape.strip_suffix(')')).ok_or_else(wrong)?;
+    let lengths: Result<Vec<u64>, _> =
+        inner.split(',').map(str::trim).filter(|length| !length.is_empty()).map(str::parse).collect();
+    match lengths.map_err(|_| wrong())?[..] {
+        [frames] => Ok((frames, 1)),
+        [frames, channels @ 1..=MAX_CHANNELS] => Ok((frames, channels as usize)),
+        _ => Err(wrong()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file as NumPy writes it.
+    fn file(description: &str, data: &[u8]) -> Vec<u8> {
+        let text = format!("{description:<117}\n");
+        let mut bytes = [MAGIC, &[1, 0], &(text.len() as u16).to_le_bytes()].concat();
+        bytes.extend_from_slice(text.as_bytes());
+        bytes.extend_from_slice(data);
+        bytes
+    }
+
+    fn array(descr: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+        file(&format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}"), data)
+    }
+
+    fn read(bytes: &[u8], scale: Option<f64>) -> Result<Vec<Record>, String> {
+        let defaults = RecordDefaults { sample_rate_hz: Some(100.0), scale, ..RecordDefaults::default() };
+        NpyBlocks::new(bytes, &defaults, None).and_then(Iterator::collect).map_err(|error| error.to_string())
+    }
+
+    fn only(bytes: &[u8]) -> Vec<f32> {
+        let records = read(bytes, None).unwrap();
+        assert_eq!(records.len(), 1);
+        records[0].samples().to_vec()
+    }
+
+    #[test]
+    fn numbers_of_every_type_are_read() {
+        let bytes = |values: &[&[u8]]| values.concat();
+        let le = bytes(&[&1.5_f32.to_le_bytes(), &(-2.0_f32).to_le_bytes()]);
+        assert_eq!(only(&array("<f4", "(2,)", &le)), [1.5, -2.0]);
+        let be = bytes(&[&1.5_f64.to_be_bytes(), &(-2.0_f64).to_be_bytes()]);
+        assert_eq!(only(&array(">f8", "(2,)", &be)), [1.5, -2.0]);
+        assert_eq!(only(&array("|i1", "(2,)", &[0x80, 0x7f])), [-128.0, 127.0]);
+        assert_eq!(only(&array("|u1", "(2,)", &[0x80, 0x7f])), [128.0, 127.0]);
+        assert_eq!(only(&array(">i2", "(2,)", &[0x80, 0, 0, 1])), [-32768.0, 1.0]);
+        assert_eq!(only(&array("<u2", "(2,)", &[0, 0x80, 1, 0])), [32768.0, 1.0]);
+        assert_eq!(only(&array("<i4", "(1,)", &(-70_000_i32).to_le_bytes())), [-70_000.0]);
+        assert_eq!(only(&array("<u4", "(1,)", &70_000_u32.to_le_bytes())), [70_000.0]);
+    }
+
+    #[test]
+    fn rows_are_moments_and_columns_are_channels() {
+        let data: Vec<u8> = [1_i16, 10, 2, 20, 3, 30].iter().flat_map(|value| value.to_le_bytes()).collect();
+        let records = read(&array("<i2", "(3, 2)", &data), Some(0.5)).unwrap();
+        assert_eq!((records[0].channel(), records[0].samples()), ("1", &[0.5, 1.0, 1.5][..]));
+        assert_eq!((records[1].channel(), records[1].samples()), ("2", &[5.0, 10.0, 15.0][..]));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_named() {
+        for (bytes, words) in [
+            (array("<c16", "(2,)", &[]), ["descr", "'<c16'"]),
+            (array("O", "(2,)", &[]), ["descr", "'O'"]),
+            (array("=f4", "(2,)", &[]), ["descr", "order of bytes"]),
+            (array("<f4", "(2, 3, 4)", &[]), ["shape", "(2, 3, 4)"]),
+            (array("<f4", "(2, 0)", &[]), ["shape", "(2, 0)"]),
+            (array("<f4", "(2, 257)", &[]), ["shape", "257"]),
+            (array("<f4", "()", &[]), ["shape", "()"]),
+            (array("<f4", "(99999999999999999999,)", &[]), ["shape", "99999"]),
+            (array("<f4", "(18446744073709551615,)", &[0; 8]), ["frames", "2 are there"]),
+            (array("<f4", "(3,)", &[0; 8]), ["3 frames", "2 are there"]),
+            (
+                file("{'descr': '<f4', 'fortran_order': True, 'shape': (2, 2), }", &[0; 16]),
+                ["fortran_order", "True"],
+            ),
+            (file("{'descr': '<f4', 'shape': (2,), }", &[0; 8]), ["description", "fortran_order"]),
+            (file("[]", &[]), ["description", "descr"]),
+            (array("<f4", "(2,)", &[])[..40].to_vec(), ["header", "cut off"]),
+            ([MAGIC, &[2, 0, 0xff, 0xff, 0xff, 0xff]].concat(), ["header length", "4294967295"]),
+            ([MAGIC, &[9, 0]].concat(), ["version", "9"]),
+            (array("<f4", "(1,)", &f32::NAN.to_le_bytes()), ["sample", "NaN"]),
+        ] {
+            let error = read(&bytes, None).unwrap_err();
+            for word in words {
+                assert!(error.contains(word), "{word:?} in {error:?}");
+            }
+        }
+        let bytes = array("<f4", "(1,)", &[0; 4]);
+        let error = NpyBlocks::new(&bytes[..], &RecordDefaults::default(), None).err().unwrap();
+        assert!(error.to_string().contains("sample rate"), "{error}");
+    }
+
+    #[test]
+    fn bytes_of_any_kind_are_read_or_refused() {
+        let whole = array("<i2", "(3, 2)", &[0; 12]);
+        for at in 0..whole.len() {
+            let _ = read(&whole[..at], None);
+            for value in [0, 0x27, 0x28, 0x2c, 0x7f, 0xff] {
+                let mut damaged = whole.clone();
+                damaged[at] = value;
+                let _ = read(&damaged, None);
+            }
+        }
+    }
+}

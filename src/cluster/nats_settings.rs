@@ -1,0 +1,176 @@
+//! What the settings file says of NATS and of workers.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use super::ClusterError;
+use super::settings::{at_least, wrong};
+
+/// Where NATS is and who asks.
+#[derive(Clone)]
+pub struct NatsSettings {
+    /// Addresses of the servers, `nats://host:4222` or `tls://host:4222`.
+    pub urls: Vec<String>,
+    /// What the names of all streams and subjects of this cluster begin with.
+    pub name: String,
+    /// How the process says who it is.
+    pub credentials: NatsCredentials,
+    /// Certificates (PEM) to trust besides those of the system.
+    pub ca: Option<PathBuf>,
+    /// On how many servers each stream is kept.
+    pub replicas: usize,
+    /// Records that may wait; beyond it further ones are refused until some are done.
+    pub max_records: i64,
+    /// Bytes of messages that may wait.
+    pub max_bytes: i64,
+    /// Events that are kept for clients that lost their connection.
+    pub events_kept: i64,
+    /// How long a record is worked on without a sign of life before another worker gets it.
+    pub ack_wait: Duration,
+}
+
+/// How a process says to NATS who it is.
+#[derive(Clone, Default)]
+pub enum NatsCredentials {
+    /// Not at all.
+    #[default]
+    None,
+    /// By a name and a password.
+    Password {
+        /// The name.
+        user: String,
+        /// The password.
+        password: String,
+    },
+    /// By a token.
+    Token(String),
+    /// By a file with a JWT and a key.
+    File(PathBuf),
+}
+
+impl NatsSettings {
+    /// The defaults for one server and a cluster's name.
+    pub fn new(url: impl Into<String>, name: impl Into<String>) -> Self {
+        Self {
+            urls: vec![url.into()],
+            name: name.into(),
+            credentials: NatsCredentials::None,
+            ca: None,
+            replicas: 1,
+            max_records: 1_000_000,
+            max_bytes: 1 << 30,
+            events_kept: 4096,
+            ack_wait: Duration::from_secs(30),
+        }
+    }
+}
+
+/// What one worker does.
+#[derive(Debug, Clone)]
+pub struct WorkerLimits {
+    /// Records worked on at once.
+    pub at_once: usize,
+    /// A record that was given out so often without a worker coming back from it goes to the dead letters.
+    pub max_deliveries: u32,
+}
+
+impl Default for WorkerLimits {
+    fn default() -> Self {
+        Self { at_once: 8 * std::thread::available_parallelism().map_or(2, usize::from), max_deliveries: 10 }
+    }
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct NatsTable {
+    urls: Vec<String>,
+    user: Option<String>,
+    credentials_file: Option<PathBuf>,
+    ca: Option<PathBuf>,
+    replicas: Option<usize>,
+    max_records: Option<u64>,
+    max_bytes: Option<u64>,
+    events_kept: Option<u64>,
+    ack_wait_s: Option<u64>,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct WorkerTable {
+    at_once: Option<usize>,
+    max_deliveries: Option<u32>,
+}
+
+impl NatsTable {
+    pub(super) fn resolve(
+        self,
+        name: String,
+        password: Option<String>,
+        token: Option<String>,
+    ) -> Result<NatsSettings, ClusterError> {
+        let expected = "addresses nats://host:4222 or tls://host:4222";
+        if self.urls.is_empty() {
+            return Err(wrong("cluster.nats.urls", "missing", expected));
+        }
+        if let Some(url) =
+            self.urls.iter().find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
+        {
+            return Err(wrong("cluster.nats.urls", url, expected));
+        }
+        let mut settings = NatsSettings::new(String::new(), name);
+        settings.urls = self.urls;
+        settings.ca = self.ca;
+        settings.credentials = match (self.credentials_file, self.user, password, token) {
+            (None, None, None, None) => NatsCredentials::None,
+            (Some(path), None, None, None) => NatsCredentials::File(path),
+            (None, Some(user), Some(password), None) => NatsCredentials::Password { user, password },
+            (None, None, None, Some(token)) => NatsCredentials::Token(token),
+            (None, Some(user), None, None) => {
+                let expected = "a password with it in FLANKWATCH_NATS_PASSWORD";
+                return Err(wrong("cluster.nats.user", user, expected));
+            }
+            _ => {
+                let expected =
+                    "one of credentials_file, user with FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN";
+                return Err(wrong("cluster.nats", "several credentials", expected));
+            }
+        };
+        if let Some(replicas) = self.replicas {
+            if !(1..=5).contains(&replicas) {
+                return Err(wrong("cluster.nats.replicas", replicas, "1 to 5"));
+            }
+            settings.replicas = replicas;
+        }
+        let count = |field, given: u64| {
+            i64::try_from(at_least(field, given, 1)?).map_err(|_| wrong(field, given, "less than 2^63"))
+        };
+        if let Some(most) = self.max_records {
+            settings.max_records = count("cluster.nats.max_records", most)?;
+        }
+        if let Some(most) = self.max_bytes {
+            settings.max_bytes = count("cluster.nats.max_bytes", most)?;
+        }
+        if let Some(kept) = self.events_kept {
+            settings.events_kept = count("cluster.nats.events_kept", kept)?;
+        }
+        if let Some(wait) = self.ack_wait_s {
+            settings.ack_wait = Duration::from_secs(at_least("cluster.nats.ack_wait_s", wait, 2)?);
+        }
+        Ok(settings)
+    }
+}
+
+impl WorkerTable {
+    pub(super) fn resolve(self) -> Result<WorkerLimits, ClusterError> {
+        let mut limits = WorkerLimits::default();
+        if let Some(at_once) = self.at_once {
+            limits.at_once = at_least("cluster.worker.at_once", at_once, 1)?;
+        }
+        if let Some(most) = self.max_deliveries {
+            limits.max_deliveries = at_least("cluster.worker.max_deliveries", most, 1)?;
+        }
+        Ok(limits)
+    }
+}
