@@ -13,6 +13,7 @@ use super::operating_bin::{self, OperatingBin};
 use super::other_mesh::{self, OtherMeshSpec};
 use super::pair_of_numbers;
 use super::place::{self, Location, MeasuringPoint};
+use super::stream_spec::StreamSpec;
 use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
 use crate::signal::{Band, BandSource, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext, Record};
@@ -94,6 +95,9 @@ pub struct AssetSpec {
     /// Frequency bands whose root mean square becomes an indicator of each record.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bands: Vec<Band>,
+    /// Which parts of live streams become records.
+    #[serde(default, skip_serializing_if = "StreamSpec::is_default")]
+    pub stream: StreamSpec,
 }
 
 /// The monitored gear mesh.
@@ -253,6 +257,7 @@ impl AssetSpec {
         place::check_text("sensor.channel", self.sensor.channel.as_deref())?;
         self.location.validate()?;
         place::validate(&self.points)?;
+        self.stream.validate()?;
         alarm_rules::validate(self.alarms.as_deref().unwrap_or_default(), &self.bands)?;
         operating_bin::validate(&self.operating_bins)?;
         if !(8..=10_000).contains(&self.baseline.records) {

@@ -27,6 +27,7 @@ mod replay;
 mod serve;
 mod simulate;
 mod store_place;
+mod stream;
 mod token;
 mod verify;
 mod work;
@@ -66,6 +67,8 @@ enum Command {
     Analyze(analyze::AnalyzeArgs),
     /// Send recordings to a server
     Replay(replay::ReplayArgs),
+    /// Send samples to a server while they are measured, from a pipe or a growing file
+    Stream(stream::StreamArgs),
     /// Delete records of an asset on a server; raw recordings go into quarantine
     Delete(records::RecordsArgs),
     /// Take records of an asset on a server out of its histories; they stay stored
@@ -120,6 +123,7 @@ pub fn run() -> ExitCode {
         Command::DeadLetters(args) => dead_letters::run(args),
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),
+        Command::Stream(args) => stream::run(args),
         Command::Delete(args) => records::run(args, records::Change::Delete),
         Command::Exclude(args) => records::run(args, records::Change::Exclude),
         Command::Include(args) => records::run(args, records::Change::Include),

@@ -70,6 +70,8 @@ mod session;
 mod shared_tokens;
 mod shares;
 mod start_error;
+mod stream_socket;
+mod streams;
 mod table;
 mod tokens;
 mod traffic;

@@ -155,6 +155,7 @@ async fn start_as(
         libraries: config.data_dir.join("libraries"),
         recordings: config.replay_dir.unwrap_or_else(|| config.data_dir.join("recordings")),
         uploads: config.data_dir.join("uploads"),
+        streams: config.data_dir.join("streams"),
     };
     let uploads = folders.uploads.clone();
     let service = Service::new(store, folders, &config.work, config.grid, Arc::clone(&clock), role)?;
@@ -187,6 +188,7 @@ async fn start_as(
         lines: Arc::default(),
         previews: Arc::default(),
         event_streams: Shares::new(limits.connections / 2, limits.connections / 4),
+        streams: Shares::new(limits.streams, limits.streams.saturating_mul(3) / 4),
         write_probe: Arc::default(),
         queue_watch: Arc::default(),
     };
@@ -219,6 +221,7 @@ impl RunningService {
     pub async fn stop(self) -> Result<(), StartError> {
         let _ = self.stop.send(());
         self.events.end();
+        self.service.streams.stop();
         let mut server = self.server;
         let end = async {
             self.service.replays.stop_all().await;

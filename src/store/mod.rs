@@ -2,9 +2,9 @@
 //!
 //! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as
 //! they came, named by their hash, with notes of what makes records of them), `streams/` (samples that are not
-//! records yet) and `lock`. Where processes
-//! share a store, PostgreSQL and a bucket take their places; statements and methods are the same. All methods
-//! speak in domain types; rows and statements do not leave this room.
+//! records yet) and `lock`. Where processes share a store, PostgreSQL and a bucket take their places, and there
+//! are no streams; statements and methods are the same. All methods speak in domain types; rows and statements
+//! do not leave this room.
 
 mod alarm_commit;
 mod alarms;

@@ -17,8 +17,8 @@ use super::objects::file_error;
 /// Bytes after which another file is begun.
 const FILE_BYTES: u64 = 4 << 20;
 
-/// The largest entry that is read back. Larger ones are not written.
-pub const MAX_ENTRY_BYTES: usize = 9 << 20;
+/// The largest entry that is read back: samples that are taken at once are fewer.
+const MAX_ENTRY_BYTES: usize = 9 << 20;
 
 /// Length and checksum.
 const HEAD_BYTES: usize = 8;
@@ -316,9 +316,9 @@ fn read_entries(path: &Path, mut take: impl FnMut(JournalEntry) -> bool) -> Resu
             tracing::warn!(file = %path.display(), "an entry of the journal is damaged");
             return Ok(());
         }
-        match JournalEntry::read(content.into()) {
-            Some(entry) if take(entry) => {}
-            _ => return Ok(()),
+        let Some(entry) = JournalEntry::read(content.into()) else { return Ok(()) };
+        if !take(entry) {
+            return Ok(());
         }
     }
 }

@@ -108,6 +108,11 @@ impl StreamCutter {
         self.from = self.from.max(cut.next_from);
     }
 
+    /// Since where there is no gap.
+    pub fn run_first(&self) -> u64 {
+        self.run_first
+    }
+
     /// The first sample that a later record may need.
     pub fn needs_from(&self) -> u64 {
         self.run_first.max(self.from).min(self.end)
