@@ -71,6 +71,7 @@ mod shared_tokens;
 mod shares;
 mod start_error;
 mod stream_socket;
+mod stream_views;
 mod streams;
 mod table;
 mod tokens;

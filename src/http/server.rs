@@ -242,6 +242,7 @@ impl RunningService {
                 Ok(())
             }
         };
+        self.service.streams.close().await;
         // A connection that works on something long is not waited for: the database repairs itself at the
         // next start.
         if tokio::time::timeout(CLOSING, self.service.store.close()).await.is_err() {

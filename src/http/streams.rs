@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse, Response};
 use bytes::{Bytes, BytesMut};
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use super::app::App;
 use super::body::{self, BodySource};
@@ -20,10 +20,11 @@ use super::query::{AssetInPath, Parameters};
 use super::session::Caller;
 use super::shares::{Client, Share};
 use super::stream_socket;
+use super::stream_views::{GapView, KeptView, LevelList, LevelView, StreamAnswer, StreamList, StreamView};
 use crate::asset::AssetId;
 use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
-use crate::service::{ServiceError, StreamProgress, StreamSender, StreamStatus};
+use crate::service::{ServiceError, StreamProgress, StreamSender};
 
 const BARE: &str = "application/octet-stream";
 
@@ -43,8 +44,8 @@ const MAX_LEVELS: usize = 100_000;
 pub(super) struct StreamParameters {
     /// The stream's name among those of the asset: `main` where not given.
     name: Option<String>,
-    /// How a sample is written, `f32` or `i16`, little-endian, channels interleaved. Not to be left out by who
-    /// sends.
+    /// How a sample is written, `f32` or `i16`, little-endian, channels interleaved. Not to be left out by
+    /// who sends.
     #[param(example = "f32")]
     sample: Option<String>,
     /// Sampling rate in hertz. Not to be left out by who sends.
@@ -92,122 +93,6 @@ pub(super) struct KeepParameters {
     /// How many of the last seconds, at most 60: 10 where not given.
     #[param(minimum = 0.1, maximum = 60)]
     seconds: Option<f64>,
-}
-
-/// How a stream stands.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct StreamView {
-    /// Its name.
-    name: String,
-    /// How a sample is written.
-    sample: &'static str,
-    /// Sampling rate in hertz, as the sender says it.
-    sample_rate_hz: f64,
-    /// Number of channels.
-    channels: usize,
-    /// Unit of the samples, where the sender says it.
-    unit: Option<String>,
-    /// Index of the sample that is to come next: all before it are kept or known to be missing.
-    next: Option<u64>,
-    /// The time of that sample.
-    next_time: Option<Timestamp>,
-    /// By how much samples come faster than `sample_rate_hz` says, in parts per million; none in the first
-    /// minute.
-    drift_ppm: Option<f64>,
-    /// How often the sender's clock jumped by more than half a second, or samples were late for long.
-    clock_jumps: u64,
-    /// Gaps in it.
-    gaps: u64,
-    /// Samples of each channel that are missing in them.
-    gap_samples: u64,
-    /// Records made of it, those of all channels counted as one.
-    records: u64,
-    /// Records that were refused; the log says why.
-    records_refused: u64,
-    /// Records that are cut and not stored yet.
-    records_waiting: u64,
-    /// Bytes of its samples on the disk, without those of records.
-    journal_bytes: u64,
-}
-
-/// What became of samples.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct StreamAnswer {
-    /// Index of the sample that is to come next: all before it are kept or known to be missing.
-    next: Option<u64>,
-    /// Gaps that were found.
-    gaps: Vec<GapView>,
-}
-
-/// Samples that never came.
-#[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
-pub(super) struct GapView {
-    /// Index of the first one.
-    first: u64,
-    /// How many of each channel.
-    samples: u64,
-}
-
-/// The streams of an asset.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct StreamList {
-    /// By their names.
-    items: Vec<StreamView>,
-}
-
-/// The levels of a stream, one entry a second.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct LevelView {
-    /// Time of the first sample.
-    time: Timestamp,
-    /// Index of the first sample.
-    first: u64,
-    /// Samples of each channel that came: fewer than the rate says where there is a gap.
-    samples: u64,
-    /// Root mean square of each channel in the stream's unit, with the mean in it; null where no sample is a
-    /// number.
-    rms: Vec<Option<f64>>,
-    /// Greatest magnitude of each channel in the stream's unit.
-    peak: Vec<Option<f64>>,
-}
-
-/// Levels of a stream.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct LevelList {
-    /// The seconds in their order, the first 100 000.
-    items: Vec<LevelView>,
-}
-
-/// A record made of the last samples.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct KeptView {
-    /// When it begins.
-    start_time: Timestamp,
-    /// Samples of each channel.
-    samples: u64,
-}
-
-impl From<StreamStatus> for StreamView {
-    fn from(status: StreamStatus) -> Self {
-        let format = &status.format;
-        Self {
-            sample: format.sample().name(),
-            sample_rate_hz: format.sample_rate_hz(),
-            channels: format.channels(),
-            unit: format.unit.clone(),
-            name: status.name,
-            next: status.next,
-            next_time: status.next_time,
-            drift_ppm: status.drift_ppm,
-            clock_jumps: status.clock_jumps,
-            gaps: status.gaps,
-            gap_samples: status.gap_samples,
-            records: status.records,
-            records_refused: status.records_refused,
-            records_waiting: status.records_waiting,
-            journal_bytes: status.journal_bytes,
-        }
-    }
 }
 
 impl StreamParameters {
@@ -339,7 +224,13 @@ pub(super) async fn send(
     };
     let mut first = asked.first_index.or(sender.next()).unwrap_or(0);
     let mut start_time = asked.start_time;
-    while let Some(bytes) = body.next().await? {
+    let mut over = app.service.streams.follow_end();
+    loop {
+        let bytes = tokio::select! {
+            _ = over.wait_for(|over| *over) => return Err(Problem::busy("the service ends", 1)),
+            bytes = body.next() => bytes?,
+        };
+        let Some(bytes) = bytes else { break };
         let frames = (bytes.len() / sender.format().frame_bytes()) as u64;
         let mut chunk: Chunk = sender.received_now(first, bytes);
         if let Some(time) = start_time.take() {

@@ -1,10 +1,10 @@
 //! The only SQL and the only raw-object paths.
 //!
 //! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as
-//! they came, named by their hash, with notes of what makes records of them), `streams/` (samples that are not
-//! records yet) and `lock`. Where processes share a store, PostgreSQL and a bucket take their places, and there
-//! are no streams; statements and methods are the same. All methods speak in domain types; rows and statements
-//! do not leave this room.
+//! they came, named by their hash, with notes of what makes records of them), `streams/` (samples that are
+//! not records yet) and `lock`. Where processes share a store, PostgreSQL and a bucket take their places, and
+//! there are no streams; statements and methods are the same. All methods speak in domain types; rows and
+//! statements do not leave this room.
 
 mod alarm_commit;
 mod alarms;

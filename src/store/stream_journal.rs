@@ -1,8 +1,9 @@
 //! The journal of a stream: what came, in files that are only appended to, each entry with a checksum.
 //!
 //! An entry is its length, the CRC-32 of the rest, its kind and its content; numbers are little-endian. Every
-//! file begins with a checkpoint, from which its other entries go on, so that the oldest files can be removed.
-//! A file ends at the first entry that is not whole: what comes after the process was killed is in a new one.
+//! file begins with a checkpoint, from which its other entries go on, so that the oldest files can be
+//! removed. A file ends at the first entry that is not whole: what comes after the process was killed is in a
+//! new one.
 
 use std::collections::VecDeque;
 use std::fs::{self, File, OpenOptions};
@@ -20,6 +21,9 @@ const FILE_BYTES: u64 = 4 << 20;
 /// The largest entry that is read back: samples that are taken at once are fewer.
 const MAX_ENTRY_BYTES: usize = 9 << 20;
 
+/// Stands for no time.
+const NO_TIME: i64 = i64::MIN;
+
 /// Length and checksum.
 const HEAD_BYTES: usize = 8;
 
@@ -32,8 +36,9 @@ pub enum JournalEntry {
     Frames {
         /// Index of the first one.
         first: u64,
-        /// When the first one was there, by the sender's clock or at its receipt, in nanoseconds since 1970.
-        time_ns: i64,
+        /// When the first one was there, by the sender's clock or at its receipt, in nanoseconds since 1970;
+        /// none where nobody looked at a clock.
+        time_ns: Option<i64>,
         /// Frames as they came.
         bytes: Bytes,
     },
@@ -60,7 +65,7 @@ impl JournalEntry {
             Self::Frames { first, time_ns, bytes } => {
                 out.put_u8(2);
                 out.put_u64_le(*first);
-                out.put_i64_le(*time_ns);
+                out.put_i64_le(time_ns.unwrap_or(NO_TIME));
                 out.put_slice(bytes);
             }
             Self::Gap { first, frames } => {
@@ -87,7 +92,7 @@ impl JournalEntry {
             1 => Some(Self::Checkpoint(content)),
             2 => Some(Self::Frames {
                 first: u64::from_le_bytes(number(0)?),
-                time_ns: i64::from_le_bytes(number(8)?),
+                time_ns: Some(i64::from_le_bytes(number(8)?)).filter(|time_ns| *time_ns != NO_TIME),
                 bytes: content.slice(16..),
             }),
             3 => Some(Self::Gap {
@@ -337,7 +342,7 @@ mod tests {
 
     fn frames(first: u64, count: u64) -> JournalEntry {
         let bytes = (first..first + count).flat_map(|k| (k as i16).to_le_bytes()).collect();
-        JournalEntry::Frames { first, time_ns: 7, bytes }
+        JournalEntry::Frames { first, time_ns: Some(7).filter(|_| first > 0), bytes }
     }
 
     fn entries(folder: &Path) -> Vec<JournalEntry> {

@@ -1,5 +1,5 @@
-//! Live streams while the program that takes them, or the one that sends them, is killed: the samples that are
-//! stored are those that were sent, by index, bit for bit.
+//! Live streams while the program that takes them, or the one that sends them, is killed: the samples that
+//! are stored are those that were sent, by index, bit for bit.
 
 use std::io::Write;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Live streams: samples that come in any pieces are kept once, records are cut out of them, and who sends too
-//! much or something else is told so.
+//! Live streams: samples that come in any pieces are kept once, records are cut out of them, and who sends
+//! too much or something else is told so.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -324,11 +324,12 @@ fn streams_are_limited_and_need_a_token_that_may_write() {
     };
     assert_eq!(StreamSocket::open(&address(&service, ""), &[]).map(|_| ()), Err(401));
     assert_eq!(with(&read).map(|_| ()), Err(403));
-    let origin = [("origin", "http://evil.example"), ("authorization", &format!("Bearer {write}"))];
+    let bearer = format!("Bearer {write}");
+    let origin = [("origin", "http://evil.example"), ("authorization", bearer.as_str())];
     assert_eq!(StreamSocket::open(&address(&service, ""), &origin).map(|_| ()), Err(403));
     let mut socket = with(&write).unwrap();
-    let tokens = [("authorization", format!("Bearer {admin}"))];
-    let tokens: Vec<(&str, &str)> = tokens.iter().map(|(name, value)| (*name, value.as_str())).collect();
+    let bearer = format!("Bearer {admin}");
+    let tokens = [("authorization", bearer.as_str())];
     let listed = service.send("GET", "/v1/tokens", &tokens, b"").expect(200).json();
     let of_line = listed["items"].as_array().unwrap().iter().find(|token| token["name"] == "line 3").unwrap();
     let path = format!("/v1/tokens/{}", of_line["id"].as_str().unwrap());

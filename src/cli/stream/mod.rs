@@ -1,8 +1,8 @@
 //! `flankwatch stream`: send samples to a server while they are measured.
 //!
-//! One thread reads, so that a source never waits for the server; this one sends. What the server has answered
-//! to be kept is forgotten here. Indices count from 1970 at the stream's rate, so that a sender that was stopped
-//! leaves a gap of the right length, also where nobody remembers how far it had come.
+//! One thread reads, so that a source never waits for the server; this one sends. What the server has
+//! answered to be kept is forgotten here. Indices count from 1970 at the stream's rate, so that a sender that
+//! was stopped leaves a gap of the right length, also where nobody remembers how far it had come.
 
 mod sender;
 mod source;
@@ -35,8 +35,8 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(100);
 /// Arguments of `flankwatch stream`.
 #[derive(Args)]
 pub(super) struct StreamArgs {
-    /// What is read: a file, or - for the standard input. WAV of any length, or bare samples with --sample and
-    /// --rate
+    /// What is read: a file, or - for the standard input. WAV of any length, or bare samples with --sample
+    /// and --rate
     #[arg(default_value = "-")]
     source: String,
     /// The asset that the samples belong to

@@ -6,7 +6,8 @@ use std::sync::{Mutex, PoisonError};
 
 use tokio::sync::watch;
 
-use super::stored::{PendingCut, StoredStream};
+use super::state::PendingCut;
+use super::stored::StoredStream;
 use crate::asset::AssetId;
 use crate::recording::RecordingError;
 use crate::service::error::ServiceError;
@@ -24,6 +25,8 @@ pub(crate) struct LiveStream {
     /// Records that are still to be made.
     pending: watch::Sender<usize>,
     is_cutting: AtomicBool,
+    /// Nothing is written any more: another process may go on with it.
+    is_closed: AtomicBool,
 }
 
 impl LiveStream {
@@ -36,6 +39,7 @@ impl LiveStream {
             owner: watch::Sender::new(0),
             pending: watch::Sender::new(0),
             is_cutting: AtomicBool::default(),
+            is_closed: AtomicBool::default(),
         }
     }
 
@@ -58,13 +62,16 @@ impl LiveStream {
         self.pending.subscribe()
     }
 
-    /// Works on what is stored, which is read where it is not yet, on the thread that asks. Where files cannot
-    /// be written it is read again the next time: nothing in memory is ahead of the disk.
+    /// Works on what is stored, which is read where it is not yet, on the thread that asks. Where files
+    /// cannot be written it is read again the next time: nothing in memory is ahead of the disk.
     pub(super) fn with<T>(
         &self,
         work: impl FnOnce(&mut Option<StoredStream>) -> Result<T, ServiceError>,
     ) -> Result<T, ServiceError> {
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.is_closed.load(Ordering::SeqCst) {
+            return Err(ServiceError::StreamTaken);
+        }
         if stored.is_none() {
             *stored = StoredStream::open(&self.folder)?;
         }
@@ -90,6 +97,13 @@ impl LiveStream {
 
     pub(super) fn unknown(&self) -> ServiceError {
         ServiceError::StreamUnknown { asset: self.asset.clone(), name: self.name.clone() }
+    }
+
+    /// Waits for what is being written, and writes nothing after it.
+    pub(super) fn close(&self) {
+        let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
+        self.is_closed.store(true, Ordering::SeqCst);
+        *stored = None;
     }
 
     /// Removes everything that is kept of it.

@@ -5,6 +5,8 @@
 //! start: a record that was cut is the same record then, with the same identifier, and is stored once.
 
 mod live;
+mod sender;
+mod state;
 mod stored;
 
 use std::collections::HashMap;
@@ -23,10 +25,10 @@ use super::sensor_group::SensorGroup;
 use super::workers::{Workers, blocking};
 use crate::asset::{AssetId, StreamSpec};
 use crate::recording::RecordingError;
-use crate::recording::stream::{Chunk, CutPolicy, StreamFormat};
-use crate::signal::OperatingPoint;
+use crate::recording::stream::{CutPolicy, StreamFormat};
 use crate::store::{Store, StoreError, TimedLevel};
 use live::{CutRecord, LiveStream};
+pub use sender::StreamSender;
 use stored::{StoredStream, folder_of};
 pub use stored::{StreamGap, StreamProgress};
 
@@ -84,17 +86,6 @@ pub struct StreamStatus {
     pub journal_bytes: u64,
 }
 
-/// A stream that one connection sends.
-pub struct StreamSender {
-    streams: Arc<Streams>,
-    stream: Arc<LiveStream>,
-    owner: u64,
-    policy: CutPolicy,
-    format: StreamFormat,
-    next: Option<u64>,
-    pending: watch::Receiver<usize>,
-}
-
 impl Streams {
     pub(crate) fn new(
         store: Store,
@@ -124,9 +115,8 @@ impl Streams {
         let described = SensorGroup::of(&self.store, asset).await?.asset;
         let policy = policy_of(described.spec.stream, &format)?;
         let stream = self.find(asset, name, true)?;
-        let (owner, pending) = (stream.take_over(), stream.follow_pending());
         let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
-        let next = blocking("open a stream", move || {
+        let (next, owner) = blocking("open a stream", move || {
             opened.with(|stored| {
                 if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
                     // That of an asset of the same name that is gone.
@@ -149,11 +139,12 @@ impl Streams {
                     });
                 }
                 stored.begin_again();
-                Ok(stored.state().next)
+                Ok((stored.state().next, opened.take_over()))
             })
         })
         .await??;
         self.cut_in_background(&stream);
+        let pending = stream.follow_pending();
         Ok(StreamSender { streams: Arc::clone(self), stream, owner, policy, format, next, pending })
     }
 
@@ -231,6 +222,20 @@ impl Streams {
     /// Ends all connections that send, for the end of the service.
     pub fn stop(&self) {
         self.is_over.send_replace(true);
+    }
+
+    /// Writes nothing any more, before another process goes on with the data folder.
+    pub async fn close(&self) {
+        self.stop();
+        let all: Vec<Arc<LiveStream>> = {
+            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+            all.values().cloned().collect()
+        };
+        if let Err(error) =
+            blocking("close streams", move || all.iter().for_each(|stream| stream.close())).await
+        {
+            tracing::error!(%error, "failed to close the streams");
+        }
     }
 
     /// Tells when the service ends.
@@ -392,96 +397,6 @@ impl Streams {
         };
         let format = RecordFormat::Raw(format.layout()?);
         self.pipeline.accept(asset, format, bytes, metadata, ticket).await.map(|_| ())
-    }
-}
-
-impl StreamSender {
-    /// Index of the sample that is to come next; none where the stream begins with whatever comes.
-    pub fn next(&self) -> Option<u64> {
-        self.next
-    }
-
-    /// How its samples are written.
-    pub fn format(&self) -> &StreamFormat {
-        &self.format
-    }
-
-    /// The chunk of samples that are received now, the last of them just measured.
-    pub fn received_now(&self, first: u64, bytes: bytes::Bytes) -> Chunk {
-        let frames = (bytes.len() / self.format.frame_bytes()) as f64;
-        let length_ns = (frames / self.format.sample_rate_hz() * 1e9) as i128;
-        let time_ns = self.streams.clock.now().as_nanosecond() - length_ns;
-        Chunk { first, time_ns: i64::try_from(time_ns).ok(), bytes }
-    }
-
-    /// Takes chunks; answers once they are on the disk. While records of the stream wait for the pipeline it
-    /// waits too, which slows the sender.
-    ///
-    /// Errors: [`ServiceError::StreamTaken`]; a chunk that cannot be used, those before it are taken.
-    pub async fn take(&mut self, chunks: Vec<Chunk>) -> Result<StreamProgress, ServiceError> {
-        let (mut owner, mut over) = (self.stream.follow_owner(), self.streams.follow_end());
-        let mine = self.owner;
-        tokio::select! {
-            // Its end is the service's, too.
-            _ = self.pending.wait_for(|pending| *pending < MAX_PENDING) => {}
-            _ = owner.wait_for(|owner| *owner != mine) => {}
-            _ = over.wait_for(|over| *over) => {}
-        }
-        let policy = self.policy;
-        self.write(move |stored| stored.take(chunks, &policy)).await
-    }
-
-    /// Takes that nothing before an index comes any more.
-    ///
-    /// Errors: as those of [`take`](Self::take).
-    pub async fn give_up_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
-        let policy = self.policy;
-        self.write(move |stored| stored.give_up_before(index, &policy)).await
-    }
-
-    /// Takes what the machine does from now on.
-    ///
-    /// Errors: as those of [`take`](Self::take).
-    pub async fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
-        self.write(move |stored| stored.set_operating_point(point)).await
-    }
-
-    /// Waits until another connection sends the stream, or its asset is gone.
-    pub async fn taken_over(&self) {
-        let mine = self.owner;
-        let _ = self.stream.follow_owner().wait_for(|owner| *owner != mine).await;
-    }
-
-    /// Cuts as the asset's description says now.
-    ///
-    /// Error: the asset is gone.
-    pub async fn refresh(&mut self) -> Result<(), ServiceError> {
-        let described = self.streams.store.asset(&self.stream.asset).await?;
-        if let Ok(policy) = policy_of(described.spec.stream, &self.format) {
-            self.policy = policy;
-        }
-        Ok(())
-    }
-
-    async fn write<T: Send + 'static>(
-        &mut self,
-        work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError> + Send + 'static,
-    ) -> Result<T, ServiceError> {
-        let (stream, owner) = (Arc::clone(&self.stream), self.owner);
-        let write = move || {
-            stream.with_stored(|stored| {
-                // Looked at under the lock: who took over begins with what is kept then.
-                if !stream.is_owner(owner) {
-                    return Err(ServiceError::StreamTaken);
-                }
-                let done = work(stored)?;
-                Ok((done, stored.state().next))
-            })
-        };
-        let (done, next) = blocking("write a stream", write).await??;
-        self.next = next;
-        self.streams.cut_in_background(&self.stream);
-        Ok(done)
     }
 }
 

@@ -1,62 +1,19 @@
 //! One stream on the disk: what came, what follows from it, and the records that are still to be made.
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
 
+use super::state::{Draft, Note, PendingCut, StreamState};
 use crate::recording::RecordingError;
-use crate::recording::stream::{
-    Assembler, Chunk, CutPolicy, LevelMeter, Piece, StreamClock, StreamCut, StreamCutter, StreamFormat,
-};
+use crate::recording::stream::{Assembler, Chunk, CutPolicy, Piece, StreamCut, StreamFormat};
 use crate::service::error::ServiceError;
 use crate::signal::OperatingPoint;
 use crate::store::{JournalEntry, StoreError, StreamJournal, StreamLevels, TimedLevel};
 
 /// Seconds by which chunks may come before those that belong in front of them.
 const REORDER_S: f64 = 2.0;
-
-/// Seconds of samples that stay in the journal when records are cut, and the most bytes of them.
-const KEPT_S: f64 = 60.0;
-const MAX_KEPT_BYTES: u64 = 256 << 20;
-
-/// What follows from everything that came so far.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct StreamState {
-    /// Tells an asset from a later one of the same name.
-    pub(crate) asset_created_at: Timestamp,
-    pub(crate) format: StreamFormat,
-    pub(crate) next: Option<u64>,
-    pub(crate) clock: StreamClock,
-    pub(crate) pending: VecDeque<PendingCut>,
-    pub(crate) gaps: u64,
-    pub(crate) gap_samples: u64,
-    pub(crate) records: u64,
-    pub(crate) refused: u64,
-    cutter: StreamCutter,
-    meter: LevelMeter,
-    operating_point: OperatingPoint,
-}
-
-/// A record that is decided on and is not stored yet. It stays as it is, so that it is the same record however
-/// often it is begun again.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct PendingCut {
-    pub(crate) cut: StreamCut,
-    pub(crate) start_time: Timestamp,
-    pub(crate) operating_point: OperatingPoint,
-}
-
-/// What is remembered besides samples and gaps.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Note {
-    Cut(PendingCut),
-    Done { first: u64, is_refused: bool },
-    OperatingPoint(OperatingPoint),
-}
 
 /// A stretch of samples that never came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,123 +42,6 @@ pub(crate) struct StoredStream {
     state: StreamState,
 }
 
-impl StreamState {
-    fn new(asset_created_at: Timestamp, format: StreamFormat, next: Option<u64>) -> Self {
-        Self {
-            asset_created_at,
-            next,
-            clock: StreamClock::new(format.sample_rate_hz()),
-            format,
-            pending: VecDeque::new(),
-            gaps: 0,
-            gap_samples: 0,
-            records: 0,
-            refused: 0,
-            cutter: StreamCutter::default(),
-            meter: LevelMeter::default(),
-            operating_point: OperatingPoint::default(),
-        }
-    }
-
-    fn checkpoint(&self) -> Bytes {
-        // Plain numbers, texts and lists: it always serialises.
-        serde_json::to_vec(self).unwrap_or_default().into()
-    }
-
-    /// Takes an entry of the journal; adds the seconds that are over to `levels`.
-    fn apply(&mut self, entry: &JournalEntry, levels: &mut Vec<TimedLevel>) {
-        match entry {
-            JournalEntry::Checkpoint(text) => match serde_json::from_slice(text) {
-                Ok(state) => *self = state,
-                Err(error) => tracing::error!(%error, "failed to read a checkpoint of a stream"),
-            },
-            JournalEntry::Frames { first, time_ns, bytes } => {
-                let frames = (bytes.len() / self.format.frame_bytes()) as u64;
-                self.clock.observe(*first, *time_ns);
-                self.cutter.extend(*first, frames);
-                let mut over = Vec::new();
-                self.meter.extend(&self.format, *first, bytes, &mut over);
-                levels.extend(over.into_iter().map(|level| TimedLevel {
-                    time_ns: self.clock.time_ns(level.first).unwrap_or_default(),
-                    level,
-                }));
-                self.next = Some(first + frames);
-            }
-            JournalEntry::Gap { first, frames } => {
-                self.gaps += 1;
-                self.gap_samples += frames;
-                self.next = Some(first + frames);
-            }
-            JournalEntry::Note(text) => match serde_json::from_slice(text) {
-                Ok(note) => self.take_note(note),
-                Err(error) => tracing::error!(%error, "failed to read a note of a stream"),
-            },
-        }
-    }
-
-    fn take_note(&mut self, note: Note) {
-        match note {
-            Note::Cut(pending) => {
-                self.cutter.taken(pending.cut);
-                self.pending.push_back(pending);
-            }
-            Note::Done { first, is_refused } => {
-                self.pending.retain(|pending| pending.cut.first != first);
-                self.records += u64::from(!is_refused);
-                self.refused += u64::from(is_refused);
-            }
-            Note::OperatingPoint(point) => self.operating_point = point,
-        }
-    }
-
-    fn pending(&self, cut: StreamCut) -> PendingCut {
-        let start_time = self.time(cut.first).unwrap_or(self.asset_created_at);
-        PendingCut { cut, start_time, operating_point: self.operating_point }
-    }
-
-    /// The time of a sample; none before the first one.
-    pub(crate) fn time(&self, index: u64) -> Option<Timestamp> {
-        Timestamp::from_nanosecond(self.clock.time_ns(index)?.into()).ok()
-    }
-
-    /// The first sample that is still needed.
-    fn needed_from(&self) -> u64 {
-        let kept = self.format.frames_in(KEPT_S).min(MAX_KEPT_BYTES / self.format.frame_bytes() as u64);
-        let kept_from = self.next.unwrap_or(0).saturating_sub(kept);
-        let pending = self.pending.iter().map(|pending| pending.cut.first).min();
-        kept_from.min(self.cutter.needs_from()).min(pending.unwrap_or(u64::MAX))
-    }
-}
-
-/// Entries that are not written yet, and the state that follows from them.
-struct Draft {
-    state: StreamState,
-    entries: Vec<JournalEntry>,
-    levels: Vec<TimedLevel>,
-}
-
-impl Draft {
-    fn add(&mut self, entry: JournalEntry) {
-        self.state.apply(&entry, &mut self.levels);
-        self.entries.push(entry);
-    }
-
-    fn note(&mut self, note: &Note) {
-        self.add(JournalEntry::Note(serde_json::to_vec(note).unwrap_or_default().into()));
-    }
-
-    fn cut(&mut self, cut: StreamCut) {
-        self.note(&Note::Cut(self.state.pending(cut)));
-    }
-
-    /// Decides on the records that are whole.
-    fn cut_whole(&mut self, policy: &CutPolicy) {
-        while let Some(cut) = self.state.cutter.next_cut(policy) {
-            self.cut(cut);
-        }
-    }
-}
-
 impl StoredStream {
     /// A stream that begins, at this index or that of the first chunk.
     pub(crate) fn create(
@@ -225,6 +65,7 @@ impl StoredStream {
         let Some(state) = state else { return Ok(None) };
         let mut stream = Self::with_state(folder, state)?;
         stream.levels.append(&levels)?;
+        stream.journal.remove_before(stream.state.needed_from())?;
         Ok(Some(stream))
     }
 
@@ -338,8 +179,6 @@ impl StoredStream {
                     gaps.push(StreamGap { first, samples: frames });
                 }
                 Piece::Frames(Chunk { first, time_ns, bytes }) => {
-                    let known = time_ns.or_else(|| draft.state.clock.time_ns(first));
-                    let time_ns = known.unwrap_or_default();
                     draft.add(JournalEntry::Frames { first, time_ns, bytes });
                     draft.cut_whole(policy);
                 }
@@ -355,7 +194,7 @@ impl StoredStream {
         if self.journal.is_file_full() {
             self.journal.rotate(self.state.checkpoint())?;
         }
-        Ok(Draft { state: self.state.clone(), entries: Vec::new(), levels: Vec::new() })
+        Ok(Draft::new(self.state.clone()))
     }
 
     fn keep(&mut self, draft: Draft) -> Result<(), ServiceError> {

@@ -7,8 +7,8 @@
 //! - [`StreamCutter`]: which samples become records, by a [`CutPolicy`];
 //! - [`LevelMeter`]: RMS and peak of each second.
 //!
-//! Samples stay the bytes that came. What is kept from chunk to chunk can be serialised, so that a stream goes
-//! on where it ended.
+//! Samples stay the bytes that came. What is kept from chunk to chunk can be serialised, so that a stream
+//! goes on where it ended.
 
 mod assembler;
 mod clock;
