@@ -140,15 +140,15 @@ fn a_sender_goes_on_when_its_server_is_back() {
     kept(&program, 6000);
     program.kill();
     // More than is kept in memory.
-    pipe.write_all(&frames(6000, 714_000)).unwrap();
+    pipe.write_all(&frames(6000, 534_000)).unwrap();
     let program = start_at(&data, &address);
-    kept(&program, 720_000);
+    kept(&program, 540_000);
     drop(pipe);
     assert!(child.wait().unwrap().success());
     let left =
         std::fs::read_dir(&spool).unwrap().flatten().filter(|entry| entry.path().extension().is_some());
     assert_eq!(left.count(), 0);
-    assert!(stored(&program, 360) == frames(0, 720_000), "the stored samples are not those that were sent");
+    assert!(stored(&program, 270) == frames(0, 540_000), "the stored samples are not those that were sent");
     program.kill();
 }
 

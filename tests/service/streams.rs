@@ -173,7 +173,7 @@ fn a_drifting_rate_is_said_and_a_clock_that_jumps_moves_no_record() {
     socket.wait_for(300_000);
     let status = status(&service);
     let drift_ppm = status["drift_ppm"].as_f64().unwrap();
-    assert!((drift_ppm - 100.0).abs() < 2.0, "{drift_ppm}");
+    assert!((drift_ppm - 100.0).abs() < 5.0, "{drift_ppm}");
     assert_eq!(status["clock_jumps"], 1);
     for (k, record) in records(&service, "in", 30).iter().enumerate() {
         let time: Timestamp = record["start_time"].as_str().unwrap().parse().unwrap();
