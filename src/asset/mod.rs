@@ -9,6 +9,7 @@ mod place;
 mod segment;
 mod shaft;
 mod spec;
+mod stream_spec;
 mod velocity_zones;
 
 pub use bearing::BearingSpec;
@@ -18,4 +19,5 @@ pub use place::{Location, MeasuringPoint};
 pub use segment::{RawReference, Segment, SegmentId};
 pub use shaft::ShaftSpec;
 pub use spec::{AssetError, AssetId, AssetSpec, BaselineSpec, GearSpec, SensorSpec, WearLimits};
+pub use stream_spec::StreamSpec;
 pub use velocity_zones::{MachineClass, VelocityZone, VelocityZones};

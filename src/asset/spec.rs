@@ -15,6 +15,7 @@ use super::other_mesh::{self, OtherMeshSpec};
 use super::pair_of_numbers;
 use super::place::{self, Location, MeasuringPoint};
 use super::shaft::{self, ShaftSpec};
+use super::stream_spec::StreamSpec;
 use super::velocity_zones::{VelocityZone, VelocityZones};
 use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
@@ -110,6 +111,9 @@ pub struct AssetSpec {
     /// Frequency bands whose root mean square becomes an indicator of each record.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bands: Vec<Band>,
+    /// Which parts of live streams become records.
+    #[serde(default, skip_serializing_if = "StreamSpec::is_default")]
+    pub stream: StreamSpec,
 }
 
 /// The monitored gear mesh.
@@ -276,6 +280,7 @@ impl AssetSpec {
         place::check_text("sensor.channel", self.sensor.channel.as_deref())?;
         self.location.validate()?;
         place::validate(&self.points)?;
+        self.stream.validate()?;
         alarm_rules::validate(self)?;
         operating_bin::validate(&self.operating_bins)?;
         if !(8..=10_000).contains(&self.baseline.records) {

@@ -12,7 +12,9 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::serve::asked_to_stop;
 use super::{CliError, output, pair_file};
-use crate::asset::{AssetId, AssetSpec, BaselineSpec, GearSpec, Location, SensorSpec, WearLimits};
+use crate::asset::{
+    AssetId, AssetSpec, BaselineSpec, GearSpec, Location, SensorSpec, StreamSpec, WearLimits,
+};
 use crate::estimate::{Inspection, MaintenanceEvent, MaintenanceKind};
 use crate::gear::ContactRule;
 use crate::http::{RunningService, ServiceConfig, StartError, start};
@@ -157,6 +159,7 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
         envelope_band: EnvelopeSearch::default(),
         gear_indicators: true,
         bands: Vec::new(),
+        stream: StreamSpec::default(),
     };
     match service.assets.create(&asset).await {
         // With a kept data folder the asset may be there from the last time.

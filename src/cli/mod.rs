@@ -30,6 +30,7 @@ mod serve;
 mod shared_store;
 mod simulate;
 mod store_place;
+mod stream;
 mod token;
 mod verify;
 mod work;
@@ -69,6 +70,8 @@ enum Command {
     Analyze(analyze::AnalyzeArgs),
     /// Send recordings to a server
     Replay(replay::ReplayArgs),
+    /// Send samples to a server while they are measured, from a pipe or a growing file
+    Stream(stream::StreamArgs),
     /// Delete records of an asset on a server; raw recordings go into quarantine
     Delete(records::RecordsArgs),
     /// Take records of an asset on a server out of its histories; they stay stored
@@ -128,6 +131,7 @@ pub fn run() -> ExitCode {
         Command::DeadLetters(args) => dead_letters::run(args),
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),
+        Command::Stream(args) => stream::run(args),
         Command::Delete(args) => records::run(args, records::Change::Delete),
         Command::Exclude(args) => records::run(args, records::Change::Exclude),
         Command::Include(args) => records::run(args, records::Change::Include),

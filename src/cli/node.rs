@@ -67,6 +67,7 @@ pub(super) async fn start_worker(
         libraries: config.data_dir.join("libraries"),
         recordings: config.data_dir.join("recordings"),
         uploads: config.data_dir.join("uploads"),
+        streams: config.data_dir.join("streams"),
     };
     let role = Role::Worker(cluster.queue_of_worker());
     let service = Service::new(store, folders, &config.work, config.grid, Arc::new(SystemClock), role)

@@ -48,6 +48,7 @@ pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
             libraries: config.data_dir.join("libraries"),
             recordings: config.data_dir.join("recordings"),
             uploads: config.data_dir.join("uploads"),
+            streams: config.data_dir.join("streams"),
         };
         let service = Service::new(
             store.clone(),

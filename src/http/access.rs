@@ -68,7 +68,8 @@ impl Access {
         uri: &Uri,
         headers: &HeaderMap,
     ) -> Result<Option<Caller>, Problem> {
-        refuse_other_pages(method, uri, headers)?;
+        let is_safe = is_safe(method, headers);
+        refuse_other_pages(is_safe && *method != Method::OPTIONS, uri, headers)?;
         let path = uri.path();
         if self.policy == AuthPolicy::Disabled || is_public(path) {
             return Ok(None);
@@ -83,7 +84,7 @@ impl Access {
         }
         let shown = bearer(headers);
         let in_cookie = session::token_in_cookie(headers);
-        if shown.is_none() && in_cookie.is_some() && !is_safe(method) {
+        if shown.is_none() && in_cookie.is_some() && !is_safe {
             session::refuse_unless_own_page(headers)?;
         }
         let presented = shown.or(in_cookie);
@@ -96,7 +97,7 @@ impl Access {
             };
             Problem::new(StatusCode::UNAUTHORIZED, detail)
         })?;
-        let needed = needed(method, path);
+        let needed = needed(method, is_safe, path);
         if token.scope < needed {
             let detail = format!(
                 "the token {} has the scope {}, expected {}",
@@ -143,9 +144,11 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-/// Whether a request changes nothing.
-fn is_safe(method: &Method) -> bool {
-    matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS)
+/// Whether a request changes nothing. What asks for a WebSocket sends something over it.
+fn is_safe(method: &Method, headers: &HeaderMap) -> bool {
+    let upgrade = headers.get(header::UPGRADE);
+    let is_upgrade = upgrade.is_some_and(|upgrade| upgrade.as_bytes().eq_ignore_ascii_case(b"websocket"));
+    matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS) && !is_upgrade
 }
 
 /// What can be had without a token: the pages, which show nothing by themselves, and whether the service
@@ -155,11 +158,11 @@ fn is_public(path: &str) -> bool {
     pages.contains(&path) || path.starts_with("/static/") || path.starts_with("/docs/")
 }
 
-fn needed(method: &Method, path: &str) -> Scope {
+fn needed(method: &Method, is_safe: bool, path: &str) -> Scope {
     let parts: Vec<&str> = path.trim_matches('/').split('/').collect();
     match parts[..] {
         ["v1", "tokens", ..] => Scope::Admin,
-        _ if is_safe(method) => Scope::Read,
+        _ if is_safe => Scope::Read,
         ["v1", "session" | "preview"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
         ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
@@ -197,8 +200,8 @@ fn refuse_other_hosts(uri: &Uri, headers: &HeaderMap, host_names: &[String]) -> 
 }
 
 /// A browser says where the page comes from that makes it send something: only our own may.
-fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
-    if matches!(*method, Method::GET | Method::HEAD) {
+fn refuse_other_pages(only_reads: bool, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+    if only_reads {
         return Ok(());
     }
     let Some(origin) = headers.get(header::ORIGIN) else {
@@ -255,7 +258,8 @@ mod tests {
             (Method::POST, "/v1/preview", Scope::Read),
             (Method::DELETE, "/v1/session", Scope::Read),
         ] {
-            assert_eq!(needed(&method, path), scope, "{method} {path}");
+            let is_safe = is_safe(&method, &HeaderMap::new());
+            assert_eq!(needed(&method, is_safe, path), scope, "{method} {path}");
         }
     }
 
@@ -286,17 +290,26 @@ mod tests {
     }
 
     #[test]
+    fn what_asks_for_a_websocket_sends() {
+        let mut headers = HeaderMap::new();
+        assert!(is_safe(&Method::GET, &headers));
+        headers.insert(header::UPGRADE, HeaderValue::from_static("websocket"));
+        let is_safe = is_safe(&Method::GET, &headers);
+        assert_eq!(needed(&Method::GET, is_safe, "/v1/assets/a/stream"), Scope::Write);
+    }
+
+    #[test]
     fn another_page_sends_nothing() {
         let uri = Uri::from_static("/v1/assets");
         let mut headers = HeaderMap::new();
         headers.insert(header::HOST, HeaderValue::from_static("127.0.0.1:8600"));
-        assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_ok());
+        assert!(refuse_other_pages(false, &uri, &headers).is_ok());
         headers.insert(header::ORIGIN, HeaderValue::from_static("http://127.0.0.1:8600"));
-        assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_ok());
+        assert!(refuse_other_pages(false, &uri, &headers).is_ok());
         for origin in ["http://evil.example", "null", "http://127.0.0.1:8600.evil.example"] {
             headers.insert(header::ORIGIN, HeaderValue::from_static(origin));
-            assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_err(), "{origin}");
-            assert!(refuse_other_pages(&Method::GET, &uri, &headers).is_ok());
+            assert!(refuse_other_pages(false, &uri, &headers).is_err(), "{origin}");
+            assert!(refuse_other_pages(true, &uri, &headers).is_ok());
         }
     }
 }

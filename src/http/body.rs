@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use axum::body::{Body, HttpBody};
 use axum::http::{HeaderMap, StatusCode, header};
 use bytes::Bytes;
+use futures_util::FutureExt;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
@@ -30,6 +31,9 @@ pub(super) fn unsupported(found: Option<&str>, expected: &str) -> Problem {
     let found = found.unwrap_or("missing");
     Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, format!("content-type is {found}, expected {expected}"))
 }
+
+/// Longer than any stream.
+const ENDLESS: Duration = Duration::from_secs(100 * 365 * 24 * 3600);
 
 /// The bytes of a request's body as they come: no more than allowed, none after the time that a body may
 /// take, and none that come too slowly, since a body holds a place in the queue.
@@ -56,6 +60,17 @@ impl BodySource {
             bytes: 0,
             max,
         }
+    }
+
+    /// A body without an end: it may take as long as something comes.
+    pub(super) fn endless(body: Body, limits: &HttpLimits) -> Self {
+        let source = Self::new(body, u64::MAX, limits);
+        Self { deadline: source.began + ENDLESS, bytes_per_s: 0, ..source }
+    }
+
+    /// Bytes that have come already; none where there are none now.
+    pub(super) async fn next_now(&mut self) -> Result<Option<Bytes>, Problem> {
+        next_piece(&mut self.body).now_or_never().unwrap_or(Ok(None))
     }
 
     /// The next bytes; none at the end.

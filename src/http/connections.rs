@@ -13,11 +13,10 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::{Semaphore, oneshot, watch};
 use tokio_io_timeout::TimeoutStream;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
@@ -81,7 +80,8 @@ pub(super) async fn serve(
     let places = Shares::new(limits.connections, limits.connections.saturating_mul(3) / 4);
     // Those beyond it wait in the system's queue.
     let reserve = Arc::new(Semaphore::new(RESERVE));
-    let graceful = GracefulShutdown::new();
+    // Every connection holds a receiver until it ends, or is a WebSocket.
+    let is_ending = watch::Sender::new(false);
     loop {
         let accept = async {
             let reserved = Arc::clone(&reserve).acquire_owned().await;
@@ -100,8 +100,8 @@ pub(super) async fn serve(
                 continue;
             }
         };
-        let (router, tls, limits, watcher) =
-            (router.clone(), tls.clone(), Arc::clone(&limits), graceful.watcher());
+        let (router, tls, limits, ending) =
+            (router.clone(), tls.clone(), Arc::clone(&limits), is_ending.subscribe());
         let place = places.take(Client::Address(Some(from)));
         let peer = Peer { address: from, is_in_reserve: place.is_none() };
         // A connection that has a place leaves the reserve to others.
@@ -110,17 +110,18 @@ pub(super) async fn serve(
             let _held = (place, reserved);
             let _ = stream.set_nodelay(true);
             let Some(tls) = tls else {
-                return talk(stream, router, &limits, peer, watcher).await;
+                return talk(stream, router, &limits, peer, ending).await;
             };
             match tokio::time::timeout(peer.header_timeout(&limits), tls.accept(stream)).await {
-                Ok(Ok(stream)) => talk(stream, router, &limits, peer, watcher).await,
+                Ok(Ok(stream)) => talk(stream, router, &limits, peer, ending).await,
                 Ok(Err(error)) => tracing::debug!(%error, "TLS handshake failed"),
                 Err(_) => tracing::debug!("TLS handshake timed out"),
             }
         });
     }
     drop(listener);
-    graceful.shutdown().await;
+    is_ending.send_replace(true);
+    is_ending.closed().await;
 }
 
 /// Who is at the other end of a connection.
@@ -158,7 +159,7 @@ async fn talk(
     router: Router,
     limits: &HttpLimits,
     peer: Peer,
-    watcher: Watcher,
+    mut ending: watch::Receiver<bool>,
 ) {
     // A client that does not read its answer gives its place free.
     let mut stream = TimeoutStream::new(stream);
@@ -182,8 +183,18 @@ async fn talk(
         .header_read_timeout(peer.header_timeout(limits))
         .max_buf_size(limits.header_bytes)
         .max_headers(MAX_HEADERS)
-        .serve_connection(TokioIo::new(Box::pin(stream)), service_fn(answer));
-    if let Err(error) = watcher.watch(connection).await {
+        .serve_connection(TokioIo::new(Box::pin(stream)), service_fn(answer))
+        .with_upgrades();
+    let mut connection = std::pin::pin!(connection);
+    let ended = tokio::select! {
+        ended = &mut connection => ended,
+        // The request that is under way is answered, and no other.
+        () = async { drop(ending.wait_for(|is_ending| *is_ending).await) } => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
+        }
+    };
+    if let Err(error) = ended {
         tracing::debug!(%error, "connection ended");
     }
 }

@@ -25,6 +25,8 @@ pub struct HttpLimits {
     pub write_timeout: Duration,
     /// Requests a second with one token.
     pub requests_per_s: NonZeroU32,
+    /// Live streams that are sent at once.
+    pub streams: usize,
     /// Events that are kept for clients that lost their connection.
     pub events_kept: usize,
     /// How long a body may take to arrive.
@@ -51,6 +53,7 @@ impl Default for HttpLimits {
             header_timeout: Duration::from_secs(30),
             write_timeout: Duration::from_secs(60),
             requests_per_s: NonZeroU32::new(2000).unwrap_or(NonZeroU32::MIN),
+            streams: 64,
             events_kept: 4096,
             body_timeout: Duration::from_secs(300),
             body_idle: Duration::from_secs(20),

@@ -232,7 +232,12 @@ impl From<ServiceError> for Problem {
                 Self::new(StatusCode::CONFLICT, error.to_string())
             }
             ServiceError::Alarm(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            ServiceError::AlarmUnknown(_)
+            ServiceError::StreamFormat { .. } | ServiceError::StreamTaken => {
+                Self::new(StatusCode::CONFLICT, error.to_string())
+            }
+            ServiceError::StreamsShared => Self::new(StatusCode::NOT_IMPLEMENTED, error.to_string()),
+            ServiceError::StreamUnknown { .. }
+            | ServiceError::AlarmUnknown(_)
             | ServiceError::MaintenanceUnknown(_)
             | ServiceError::ReplayUnknown(_) => Self::not_found(error.to_string()),
             ServiceError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {

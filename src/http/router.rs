@@ -18,7 +18,8 @@ use super::{
     access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, damage, dashboard, drain,
     etag, events, exclusions, export, head, health, indicators, issued_tokens, libraries, library_states,
     maintenance, matching, metrics, openapi, pair_presets, preview, raw_recordings, recomputations,
-    record_choice, replays, reports, segments, session, traffic, tus, uploads, waterfall, waveforms, wear,
+    record_choice, replays, reports, segments, session, streams, traffic, tus, uploads, waterfall, waveforms,
+    wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -73,6 +74,10 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(library_states::flank))
         .routes(routes!(preview::preview))
         .routes(routes!(pair_presets::list))
+        .routes(routes!(streams::connect, streams::send))
+        .routes(routes!(streams::list))
+        .routes(routes!(streams::levels))
+        .routes(routes!(streams::keep))
         .routes(routes!(events::stream))
         .routes(routes!(session::show, session::begin, session::end))
         .routes(routes!(issued_tokens::list, issued_tokens::create))

@@ -150,6 +150,7 @@ async fn start_as(
         libraries: config.data_dir.join("libraries"),
         recordings: config.replay_dir.unwrap_or_else(|| config.data_dir.join("recordings")),
         uploads: config.data_dir.join("uploads"),
+        streams: config.data_dir.join("streams"),
     };
     let uploads = folders.uploads.clone();
     let service = Service::new(store, folders, &config.work, config.grid, Arc::clone(&clock), role)?;
@@ -182,6 +183,7 @@ async fn start_as(
         lines: Arc::default(),
         previews: Arc::default(),
         event_streams: Shares::new(limits.connections / 2, limits.connections / 4),
+        streams: Shares::new(limits.streams, limits.streams.saturating_mul(3) / 4),
         write_probe: Arc::default(),
         queue_watch: Arc::default(),
     };
@@ -214,6 +216,7 @@ impl RunningService {
     pub async fn stop(self) -> Result<(), StartError> {
         let _ = self.stop.send(());
         self.events.end();
+        self.service.streams.stop();
         let mut server = self.server;
         let end = async {
             self.service.replays.stop_all().await;
@@ -234,6 +237,7 @@ impl RunningService {
                 Ok(())
             }
         };
+        self.service.streams.close().await;
         // A connection that works on something long is not waited for: the database repairs itself at the
         // next start.
         if tokio::time::timeout(CLOSING, self.service.store.close()).await.is_err() {

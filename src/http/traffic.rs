@@ -9,6 +9,7 @@ use axum::response::{IntoResponse, Response};
 
 use super::app::App;
 use super::problem::Problem;
+use super::streams;
 
 /// Writes a line to the log for every request.
 pub(super) async fn trace(request: Request, next: Next) -> Response {
@@ -27,7 +28,15 @@ pub(super) async fn trace(request: Request, next: Next) -> Response {
 }
 
 /// Ends a request that takes too long. What an upload has begun goes on by itself and is found by its repeat.
-pub(super) async fn time_out(State(app): State<App>, request: Request, next: Next) -> Response {
+pub(super) async fn time_out(
+    State(app): State<App>,
+    path: Option<MatchedPath>,
+    request: Request,
+    next: Next,
+) -> Response {
+    if streams::is_endless(request.method(), path.as_ref().map(MatchedPath::as_str)) {
+        return next.run(request).await;
+    }
     let mut most = app.limits.request_timeout;
     if matches!(*request.method(), Method::POST | Method::PATCH) {
         most += app.limits.body_timeout;

@@ -91,6 +91,31 @@ pub enum ServiceError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// There is no such live stream.
+    #[error("asset {asset} has no stream {name:?}")]
+    StreamUnknown {
+        /// The asset.
+        asset: AssetId,
+        /// The name that was asked for.
+        name: String,
+    },
+    /// A live stream is of another format.
+    #[error(
+        "the stream {name:?} of asset {asset} has another sample, sample_rate_hz, channels, scale, unit or channel_names: send \
+         the same, or under another name"
+    )]
+    StreamFormat {
+        /// The asset.
+        asset: AssetId,
+        /// The stream.
+        name: String,
+    },
+    /// Another connection sends a live stream now.
+    #[error("another connection sends this stream, or it was removed")]
+    StreamTaken,
+    /// Live streams are kept in the folder of one process.
+    #[error("live streams are not taken in a cluster: send them to a service with a data folder of its own")]
+    StreamsShared,
     /// There is no such replay.
     #[error("there is no replay {0:?}")]
     ReplayUnknown(String),

@@ -63,4 +63,6 @@ pub struct ServiceFolders {
     pub recordings: PathBuf,
     /// Uploads that are read from a file while they are processed.
     pub uploads: PathBuf,
+    /// Samples of live streams that are not records yet.
+    pub streams: PathBuf,
 }

@@ -6,6 +6,7 @@
 //! | [`History`] | folds records into their channel's history, late ones too, and computes histories again |
 //! | [`Simulations`] | has the libraries simulated, and gives each asset its estimator |
 //! | [`Replays`] | takes recordings from a folder through the pipeline |
+//! | [`Streams`] | keeps live streams in journals and cuts records out of them |
 //! | [`StoredRecords`] | reads stored records again, with their spectra |
 //! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`], [`Exclusions`] | change what people describe and do |
 //! | `Retention`, `CatchUp`, `Upkeep` | work in the background |
@@ -51,6 +52,7 @@ mod replays;
 mod sensor_group;
 mod silence;
 mod simulations;
+mod streams;
 mod tally;
 mod upkeep;
 mod work_queue;
@@ -77,6 +79,7 @@ pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::Replays;
 pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
+pub use streams::{StreamGap, StreamProgress, StreamSender, StreamStatus, Streams};
 pub use tally::Tally;
 pub use work_queue::{PartHealth, QueueOverview, QueuedRecord, Role, WorkQueue, WorkerOverview};
 pub use workers::{Ticket, Workers};

@@ -20,6 +20,7 @@ use super::record::StoredRecords;
 use super::removal::Removals;
 use super::replays::{Replays, prepare_folders};
 use super::simulations::{LibrarySource, Simulations};
+use super::streams::Streams;
 use super::tally::Tally;
 use super::upkeep::Upkeep;
 use super::work_queue::Role;
@@ -57,6 +58,8 @@ pub struct Service {
     pub exclusions: Exclusions,
     /// Recordings that are replayed.
     pub replays: Replays,
+    /// Live streams.
+    pub streams: Arc<Streams>,
     /// Pieces of resumable uploads.
     pub uploads: Arc<UploadPieces>,
     /// Ways in beside HTTP.
@@ -193,6 +196,13 @@ impl Service {
                 role.clone(),
                 folders.recordings,
             ),
+            streams: Streams::new(
+                store.clone(),
+                Arc::clone(&workers),
+                Arc::clone(&pipeline),
+                Arc::clone(&clock),
+                folders.streams,
+            ),
             uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),
             feeds: Feeds::default(),
             upkeep_interval: limits.upkeep_interval,
@@ -259,6 +269,7 @@ impl Service {
             return Ok(());
         }
         self.replays.resume().await?;
+        self.streams.resume().await?;
         self.sweep_in_background();
         Ok(())
     }

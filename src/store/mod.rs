@@ -1,9 +1,10 @@
 //! The only SQL and the only raw-object paths.
 //!
 //! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as
-//! they came, named by their hash, with notes of what makes records of them) and `lock`. Where processes
-//! share a store, PostgreSQL and a bucket take their places; statements and methods are the same. All methods
-//! speak in domain types; rows and statements do not leave this room.
+//! they came, named by their hash, with notes of what makes records of them), `streams/` (samples that are
+//! not records yet) and `lock`. Where processes share a store, PostgreSQL and a bucket take their places, and
+//! there are no streams; statements and methods are the same. All methods speak in domain types; rows and
+//! statements do not leave this room.
 
 mod alarm_commit;
 mod alarms;
@@ -37,6 +38,8 @@ mod settings;
 mod shared_sensors;
 mod shelvings;
 mod silences;
+mod stream_journal;
+mod stream_levels;
 mod tokens;
 mod trend;
 mod upkeep;
@@ -75,6 +78,8 @@ pub use settings::StoreSettings;
 #[cfg(feature = "postgres")]
 pub use settings::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 pub use silences::Silence;
+pub use stream_journal::{JournalEntry, StreamJournal};
+pub use stream_levels::{StreamLevels, TimedLevel};
 pub use tokens::{StoredToken, TokenStore, TokensVersion};
 pub use trend::{Trend, WearPoint};
 

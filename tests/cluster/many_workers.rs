@@ -72,6 +72,7 @@ async fn worker_with(settings: &StoreSettings, folder: &Path, neighbours: Ensemb
         libraries: folder.join("libraries"),
         recordings: folder.join("recordings"),
         uploads: folder.join("uploads"),
+        streams: folder.join("streams"),
     };
     let limits = WorkLimits { workers: 1, neighbours, ..WorkLimits::default() };
     let grid = GridSettings { states: 4, seconds: 0.25, ..GridSettings::default() };

@@ -263,6 +263,7 @@ impl TestCluster {
                 libraries: folder.join("libraries"),
                 recordings: folder.join("recordings"),
                 uploads: folder.join("uploads"),
+                streams: folder.join("streams"),
             };
             let role = Role::Worker(cluster.queue_of_worker());
             let clock = Arc::new(ManualClock::default());
@@ -288,6 +289,7 @@ impl TestCluster {
                 libraries: folder.join("libraries"),
                 recordings: folder.join("recordings"),
                 uploads: folder.join("uploads"),
+                streams: folder.join("streams"),
             };
             let role = Role::Worker(cluster.queue_of_worker());
             let clock =

@@ -3,6 +3,7 @@
 
 mod full_disk;
 mod killed;
+mod streams;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/program.rs"]
@@ -17,3 +18,6 @@ mod running;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/shared_store.rs"]
 mod shared_store;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/stream_socket.rs"]
+mod stream_socket;

@@ -30,6 +30,9 @@ mod recordings;
 mod resumable_uploads;
 mod segments;
 mod simulations;
+// With a shared database, which the feature brings, there are no streams.
+#[cfg(not(feature = "cluster"))]
+mod streams;
 mod token_pages;
 mod trends;
 mod two_stages;
@@ -58,6 +61,8 @@ mod running;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/shared_store.rs"]
 mod shared_store;
+#[path = "../support/stream_socket.rs"]
+mod stream_socket;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/tokens.rs"]
 mod tokens;

@@ -28,8 +28,9 @@ impl Program {
     /// Starts with further options.
     pub(crate) fn start_with(folder: &Path, options: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
-            .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
+            .args(["serve", "--data-dir"])
             .arg(folder)
+            .args(if options.contains(&"--listen") { &[][..] } else { &["--listen", "127.0.0.1:0"] })
             .args(options)
             .env("FLANKWATCH_LOG", "info")
             .stdout(Stdio::piped())
@@ -98,6 +99,11 @@ impl Program {
         let request = self.agent.post(format!("{}/v1/assets", self.url));
         let response = request.content_type("application/json").send(asset.to_string().as_bytes()).unwrap();
         assert!([201, 409].contains(&response.status().as_u16()));
+    }
+
+    /// Its address.
+    pub(crate) fn url(&self) -> &str {
+        &self.url
     }
 
     /// What it has logged.

@@ -5,7 +5,8 @@
 //! - [`decode_block`], [`encode_block`]: one message in protobuf or JSON ([`BlockEncoding`]);
 //! - [`decode_csv`] and [`CsvBlocks`]: CSV whole and in stretches, its rate and time by [`CsvTiming`];
 //! - [`NpyBlocks`]: a NumPy array in stretches;
-//! - [`CsvFrames`] and [`WavFrames`], which a [`Cutter`] makes records of.
+//! - [`CsvFrames`] and [`WavFrames`], which a [`Cutter`] makes records of;
+//! - [`stream`]: samples without end, in chunks by their index.
 //!
 //! [`RecordDefaults`] says what a recording leaves out.
 //!
@@ -66,6 +67,7 @@ mod packed_samples;
 mod pulse_count;
 mod pulses;
 mod raw;
+pub mod stream;
 mod wav;
 mod wav_format;
 mod wav_frames;

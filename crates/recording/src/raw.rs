@@ -4,6 +4,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
+
 use super::block::check_sample_count;
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
@@ -15,7 +17,8 @@ const MEDIA_TYPE: &str = "application/octet-stream";
 const MOST_CHANNELS: u32 = 256;
 
 /// How one sample is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum RawSample {
     /// 32-bit floating point.
     F32,
@@ -24,14 +27,16 @@ pub enum RawSample {
 }
 
 impl RawSample {
-    fn bytes(self) -> usize {
+    /// Bytes of one sample.
+    pub fn bytes(self) -> usize {
         match self {
             Self::F32 => 4,
             Self::I16 => 2,
         }
     }
 
-    fn name(self) -> &'static str {
+    /// `f32` or `i16`.
+    pub fn name(self) -> &'static str {
         match self {
             Self::F32 => "f32",
             Self::I16 => "i16",
@@ -39,10 +44,19 @@ impl RawSample {
     }
 
     /// What a sample counts where nobody says: itself, or integers scaled to −1…1 as in WAV.
-    fn default_scale(self) -> f64 {
+    pub(crate) fn default_scale(self) -> f64 {
         match self {
             Self::F32 => 1.0,
             Self::I16 => 1.0 / 32_768.0,
+        }
+    }
+
+    /// What the bytes of one sample say, before it is scaled.
+    pub(crate) fn value(self, bytes: &[u8]) -> f64 {
+        match (self, bytes) {
+            (Self::F32, &[a, b, c, d, ..]) => f32::from_le_bytes([a, b, c, d]).into(),
+            (Self::I16, &[a, b, ..]) => i16::from_le_bytes([a, b]).into(),
+            _ => f64::NAN,
         }
     }
 }
@@ -138,12 +152,7 @@ pub fn decode_raw(
     }
     let names = defaults.names_of(channels);
     check_sample_count(&names[0], bytes.len() / frame)?;
-    let value = |at: usize| match layout.sample {
-        RawSample::F32 => {
-            f64::from(f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]))
-        }
-        RawSample::I16 => f64::from(i16::from_le_bytes([bytes[at], bytes[at + 1]])),
-    };
+    let value = |at: usize| layout.sample.value(&bytes[at..]);
     let record = |(channel, name): (usize, String)| {
         let at = (channel * layout.sample.bytes()..bytes.len()).step_by(frame);
         let samples = at.map(|at| (value(at) * layout.scale) as f32).collect();

@@ -7,6 +7,7 @@
 use std::io::{self, Read};
 
 use super::RecordingError;
+use super::wav_frames::decode;
 
 /// Most channels taken.
 const MAX_CHANNELS: u16 = 256;
@@ -20,6 +21,10 @@ const SUBFORMAT_TAIL: [u8; 8] = [0x80, 0, 0, 0xaa, 0, 0x38, 0x9b, 0x71];
 
 /// A length that says "not known yet": of a stream, or of RF64, whose lengths stand in `ds64`.
 const UNKNOWN_LENGTH: u32 = u32::MAX;
+
+/// A declared length from which on it is one that a program made up which did not know it: `sox` and
+/// `arecord` write some 2 GiB to a pipe.
+const OPEN_LENGTH: u64 = 0x7ff0_0000;
 
 /// How samples are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +48,23 @@ impl WavFormat {
     pub fn frame_bytes(&self) -> usize {
         self.channels * self.container
     }
+
+    /// Reads the header of a WAV that is being written, up to its first sample. Returns the bytes of samples
+    /// that it declares; none where their end is open: programs that write to a pipe declare nothing or as
+    /// much as fits.
+    ///
+    /// # Errors
+    /// A header that is not a WAV recording's, or one of samples that are not read here.
+    pub fn read_open_ended(reader: &mut impl Read) -> Result<(Self, Option<u64>), RecordingError> {
+        let header = WavHeader::read_any_length(reader)?;
+        let declared = header.data_bytes.filter(|bytes| (1..OPEN_LENGTH).contains(bytes));
+        Ok((header.format, declared))
+    }
+
+    /// The value of one sample's bytes, as in [`WavFrames`](super::WavFrames).
+    pub fn value(&self, bytes: &[u8]) -> f32 {
+        decode(bytes, self, None)
+    }
 }
 
 /// What stands before the data.
@@ -60,6 +82,22 @@ pub(crate) struct WavHeader {
 impl WavHeader {
     /// Reads up to the first byte of the data.
     pub(crate) fn read(reader: &mut impl Read) -> Result<Self, RecordingError> {
+        let header = Self::read_any_length(reader)?;
+        let frame_bytes = header.format.frame_bytes();
+        if let Some(bytes) = header.data_bytes
+            && bytes % frame_bytes as u64 != 0
+        {
+            return Err(RecordingError::wav(
+                "data chunk length",
+                format!("{bytes} with frames of {frame_bytes} bytes"),
+                "a whole number of frames",
+            ));
+        }
+        Ok(header)
+    }
+
+    /// The same, also where the declared length is no whole number of frames: that of a stream is made up.
+    fn read_any_length(reader: &mut impl Read) -> Result<Self, RecordingError> {
         let mut chunks = Chunks::open(reader)?;
         let mut format = None;
         let mut long_data_bytes = None;
@@ -81,15 +119,6 @@ impl WavHeader {
                         (UNKNOWN_LENGTH, _) => None,
                         (bytes, _) => Some(u64::from(bytes)),
                     };
-                    if let Some(bytes) = data_bytes
-                        && bytes % format.frame_bytes() as u64 != 0
-                    {
-                        return Err(RecordingError::wav(
-                            "data chunk length",
-                            format!("{bytes} with frames of {} bytes", format.frame_bytes()),
-                            "a whole number of frames",
-                        ));
-                    }
                     return Ok(Self { format, data_bytes, data_start: chunks.position });
                 }
                 _ => chunks.skip("a chunk before the data", u64::from(declared) + u64::from(declared % 2))?,

@@ -10,7 +10,7 @@ const READ_BYTES: usize = 1 << 16;
 
 /// Where the valid bits stand in a container that is at least a byte wider.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Justification {
+pub(crate) enum Justification {
     /// At the top, as the format wants it.
     Left,
     /// At the bottom, as some writers do it.
@@ -189,7 +189,7 @@ fn low_bytes(bytes: &[u8], format: &WavFormat, padding: usize) -> u64 {
     (most_significant_first(bytes, format) >> (64 - 8 * bytes.len())) & ((1 << (8 * padding)) - 1)
 }
 
-fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>) -> f32 {
+pub(crate) fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>) -> f32 {
     let word = most_significant_first(bytes, format);
     if format.float {
         return match format.container {

@@ -1,0 +1,203 @@
+//! Which samples of a stream become records.
+
+use serde::{Deserialize, Serialize};
+
+use super::super::RecordingError;
+use flankwatch_signal::MAX_RECORD_SAMPLES;
+
+/// How records are cut: one of a length in every interval, or one after the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CutPolicy {
+    record_frames: u64,
+    interval_frames: u64,
+}
+
+impl CutPolicy {
+    /// Records of `record_s` seconds, one every `interval_s` seconds. Where both are the same, all samples
+    /// become records.
+    ///
+    /// # Errors
+    /// A length that no record can have, or an interval shorter than it.
+    pub fn new(record_s: f64, interval_s: f64, sample_rate_hz: f64) -> Result<Self, RecordingError> {
+        let frames = (record_s * sample_rate_hz).round();
+        if !(1.0..=MAX_RECORD_SAMPLES as f64).contains(&frames) {
+            let expected = "a length of 1 to 16777216 samples";
+            return Err(RecordingError::field("record_s", record_s, expected));
+        }
+        let interval = (interval_s * sample_rate_hz).round();
+        if !(frames..=super::MAX_INDEX as f64).contains(&interval) {
+            let expected = "at least the length of a record";
+            return Err(RecordingError::field("interval_s", interval_s, expected));
+        }
+        Ok(Self { record_frames: frames as u64, interval_frames: interval as u64 })
+    }
+
+    /// Length of a record.
+    pub fn record_frames(&self) -> u64 {
+        self.record_frames
+    }
+
+    fn takes_all(&self) -> bool {
+        self.record_frames == self.interval_frames
+    }
+
+    /// Where the next record begins at the earliest after one.
+    fn after(&self, cut: StreamCut) -> u64 {
+        if self.takes_all() {
+            return cut.end();
+        }
+        let next_interval = (cut.first / self.interval_frames + 1) * self.interval_frames;
+        next_interval.max(cut.end())
+    }
+}
+
+/// Samples that become one record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StreamCut {
+    /// Index of the first sample.
+    pub first: u64,
+    /// How many.
+    pub frames: u64,
+    /// Where the next record begins at the earliest.
+    pub next_from: u64,
+}
+
+impl StreamCut {
+    /// Index after the last sample.
+    pub fn end(&self) -> u64 {
+        self.first + self.frames
+    }
+}
+
+/// Finds records in what is there without a gap. It depends on indices alone, not on how samples came.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StreamCutter {
+    /// Since where there is no gap.
+    run_first: u64,
+    end: u64,
+    /// Where the next record begins at the earliest.
+    from: u64,
+}
+
+impl StreamCutter {
+    /// Samples have come: they follow on those before, or begin after a gap.
+    pub fn extend(&mut self, first: u64, frames: u64) {
+        if first != self.end {
+            self.run_first = first;
+        }
+        self.end = first + frames;
+    }
+
+    /// The next record that is whole; it is to be [`taken`](Self::taken).
+    pub fn next_cut(&self, policy: &CutPolicy) -> Option<StreamCut> {
+        let first = self.run_first.max(self.from);
+        let end = first.checked_add(policy.record_frames)?;
+        (end <= self.end).then(|| self.cut(first, policy.record_frames, policy))
+    }
+
+    /// What is left before a gap, where all samples become records and it is at least half of one.
+    pub fn last_cut(&self, policy: &CutPolicy) -> Option<StreamCut> {
+        let first = self.run_first.max(self.from);
+        let frames = self.end.saturating_sub(first);
+        (policy.takes_all() && 2 * frames >= policy.record_frames && frames > 0)
+            .then(|| self.cut(first, frames, policy))
+    }
+
+    /// A record is cut.
+    pub fn taken(&mut self, cut: StreamCut) {
+        self.from = self.from.max(cut.next_from);
+    }
+
+    /// Since where there is no gap.
+    pub fn run_first(&self) -> u64 {
+        self.run_first
+    }
+
+    /// The first sample that a later record may need.
+    pub fn needs_from(&self) -> u64 {
+        self.run_first.max(self.from).min(self.end)
+    }
+
+    fn cut(&self, first: u64, frames: u64, policy: &CutPolicy) -> StreamCut {
+        let cut = StreamCut { first, frames, next_from: 0 };
+        StreamCut { next_from: policy.after(cut), ..cut }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// First samples and lengths of the records in stretches of samples.
+    fn cuts(policy: &CutPolicy, stretches: &[(u64, u64)]) -> Vec<(u64, u64)> {
+        let mut cutter = StreamCutter::default();
+        let mut found = Vec::new();
+        let mut take = |cutter: &mut StreamCutter, cut: StreamCut| {
+            cutter.taken(cut);
+            found.push((cut.first, cut.frames));
+        };
+        for &(first, frames) in stretches {
+            if first != cutter.end
+                && let Some(cut) = cutter.last_cut(policy)
+            {
+                take(&mut cutter, cut);
+            }
+            cutter.extend(first, frames);
+            while let Some(cut) = cutter.next_cut(policy) {
+                take(&mut cutter, cut);
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn one_record_is_cut_in_every_interval() {
+        let policy = CutPolicy::new(1.0, 6.0, 10.0).unwrap();
+        assert_eq!(cuts(&policy, &[(7, 200)]), [(7, 10), (60, 10), (120, 10), (180, 10)]);
+        // No record reaches over a gap: it is cut later in its interval.
+        assert_eq!(cuts(&policy, &[(0, 65), (70, 60)]), [(0, 10), (70, 10), (120, 10)]);
+        assert_eq!(cuts(&policy, &[(0, 65), (125, 60)]), [(0, 10), (125, 10)]);
+        // A late record of one interval does not overlap that of the next one.
+        let policy = CutPolicy::new(4.0, 6.0, 10.0).unwrap();
+        assert_eq!(cuts(&policy, &[(50, 200)]), [(50, 40), (90, 40), (130, 40), (180, 40)]);
+    }
+
+    #[test]
+    fn all_samples_become_records_where_the_interval_is_their_length() {
+        let policy = CutPolicy::new(1.0, 1.0, 10.0).unwrap();
+        assert_eq!(cuts(&policy, &[(3, 24)]), [(3, 10), (13, 10)]);
+        // Before a gap also half a record is one, and less than that is none.
+        let with_rest = [(3, 10), (13, 10), (23, 5), (40, 10)];
+        assert_eq!(cuts(&policy, &[(3, 25), (40, 10)]), with_rest);
+        assert_eq!(cuts(&policy, &[(3, 24), (40, 10)]), [(3, 10), (13, 10), (40, 10)]);
+    }
+
+    #[test]
+    fn lengths_that_no_record_has_are_refused() {
+        for (record_s, interval_s) in
+            [(0.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (1e9, 1e9), (1.0, f64::INFINITY)]
+        {
+            assert!(CutPolicy::new(record_s, interval_s, 1000.0).is_err(), "{record_s} {interval_s}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn records_do_not_depend_on_how_samples_came(
+            edges in prop::collection::btree_set(1_u64..1000, 0..50),
+            record in 1_u64..80,
+            more in 0_u64..80,
+        ) {
+            let policy = CutPolicy { record_frames: record, interval_frames: record + more };
+            let edges: Vec<u64> = std::iter::once(0).chain(edges).chain([1000]).collect();
+            let stretches: Vec<(u64, u64)> = edges.windows(2).map(|edge| (edge[0], edge[1] - edge[0])).collect();
+            let found = cuts(&policy, &stretches);
+            prop_assert_eq!(&found, &cuts(&policy, &[(0, 1000)]));
+            for pair in found.windows(2) {
+                prop_assert!(pair[0].0 + pair[0].1 <= pair[1].0);
+            }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Where samples come from: a pipe or a file that may grow, bare or as WAV.
+
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use super::super::CliError;
+use crate::recording::stream::StreamFormat;
+use crate::recording::{RawSample, WavFormat};
+
+/// Seconds of samples in one block.
+const BLOCK_S: f64 = 0.25;
+
+/// How often a file is looked at that grows.
+const GROWTH_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Samples that are read block by block.
+pub(super) struct Source {
+    reader: Box<dyn Read + Send>,
+    name: String,
+    pub(super) format: StreamFormat,
+    /// How a WAV stores samples that are sent as another type.
+    converted: Option<WavFormat>,
+    /// Bytes that are still to come, where that is known.
+    left: Option<u64>,
+    /// A file goes on after its end.
+    is_followed: bool,
+    stop: Arc<AtomicBool>,
+}
+
+impl Source {
+    /// Opens a file, or the standard input for `-`. Without a `format` it is a WAV.
+    pub(super) fn open(
+        path: &str,
+        format: Option<StreamFormat>,
+        is_followed: bool,
+        stop: Arc<AtomicBool>,
+    ) -> Result<Self, CliError> {
+        let mut reader: Box<dyn Read + Send> = match path {
+            "-" => Box::new(io::stdin()),
+            path => Box::new(File::open(path).map_err(CliError::io(Path::new(path)))?),
+        };
+        let (mut converted, mut left) = (None, None);
+        let format = match format {
+            Some(format) => format,
+            None => {
+                let failed = |source| CliError::Recording { path: path.into(), source };
+                let (wav, declared) = WavFormat::read_open_ended(&mut reader).map_err(failed)?;
+                left = declared.filter(|_| !is_followed);
+                let (sample, is_same) = match (wav.float, wav.bits, wav.container) {
+                    (false, 16, 2) => (RawSample::I16, !wav.big_endian),
+                    (true, 32, 4) => (RawSample::F32, !wav.big_endian),
+                    _ => (RawSample::F32, false),
+                };
+                let sample = if is_same { sample } else { RawSample::F32 };
+                converted = (!is_same).then_some(wav);
+                let channels = u32::try_from(wav.channels).unwrap_or(u32::MAX);
+                StreamFormat::new(sample, wav.sample_rate_hz.into(), channels, None).map_err(failed)?
+            }
+        };
+        let name = if path == "-" { "standard input" } else { path }.to_owned();
+        Ok(Self { reader, name, format, converted, left, is_followed, stop })
+    }
+
+    /// Passes over so many frames of a file.
+    pub(super) fn skip(&mut self, path: &str, frames: u64) -> Result<(), CliError> {
+        let bytes = frames.saturating_mul(self.read_frame_bytes() as u64);
+        let failed = CliError::io(Path::new(path));
+        let skipped = (|| {
+            // The header is behind; where it ends says how much of the file there is.
+            let mut file = File::open(path)?;
+            let length = file.metadata()?.len();
+            let begin = length - io::copy(&mut self.reader, &mut io::sink())?;
+            file.seek(SeekFrom::Start(begin + bytes))?;
+            self.reader = Box::new(file);
+            Ok(())
+        })();
+        self.left = self.left.map(|left| left.saturating_sub(bytes));
+        skipped.map_err(failed)
+    }
+
+    /// The next frames, up to a block of them; none at the end. Half a frame at the end is left out.
+    pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, CliError> {
+        let width = self.read_frame_bytes();
+        let wanted = (self.format.frames_in(BLOCK_S).max(1) as usize).saturating_mul(width);
+        let wanted = self.left.map_or(wanted, |left| wanted.min(left as usize));
+        let mut bytes = vec![0; wanted];
+        let mut filled = 0;
+        while filled < wanted && !self.stop.load(Ordering::Relaxed) {
+            match self.reader.read(&mut bytes[filled..]) {
+                Ok(0) if self.is_followed => std::thread::sleep(GROWTH_INTERVAL),
+                Ok(0) => break,
+                Ok(count) => filled += count,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(source) => return Err(CliError::Io { path: self.name.as_str().into(), source }),
+            }
+        }
+        bytes.truncate(filled / width * width);
+        self.left = self.left.map(|left| left - bytes.len() as u64);
+        if bytes.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(match &self.converted {
+            Some(wav) => {
+                bytes.chunks_exact(wav.container).flat_map(|sample| wav.value(sample).to_le_bytes()).collect()
+            }
+            None => bytes,
+        }))
+    }
+
+    /// Bytes of a frame as it is read.
+    fn read_frame_bytes(&self) -> usize {
+        self.converted.as_ref().map_or(self.format.frame_bytes(), WavFormat::frame_bytes)
+    }
+}

@@ -1,0 +1,297 @@
+//! A live stream over a WebSocket.
+
+use std::time::{Duration, Instant};
+
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
+use axum::response::Response;
+use bytes::Bytes;
+use futures_util::FutureExt;
+use serde::{Deserialize, Serialize};
+use tokio::sync::watch;
+
+use super::app::App;
+use super::session::Caller;
+use super::streams::OpenStream;
+use crate::recording::stream::Chunk;
+use crate::service::{ServiceError, StreamGap, StreamProgress, StreamSender};
+use crate::signal::OperatingPoint;
+use crate::store::StoreError;
+
+/// Bytes of one message.
+const MAX_MESSAGE_BYTES: usize = 4 << 20;
+
+/// Bytes that are taken together: one wait for the disk serves them all.
+const MAX_BATCH_BYTES: usize = 4 << 20;
+
+/// Index and time in front of the samples of a message.
+const HEAD_BYTES: usize = 16;
+
+/// How long a sender may be silent before it is asked whether it is there, and before it counts as gone.
+const ASK_AFTER: Duration = Duration::from_secs(15);
+const GONE_AFTER: Duration = Duration::from_secs(45);
+
+/// How often is looked whether the token and the asset are still there.
+const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+
+/// What a sender says besides samples.
+#[derive(Debug, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+enum Said {
+    /// Nothing before this index comes any more.
+    Gap { next: u64 },
+    /// What the machine does from now on.
+    Operating { shaft_speed_hz: Option<f64>, torque_nm: Option<f64>, temperature_c: Option<f64> },
+    /// The stream is over for now.
+    End,
+}
+
+/// What a sender is told.
+#[derive(Debug, Serialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+enum Told {
+    /// Where to go on.
+    Stream { next: Option<u64> },
+    /// Everything before this index is kept.
+    Ack { next: Option<u64> },
+    /// Samples never came.
+    Gap { first: u64, samples: u64 },
+}
+
+/// Why a connection is closed, with the code that says so.
+struct Closing {
+    code: u16,
+    reason: String,
+}
+
+impl Closing {
+    fn new(code: u16, reason: impl Into<String>) -> Self {
+        Self { code, reason: reason.into() }
+    }
+
+    fn end() -> Self {
+        Self::new(1000, "the stream is ended")
+    }
+}
+
+impl From<ServiceError> for Closing {
+    fn from(error: ServiceError) -> Self {
+        let code = match &error {
+            ServiceError::Recording(_) | ServiceError::Field { .. } => 4400,
+            ServiceError::Store(StoreError::AssetUnknown(_)) | ServiceError::StreamUnknown { .. } => 4404,
+            ServiceError::StreamTaken => 4409,
+            ServiceError::Store(error) if error.is_full() => 4507,
+            ServiceError::Busy { .. } => 4503,
+            ServiceError::Store(error) if error.is_unavailable() => 4503,
+            _ => {
+                tracing::error!(%error, "a stream failed");
+                1011
+            }
+        };
+        Self::new(code, error.to_string())
+    }
+}
+
+/// Answers a request that begins a stream.
+pub(super) fn answer(
+    upgrade: WebSocketUpgrade,
+    app: App,
+    stream: OpenStream,
+    caller: Option<Caller>,
+) -> Response {
+    let upgrade = upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES);
+    upgrade.on_upgrade(async move |socket| {
+        let over = app.service.streams.follow_end();
+        let OpenStream { sender, share: _share } = stream;
+        let connection = Connection { app, sender, caller, over, looked_at: Instant::now() };
+        connection.run(socket).await;
+    })
+}
+
+struct Connection {
+    app: App,
+    sender: StreamSender,
+    caller: Option<Caller>,
+    over: watch::Receiver<bool>,
+    looked_at: Instant,
+}
+
+impl Connection {
+    async fn run(mut self, mut socket: WebSocket) {
+        let Err(closing) = self.serve(&mut socket).await else { return };
+        tracing::debug!(code = closing.code, reason = closing.reason, "a stream is closed");
+        let mut reason = closing.reason;
+        // The most that fits into the frame.
+        while reason.len() > 123 {
+            reason.pop();
+        }
+        let frame = CloseFrame { code: closing.code, reason: reason.into() };
+        let farewell = async {
+            let _ = socket.send(Message::Close(Some(frame))).await;
+            // The client answers, so that it has read the reason before the connection goes.
+            while let Some(Ok(message)) = socket.recv().await {
+                if matches!(message, Message::Close(_)) {
+                    break;
+                }
+            }
+        };
+        let _ = tokio::time::timeout(Duration::from_secs(5), farewell).await;
+    }
+
+    /// Takes messages until the connection ends by itself (`Ok`) or is to be closed.
+    async fn serve(&mut self, socket: &mut WebSocket) -> Result<(), Closing> {
+        if !tell(socket, &Told::Stream { next: self.sender.next() }).await {
+            return Ok(());
+        }
+        let (mut heard_at, mut is_asked) = (Instant::now(), false);
+        loop {
+            let received = tokio::select! {
+                _ = self.over.wait_for(|over| *over) => {
+                    return Err(Closing::new(1001, "the service ends: go on when it is back"));
+                }
+                () = self.sender.taken_over() => return Err(ServiceError::StreamTaken.into()),
+                received = tokio::time::timeout(LOOK_INTERVAL, socket.recv()) => received,
+            };
+            if self.looked_at.elapsed() >= LOOK_INTERVAL {
+                self.look().await?;
+            }
+            match received {
+                Ok(Some(Ok(message))) => {
+                    (heard_at, is_asked) = (Instant::now(), false);
+                    if !self.take(socket, message).await? {
+                        return Ok(());
+                    }
+                }
+                Ok(Some(Err(error))) => {
+                    return Err(Closing::new(1002, format!("the message cannot be read: {error}")));
+                }
+                Ok(None) => return Ok(()),
+                Err(_) if heard_at.elapsed() >= GONE_AFTER => {
+                    return Err(Closing::new(4408, "nothing came for 45 s, not even a pong"));
+                }
+                Err(_) if heard_at.elapsed() >= ASK_AFTER && !is_asked => {
+                    is_asked = true;
+                    if socket.send(Message::Ping(Bytes::new())).await.is_err() {
+                        return Ok(());
+                    }
+                }
+                Err(_) => {}
+            }
+        }
+    }
+
+    /// Looks whether the stream may still be sent, and how it is to be cut.
+    async fn look(&mut self) -> Result<(), Closing> {
+        self.looked_at = Instant::now();
+        if let Some(caller) = &self.caller
+            && !self.app.access.still_takes(caller).await
+        {
+            return Err(Closing::new(4401, "the token was revoked"));
+        }
+        match self.sender.refresh().await {
+            Err(error @ ServiceError::Store(StoreError::AssetUnknown(_))) => Err(error.into()),
+            // The database may be back the next time; nothing here waits for it.
+            _ => Ok(()),
+        }
+    }
+
+    /// Takes a message with those behind it that have come already; false where the connection is over.
+    async fn take(&mut self, socket: &mut WebSocket, message: Message) -> Result<bool, Closing> {
+        let mut next = Some(message);
+        let (mut chunks, mut bytes) = (Vec::new(), 0);
+        let mut ended = None;
+        while let Some(message) = next.take() {
+            match message {
+                Message::Binary(message) => {
+                    bytes += message.len();
+                    match self.chunk(message) {
+                        Ok(chunk) => chunks.push(chunk),
+                        Err(closing) => ended = Some(closing),
+                    }
+                }
+                Message::Text(text) => {
+                    // What came before it is meant to be before it.
+                    if !self.keep(socket, std::mem::take(&mut chunks)).await? {
+                        return Ok(false);
+                    }
+                    match self.hear(socket, text.as_str()).await {
+                        Ok(true) => {}
+                        Ok(false) => return Ok(false),
+                        Err(closing) => ended = Some(closing),
+                    }
+                }
+                Message::Close(_) => {
+                    self.keep(socket, chunks).await?;
+                    return Ok(false);
+                }
+                Message::Ping(_) | Message::Pong(_) => {}
+            }
+            if ended.is_some() || bytes >= MAX_BATCH_BYTES {
+                break;
+            }
+            // Errors come again at the next call.
+            if let Some(Some(Ok(message))) = socket.recv().now_or_never() {
+                next = Some(message);
+            }
+        }
+        let is_open = self.keep(socket, chunks).await?;
+        ended.map_or(Ok(is_open), Err)
+    }
+
+    /// Keeps chunks and acknowledges them; false where nobody is told any more.
+    async fn keep(&mut self, socket: &mut WebSocket, chunks: Vec<Chunk>) -> Result<bool, Closing> {
+        if chunks.is_empty() {
+            return Ok(true);
+        }
+        let StreamProgress { next, gaps } = self.sender.take(chunks).await?;
+        Ok(tell_gaps(socket, &gaps).await && tell(socket, &Told::Ack { next }).await)
+    }
+
+    async fn hear(&mut self, socket: &mut WebSocket, text: &str) -> Result<bool, Closing> {
+        let said = serde_json::from_str(text);
+        match said.map_err(|error| Closing::new(4400, format!("the message cannot be used: {error}")))? {
+            Said::Gap { next } => {
+                let StreamProgress { next, gaps } = self.sender.give_up_before(next).await?;
+                Ok(tell_gaps(socket, &gaps).await && tell(socket, &Told::Ack { next }).await)
+            }
+            Said::Operating { shaft_speed_hz, torque_nm, temperature_c } => {
+                let point = OperatingPoint { shaft_speed_hz, torque_nm, temperature_c };
+                self.sender.set_operating_point(point).await?;
+                Ok(true)
+            }
+            Said::End => Err(Closing::end()),
+        }
+    }
+
+    /// The samples of a message.
+    fn chunk(&self, mut message: Bytes) -> Result<Chunk, Closing> {
+        let (head, _) = message.as_chunks::<8>();
+        let [first, time_ns, ..] = head else {
+            let reason =
+                format!("a message of {} bytes, expected an index, a time and samples", message.len());
+            return Err(Closing::new(4400, reason));
+        };
+        let (first, time_ns) = (u64::from_le_bytes(*first), i64::from_le_bytes(*time_ns));
+        let bytes = message.split_off(HEAD_BYTES);
+        let mut chunk = self.sender.received_now(first, bytes);
+        if time_ns != 0 {
+            chunk.time_ns = Some(time_ns);
+        }
+        Ok(chunk)
+    }
+}
+
+async fn tell_gaps(socket: &mut WebSocket, gaps: &[StreamGap]) -> bool {
+    for gap in gaps {
+        if !tell(socket, &Told::Gap { first: gap.first, samples: gap.samples }).await {
+            return false;
+        }
+    }
+    true
+}
+
+/// Whether the sender was told.
+async fn tell(socket: &mut WebSocket, told: &Told) -> bool {
+    // Numbers and names: it always serialises.
+    let text = serde_json::to_string(told).unwrap_or_default();
+    socket.send(Message::Text(text.into())).await.is_ok()
+}

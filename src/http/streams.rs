@@ -1,0 +1,362 @@
+//! Live streams: their chunks in the body of a request, how they stand, and their levels.
+
+use axum::Extension;
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::http::{HeaderMap, Method};
+use axum::response::{IntoResponse, Response};
+use bytes::{Bytes, BytesMut};
+use jiff::Timestamp;
+use serde::Deserialize;
+
+use super::app::App;
+use super::body::{self, BodySource};
+use super::connections::closing;
+use super::problem::{Details, Problem};
+use super::query::{AssetInPath, Parameters};
+use super::session::Caller;
+use super::shares::{Client, Share};
+use super::stream_socket;
+use super::stream_views::{GapView, KeptView, LevelList, LevelView, StreamAnswer, StreamList, StreamView};
+use crate::asset::AssetId;
+use crate::recording::RawSample;
+use crate::recording::stream::{Chunk, StreamFormat};
+use crate::service::{ServiceError, StreamProgress, StreamSender};
+
+const BARE: &str = "application/octet-stream";
+
+/// The name of a stream that is not given one.
+const USUAL_NAME: &str = "main";
+
+/// Bytes of a body that are taken at a time.
+const CHUNK_BYTES: usize = 1 << 20;
+
+/// Seconds of levels that one answer has at most.
+const MAX_LEVELS: usize = 100_000;
+
+/// What a sender says of a stream in its address.
+#[derive(Debug, Clone, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StreamParameters {
+    /// The stream's name among those of the asset: `main` where not given.
+    name: Option<String>,
+    /// How a sample is written, `f32` or `i16`, little-endian, channels interleaved. Not to be left out by
+    /// who sends.
+    #[param(example = "f32")]
+    sample: Option<String>,
+    /// Sampling rate in hertz. Not to be left out by who sends.
+    #[param(example = 25600.0)]
+    sample_rate_hz: Option<f64>,
+    /// Number of channels, 1 where not given.
+    channels: Option<u32>,
+    /// Value of one count in `unit`; 1 for `f32`, 1/32768 for `i16` where not given.
+    scale: Option<f64>,
+    /// Unit of the samples; that of the asset where not given.
+    #[param(example = "m/s2")]
+    unit: Option<String>,
+    /// Names of the channels in their order, with commas between them.
+    channel_names: Option<String>,
+    /// Index of the first sample in the body; the next one where not given. Of a new stream that is sent over
+    /// a WebSocket: the index that it begins with.
+    first_index: Option<u64>,
+    /// When the first sample in the body was measured.
+    start_time: Option<Timestamp>,
+    /// Nothing before `first_index` comes any more: what is missing is a gap at once.
+    #[serde(default)]
+    after_gap: bool,
+}
+
+/// Which levels are asked for.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LevelParameters {
+    /// The stream's name: `main` where not given.
+    name: Option<String>,
+    /// From this time on.
+    from: Option<Timestamp>,
+    /// Up to this time.
+    to: Option<Timestamp>,
+}
+
+/// What is to be kept.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct KeepParameters {
+    /// The stream's name: `main` where not given.
+    name: Option<String>,
+    /// How many of the last seconds, at most 60: 10 where not given.
+    #[param(minimum = 0.1, maximum = 60)]
+    seconds: Option<f64>,
+}
+
+impl StreamParameters {
+    fn format(&self) -> Result<StreamFormat, Problem> {
+        let missing = |field| Problem::query(field, "missing", "its value: samples do not say it themselves");
+        let sample: RawSample = self
+            .sample
+            .as_deref()
+            .ok_or_else(|| missing("sample"))?
+            .parse()
+            .map_err(|error| Problem::from(ServiceError::Recording(error)))?;
+        let rate_hz = self.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
+        let names = self.channel_names.iter().flat_map(|names| names.split(','));
+        let names = names.map(|name| name.trim().to_owned()).collect();
+        StreamFormat::new(sample, rate_hz, self.channels.unwrap_or(1), self.scale)
+            .and_then(|format| format.with_names(self.unit.clone(), names))
+            .map_err(|error| Problem::from(ServiceError::Recording(error)))
+    }
+
+    fn name(&self) -> &str {
+        self.name.as_deref().unwrap_or(USUAL_NAME)
+    }
+}
+
+/// A stream that is open, with its place among those of all clients.
+pub(super) struct OpenStream {
+    pub(super) sender: StreamSender,
+    pub(super) share: Share,
+}
+
+async fn open(
+    app: &App,
+    asset: &AssetId,
+    asked: &StreamParameters,
+    client: Client,
+) -> Result<OpenStream, Problem> {
+    if let Some(what) = app.service.store.damage() {
+        return Err(Problem::busy(format!("the database is damaged: {what}; nothing is written to it"), 60));
+    }
+    let format = asked.format()?;
+    let too_many = || Problem::busy("too many streams are sent, by this client or by all together", 30);
+    let share = app.streams.take(client).ok_or_else(too_many)?;
+    let sender = app.service.streams.open(asset, asked.name(), format, asked.first_index).await?;
+    Ok(OpenStream { sender, share })
+}
+
+/// Send a live stream, or look at it
+///
+/// With `Upgrade: websocket` the request begins to send the stream: samples in binary messages, kept ones
+/// acknowledged by their index (`docs/streams.md`). That needs a token of the scope `write`. Without it, it
+/// answers how the stream stands.
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/stream",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), StreamParameters),
+    responses(
+        (status = 200, body = StreamView),
+        (status = 101, description = "Messages of `docs/streams.md` follow"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format"),
+        (status = 422, body = Details, content_type = "application/problem+json", description = "The format cannot be used"),
+        (status = 501, body = Details, content_type = "application/problem+json", description = "A cluster takes no streams"),
+    ),
+)]
+pub(super) async fn connect(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<StreamParameters>,
+    client: Client,
+    caller: Option<Extension<Caller>>,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Result<Response, Problem> {
+    let Ok(upgrade) = upgrade else {
+        let status = app.service.streams.status(&asset, asked.name()).await?;
+        return Ok(Json(StreamView::from(status)).into_response());
+    };
+    let stream = match open(&app, &asset, &asked, client).await {
+        Ok(stream) => stream,
+        // The connection would only wait; others need its place.
+        Err(problem) => return Ok(closing(problem.into_response())),
+    };
+    let caller = caller.map(|Extension(caller)| caller);
+    Ok(stream_socket::answer(upgrade, app, stream, caller))
+}
+
+/// Send a part of a live stream
+///
+/// The body is bare samples of any length that follow on each other; it may come in chunks, without an end
+/// that is known before. It is kept as it comes, and answered at its end: `next` says up to where it is. What
+/// is kept already is not kept again. A body that breaks off is kept as far as it came: the stream says its
+/// `next`, and the client goes on from there.
+#[utoipa::path(
+    post,
+    path = "/v1/assets/{asset}/stream",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), StreamParameters),
+    request_body(content((Vec<u8> = "application/octet-stream")), description = "Samples"),
+    responses(
+        (status = 200, body = StreamAnswer),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format, or another connection sends it now"),
+        (status = 501, body = Details, content_type = "application/problem+json", description = "A cluster takes no streams"),
+    ),
+)]
+pub(super) async fn send(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<StreamParameters>,
+    client: Client,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Json<StreamAnswer>, Problem> {
+    let media_type = body::media_type(&headers);
+    if media_type.as_deref() != Some(BARE) {
+        return Err(body::unsupported(media_type.as_deref(), BARE));
+    }
+    let OpenStream { mut sender, share: _share } = open(&app, &asset, &asked, client).await?;
+    let mut gaps = Vec::new();
+    if asked.after_gap {
+        let first = asked.first_index.ok_or_else(|| {
+            Problem::query("first_index", "missing", "an index: after_gap says that nothing before it comes")
+        })?;
+        let progress = sender.give_up_before(first).await?;
+        gaps.extend(views(&progress));
+    }
+    let mut body = BodyChunks {
+        source: BodySource::endless(body, &app.limits),
+        frame_bytes: sender.format().frame_bytes(),
+        rest: BytesMut::new(),
+    };
+    let mut first = asked.first_index.or(sender.next()).unwrap_or(0);
+    let mut start_time = asked.start_time;
+    let mut over = app.service.streams.follow_end();
+    loop {
+        let bytes = tokio::select! {
+            _ = over.wait_for(|over| *over) => return Err(Problem::busy("the service ends", 1)),
+            bytes = body.next() => bytes?,
+        };
+        let Some(bytes) = bytes else { break };
+        let frames = (bytes.len() / sender.format().frame_bytes()) as u64;
+        let mut chunk: Chunk = sender.received_now(first, bytes);
+        if let Some(time) = start_time.take() {
+            chunk.time_ns = i64::try_from(time.as_nanosecond()).ok();
+        } else if asked.start_time.is_some() {
+            // The sender's clock is the one that counts.
+            chunk.time_ns = None;
+        }
+        let progress = sender.take(vec![chunk]).await?;
+        gaps.extend(views(&progress));
+        first += frames;
+    }
+    Ok(Json(StreamAnswer { next: sender.next(), gaps }))
+}
+
+fn views(progress: &StreamProgress) -> impl Iterator<Item = GapView> + '_ {
+    progress.gaps.iter().map(|gap| GapView { first: gap.first, samples: gap.samples })
+}
+
+/// A body in pieces of whole frames.
+struct BodyChunks {
+    source: BodySource,
+    frame_bytes: usize,
+    /// What came and is not passed on.
+    rest: BytesMut,
+}
+
+impl BodyChunks {
+    /// The next whole frames; none at the end.
+    async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
+        while self.rest.len() < self.frame_bytes {
+            match self.source.next().await? {
+                Some(piece) => self.rest.extend_from_slice(&piece),
+                None if self.rest.is_empty() => return Ok(None),
+                None => {
+                    let expected = "a multiple of the bytes of one sample of every channel";
+                    return Err(Problem::content("the body's length", "not whole", expected));
+                }
+            }
+        }
+        // What is there already costs no further write.
+        while self.rest.len() < CHUNK_BYTES
+            && let Some(piece) = self.source.next_now().await?
+        {
+            self.rest.extend_from_slice(&piece);
+        }
+        let whole = self.rest.len() / self.frame_bytes * self.frame_bytes;
+        Ok(Some(self.rest.split_to(whole).freeze()))
+    }
+}
+
+/// The live streams of an asset
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/streams",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset")),
+    responses((status = 200, body = StreamList)),
+)]
+pub(super) async fn list(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+) -> Result<Json<StreamList>, Problem> {
+    let streams = app.service.streams.list(&asset).await?;
+    Ok(Json(StreamList { items: streams.into_iter().map(StreamView::from).collect() }))
+}
+
+/// Levels of a live stream
+///
+/// RMS and peak of each second, also of those that are in no record: days to weeks, then the oldest go.
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/stream/levels",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), LevelParameters),
+    responses((status = 200, body = LevelList)),
+)]
+pub(super) async fn levels(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<LevelParameters>,
+) -> Result<Json<LevelList>, Problem> {
+    let nanoseconds = |time: Option<Timestamp>, otherwise: i64| {
+        time.map_or(otherwise, |time| i64::try_from(time.as_nanosecond()).unwrap_or(otherwise))
+    };
+    let (from_ns, to_ns) = (nanoseconds(asked.from, i64::MIN), nanoseconds(asked.to, i64::MAX));
+    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let levels = app.service.streams.levels(&asset, name, from_ns, to_ns).await?;
+    let number = |value: f32| value.is_finite().then(|| f64::from(value));
+    let items = levels.into_iter().take(MAX_LEVELS).filter_map(|row| {
+        Some(LevelView {
+            time: Timestamp::from_nanosecond(row.time_ns.into()).ok()?,
+            first: row.level.first,
+            samples: row.level.frames,
+            rms: row.level.channels.iter().map(|channel| number(channel.rms)).collect(),
+            peak: row.level.channels.iter().map(|channel| number(channel.peak)).collect(),
+        })
+    });
+    Ok(Json(LevelList { items: items.collect() }))
+}
+
+/// Keep the last seconds of a live stream
+///
+/// They become a record, whatever the asset's description says of records; less where there is a gap.
+#[utoipa::path(
+    post,
+    path = "/v1/assets/{asset}/stream/keep",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), KeepParameters),
+    responses((status = 200, body = KeptView), (status = 422, body = Details, content_type = "application/problem+json", description = "So many seconds cannot be kept")),
+)]
+pub(super) async fn keep(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<KeepParameters>,
+) -> Result<Json<KeptView>, Problem> {
+    let seconds = asked.seconds.unwrap_or(10.0);
+    if !(0.1..=60.0).contains(&seconds) {
+        return Err(Problem::query("seconds", seconds, "a number from 0.1 to 60"));
+    }
+    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let (start_time, samples) = app.service.streams.keep_last(&asset, name, seconds).await?;
+    Ok(Json(KeptView { start_time, samples }))
+}
+
+/// Whether a request goes on as long as the client likes.
+pub(super) fn is_endless(method: &Method, route: Option<&str>) -> bool {
+    *method == Method::POST && route == Some("/v1/assets/{asset}/stream")
+}

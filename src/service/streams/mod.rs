@@ -1,0 +1,468 @@
+//! Live streams: samples that come without end, kept in a journal on the disk until records are cut out of
+//! them, which go the way of all records.
+//!
+//! What is answered as kept is on the disk. A process that is killed goes on with the journal at its next
+//! start: a record that was cut is the same record then, with the same identifier, and is stored once.
+
+mod live;
+mod sender;
+mod state;
+mod stored;
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use tokio::sync::watch;
+
+use super::clock::Clock;
+use super::error::ServiceError;
+use super::pipeline::Pipeline;
+use super::record::{RecordFormat, UploadMetadata};
+use super::sensor_group::SensorGroup;
+use super::workers::{Workers, blocking};
+use crate::asset::{AssetId, StreamSpec};
+use crate::recording::RecordingError;
+use crate::recording::stream::{CutPolicy, StreamFormat};
+use crate::store::{Store, StoreError, TimedLevel};
+use live::{CutRecord, LiveStream};
+pub use sender::StreamSender;
+use stored::{StoredStream, folder_of};
+pub use stored::{StreamGap, StreamProgress};
+
+/// Streams of one asset.
+const MAX_OF_ASSET: usize = 16;
+
+/// Records of a stream that wait for the pipeline; the sender waits beyond that.
+const MAX_PENDING: usize = 4;
+
+/// Bytes of one record that is cut.
+const MAX_RECORD_BYTES: u64 = 64 << 20;
+
+/// Wait before a record is tried again, and the longest one.
+const RETRY_AFTER: Duration = Duration::from_millis(200);
+const LONGEST_RETRY: Duration = Duration::from_secs(30);
+
+/// The live streams of a service.
+pub struct Streams {
+    store: Store,
+    workers: Arc<Workers>,
+    pipeline: Arc<Pipeline>,
+    clock: Arc<dyn Clock>,
+    /// None where processes share a store: a journal is in the folder of one.
+    folder: Option<PathBuf>,
+    all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
+    is_over: watch::Sender<bool>,
+}
+
+/// How a stream stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StreamStatus {
+    /// Its name.
+    pub name: String,
+    /// How its samples are written.
+    pub format: StreamFormat,
+    /// Index after the last sample that is kept.
+    pub next: Option<u64>,
+    /// The time that this index is of.
+    pub next_time: Option<Timestamp>,
+    /// By how much samples come faster than the rate says, in parts per million.
+    pub drift_ppm: Option<f64>,
+    /// How often the sender's clock jumped.
+    pub clock_jumps: u64,
+    /// Gaps, and the samples that are missing in them.
+    pub gaps: u64,
+    /// Samples of each channel that are missing.
+    pub gap_samples: u64,
+    /// Times at which samples became records.
+    pub records: u64,
+    /// The same of records that were refused.
+    pub records_refused: u64,
+    /// Records that are still to be stored.
+    pub records_waiting: u64,
+    /// Bytes of samples on the disk.
+    pub journal_bytes: u64,
+}
+
+impl Streams {
+    pub(crate) fn new(
+        store: Store,
+        workers: Arc<Workers>,
+        pipeline: Arc<Pipeline>,
+        clock: Arc<dyn Clock>,
+        folder: PathBuf,
+    ) -> Arc<Self> {
+        let folder = (!store.is_shared()).then_some(folder);
+        let is_over = watch::Sender::new(false);
+        Arc::new(Self { store, workers, pipeline, clock, folder, all: Mutex::default(), is_over })
+    }
+
+    /// Begins to send a stream, or goes on with it. Whoever sent it before is told that it does no more.
+    /// `first` is the index that a new stream begins with, that of its first sample where not given.
+    ///
+    /// Errors: the asset has no sensor of its own; the stream has another format; a record of it would be too
+    /// large; there are too many.
+    pub async fn open(
+        self: &Arc<Self>,
+        asset: &AssetId,
+        name: &str,
+        format: StreamFormat,
+        first: Option<u64>,
+    ) -> Result<StreamSender, ServiceError> {
+        check_name(name)?;
+        let described = SensorGroup::of(&self.store, asset).await?.asset;
+        let policy = policy_of(described.spec.stream, &format)?;
+        let stream = self.find(asset, name, true)?;
+        let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
+        let (next, owner) = blocking("open a stream", move || {
+            opened.with(|stored| {
+                if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
+                    // That of an asset of the same name that is gone.
+                    *stored = None;
+                    remove_folder(&opened.folder)?;
+                }
+                let stored = match stored {
+                    Some(stored) => stored,
+                    None => stored.insert(StoredStream::create(
+                        &opened.folder,
+                        created_at,
+                        wanted.clone(),
+                        first,
+                    )?),
+                };
+                if stored.state().format != wanted {
+                    return Err(ServiceError::StreamFormat {
+                        asset: opened.asset.clone(),
+                        name: opened.name.clone(),
+                    });
+                }
+                stored.begin_again();
+                Ok((stored.state().next, opened.take_over()))
+            })
+        })
+        .await??;
+        self.cut_in_background(&stream);
+        let pending = stream.follow_pending();
+        Ok(StreamSender { streams: Arc::clone(self), stream, owner, policy, format, next, pending })
+    }
+
+    /// How the streams of an asset stand, by their names.
+    pub async fn list(&self, asset: &AssetId) -> Result<Vec<StreamStatus>, ServiceError> {
+        self.store.asset(asset).await?;
+        let streams: Vec<Arc<LiveStream>> = {
+            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+            all.values().filter(|stream| stream.asset == *asset).cloned().collect()
+        };
+        let list = move || {
+            let known = streams
+                .iter()
+                .filter_map(|stream| stream.with_stored(|stored| Ok(status(stream, stored))).ok());
+            let mut known: Vec<StreamStatus> = known.collect();
+            known.sort_by(|one, other| one.name.cmp(&other.name));
+            known
+        };
+        blocking("look at streams", list).await
+    }
+
+    /// How a stream stands.
+    ///
+    /// Error: [`ServiceError::StreamUnknown`].
+    pub async fn status(&self, asset: &AssetId, name: &str) -> Result<StreamStatus, ServiceError> {
+        self.of_stream(asset, name, |stream, stored| Ok(status(stream, stored))).await
+    }
+
+    /// Levels of a stream's seconds from one time to another.
+    ///
+    /// Error: [`ServiceError::StreamUnknown`].
+    pub async fn levels(
+        &self,
+        asset: &AssetId,
+        name: &str,
+        from_ns: i64,
+        to_ns: i64,
+    ) -> Result<Vec<TimedLevel>, ServiceError> {
+        self.of_stream(asset, name, move |_, stored| stored.levels(from_ns, to_ns)).await
+    }
+
+    /// Makes a record of the last seconds of a stream; returns when it begins and how many samples it has.
+    ///
+    /// Errors: [`ServiceError::StreamUnknown`]; there is no sample.
+    pub async fn keep_last(
+        self: &Arc<Self>,
+        asset: &AssetId,
+        name: &str,
+        seconds: f64,
+    ) -> Result<(Timestamp, u64), ServiceError> {
+        let kept = self.of_stream(asset, name, move |stream, stored| {
+            // As long as a record that is cut may be.
+            let format = stored.state().format.clone();
+            let most = CutPolicy::new(seconds, seconds, format.sample_rate_hz())?.record_frames();
+            check_bytes(most, &format)?;
+            if stored.state().pending.len() >= MAX_PENDING {
+                return Err(ServiceError::Busy { what: "records of the stream wait", retry_after_s: 5 });
+            }
+            stored.keep_last(most)?.ok_or_else(|| stream.unknown())
+        });
+        let kept = kept.await?;
+        self.cut_in_background(&self.find(asset, name, false)?);
+        Ok((kept.start_time, kept.cut.frames))
+    }
+
+    /// Removes the streams of an asset that is gone.
+    pub async fn remove(&self, asset: &AssetId) -> Result<(), ServiceError> {
+        let gone: Vec<Arc<LiveStream>> = {
+            let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+            all.extract_if(|(of, _), _| of == asset).map(|(_, stream)| stream).collect()
+        };
+        blocking("remove streams", move || gone.iter().try_for_each(|stream| stream.remove())).await?
+    }
+
+    /// Ends all connections that send, for the end of the service.
+    pub fn stop(&self) {
+        self.is_over.send_replace(true);
+    }
+
+    /// Writes nothing any more, before another process goes on with the data folder.
+    pub async fn close(&self) {
+        self.stop();
+        let all: Vec<Arc<LiveStream>> = {
+            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+            all.values().cloned().collect()
+        };
+        if let Err(error) =
+            blocking("close streams", move || all.iter().for_each(|stream| stream.close())).await
+        {
+            tracing::error!(%error, "failed to close the streams");
+        }
+    }
+
+    /// Tells when the service ends.
+    pub fn follow_end(&self) -> watch::Receiver<bool> {
+        self.is_over.subscribe()
+    }
+
+    /// Goes on with what the process before left.
+    pub(crate) async fn resume(self: &Arc<Self>) -> Result<(), ServiceError> {
+        let Some(folder) = self.folder.clone() else { return Ok(()) };
+        for (asset, name) in blocking("list streams", move || names_in(&folder)).await? {
+            let stream = self.find(&asset, &name, true)?;
+            let described = match self.store.asset(&asset).await {
+                Err(StoreError::AssetUnknown(_)) => None,
+                described => Some(described?),
+            };
+            let opened = Arc::clone(&stream);
+            let is_there = blocking("open a stream", move || {
+                let Some(described) = described else { return opened.remove().map(|()| false) };
+                opened.with(|stored| {
+                    let Some(stored) = stored else { return Ok(false) };
+                    if stored.state().asset_created_at != described.created_at {
+                        return Ok(false);
+                    }
+                    if let Ok(policy) = policy_of(described.spec.stream, &stored.state().format) {
+                        stored.plan(&policy)?;
+                    }
+                    Ok(true)
+                })
+            });
+            match is_there.await? {
+                Ok(true) => self.cut_in_background(&stream),
+                Ok(false) => {}
+                Err(error) => tracing::error!(%asset, name, %error, "failed to go on with a stream"),
+            }
+        }
+        Ok(())
+    }
+
+    async fn of_stream<T: Send + 'static>(
+        &self,
+        asset: &AssetId,
+        name: &str,
+        work: impl FnOnce(&LiveStream, &mut StoredStream) -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        self.store.asset(asset).await?;
+        let stream = self.find(asset, name, false)?;
+        blocking("look at a stream", move || stream.with_stored(|stored| work(&stream, stored))).await?
+    }
+
+    /// A stream; where it is to be made it need not be there.
+    fn find(&self, asset: &AssetId, name: &str, is_made: bool) -> Result<Arc<LiveStream>, ServiceError> {
+        let folder = self.folder.as_deref().ok_or(ServiceError::StreamsShared)?;
+        let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+        let key = (asset.clone(), name.to_owned());
+        if let Some(stream) = all.get(&key) {
+            return Ok(Arc::clone(stream));
+        }
+        if !is_made {
+            return Err(ServiceError::StreamUnknown { asset: asset.clone(), name: name.to_owned() });
+        }
+        if all.keys().filter(|(of, _)| of == asset).count() >= MAX_OF_ASSET {
+            let expected = "one of the 16 streams that the asset has";
+            return Err(ServiceError::Field { field: "name", value: name.to_owned(), expected });
+        }
+        let folder = folder_of(folder, asset.as_str(), name);
+        let stream = Arc::new(LiveStream::new(asset.clone(), name.to_owned(), folder));
+        all.insert(key, Arc::clone(&stream));
+        Ok(stream)
+    }
+
+    /// Has records that are cut stored, one after the other.
+    fn cut_in_background(self: &Arc<Self>, stream: &Arc<LiveStream>) {
+        if !stream.begin_cutting() {
+            return;
+        }
+        let (streams, stream) = (Arc::clone(self), Arc::clone(stream));
+        tokio::spawn(async move {
+            loop {
+                streams.store_cuts(&stream).await;
+                stream.end_cutting();
+                // One may have come since the last look.
+                if *streams.is_over.borrow() || !stream.begin_cutting() {
+                    return;
+                }
+            }
+        });
+    }
+
+    /// Stores records until there is none left or the service ends.
+    async fn store_cuts(&self, stream: &Arc<LiveStream>) {
+        let (mut wait, mut over) = (RETRY_AFTER, self.follow_end());
+        loop {
+            match self.store_next(stream).await {
+                Ok(true) => wait = RETRY_AFTER,
+                Ok(false) => return,
+                Err(error) => {
+                    let (asset, name) = (&stream.asset, &stream.name);
+                    tracing::warn!(%asset, name, %error, "a record of a stream has to wait");
+                    tokio::select! {
+                        _ = over.wait_for(|over| *over) => return,
+                        () = tokio::time::sleep(wait) => wait = (wait * 2).min(LONGEST_RETRY),
+                    }
+                }
+            }
+            if *over.borrow() {
+                return;
+            }
+        }
+    }
+
+    /// Stores the next record; false where there is none.
+    async fn store_next(&self, stream: &Arc<LiveStream>) -> Result<bool, ServiceError> {
+        let reader = Arc::clone(stream);
+        let Some(record) = blocking("read a stream", move || reader.next_cut()).await?? else {
+            return Ok(false);
+        };
+        let first = record.pending.cut.first;
+        let is_refused = match self.store_record(&stream.asset, record).await {
+            Ok(()) => false,
+            Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {
+                let gone = Arc::clone(stream);
+                blocking("remove a stream", move || gone.remove()).await??;
+                return Ok(false);
+            }
+            Err(
+                error @ (ServiceError::Recording(_)
+                | ServiceError::Field { .. }
+                | ServiceError::SensorOfOther { .. }),
+            ) => {
+                let (asset, name) = (&stream.asset, &stream.name);
+                tracing::warn!(%asset, name, first, %error, "a record of a stream cannot be stored");
+                true
+            }
+            Err(error) => return Err(error),
+        };
+        let writer = Arc::clone(stream);
+        let done = move || writer.with_stored(|stored| stored.done(first, is_refused));
+        match blocking("write a stream", done).await? {
+            // It was removed meanwhile.
+            Err(ServiceError::StreamUnknown { .. }) => Ok(false),
+            done => done.map(|()| true),
+        }
+    }
+
+    async fn store_record(&self, asset: &AssetId, record: CutRecord) -> Result<(), ServiceError> {
+        let CutRecord { pending, format, asset_created_at, bytes } = record;
+        if self.store.asset(asset).await?.created_at != asset_created_at {
+            return Err(StoreError::AssetUnknown(asset.clone()).into());
+        }
+        let mut ticket = self.workers.admit()?;
+        ticket.grow(bytes.len())?;
+        let metadata = UploadMetadata {
+            start_time: Some(pending.start_time),
+            channel_names: format.channel_names.clone(),
+            unit: format.unit.clone(),
+            operating_point: pending.operating_point,
+            ..UploadMetadata::default()
+        };
+        let format = RecordFormat::Raw(format.layout()?);
+        self.pipeline.accept(asset, format, bytes, metadata, ticket).await.map(|_| ())
+    }
+}
+
+fn status(stream: &LiveStream, stored: &StoredStream) -> StreamStatus {
+    let state = stored.state();
+    StreamStatus {
+        name: stream.name.clone(),
+        format: state.format.clone(),
+        next: state.next,
+        next_time: state.next.and_then(|next| state.time(next)),
+        drift_ppm: state.clock.drift_ppm(),
+        clock_jumps: state.clock.jumps(),
+        gaps: state.gaps,
+        gap_samples: state.gap_samples,
+        records: state.records,
+        records_refused: state.refused,
+        records_waiting: state.pending.len() as u64,
+        journal_bytes: stored.journal_bytes(),
+    }
+}
+
+fn policy_of(spec: StreamSpec, format: &StreamFormat) -> Result<CutPolicy, RecordingError> {
+    let policy = CutPolicy::new(spec.record_s, spec.interval_s, format.sample_rate_hz())?;
+    check_bytes(policy.record_frames(), format)?;
+    Ok(policy)
+}
+
+fn check_bytes(frames: u64, format: &StreamFormat) -> Result<(), RecordingError> {
+    if frames.saturating_mul(format.frame_bytes() as u64) <= MAX_RECORD_BYTES {
+        return Ok(());
+    }
+    let expected = "a length of at most 64 MiB of samples of all channels";
+    Err(RecordingError::field("record_s", format.seconds(frames), expected))
+}
+
+/// A name is part of a path.
+fn check_name(name: &str) -> Result<(), ServiceError> {
+    AssetId::new(name).map(|_| ()).map_err(|_| ServiceError::Field {
+        field: "name",
+        value: format!("{:?}", name.chars().take(64).collect::<String>()),
+        expected: "1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit",
+    })
+}
+
+fn remove_folder(folder: &std::path::Path) -> Result<(), ServiceError> {
+    std::fs::remove_dir_all(folder).map_err(|source| ServiceError::File {
+        action: "remove",
+        path: folder.to_path_buf(),
+        source,
+    })
+}
+
+/// The assets and names of the streams in a folder.
+fn names_in(folder: &std::path::Path) -> Vec<(AssetId, String)> {
+    let names = |folder: &std::path::Path| -> Vec<String> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.filter_map(|entry| entry.file_name().into_string().ok()).collect()
+    };
+    let assets = names(folder).into_iter().filter_map(|asset| AssetId::new(asset).ok());
+    assets
+        .flat_map(|asset| {
+            let streams = names(&folder.join(asset.as_str())).into_iter();
+            streams
+                .filter(|name| check_name(name).is_ok())
+                .map(move |name| (asset.clone(), name))
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}

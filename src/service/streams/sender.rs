@@ -1,0 +1,114 @@
+//! What one connection does with the stream that it sends.
+
+use std::sync::Arc;
+
+use tokio::sync::watch;
+
+use super::live::LiveStream;
+use super::stored::{StoredStream, StreamProgress};
+use super::{MAX_PENDING, Streams, policy_of};
+use crate::recording::stream::{Chunk, CutPolicy, StreamFormat};
+use crate::service::error::ServiceError;
+use crate::service::workers::blocking;
+use crate::signal::OperatingPoint;
+
+/// A stream that one connection sends.
+pub struct StreamSender {
+    pub(super) streams: Arc<Streams>,
+    pub(super) stream: Arc<LiveStream>,
+    pub(super) owner: u64,
+    pub(super) policy: CutPolicy,
+    pub(super) format: StreamFormat,
+    pub(super) next: Option<u64>,
+    pub(super) pending: watch::Receiver<usize>,
+}
+
+impl StreamSender {
+    /// Index of the sample that is to come next; none where the stream begins with whatever comes.
+    pub fn next(&self) -> Option<u64> {
+        self.next
+    }
+
+    /// How its samples are written.
+    pub fn format(&self) -> &StreamFormat {
+        &self.format
+    }
+
+    /// The chunk of samples that are received now, the last of them just measured.
+    pub fn received_now(&self, first: u64, bytes: bytes::Bytes) -> Chunk {
+        let frames = (bytes.len() / self.format.frame_bytes()) as f64;
+        let length_ns = (frames / self.format.sample_rate_hz() * 1e9) as i128;
+        let time_ns = self.streams.clock.now().as_nanosecond() - length_ns;
+        Chunk { first, time_ns: i64::try_from(time_ns).ok(), bytes }
+    }
+
+    /// Takes chunks; answers once they are on the disk. While records of the stream wait for the pipeline it
+    /// waits too, which slows the sender.
+    ///
+    /// Errors: [`ServiceError::StreamTaken`]; a chunk that cannot be used, those before it are taken.
+    pub async fn take(&mut self, chunks: Vec<Chunk>) -> Result<StreamProgress, ServiceError> {
+        let (mut owner, mut over) = (self.stream.follow_owner(), self.streams.follow_end());
+        let mine = self.owner;
+        tokio::select! {
+            // Its end is the service's, too.
+            _ = self.pending.wait_for(|pending| *pending < MAX_PENDING) => {}
+            _ = owner.wait_for(|owner| *owner != mine) => {}
+            _ = over.wait_for(|over| *over) => {}
+        }
+        let policy = self.policy;
+        self.write(move |stored| stored.take(chunks, &policy)).await
+    }
+
+    /// Takes that nothing before an index comes any more.
+    ///
+    /// Errors: as those of [`take`](Self::take).
+    pub async fn give_up_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
+        let policy = self.policy;
+        self.write(move |stored| stored.give_up_before(index, &policy)).await
+    }
+
+    /// Takes what the machine does from now on.
+    ///
+    /// Errors: as those of [`take`](Self::take).
+    pub async fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
+        self.write(move |stored| stored.set_operating_point(point)).await
+    }
+
+    /// Waits until another connection sends the stream, or its asset is gone.
+    pub async fn taken_over(&self) {
+        let mine = self.owner;
+        let _ = self.stream.follow_owner().wait_for(|owner| *owner != mine).await;
+    }
+
+    /// Cuts as the asset's description says now.
+    ///
+    /// Error: the asset is gone.
+    pub async fn refresh(&mut self) -> Result<(), ServiceError> {
+        let described = self.streams.store.asset(&self.stream.asset).await?;
+        if let Ok(policy) = policy_of(described.spec.stream, &self.format) {
+            self.policy = policy;
+        }
+        Ok(())
+    }
+
+    async fn write<T: Send + 'static>(
+        &mut self,
+        work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let (stream, owner) = (Arc::clone(&self.stream), self.owner);
+        let write = move || {
+            stream.with_stored(|stored| {
+                // Looked at under the lock: who took over begins with what is kept then.
+                if !stream.is_owner(owner) {
+                    return Err(ServiceError::StreamTaken);
+                }
+                let done = work(stored)?;
+                Ok((done, stored.state().next))
+            })
+        };
+        let (done, next) = blocking("write a stream", write).await??;
+        self.next = next;
+        self.streams.cut_in_background(&self.stream);
+        Ok(done)
+    }
+}

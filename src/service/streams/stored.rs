@@ -1,0 +1,313 @@
+//! One stream on the disk: what came, what follows from it, and the records that are still to be made.
+
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+use jiff::Timestamp;
+
+use super::state::{Draft, Note, PendingCut, StreamState};
+use crate::recording::RecordingError;
+use crate::recording::stream::{Assembler, Chunk, CutPolicy, Piece, StreamCut, StreamFormat};
+use crate::service::error::ServiceError;
+use crate::signal::OperatingPoint;
+use crate::store::{JournalEntry, StoreError, StreamJournal, StreamLevels, TimedLevel};
+
+/// Seconds by which chunks may come before those that belong in front of them.
+const REORDER_S: f64 = 2.0;
+
+/// A stretch of samples that never came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StreamGap {
+    /// Index of the first one.
+    pub first: u64,
+    /// How many.
+    pub samples: u64,
+}
+
+/// What became of chunks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StreamProgress {
+    /// Everything before this index is on the disk, or is known to be a gap; none before the first sample.
+    pub next: Option<u64>,
+    /// Gaps that are new.
+    pub gaps: Vec<StreamGap>,
+}
+
+/// A stream that is open for writing.
+#[derive(Debug)]
+pub(crate) struct StoredStream {
+    journal: StreamJournal,
+    levels: StreamLevels,
+    assembler: Assembler,
+    state: StreamState,
+}
+
+impl StoredStream {
+    /// A stream that begins, at this index or that of the first chunk.
+    pub(crate) fn create(
+        folder: &Path,
+        asset_created_at: Timestamp,
+        format: StreamFormat,
+        next: Option<u64>,
+    ) -> Result<Self, ServiceError> {
+        Self::with_state(folder, StreamState::new(asset_created_at, format, next))
+    }
+
+    /// The stream in a folder as it was left, killed or not; none where there is none.
+    pub(crate) fn open(folder: &Path) -> Result<Option<Self>, ServiceError> {
+        let mut state: Option<StreamState> = None;
+        let mut levels = Vec::new();
+        StreamJournal::replay(folder, |entry| match (&mut state, &entry) {
+            (Some(state), entry) => state.apply(entry, &mut levels),
+            (None, JournalEntry::Checkpoint(text)) => state = serde_json::from_slice(text).ok(),
+            (None, _) => {}
+        })?;
+        let Some(state) = state else { return Ok(None) };
+        let mut stream = Self::with_state(folder, state)?;
+        stream.levels.append(&levels)?;
+        stream.journal.remove_before(stream.state.needed_from())?;
+        Ok(Some(stream))
+    }
+
+    fn with_state(folder: &Path, state: StreamState) -> Result<Self, ServiceError> {
+        let format = &state.format;
+        Ok(Self {
+            journal: StreamJournal::open(folder, format.frame_bytes(), state.checkpoint())?,
+            levels: StreamLevels::open(folder, format.channels())?,
+            assembler: Assembler::new(format, state.next, format.frames_in(REORDER_S)),
+            state,
+        })
+    }
+
+    pub(crate) fn state(&self) -> &StreamState {
+        &self.state
+    }
+
+    pub(crate) fn journal_bytes(&self) -> u64 {
+        self.journal.bytes()
+    }
+
+    /// The sender begins again at the next index: what waits for samples in front of it is forgotten.
+    pub(crate) fn begin_again(&mut self) {
+        self.assembler.forget_held();
+    }
+
+    /// Takes chunks and has them on the disk. Where one cannot be used those before it are taken.
+    pub(crate) fn take(
+        &mut self,
+        chunks: Vec<Chunk>,
+        policy: &CutPolicy,
+    ) -> Result<StreamProgress, ServiceError> {
+        let mut pieces = Vec::new();
+        let mut fault: Option<RecordingError> = None;
+        for chunk in chunks {
+            match self.assembler.push(chunk) {
+                Ok(more) => pieces.extend(more),
+                Err(error) => {
+                    fault = Some(error);
+                    break;
+                }
+            }
+        }
+        let progress = self.write(pieces, policy)?;
+        fault.map_or(Ok(progress), |fault| Err(fault.into()))
+    }
+
+    /// Takes that nothing before an index comes any more.
+    pub(crate) fn give_up_before(
+        &mut self,
+        index: u64,
+        policy: &CutPolicy,
+    ) -> Result<StreamProgress, ServiceError> {
+        let pieces = self.assembler.give_up_before(index)?;
+        self.write(pieces, policy)
+    }
+
+    /// What the machine does from now on.
+    pub(crate) fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
+        let mut draft = self.draft()?;
+        draft.note(&Note::OperatingPoint(point));
+        self.keep(draft)
+    }
+
+    /// Makes a record of the last samples, as many as there are without a gap.
+    pub(crate) fn keep_last(&mut self, frames: u64) -> Result<Option<PendingCut>, ServiceError> {
+        let end = self.state.next.unwrap_or(0);
+        let first = end.saturating_sub(frames).max(self.state.cutter.run_first());
+        if first >= end {
+            return Ok(None);
+        }
+        let mut draft = self.draft()?;
+        // The policy goes on as if it had not been.
+        draft.cut(StreamCut { first, frames: end - first, next_from: 0 });
+        self.keep(draft)?;
+        Ok(self.state.pending.back().cloned())
+    }
+
+    /// A record is stored, or can never be.
+    pub(crate) fn done(&mut self, first: u64, is_refused: bool) -> Result<(), ServiceError> {
+        let mut draft = self.draft()?;
+        draft.note(&Note::Done { first, is_refused });
+        self.keep(draft)
+    }
+
+    /// Decides on records that were whole when the process before ended.
+    pub(crate) fn plan(&mut self, policy: &CutPolicy) -> Result<(), ServiceError> {
+        self.write(Vec::new(), policy).map(|_| ())
+    }
+
+    /// The bytes of a record; none where they are not there.
+    pub(crate) fn bytes_of(&self, cut: StreamCut) -> Result<Option<Bytes>, ServiceError> {
+        Ok(self.journal.frames(cut.first, cut.frames)?)
+    }
+
+    /// Levels of the seconds from one time to another.
+    pub(crate) fn levels(&self, from_ns: i64, to_ns: i64) -> Result<Vec<TimedLevel>, ServiceError> {
+        Ok(self.levels.read(from_ns, to_ns)?)
+    }
+
+    fn write(&mut self, pieces: Vec<Piece>, policy: &CutPolicy) -> Result<StreamProgress, ServiceError> {
+        let mut draft = self.draft()?;
+        let mut gaps = Vec::new();
+        for piece in pieces {
+            match piece {
+                Piece::Gap { first, frames } => {
+                    if let Some(cut) = draft.state.cutter.last_cut(policy) {
+                        draft.cut(cut);
+                    }
+                    draft.add(JournalEntry::Gap { first, frames });
+                    gaps.push(StreamGap { first, samples: frames });
+                }
+                Piece::Frames(Chunk { first, time_ns, bytes }) => {
+                    draft.add(JournalEntry::Frames { first, time_ns, bytes });
+                    draft.cut_whole(policy);
+                }
+            }
+        }
+        draft.cut_whole(policy);
+        self.keep(draft)?;
+        Ok(StreamProgress { next: self.state.next, gaps })
+    }
+
+    /// Begins with the state as it is, in a new file where the last one is long enough.
+    fn draft(&mut self) -> Result<Draft, StoreError> {
+        if self.journal.is_file_full() {
+            self.journal.rotate(self.state.checkpoint())?;
+        }
+        Ok(Draft::new(self.state.clone()))
+    }
+
+    fn keep(&mut self, draft: Draft) -> Result<(), ServiceError> {
+        if draft.entries.is_empty() {
+            return Ok(());
+        }
+        self.journal.append(&draft.entries)?;
+        self.state = draft.state;
+        // They are made again from the journal where this fails.
+        if let Err(error) = self.levels.append(&draft.levels) {
+            tracing::warn!(%error, "failed to keep the levels of a stream");
+        }
+        Ok(self.journal.remove_before(self.state.needed_from())?)
+    }
+}
+
+/// The folder of a stream.
+pub(crate) fn folder_of(streams: &Path, asset: &str, name: &str) -> PathBuf {
+    streams.join(asset).join(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::RawSample;
+
+    const RATE_HZ: f64 = 100.0;
+
+    fn format() -> StreamFormat {
+        StreamFormat::new(RawSample::I16, RATE_HZ, 1, None).unwrap()
+    }
+
+    fn policy() -> CutPolicy {
+        CutPolicy::new(2.0, 10.0, RATE_HZ).unwrap()
+    }
+
+    fn chunk(first: u64, frames: u64) -> Chunk {
+        let bytes = (first..first + frames).flat_map(|k| (k as i16).to_le_bytes()).collect();
+        Chunk { first, time_ns: Some(1_760_000_000_000_000_000 + first as i64 * 10_000_000), bytes }
+    }
+
+    fn stream(folder: &Path) -> StoredStream {
+        StoredStream::create(folder, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap()
+    }
+
+    #[test]
+    fn a_stream_that_is_killed_anywhere_goes_on_as_if_it_had_not_been() {
+        let chunks: Vec<Chunk> = (0..60).filter(|k| *k != 22).map(|k| chunk(k * 50, 50)).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let mut whole = stream(folder.path());
+        for chunk in &chunks {
+            whole.take(vec![chunk.clone()], &policy()).unwrap();
+        }
+        let firsts: Vec<u64> = whole.state.pending.iter().map(|pending| pending.cut.first).collect();
+        assert_eq!(firsts, [0, 1150, 2000]);
+        assert_eq!((whole.state.gaps, whole.state.gap_samples, whole.state.next), (1, 50, Some(3000)));
+        let levels = whole.levels(i64::MIN, i64::MAX).unwrap();
+        assert_eq!((levels.len(), levels[11].level.frames), (30, 50));
+
+        let folder = tempfile::tempdir().unwrap();
+        let mut killed = stream(folder.path());
+        for (n, chunk) in chunks.iter().enumerate() {
+            killed.take(vec![chunk.clone()], &policy()).unwrap();
+            drop(killed);
+            if n % 3 == 0 {
+                // An entry that was being written.
+                let newest = std::fs::read_dir(folder.path()).unwrap().flatten().map(|entry| entry.path());
+                let newest = newest.filter(|path| path.extension().is_some()).max().unwrap();
+                let mut bytes = std::fs::read(&newest).unwrap();
+                bytes.extend_from_slice(&[120, 0, 0, 0, 1, 2, 3, 4, 2, 9]);
+                std::fs::write(&newest, bytes).unwrap();
+            }
+            killed = StoredStream::open(folder.path()).unwrap().unwrap();
+            // What was held for its turn is sent again.
+            let next = killed.state.next.unwrap_or(0);
+            let again: Vec<Chunk> =
+                chunks[..=n].iter().filter(|chunk| chunk.first >= next).cloned().collect();
+            killed.take(again, &policy()).unwrap();
+        }
+        assert_eq!(killed.state.pending, whole.state.pending);
+        assert_eq!(killed.levels(i64::MIN, i64::MAX).unwrap(), levels);
+        for pending in &whole.state.pending {
+            let bytes = killed.bytes_of(pending.cut).unwrap().unwrap();
+            assert_eq!(bytes, chunk(pending.cut.first, pending.cut.frames).bytes);
+        }
+    }
+
+    #[test]
+    fn what_no_record_needs_is_removed_and_what_one_needs_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
+        let policy = CutPolicy::new(1.0, 30.0, 10_000.0).unwrap();
+        let mut stream = StoredStream::create(folder.path(), Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+        let second = |k: u64| Chunk {
+            first: k * 10_000,
+            time_ns: Some(k as i64 * 1_000_000_000),
+            bytes: vec![k as u8; 160_000].into(),
+        };
+        let mut most = 0;
+        for k in 0..300 {
+            stream.take(vec![second(k)], &policy).unwrap();
+            if k >= 60 {
+                while let Some(pending) = stream.state.pending.front().cloned() {
+                    assert!(stream.bytes_of(pending.cut).unwrap().is_some());
+                    stream.done(pending.cut.first, false).unwrap();
+                }
+                most = most.max(stream.journal_bytes());
+            }
+        }
+        assert_eq!((stream.state.records, stream.state.pending.len()), (10, 0));
+        // A minute is 9.6 MB; files are removed as a whole.
+        assert!(most < 20 << 20, "{most}");
+        let kept = stream.keep_last(5 * 10_000).unwrap().unwrap();
+        assert_eq!((kept.cut.first, kept.cut.frames), (295 * 10_000, 50_000));
+    }
+}

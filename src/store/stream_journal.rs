@@ -1,0 +1,404 @@
+//! The journal of a stream: what came, in files that are only appended to, each entry with a checksum.
+//!
+//! An entry is its length, the CRC-32 of the rest, its kind and its content; numbers are little-endian. Every
+//! file begins with a checkpoint, from which its other entries go on, so that the oldest files can be
+//! removed. A file ends at the first entry that is not whole: what comes after the process was killed is in a
+//! new one.
+
+use std::collections::VecDeque;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+use bytes::{BufMut, Bytes, BytesMut};
+
+use super::StoreError;
+use super::objects::file_error;
+
+/// Bytes after which another file is begun.
+const FILE_BYTES: u64 = 4 << 20;
+
+/// The largest entry that is read back: samples that are taken at once are fewer.
+const MAX_ENTRY_BYTES: usize = 9 << 20;
+
+/// Stands for no time.
+const NO_TIME: i64 = i64::MIN;
+
+/// Length and checksum.
+const HEAD_BYTES: usize = 8;
+
+/// One entry of a journal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum JournalEntry {
+    /// Everything that follows from the entries before.
+    Checkpoint(Bytes),
+    /// Samples that follow on those before, or begin after a gap.
+    Frames {
+        /// Index of the first one.
+        first: u64,
+        /// When the first one was there, by the sender's clock or at its receipt, in nanoseconds since 1970;
+        /// none where nobody looked at a clock.
+        time_ns: Option<i64>,
+        /// Frames as they came.
+        bytes: Bytes,
+    },
+    /// Samples that never came.
+    Gap {
+        /// Index of the first one.
+        first: u64,
+        /// How many.
+        frames: u64,
+    },
+    /// Anything else that is to be remembered.
+    Note(Bytes),
+}
+
+impl JournalEntry {
+    fn write(&self, out: &mut BytesMut) {
+        let begin = out.len();
+        out.put_bytes(0, HEAD_BYTES);
+        match self {
+            Self::Checkpoint(text) => {
+                out.put_u8(1);
+                out.put_slice(text);
+            }
+            Self::Frames { first, time_ns, bytes } => {
+                out.put_u8(2);
+                out.put_u64_le(*first);
+                out.put_i64_le(time_ns.unwrap_or(NO_TIME));
+                out.put_slice(bytes);
+            }
+            Self::Gap { first, frames } => {
+                out.put_u8(3);
+                out.put_u64_le(*first);
+                out.put_u64_le(*frames);
+            }
+            Self::Note(text) => {
+                out.put_u8(4);
+                out.put_slice(text);
+            }
+        }
+        let content = &out[begin + HEAD_BYTES..];
+        let (length, sum) = (content.len() as u32, crc32fast::hash(content));
+        out[begin..begin + 4].copy_from_slice(&length.to_le_bytes());
+        out[begin + 4..begin + HEAD_BYTES].copy_from_slice(&sum.to_le_bytes());
+    }
+
+    /// The content of an entry; none where it is not one that is written here.
+    fn read(content: Bytes) -> Option<Self> {
+        let (kind, content) = (*content.first()?, content.slice(1..));
+        let number = |at: usize| Some(<[u8; 8]>::try_from(content.get(at..at + 8)?).ok()?);
+        match kind {
+            1 => Some(Self::Checkpoint(content)),
+            2 => Some(Self::Frames {
+                first: u64::from_le_bytes(number(0)?),
+                time_ns: Some(i64::from_le_bytes(number(8)?)).filter(|time_ns| *time_ns != NO_TIME),
+                bytes: content.slice(16..),
+            }),
+            3 => Some(Self::Gap {
+                first: u64::from_le_bytes(number(0)?),
+                frames: u64::from_le_bytes(number(8)?),
+            }),
+            4 => Some(Self::Note(content)),
+            _ => None,
+        }
+    }
+}
+
+/// One file of a journal.
+#[derive(Debug)]
+struct JournalFile {
+    number: u64,
+    /// Index after the last sample in it or before it; none where no sample has come.
+    end: Option<u64>,
+}
+
+/// A journal that is open for writing.
+#[derive(Debug)]
+pub struct StreamJournal {
+    folder: PathBuf,
+    frame_bytes: usize,
+    /// The oldest first; the last one is written to.
+    files: VecDeque<JournalFile>,
+    current: File,
+    current_bytes: u64,
+}
+
+impl StreamJournal {
+    /// The entries of the journal in a folder, file by file, each up to its first entry that is not whole.
+    pub fn replay(folder: &Path, mut take: impl FnMut(JournalEntry)) -> Result<(), StoreError> {
+        for number in numbers(folder)? {
+            read_entries(&path_of(folder, number), |entry| {
+                take(entry);
+                true
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Goes on with the journal in a folder in a new file, which begins with a checkpoint. `frame_bytes` is
+    /// the length of a frame.
+    pub fn open(folder: &Path, frame_bytes: usize, checkpoint: Bytes) -> Result<Self, StoreError> {
+        fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
+        let mut files = VecDeque::new();
+        for number in numbers(folder)? {
+            let mut end = None;
+            read_entries(&path_of(folder, number), |entry| {
+                end = end_of(&entry, frame_bytes).or(end);
+                true
+            })?;
+            files.push_back(JournalFile { number, end });
+        }
+        let number = files.back().map_or(0, |file| file.number + 1);
+        let end = files.iter().rev().find_map(|file| file.end);
+        let (current, current_bytes) = begin_file(folder, number, checkpoint)?;
+        files.push_back(JournalFile { number, end });
+        // Also the folders above are to be there after a power failure.
+        for folder in folder.ancestors().skip(1).take(3) {
+            sync_folder(folder)?;
+        }
+        Ok(Self { folder: folder.to_path_buf(), frame_bytes, files, current, current_bytes })
+    }
+
+    /// Whether the file is long enough for another one to be begun with [`rotate`](Self::rotate).
+    pub fn is_file_full(&self) -> bool {
+        self.current_bytes >= FILE_BYTES
+    }
+
+    /// Begins another file.
+    pub fn rotate(&mut self, checkpoint: Bytes) -> Result<(), StoreError> {
+        let last = self.files.back();
+        let (number, end) = last.map_or((0, None), |file| (file.number + 1, file.end));
+        (self.current, self.current_bytes) = begin_file(&self.folder, number, checkpoint)?;
+        self.files.push_back(JournalFile { number, end });
+        Ok(())
+    }
+
+    /// Appends entries and has them on the disk. On an error none of them is there.
+    pub fn append(&mut self, entries: &[JournalEntry]) -> Result<(), StoreError> {
+        let mut bytes = BytesMut::new();
+        for entry in entries {
+            entry.write(&mut bytes);
+        }
+        let written = self.current.write_all(&bytes).and_then(|()| self.current.sync_data());
+        if let Err(source) = written {
+            // What may be there in part, or only in memory, must not look as if it were safe.
+            let _ = self.current.set_len(self.current_bytes);
+            let number = self.files.back().map_or(0, |file| file.number);
+            return Err(file_error("write", &path_of(&self.folder, number), source));
+        }
+        self.current_bytes += bytes.len() as u64;
+        if let Some(file) = self.files.back_mut() {
+            let ends = entries.iter().filter_map(|entry| end_of(entry, self.frame_bytes));
+            file.end = ends.last().or(file.end);
+        }
+        Ok(())
+    }
+
+    /// Removes the files that have only samples before an index.
+    pub fn remove_before(&mut self, index: u64) -> Result<(), StoreError> {
+        while self.files.len() > 1
+            && let Some(oldest) = self.files.front()
+            && oldest.end.is_none_or(|end| end <= index)
+        {
+            let path = path_of(&self.folder, oldest.number);
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                    return Err(file_error("remove", &path, error));
+                }
+                _ => self.files.pop_front(),
+            };
+        }
+        Ok(())
+    }
+
+    /// The bytes of these frames; none where some of them are not there.
+    pub fn frames(&self, first: u64, frames: u64) -> Result<Option<Bytes>, StoreError> {
+        let end = first + frames;
+        let width = self.frame_bytes;
+        let mut found = BytesMut::new();
+        let mut next = first;
+        for file in &self.files {
+            if next == end || file.end.is_none_or(|end| end <= next) {
+                continue;
+            }
+            read_entries(&path_of(&self.folder, file.number), |entry| {
+                if let JournalEntry::Frames { first, bytes, .. } = entry {
+                    let there = first + (bytes.len() / width) as u64;
+                    if first <= next && next < there {
+                        let until = there.min(end);
+                        found.put_slice(
+                            &bytes[(next - first) as usize * width..(until - first) as usize * width],
+                        );
+                        next = until;
+                    }
+                }
+                next < end
+            })?;
+        }
+        Ok((next == end).then(|| found.freeze()))
+    }
+
+    /// The oldest file's bytes and those after it, as they are on the disk.
+    pub fn bytes(&self) -> u64 {
+        let length = |file: &JournalFile| {
+            fs::metadata(path_of(&self.folder, file.number)).map_or(0, |data| data.len())
+        };
+        self.files.iter().map(length).sum()
+    }
+}
+
+fn end_of(entry: &JournalEntry, frame_bytes: usize) -> Option<u64> {
+    match entry {
+        JournalEntry::Frames { first, bytes, .. } => Some(first + (bytes.len() / frame_bytes) as u64),
+        JournalEntry::Gap { first, frames } => Some(first + frames),
+        JournalEntry::Checkpoint(_) | JournalEntry::Note(_) => None,
+    }
+}
+
+fn path_of(folder: &Path, number: u64) -> PathBuf {
+    folder.join(format!("{number:012}.journal"))
+}
+
+/// The numbers of a journal's files, in their order.
+fn numbers(folder: &Path) -> Result<Vec<u64>, StoreError> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.map_err(|source| file_error("list", folder, source))?,
+    };
+    let mut numbers: Vec<u64> = entries
+        .flatten()
+        .filter_map(|entry| entry.file_name().to_str()?.strip_suffix(".journal")?.parse().ok())
+        .collect();
+    numbers.sort_unstable();
+    Ok(numbers)
+}
+
+fn begin_file(folder: &Path, number: u64, checkpoint: Bytes) -> Result<(File, u64), StoreError> {
+    let path = path_of(folder, number);
+    let mut bytes = BytesMut::new();
+    JournalEntry::Checkpoint(checkpoint).write(&mut bytes);
+    let begin = || {
+        let mut file = OpenOptions::new().append(true).create_new(true).open(&path)?;
+        file.write_all(&bytes)?;
+        file.sync_all()?;
+        Ok(file)
+    };
+    let file = begin().map_err(|source| {
+        // The number is to be free for another try.
+        let _ = fs::remove_file(&path);
+        file_error("write", &path, source)
+    })?;
+    sync_folder(folder)?;
+    Ok((file, bytes.len() as u64))
+}
+
+fn sync_folder(folder: &Path) -> Result<(), StoreError> {
+    let synced = File::open(folder).and_then(|folder| folder.sync_all());
+    synced.map_err(|source| file_error("sync the folder", folder, source))
+}
+
+/// Gives the entries of a file to `take`, until it says that it has enough or one is not whole.
+fn read_entries(path: &Path, mut take: impl FnMut(JournalEntry) -> bool) -> Result<(), StoreError> {
+    let failed = |source| file_error("read", path, source);
+    let mut file = io::BufReader::with_capacity(1 << 16, File::open(path).map_err(failed)?);
+    loop {
+        let mut head = [0; HEAD_BYTES];
+        if !read_whole(&mut file, &mut head).map_err(failed)? {
+            return Ok(());
+        }
+        let [a, b, c, d, e, f, g, h] = head;
+        let length = u32::from_le_bytes([a, b, c, d]) as usize;
+        if length > MAX_ENTRY_BYTES {
+            tracing::warn!(file = %path.display(), "an entry of the journal is damaged");
+            return Ok(());
+        }
+        let mut content = vec![0; length];
+        if !read_whole(&mut file, &mut content).map_err(failed)? {
+            return Ok(());
+        }
+        if crc32fast::hash(&content) != u32::from_le_bytes([e, f, g, h]) {
+            tracing::warn!(file = %path.display(), "an entry of the journal is damaged");
+            return Ok(());
+        }
+        let Some(entry) = JournalEntry::read(content.into()) else { return Ok(()) };
+        if !take(entry) {
+            return Ok(());
+        }
+    }
+}
+
+/// Whether so many bytes were there.
+fn read_whole(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
+    match reader.read_exact(bytes) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
+        read => read.map(|()| true),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames(first: u64, count: u64) -> JournalEntry {
+        let bytes = (first..first + count).flat_map(|k| (k as i16).to_le_bytes()).collect();
+        JournalEntry::Frames { first, time_ns: Some(7).filter(|_| first > 0), bytes }
+    }
+
+    fn entries(folder: &Path) -> Vec<JournalEntry> {
+        let mut all = Vec::new();
+        StreamJournal::replay(folder, |entry| all.push(entry)).unwrap();
+        all
+    }
+
+    #[test]
+    fn what_is_appended_is_read_back_and_half_an_entry_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut journal = StreamJournal::open(folder.path(), 2, Bytes::from_static(b"a")).unwrap();
+        let gap = JournalEntry::Gap { first: 10, frames: 5 };
+        let note = JournalEntry::Note(Bytes::from_static(b"note"));
+        let all = [frames(0, 10), gap, frames(15, 5), note];
+        journal.append(&all[..2]).unwrap();
+        journal.append(&all[2..]).unwrap();
+        let checkpoint = |name| JournalEntry::Checkpoint(Bytes::from_static(name));
+        let mut expected = vec![checkpoint(b"a")];
+        expected.extend_from_slice(&all);
+        assert_eq!(entries(folder.path()), expected);
+        assert_eq!(journal.frames(2, 3).unwrap().unwrap(), Bytes::from_static(&[2, 0, 3, 0, 4, 0]));
+        assert_eq!(journal.frames(8, 4).unwrap(), None);
+        drop(journal);
+        // Killed in the middle of an entry, or a bit of it turned over.
+        let path = path_of(folder.path(), 0);
+        let whole = fs::read(&path).unwrap();
+        for (bytes, left) in [(&whole[..whole.len() - 1], 4), (&whole[..60], 2)] {
+            fs::write(&path, bytes).unwrap();
+            assert_eq!(entries(folder.path()), expected[..left]);
+        }
+        let mut turned = whole.clone();
+        turned[30] ^= 1;
+        fs::write(&path, turned).unwrap();
+        assert_eq!(entries(folder.path()), expected[..1]);
+        // What comes after is in a file of its own.
+        fs::write(&path, &whole[..whole.len() - 1]).unwrap();
+        let mut journal = StreamJournal::open(folder.path(), 2, Bytes::from_static(b"b")).unwrap();
+        journal.append(&[frames(20, 1)]).unwrap();
+        assert_eq!(entries(folder.path())[4..], [checkpoint(b"b"), frames(20, 1)]);
+        assert_eq!(journal.frames(18, 3).unwrap().unwrap().len(), 6);
+    }
+
+    #[test]
+    fn files_go_when_nothing_in_them_is_needed() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut journal = StreamJournal::open(folder.path(), 2, Bytes::new()).unwrap();
+        for k in 0..4 {
+            journal.append(&[frames(k * 10, 10)]).unwrap();
+            journal.rotate(Bytes::new()).unwrap();
+        }
+        journal.remove_before(19).unwrap();
+        assert_eq!(numbers(folder.path()).unwrap(), [1, 2, 3, 4]);
+        assert!(journal.frames(10, 30).unwrap().is_some());
+        journal.remove_before(40).unwrap();
+        assert_eq!(numbers(folder.path()).unwrap(), [4]);
+        assert!(journal.bytes() > 0 && !journal.is_file_full());
+    }
+}

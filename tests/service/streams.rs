@@ -1,0 +1,338 @@
+//! Live streams: samples that come in any pieces are kept once, records are cut out of them, and who sends
+//! too much or something else is told so.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+
+use flankwatch::http::{Scope, Tokens};
+use jiff::Timestamp;
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde_json::{Value, json};
+
+use crate::running::{Service, plain_asset};
+use crate::stream_socket::StreamSocket;
+
+const RATE_HZ: u64 = 1000;
+const FORMAT: &str = "sample=i16&sample_rate_hz=1000&channels=2&scale=0.5&unit=m/s2&channel_names=in,out";
+/// 2026-01-01 in nanoseconds.
+const BEGIN_NS: i64 = 1_767_225_600_000_000_000;
+
+/// The value of a channel's sample.
+fn count(index: u64, channel: u64) -> i16 {
+    (index.wrapping_mul(2_654_435_761).wrapping_add(channel * 40_503) >> 7) as i16
+}
+
+fn frames(first: u64, count_of: u64) -> Vec<u8> {
+    let indices = first..first + count_of;
+    indices.flat_map(|k| [count(k, 0), count(k, 1)]).flat_map(i16::to_le_bytes).collect()
+}
+
+fn time_ns(index: u64) -> i64 {
+    BEGIN_NS + (index * 1_000_000_000 / RATE_HZ) as i64
+}
+
+/// A service with an asset of whose streams 2 s every 10 s become records.
+fn service() -> Service {
+    let service = Service::start();
+    service.post_json("/v1/assets", &asset(2.0, 10.0)).expect(201);
+    service
+}
+
+fn asset(record_s: f64, interval_s: f64) -> Value {
+    let mut asset = plain_asset("pump");
+    asset["stream"] = json!({ "record_s": record_s, "interval_s": interval_s });
+    asset
+}
+
+fn address(service: &Service, more: &str) -> String {
+    service.url(&format!("/v1/assets/pump/stream?{FORMAT}{more}"))
+}
+
+fn open(service: &Service, more: &str) -> StreamSocket {
+    StreamSocket::open(&address(service, more), &[]).unwrap()
+}
+
+fn status(service: &Service) -> Value {
+    service.get("/v1/assets/pump/stream").expect(200).json()
+}
+
+/// The records of a channel in the order of time, once there are so many.
+fn records(service: &Service, channel: &str, number: usize) -> Vec<Value> {
+    let path = format!("/v1/assets/pump/segments?channel={channel}&limit=1000");
+    let page = service.wait_for(&path, |page| page["items"].as_array().unwrap().len() >= number);
+    let mut items = page["items"].as_array().unwrap().clone();
+    assert_eq!(items.len(), number);
+    items.sort_by_key(|item| item["start_time"].as_str().unwrap().to_owned());
+    items
+}
+
+/// Checks that a record has the samples from an index on, bit for bit.
+#[track_caller]
+fn expect_samples(service: &Service, record: &Value, first: u64, number: u64) {
+    let raw = service.get(&format!("/v1/segments/{}/raw", record["id"].as_str().unwrap())).expect(200);
+    assert_eq!(record["samples"].as_u64(), Some(number));
+    assert!(raw.bytes == frames(first, number), "samples from {first} on");
+    assert_eq!(record["unit"], "m/s2");
+}
+
+#[test]
+fn repeated_reordered_and_overlapping_chunks_are_kept_once_and_cut_into_records() {
+    let service = service();
+    let mut random = ChaCha8Rng::seed_from_u64(21);
+    let mut socket = open(&service, "&first_index=0");
+    assert_eq!(socket.next, Some(0));
+    let end = 31_000;
+    let mut sent = 0;
+    while sent < end {
+        // Within the two seconds that chunks may be out of order.
+        let until = (sent + 1500).min(end);
+        let mut chunks = Vec::new();
+        let mut first = sent;
+        while first < until {
+            let length = random.random_range(1..200).min(until - first);
+            chunks.push((first, length));
+            let back = random.random_range(0..100).min(first);
+            chunks.push((first - back, length));
+            first += length;
+        }
+        chunks.shuffle(&mut random);
+        for (first, length) in chunks {
+            socket.send(first, time_ns(first), &frames(first, length));
+        }
+        assert_eq!(socket.wait_for(until), [[0; 2]; 0]);
+        sent = until;
+    }
+    let status = status(&service);
+    assert_eq!((&status["next"], &status["gaps"], &status["channels"]), (&json!(end), &json!(0), &json!(2)));
+    for channel in ["in", "out"] {
+        for (k, record) in records(&service, channel, 3).iter().enumerate() {
+            let first = 10_000 * k as u64;
+            let time: Timestamp = record["start_time"].as_str().unwrap().parse().unwrap();
+            assert_eq!(time.as_nanosecond(), time_ns(first).into());
+            expect_samples(&service, record, first, 2000);
+        }
+    }
+    // The fourth is whole with a second more.
+    socket.send(end, time_ns(end), &frames(end, 1000));
+    socket.wait_for(end + 1000);
+    records(&service, "in", 4);
+    socket.say(&json!({ "type": "end" }));
+    assert_eq!(socket.hear().unwrap_err().0, 1000);
+    let list = service.get("/v1/assets/pump/streams").expect(200).json();
+    assert_eq!((&list["items"][0]["name"], list["items"].as_array().unwrap().len()), (&json!("main"), 1));
+}
+
+#[test]
+fn a_gap_is_told_with_its_length_and_no_record_reaches_over_it() {
+    let service = service();
+    let mut socket = open(&service, "&first_index=0");
+    socket.send(0, time_ns(0), &frames(0, 11_000));
+    socket.wait_for(11_000);
+    // The missing ones may still come for two seconds of samples.
+    socket.send(11_100, time_ns(11_100), &frames(11_100, 1000));
+    socket.send(12_100, time_ns(12_100), &frames(12_100, 2000));
+    assert_eq!(socket.wait_for(14_100), [[11_000, 100]]);
+    // And need not be waited for where the sender knows that they are lost.
+    socket.say(&json!({ "type": "gap", "next": 15_000 }));
+    assert_eq!(socket.wait_for(15_000), [[14_100, 900]]);
+    socket.send(14_000, time_ns(14_000), &frames(14_000, 2000));
+    socket.wait_for(16_000);
+    let status = status(&service);
+    assert_eq!((&status["gaps"], &status["gap_samples"]), (&json!(2), &json!(1000)));
+    let found = records(&service, "in", 2);
+    expect_samples(&service, &found[0], 0, 2000);
+    expect_samples(&service, &found[1], 11_100, 2000);
+}
+
+#[test]
+fn all_samples_become_records_where_the_interval_is_their_length() {
+    let service = service();
+    service.put_json("/v1/assets/pump", &asset(1.0, 1.0)).expect(200);
+    let mut socket = open(&service, "&first_index=500");
+    socket.send(500, time_ns(500), &frames(500, 5000));
+    socket.wait_for(5500);
+    for (k, record) in records(&service, "out", 5).iter().enumerate() {
+        expect_samples(&service, record, 500 + 1000 * k as u64, 1000);
+    }
+}
+
+#[test]
+fn a_drifting_rate_is_said_and_a_clock_that_jumps_moves_no_record() {
+    let service = service();
+    let mut socket = open(&service, "&first_index=0");
+    // The crystal is 100 ppm fast, and the clock jumps by an hour half-way.
+    let seen_ns = |index: u64| {
+        let jump_ns = if index >= 150_000 { 3600 * 1_000_000_000 } else { 0 };
+        BEGIN_NS + (index as f64 / 1.0001 * 1e6) as i64 + jump_ns
+    };
+    for first in (0..300_000).step_by(1000) {
+        socket.send(first, seen_ns(first), &frames(first, 1000));
+    }
+    socket.wait_for(300_000);
+    let status = status(&service);
+    let drift_ppm = status["drift_ppm"].as_f64().unwrap();
+    assert!((drift_ppm - 100.0).abs() < 5.0, "{drift_ppm}");
+    assert_eq!(status["clock_jumps"], 1);
+    for (k, record) in records(&service, "in", 30).iter().enumerate() {
+        let time: Timestamp = record["start_time"].as_str().unwrap().parse().unwrap();
+        let expected_s = 10.0 * k as f64 / 1.0001;
+        let error_s = (time.as_nanosecond() - i128::from(BEGIN_NS)) as f64 / 1e9 - expected_s;
+        assert!(error_s.abs() < 0.02, "record {k} is {error_s} s off");
+    }
+}
+
+#[test]
+fn a_stream_goes_on_after_a_restart_where_the_service_says() {
+    let mut service = service();
+    let mut socket = open(&service, "&first_index=0");
+    socket.say(&json!({ "type": "operating", "shaft_speed_hz": 9.5, "torque_nm": 80.0 }));
+    socket.send(0, time_ns(0), &frames(0, 1700));
+    socket.wait_for(1700);
+    service.stop();
+    assert_eq!(socket.hear().unwrap_err().0, 1001);
+    service.launch();
+    let mut socket = open(&service, "");
+    assert_eq!(socket.next, Some(1700));
+    socket.send(1500, time_ns(1500), &frames(1500, 1000));
+    socket.wait_for(2500);
+    let found = records(&service, "in", 1);
+    expect_samples(&service, &found[0], 0, 2000);
+    assert_eq!(found[0]["operating_point"]["torque_nm"], 80.0);
+    service.restart();
+    service.wait_for("/v1/assets/pump/stream", |status| status["records"] == 1);
+    records(&service, "in", 1);
+}
+
+#[test]
+fn a_body_without_an_end_is_kept_as_it_comes() {
+    let service = service();
+    let path = format!("/v1/assets/pump/stream?{FORMAT}&first_index=0&start_time=2026-01-01T00:00:00Z");
+    let address = service.url("");
+    let mut stream = TcpStream::connect(address.trim_start_matches("http://")).unwrap();
+    let head =
+        "content-type: application/octet-stream\r\ntransfer-encoding: chunked\r\nconnection: close\r\n";
+    write!(stream, "POST {path} HTTP/1.1\r\nhost: localhost\r\n{head}\r\n").unwrap();
+    let all = frames(0, 3000);
+    // Pieces that end in the middle of a frame and of a sample.
+    for piece in all.chunks(1001) {
+        write!(stream, "{:x}\r\n", piece.len()).unwrap();
+        stream.write_all(piece).unwrap();
+        stream.write_all(b"\r\n").unwrap();
+    }
+    service.wait_for("/v1/assets/pump/streams", |list| list["items"][0]["next"] == 3000);
+    stream.write_all(b"0\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200 ") && answer.contains("\"next\":3000"), "{answer}");
+    let found = records(&service, "in", 1);
+    expect_samples(&service, &found[0], 0, 2000);
+    assert_eq!(found[0]["start_time"], "2026-01-01T00:00:00Z");
+    // A repeat changes nothing, and what follows is appended.
+    let bare = "application/octet-stream";
+    let again = service.post(&path, bare, &all).expect(200).json();
+    assert_eq!(again, json!({ "next": 3000, "gaps": [] }));
+    let append = format!("/v1/assets/pump/stream?{FORMAT}");
+    assert_eq!(service.post(&append, bare, &frames(3000, 10)).expect(200).json()["next"], 3010);
+    let gap = format!("{append}&first_index=4000&after_gap=true");
+    let answer = service.post(&gap, bare, &frames(4000, 10)).expect(200).json();
+    assert_eq!(answer, json!({ "next": 4010, "gaps": [{ "first": 3010, "samples": 990 }] }));
+    service.post(&append, bare, &frames(4010, 1)[..3]).expect_problem(422, &["multiple"]);
+    service.post(&append, "audio/wav", &all).expect_problem(415, &["application/octet-stream"]);
+}
+
+#[test]
+fn levels_of_every_second_are_kept_and_the_last_seconds_become_a_record_on_demand() {
+    let service = service();
+    let mut socket = open(&service, "&first_index=0");
+    let square: Vec<u8> = (0..7500)
+        .flat_map(|k| [if k % 2 == 0 { 8_i16 } else { -8 }, 100])
+        .flat_map(i16::to_le_bytes)
+        .collect();
+    socket.send(0, time_ns(0), &square);
+    socket.wait_for(7500);
+    let levels = service.get("/v1/assets/pump/stream/levels?from=2026-01-01T00:00:02Z").expect(200).json();
+    let items = levels["items"].as_array().unwrap();
+    assert_eq!((items.len(), &items[0]["time"]), (5, &json!("2026-01-01T00:00:02Z")));
+    assert_eq!((&items[0]["rms"], &items[0]["peak"]), (&json!([4.0, 50.0]), &json!([4.0, 50.0])));
+    let kept = service.post("/v1/assets/pump/stream/keep?seconds=3", "", b"").expect(200).json();
+    assert_eq!(kept, json!({ "start_time": "2026-01-01T00:00:04.5Z", "samples": 3000 }));
+    let found = records(&service, "in", 2);
+    assert_eq!((&found[1]["start_time"], &found[1]["samples"]), (&kept["start_time"], &json!(3000)));
+    service.post("/v1/assets/pump/stream/keep?seconds=100", "", b"").expect_problem(400, &["seconds", "60"]);
+    service.get("/v1/assets/pump/stream/levels?name=other").expect_problem(404, &["other"]);
+}
+
+#[test]
+fn who_sends_something_else_is_told_why() {
+    let service = service();
+    let refused = |query: &str| {
+        StreamSocket::open(&service.url(&format!("/v1/assets/{query}")), &[]).map(|_| ()).unwrap_err()
+    };
+    assert_eq!(refused(&format!("fan/stream?{FORMAT}")), 404);
+    assert_eq!(refused("pump/stream?sample_rate_hz=1000"), 400);
+    assert_eq!(refused("pump/stream?sample=f64&sample_rate_hz=1000"), 422);
+    assert_eq!(refused("pump/stream?sample=f32&sample_rate_hz=0"), 422);
+    assert_eq!(refused(&format!("pump/stream?{FORMAT}&name=../up")), 422);
+    // 2 s of 256 channels at 1 MHz are too large for a record.
+    assert_eq!(refused("pump/stream?sample=f32&sample_rate_hz=1000000&channels=256"), 422);
+    let mut first = open(&service, "&first_index=0");
+    first.send(0, time_ns(0), &frames(0, 10));
+    first.wait_for(10);
+    assert_eq!(refused("pump/stream?sample=f32&sample_rate_hz=1000"), 409);
+    // Half a frame closes the connection, after what came before it is kept.
+    first.send(10, time_ns(10), &frames(10, 10));
+    first.send(20, time_ns(20), &[1, 2, 3]);
+    let (code, reason) = loop {
+        if let Err(closed) = first.hear() {
+            break closed;
+        }
+    };
+    assert!(code == 4400 && reason.contains("length"), "{code} {reason}");
+    let mut second = open(&service, "");
+    assert_eq!(second.next, Some(20));
+    second.say(&json!({ "type": "dance" }));
+    assert_eq!(second.hear().unwrap_err().0, 4400);
+    // The latest connection sends the stream: one before it may be half open.
+    let mut third = open(&service, "");
+    let mut fourth = open(&service, "");
+    assert_eq!(third.hear().unwrap_err().0, 4409);
+    fourth.send(20, time_ns(20), &frames(20, 5));
+    fourth.wait_for(25);
+    service.delete("/v1/assets/pump").expect(204);
+    assert!([4404, 4409].contains(&fourth.hear().unwrap_err().0));
+    service.post_json("/v1/assets", &asset(2.0, 10.0)).expect(201);
+    assert_eq!(open(&service, "&first_index=7").next, Some(7));
+}
+
+#[test]
+fn streams_are_limited_and_need_a_token_that_may_write() {
+    let service = Service::start_with(|config| config.http.streams = 4);
+    service.plain_asset("pump");
+    let names = ["a", "b", "c"];
+    let held: Vec<StreamSocket> = names.iter().map(|name| open(&service, &format!("&name={name}"))).collect();
+    let refused = StreamSocket::open(&address(&service, "&name=d"), &[]).map(|_| ());
+    assert_eq!(refused, Err(503));
+    drop(held);
+    let tokens = Tokens::of(service.folder());
+    let admin = tokens.create("admin", Scope::Admin, Timestamp::UNIX_EPOCH).unwrap();
+    let write = tokens.create("line 3", Scope::Write, Timestamp::UNIX_EPOCH).unwrap();
+    let read = tokens.create("eyes", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+    let with = |token: &str| {
+        StreamSocket::open(&address(&service, "&name=a"), &[("authorization", &format!("Bearer {token}"))])
+    };
+    assert_eq!(StreamSocket::open(&address(&service, ""), &[]).map(|_| ()), Err(401));
+    assert_eq!(with(&read).map(|_| ()), Err(403));
+    let bearer = format!("Bearer {write}");
+    let origin = [("origin", "http://evil.example"), ("authorization", bearer.as_str())];
+    assert_eq!(StreamSocket::open(&address(&service, ""), &origin).map(|_| ()), Err(403));
+    let mut socket = with(&write).unwrap();
+    let bearer = format!("Bearer {admin}");
+    let tokens = [("authorization", bearer.as_str())];
+    let listed = service.send("GET", "/v1/tokens", &tokens, b"").expect(200).json();
+    let of_line = listed["items"].as_array().unwrap().iter().find(|token| token["name"] == "line 3").unwrap();
+    let path = format!("/v1/tokens/{}", of_line["id"].as_str().unwrap());
+    service.send("DELETE", &path, &tokens, b"").expect(204);
+    assert_eq!(socket.hear().unwrap_err().0, 4401);
+}
