@@ -104,11 +104,7 @@ pub(crate) fn angle_record(
     Ok(AngleRecord {
         angle: angle_source(py, &turned.angle)?,
         unit: turned.unit,
-        samples: turned
-            .samples
-            .into_pyarray(py)
-            .reshape([turned.turns, turned.samples_per_turn])?
-            .unbind(),
+        samples: turned.samples.into_pyarray(py).reshape([turned.turns, turned.samples_per_turn])?.unbind(),
         synchronous_average: average.into_pyarray(py).unbind(),
     })
 }
@@ -143,9 +139,8 @@ pub(crate) fn order_spectrum(
     )?;
     let spectrum = analyze(py, |analyzer| analyzer.order_spectrum(&record, &mesh, None));
     let spectrum = spectrum.map_err(|absence| absence_error("order spectrum", absence))?;
-    let orders: Vec<f64> = (0..spectrum.amplitude.len())
-        .map(|k| k as f64 * spectrum.resolution_orders)
-        .collect();
+    let orders: Vec<f64> =
+        (0..spectrum.amplitude.len()).map(|k| k as f64 * spectrum.resolution_orders).collect();
     Ok(OrderSpectrum {
         angle: angle_source(py, &spectrum.angle)?,
         unit: spectrum.unit,

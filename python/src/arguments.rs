@@ -35,9 +35,7 @@ pub(crate) fn real_array<'py>(
             if dimensions == 1 { "" } else { "s" }
         )));
     }
-    Ok(array
-        .call_method1("astype", ("float64",))?
-        .cast_into::<PyArrayDyn<f64>>()?)
+    Ok(array.call_method1("astype", ("float64",))?.cast_into::<PyArrayDyn<f64>>()?)
 }
 
 /// A time: RFC 3339 text, a `datetime` (UTC where it has no zone), a `numpy.datetime64` (UTC), or seconds
@@ -47,9 +45,7 @@ pub(crate) fn time(value: &Bound<'_, PyAny>) -> PyResult<Timestamp> {
     let refuse = || {
         argument_error(
             "time",
-            value
-                .repr()
-                .map_or_else(|_| "?".to_owned(), |text| text.to_string()),
+            value.repr().map_or_else(|_| "?".to_owned(), |text| text.to_string()),
             expected,
         )
     };
@@ -65,10 +61,7 @@ pub(crate) fn time(value: &Bound<'_, PyAny>) -> PyResult<Timestamp> {
     } else if value.hasattr("dtype")? && value.getattr("dtype")?.getattr("kind")?.extract::<String>()? == "M"
     {
         let numpy = value.py().import("numpy")?;
-        numpy
-            .call_method1("datetime_as_string", (value,))?
-            .extract::<String>()?
-            + "Z"
+        numpy.call_method1("datetime_as_string", (value,))?.extract::<String>()? + "Z"
     } else {
         let seconds: f64 = value.extract().map_err(|_| refuse())?;
         let nanoseconds = (seconds * 1e9).round();
@@ -88,10 +81,6 @@ pub(crate) fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResul
 
 /// A value from Python's own dicts, lists, numbers and strings.
 pub(crate) fn from_python<T: DeserializeOwned>(name: &str, value: &Bound<'_, PyAny>) -> PyResult<T> {
-    let text: String = value
-        .py()
-        .import("json")?
-        .call_method1("dumps", (value,))?
-        .extract()?;
+    let text: String = value.py().import("json")?.call_method1("dumps", (value,))?.extract()?;
     serde_json::from_str(&text).map_err(|error| PyValueError::new_err(format!("{name}: {error}")))
 }

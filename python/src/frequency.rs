@@ -106,11 +106,7 @@ pub(crate) fn condition<'py>(
     if let Some(band) = bands.iter().find(|band| !band.is_usable()) {
         let expected =
             "a name of 1 to 32 of a-z, 0-9 and _, and two frequencies in hertz, the lower one first";
-        return Err(argument_error(
-            "bands",
-            format!("{:?} {:?}", band.name, band.band_hz),
-            expected,
-        ));
+        return Err(argument_error("bands", format!("{:?} {:?}", band.name, band.band_hz), expected));
     }
     let settings = ConditionSettings {
         mesh,
@@ -124,11 +120,8 @@ pub(crate) fn condition<'py>(
     result.set_item("indicators", to_python(py, &analysis.indicators.values)?)?;
     result.set_item("absent", to_python(py, &analysis.indicators.absent)?)?;
     result.set_item("shaft_speed", to_python(py, &analysis.shaft_speed)?)?;
-    let lines: Vec<(u32, f64, f64)> = analysis
-        .mesh_lines
-        .iter()
-        .map(|line| (line.order, line.frequency_hz, line.amplitude))
-        .collect();
+    let lines: Vec<(u32, f64, f64)> =
+        analysis.mesh_lines.iter().map(|line| (line.order, line.frequency_hz, line.amplitude)).collect();
     result.set_item("mesh_lines", lines)?;
     result.set_item("basis", to_python(py, &condition.basis)?)?;
     Ok(result)
@@ -223,11 +216,7 @@ pub(crate) fn kurtogram(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Kurtogra
         .map_err(|absence| absence_error("kurtogram", absence))?;
     Ok(Kurtogram {
         bandwidth_hz: computed.levels.iter().map(|level| level.bandwidth_hz).collect(),
-        kurtosis: computed
-            .levels
-            .into_iter()
-            .map(|level| array(py, level.kurtosis))
-            .collect(),
+        kurtosis: computed.levels.into_iter().map(|level| array(py, level.kurtosis)).collect(),
         best_band_hz: computed.best.band_hz,
         best_kurtosis: computed.best.kurtosis,
     })

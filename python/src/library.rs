@@ -120,18 +120,14 @@ impl Library {
             speed_factors,
         };
         let library = watched(py, progress, |control| build(&pair.spec, &grid, control))?;
-        Ok(Self {
-            library: Arc::new(library),
-        })
+        Ok(Self { library: Arc::new(library) })
     }
 
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let bytes = std::fs::read(&path).map_err(os_error(&path))?;
         let library = py.detach(|| decode(&bytes)).map_err(library_error)?;
-        Ok(Self {
-            library: Arc::new(library),
-        })
+        Ok(Self { library: Arc::new(library) })
     }
 
     fn save(&self, path: PathBuf) -> PyResult<()> {
@@ -150,9 +146,7 @@ impl Library {
 
     #[getter]
     fn pair(&self) -> Pair {
-        Pair {
-            spec: self.library.pair().clone(),
-        }
+        Pair { spec: self.library.pair().clone() }
     }
 
     #[getter]
@@ -164,9 +158,7 @@ impl Library {
     #[getter]
     fn indicator_names(&self) -> Vec<String> {
         let first = self.library.states().first();
-        first
-            .map(|state| state.indicators.values.keys().cloned().collect())
-            .unwrap_or_default()
+        first.map(|state| state.indicators.values.keys().cloned().collect()).unwrap_or_default()
     }
 
     fn indicator<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
@@ -189,11 +181,7 @@ impl Library {
     fn mesh<'py>(&self, py: Python<'py>, state: usize) -> PyResult<Bound<'py, PyAny>> {
         let states = self.library.states();
         let Some(state) = states.get(state) else {
-            return Err(argument_error(
-                "state",
-                state,
-                &format!("a number below {}", states.len()),
-            ));
+            return Err(argument_error("state", state, &format!("a number below {}", states.len())));
         };
         to_python(py, &state.cycle)
     }
@@ -236,21 +224,15 @@ impl Ensemble {
         let ensemble = watched(py, progress, |control| {
             flankwatch_wear::library::Ensemble::build(library, &settings, control)
         })?;
-        Ok(Self {
-            ensemble: Arc::new(ensemble),
-        })
+        Ok(Self { ensemble: Arc::new(ensemble) })
     }
 
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, library: &Library) -> PyResult<Self> {
         let bytes = std::fs::read(&path).map_err(os_error(&path))?;
         let library = Arc::clone(&library.library);
-        let ensemble = py
-            .detach(|| decode_ensemble(&bytes, library))
-            .map_err(library_error)?;
-        Ok(Self {
-            ensemble: Arc::new(ensemble),
-        })
+        let ensemble = py.detach(|| decode_ensemble(&bytes, library)).map_err(library_error)?;
+        Ok(Self { ensemble: Arc::new(ensemble) })
     }
 
     fn save(&self, path: PathBuf) -> PyResult<()> {
@@ -264,9 +246,7 @@ impl Ensemble {
 
     #[getter]
     fn library(&self) -> Library {
-        Library {
-            library: Arc::clone(self.ensemble.described()),
-        }
+        Library { library: Arc::clone(self.ensemble.described()) }
     }
 
     fn __len__(&self) -> usize {
@@ -280,13 +260,9 @@ pub(crate) fn ensemble_of(value: &Bound<'_, PyAny>) -> PyResult<Arc<flankwatch_w
         return Ok(Arc::clone(&ensemble.get().ensemble));
     }
     match value.cast::<Library>() {
-        Ok(library) => Ok(Arc::new(flankwatch_wear::library::Ensemble::of(Arc::clone(
-            &library.get().library,
-        )))),
-        Err(_) => Err(argument_error(
-            "library",
-            value.get_type().name()?,
-            "a Library or an Ensemble",
-        )),
+        Ok(library) => {
+            Ok(Arc::new(flankwatch_wear::library::Ensemble::of(Arc::clone(&library.get().library))))
+        }
+        Err(_) => Err(argument_error("library", value.get_type().name()?, "a Library or an Ensemble")),
     }
 }

@@ -60,12 +60,7 @@ impl Flank {
     pub(crate) fn new(py: Python<'_>, flank: &flankwatch_gear::Flank<'_>, points: usize) -> Self {
         let points: Vec<_> = flank.active_points(points - 1).collect();
         let column = |value: fn(&flankwatch_gear::FlankPoint) -> f64| {
-            points
-                .iter()
-                .map(value)
-                .collect::<Vec<_>>()
-                .into_pyarray(py)
-                .unbind()
+            points.iter().map(value).collect::<Vec<_>>().into_pyarray(py).unbind()
         };
         Self {
             radius_mm: column(|point| point.radius_mm),

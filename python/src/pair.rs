@@ -52,11 +52,7 @@ impl Wear {
             (Some(wear_um), None, None) => Ok(Self::Depth(wear_um)),
             (None, Some(profile), None) => Ok(Self::Table(table(profile)?)),
             (None, None, Some(turns)) => Ok(Self::Turns(turns)),
-            _ => Err(argument_error(
-                "wear",
-                "given twice",
-                "one of wear_um, profile and turns",
-            )),
+            _ => Err(argument_error("wear", "given twice", "one of wear_um, profile and turns")),
         }
     }
 
@@ -187,10 +183,7 @@ impl Pair {
         contact: Option<&str>,
         points: usize,
     ) -> PyResult<MeshCycle> {
-        let (spec, wear) = (
-            self.changed(torque_nm, contact)?,
-            Wear::of(wear_um, profile, turns)?,
-        );
+        let (spec, wear) = (self.changed(torque_nm, contact)?, Wear::of(wear_um, profile, turns)?);
         let cycle = py.detach(|| {
             let pair = spec.resolve()?;
             flankwatch_gear::MeshCycle::compute(&pair, &wear.flanks(&pair)?, points)
@@ -225,11 +218,7 @@ impl Pair {
         points: usize,
     ) -> PyResult<Flank> {
         if !(1..=2).contains(&gear) {
-            return Err(argument_error(
-                "gear",
-                gear,
-                "1 for the driving gear or 2 for the driven one",
-            ));
+            return Err(argument_error("gear", gear, "1 for the driving gear or 2 for the driven one"));
         }
         if !(2..=1_000_000).contains(&points) {
             return Err(argument_error("points", points, "a number from 2 to 1000000"));
@@ -237,11 +226,7 @@ impl Pair {
         let wear = Wear::of(wear_um, profile, turns)?;
         let pair = self.spec.resolve().map_err(value_error)?;
         let worn = py.detach(|| wear.flanks(&pair)).map_err(value_error)?;
-        Ok(Flank::new(
-            py,
-            &flankwatch_gear::Flank::new(&pair.gears[gear - 1], &worn, gear - 1),
-            points,
-        ))
+        Ok(Flank::new(py, &flankwatch_gear::Flank::new(&pair.gears[gear - 1], &worn, gear - 1), points))
     }
 
     #[pyo3(signature = (rate_hz, seconds, *, wear_um=None, profile=None, turns=None, shaft_speed_hz=None, torque_nm=None, contact=None,
@@ -261,10 +246,7 @@ impl Pair {
         seed: Option<u64>,
         start_phase_turns: f64,
     ) -> PyResult<Simulation> {
-        let (spec, wear) = (
-            self.changed(torque_nm, contact)?,
-            Wear::of(wear_um, profile, turns)?,
-        );
+        let (spec, wear) = (self.changed(torque_nm, contact)?, Wear::of(wear_um, profile, turns)?);
         let pair = spec.resolve().map_err(value_error)?;
         let nominal = RunSettings::nominal(&pair, rate_hz, seconds);
         let settings = RunSettings {

@@ -48,11 +48,7 @@ impl Machine<'_, '_> {
             return Err(argument_error("teeth", teeth, "a tooth number from 4 to 1000"));
         }
         if !(0.0..=0.5).contains(&self.tolerance) {
-            return Err(argument_error(
-                "tolerance",
-                self.tolerance,
-                "a fraction from 0 to 0.5",
-            ));
+            return Err(argument_error("tolerance", self.tolerance, "a fraction from 0 to 0.5"));
         }
         let known = self.nominal_shaft_speed_hz.or(self.shaft_speed_hz);
         let nominal_shaft_speed_hz = match known {
@@ -85,11 +81,7 @@ impl Machine<'_, '_> {
     pub(crate) fn required_mesh(&self) -> PyResult<MeshContext> {
         match self.teeth {
             Some(_) => self.mesh(),
-            None => Err(argument_error(
-                "teeth",
-                "missing",
-                "the tooth number of the gear on the shaft",
-            )),
+            None => Err(argument_error("teeth", "missing", "the tooth number of the gear on the shaft")),
         }
     }
 
@@ -100,9 +92,7 @@ impl Machine<'_, '_> {
             torque_nm: self.torque_nm,
             ..OperatingPoint::default()
         };
-        let record = plain_record(x, rate_hz, unit)?
-            .with_operating_point(point)
-            .map_err(value_error)?;
+        let record = plain_record(x, rate_hz, unit)?.with_operating_point(point).map_err(value_error)?;
         let Some(times) = self.pulse_times_s else {
             return Ok(record);
         };

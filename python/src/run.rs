@@ -66,9 +66,7 @@ impl Run {
             seed,
             channel: "1".to_owned(),
         };
-        let run = py
-            .detach(|| flankwatch_wear::simulation::Run::new(plan))
-            .map_err(value_error)?;
+        let run = py.detach(|| flankwatch_wear::simulation::Run::new(plan)).map_err(value_error)?;
         Ok(Self { run })
     }
 
@@ -79,10 +77,7 @@ impl Run {
     fn __getitem__(&self, py: Python<'_>, index: isize) -> PyResult<SimulatedRecord> {
         let count = self.__len__();
         let place = if index < 0 { index + count as isize } else { index };
-        let Some(place) = u32::try_from(place)
-            .ok()
-            .filter(|place| (*place as usize) < count)
-        else {
+        let Some(place) = u32::try_from(place).ok().filter(|place| (*place as usize) < count) else {
             return Err(PyIndexError::new_err(format!("record {index} of {count}")));
         };
         let simulated = py.detach(|| self.run.record(place)).map_err(value_error)?;

@@ -41,37 +41,21 @@ impl Tracker {
         unit: &str,
     ) -> PyResult<Self> {
         let ensemble = library.map(ensemble_of).transpose()?;
-        let pair = ensemble
-            .as_ref()
-            .map(|ensemble| ensemble.described().pair().clone());
+        let pair = ensemble.as_ref().map(|ensemble| ensemble.described().pair().clone());
         let mate_teeth = pair.as_ref().map_or(0, |pair| pair.geometry.teeth[1]);
         let teeth = teeth.or(pair.as_ref().map(|pair| pair.geometry.teeth[0]));
         let nominal = nominal_shaft_speed_hz.or(pair.as_ref().map(|pair| pair.operation.shaft_speed_hz));
         let (Some(teeth), Some(nominal)) = (teeth, nominal) else {
-            return Err(argument_error(
-                "library",
-                "None",
-                "a library, or teeth and nominal_shaft_speed_hz",
-            ));
+            return Err(argument_error("library", "None", "a library, or teeth and nominal_shaft_speed_hz"));
         };
         if !(8..=10_000).contains(&baseline_records) {
-            return Err(argument_error(
-                "baseline_records",
-                baseline_records,
-                "a number from 8 to 10000",
-            ));
+            return Err(argument_error("baseline_records", baseline_records, "a number from 8 to 10000"));
         }
         if let Some(limit_um) = limit_um.filter(|limit_um| !(*limit_um > 0.0 && limit_um.is_finite())) {
             return Err(argument_error("limit_um", limit_um, "a depth above 0"));
         }
-        let estimator = ChannelEstimator::new(
-            EstimatorSettings {
-                baseline_records,
-                limit_um,
-            },
-            ensemble,
-            Vec::new(),
-        );
+        let estimator =
+            ChannelEstimator::new(EstimatorSettings { baseline_records, limit_um }, ensemble, Vec::new());
         let tracker = Self {
             state: Mutex::new(estimator.start()),
             estimator,
@@ -98,11 +82,8 @@ impl Tracker {
         pulses_per_revolution: u32,
     ) -> PyResult<Bound<'py, PyDict>> {
         let py = x.py();
-        let machine = Machine {
-            pulse_times_s,
-            pulses_per_revolution,
-            ..self.machine(shaft_speed_hz, torque_nm)
-        };
+        let machine =
+            Machine { pulse_times_s, pulses_per_revolution, ..self.machine(shaft_speed_hz, torque_nm) };
         let (mesh, record) = (machine.required_mesh()?, machine.record(x, rate_hz, &self.unit)?);
         let time = crate::arguments::time(time)?;
         let settings = ConditionSettings {
@@ -119,9 +100,7 @@ impl Tracker {
             let analysis = analyzer.condition(&record, &settings).analysis;
             // What is folded is replaced as a whole, so that a state after a panic elsewhere is still one.
             let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-            let folded = self
-                .estimator
-                .record(&mut state, time, &analysis.features, &analysis.indicators);
+            let folded = self.estimator.record(&mut state, time, &analysis.features, &analysis.indicators);
             (analysis, folded)
         });
         let mut indicators = analysis.indicators;
@@ -154,10 +133,8 @@ impl Tracker {
             fields.set_item("until", crate::arguments::time(until)?.to_string())?;
         }
         let event: MaintenanceEvent = from_python("maintenance", &fields)?;
-        if let Some((field, value, expected)) = event
-            .inspection
-            .as_ref()
-            .and_then(|inspection| inspection.fault())
+        if let Some((field, value, expected)) =
+            event.inspection.as_ref().and_then(|inspection| inspection.fault())
         {
             return Err(argument_error(field, value, expected));
         }

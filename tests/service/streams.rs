@@ -4,7 +4,7 @@
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-use flankwatch::http::{Scope, Tokens};
+use flankwatch::http::Scope;
 use jiff::Timestamp;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 
 use crate::running::{Service, plain_asset};
 use crate::stream_socket::StreamSocket;
+use crate::tokens::Tokens;
 
 const RATE_HZ: u64 = 1000;
 const FORMAT: &str = "sample=i16&sample_rate_hz=1000&channels=2&scale=0.5&unit=m/s2&channel_names=in,out";
@@ -316,9 +317,9 @@ fn streams_are_limited_and_need_a_token_that_may_write() {
     assert_eq!(refused, Err(503));
     drop(held);
     let tokens = Tokens::of(service.folder());
-    let admin = tokens.create("admin", Scope::Admin, Timestamp::UNIX_EPOCH).unwrap();
-    let write = tokens.create("line 3", Scope::Write, Timestamp::UNIX_EPOCH).unwrap();
-    let read = tokens.create("eyes", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+    let admin = tokens.create("admin", Scope::Admin);
+    let write = tokens.create("line 3", Scope::Write);
+    let read = tokens.create("eyes", Scope::Read);
     let with = |token: &str| {
         StreamSocket::open(&address(&service, "&name=a"), &[("authorization", &format!("Bearer {token}"))])
     };
