@@ -87,7 +87,7 @@ impl JournalEntry {
     /// The content of an entry; none where it is not one that is written here.
     fn read(content: Bytes) -> Option<Self> {
         let (kind, content) = (*content.first()?, content.slice(1..));
-        let number = |at: usize| Some(<[u8; 8]>::try_from(content.get(at..at + 8)?).ok()?);
+        let number = |at: usize| <[u8; 8]>::try_from(content.get(at..at + 8)?).ok();
         match kind {
             1 => Some(Self::Checkpoint(content)),
             2 => Some(Self::Frames {

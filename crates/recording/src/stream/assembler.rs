@@ -146,7 +146,7 @@ impl Assembler {
 
     /// Holds what is new of a chunk. Of two that begin together the longer one stays.
     fn hold(&mut self, next: u64, chunk: Chunk) {
-        let Some(chunk) = self.from_index(chunk, next) else { return };
+        let Some(chunk) = self.part_from(chunk, next) else { return };
         if self.held.get(&chunk.first).is_some_and(|held| held.bytes.len() >= chunk.bytes.len()) {
             return;
         }
@@ -164,7 +164,7 @@ impl Assembler {
         {
             let chunk = entry.remove();
             self.held_bytes -= chunk.bytes.len();
-            if let Some(chunk) = self.from_index(chunk, next) {
+            if let Some(chunk) = self.part_from(chunk, next) {
                 self.next = Some(next + self.frames_of(&chunk));
                 pieces.push(Piece::Frames(chunk));
             }
@@ -187,7 +187,7 @@ impl Assembler {
     }
 
     /// The part of a chunk from an index on; none where there is none.
-    fn from_index(&self, mut chunk: Chunk, index: u64) -> Option<Chunk> {
+    fn part_from(&self, mut chunk: Chunk, index: u64) -> Option<Chunk> {
         let skipped = index.saturating_sub(chunk.first);
         if skipped >= self.frames_of(&chunk) {
             return None;
