@@ -60,7 +60,9 @@ fn check(option: &str, value: f64, is_usable: bool, expected: &str) -> Result<()
 /// The first time in a file's name that the pattern fits.
 fn time_in_name(path: &Path, pattern: &str) -> Result<Timestamp, CliError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let found = name.char_indices().find_map(|(at, _)| {
+    // A sign before a year separates it from what stands before.
+    let is_sign = |at: usize| pattern.starts_with('%') && name[at..].starts_with(['-', '+']);
+    let found = name.char_indices().filter(|(at, _)| !is_sign(*at)).find_map(|(at, _)| {
         let (time, _) = BrokenDownTime::parse_prefix(pattern, &name[at..]).ok()?;
         match time.offset() {
             Some(_) => time.to_timestamp().ok(),

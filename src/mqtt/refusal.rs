@@ -143,6 +143,10 @@ impl From<ServiceError> for Verdict {
             | ServiceError::Precondition(_)
             | ServiceError::ReplayFile { .. }
             | ServiceError::ReplayUnknown(_)
+            | ServiceError::StreamUnknown { .. }
+            | ServiceError::StreamFormat { .. }
+            | ServiceError::StreamTaken
+            | ServiceError::StreamsShared
             | ServiceError::AlarmUnknown(_)
             | ServiceError::Alarm(_)
             | ServiceError::MaintenanceUnknown(_) => Self::Fault(Refusal::new(500, error.to_string())),

@@ -61,6 +61,7 @@ mod running;
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/shared_store.rs"]
 mod shared_store;
+#[cfg(not(feature = "cluster"))]
 #[path = "../support/stream_socket.rs"]
 mod stream_socket;
 #[allow(dead_code, reason = "each of the test programs uses a part")]

@@ -26,8 +26,7 @@ pub struct WaveformBlock {
     /// What the machine was doing meanwhile.
     #[prost(message, optional, tag = "8")]
     pub operating_point: ::core::option::Option<OperatingPoint>,
-    /// Pulses of a tachometer on the driving shaft meanwhile, best with one before the first sample and one
-    /// after the last.
+    /// Pulses of a tachometer on the driving shaft meanwhile, best with one before the first sample and one after the last.
     #[prost(message, optional, tag = "9")]
     pub tachometer: ::core::option::Option<Tachometer>,
 }
@@ -41,8 +40,7 @@ pub struct Quality {
     #[prost(bool, tag = "2")]
     pub gap: bool,
 }
-/// Pulses of a tachometer on one shaft: in a block, or as messages of their own on `/{asset}/tachometer` or
-/// `/{asset}/{shaft}/tachometer`.
+/// Pulses of a tachometer on one shaft: in a block, or as messages of their own on `/{asset}/tachometer` or `/{asset}/{shaft}/tachometer`.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct Tachometer {
     /// Nanoseconds UTC of each pulse, at most 4194304.
@@ -51,8 +49,8 @@ pub struct Tachometer {
     /// Pulses in one revolution.
     #[prost(uint32, tag = "2")]
     pub pulses_per_revolution: u32,
-    /// The shaft's name; pulses of one that is not "" or "driving" are not used. Where it is "" a topic that
-    /// ends in "/driven/tachometer" is of the driven shaft, every other one of the driving shaft.
+    /// The shaft's name; pulses of one that is not "" or "driving" are not used. Where it is "" a topic that ends in "/driven/tachometer" is of the
+    /// driven shaft, every other one of the driving shaft.
     #[prost(string, tag = "3")]
     pub shaft: ::prost::alloc::string::String,
 }
@@ -107,8 +105,7 @@ pub struct Indicators {
 pub struct WearEstimate {
     #[prost(int64, tag = "1")]
     pub start_time_ns: i64,
-    /// "estimated", "collecting_baseline", "no_library", "no_features", "speed_in_doubt", "not_identifiable",
-    /// "outside_library", "sensor_fault", "recomputing".
+    /// "estimated", "collecting_baseline", "no_library", "no_features", "speed_in_doubt", "not_identifiable", "outside_library", "sensor_fault", "recomputing".
     #[prost(string, tag = "2")]
     pub status: ::prost::alloc::string::String,
     #[prost(double, optional, tag = "3")]
@@ -128,8 +125,8 @@ pub struct AlarmState {
     /// Nanoseconds UTC of the record or action that changed it.
     #[prost(int64, tag = "1")]
     pub start_time_ns: i64,
-    /// What it watches: "wear_um", "wear_above_limit", "novelty", "sensor_fault", "stale_s", "indicator:" and
-    /// a name, or "rate_per_day:" and one of "wear_um", "novelty", "indicator:" and a name.
+    /// What it watches: "wear_um", "wear_above_limit", "novelty", "sensor_fault", "stale_s", "indicator:" and a name, or "rate_per_day:" and one
+    /// of "wear_um", "novelty", "indicator:" and a name.
     #[prost(string, tag = "2")]
     pub name: ::prost::alloc::string::String,
     /// "normal", "unacknowledged", "acknowledged", "returned_unacknowledged", "shelved".
