@@ -354,7 +354,6 @@ impl Default for ErrorSpec {
 }
 
 /// Archard's own exponent is not written out.
-#[allow(clippy::trivially_copy_pass_by_ref)]
 fn is_one(exponent: &f64) -> bool {
     *exponent == 1.0
 }

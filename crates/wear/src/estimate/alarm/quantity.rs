@@ -47,11 +47,9 @@ impl AlarmQuantity {
     pub fn value(&self, wear: &WearEstimate, indicators: [&Indicators; 2]) -> Option<f64> {
         let indicator = |name: &str| indicators.iter().find_map(|indicators| indicators.get(name));
         let novelty = || wear.novelty.as_ref().map(|novelty| novelty.score);
-        // A first answer raises no alarm that the final one may not confirm.
-        let is_final = wear.status != WearStatus::Provisional;
         match self {
-            Self::WearUm | Self::RatePerDay(RatedQuantity::WearUm) => wear.median_um.filter(|_| is_final),
-            Self::WearAboveLimit => wear.above_limit.filter(|_| is_final),
+            Self::WearUm | Self::RatePerDay(RatedQuantity::WearUm) => wear.median_um,
+            Self::WearAboveLimit => wear.above_limit,
             Self::Novelty | Self::RatePerDay(RatedQuantity::Novelty) => novelty(),
             Self::SensorFault => sensor_fault(wear),
             Self::StaleS => Some(0.0),
