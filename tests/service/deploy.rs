@@ -333,6 +333,18 @@ fn settings_of_brokers_and_clusters_are_understood() {
 }
 
 #[test]
+fn settings_of_notifications_are_understood() {
+    use flankwatch::notifications::NotificationsTable;
+    let settings: toml::Table = toml::from_str(&text("systemd/notifications.toml")).unwrap();
+    let table: NotificationsTable = settings["notifications"].clone().try_into().unwrap();
+    // A webhook's secret is a password too.
+    let secret = |_: &str| Some("whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw".to_owned());
+    let recipients = table.resolve(secret).unwrap().recipients();
+    let names: Vec<&str> = recipients.list.iter().map(|recipient| recipient.name.as_str()).collect();
+    assert_eq!(names, ["cmms", "night-shift"]);
+}
+
+#[test]
 fn a_pods_disk_holds_the_bodies_that_may_wait_on_it() {
     let settings: toml::Table = toml::from_str(&text("kubernetes/cluster.toml")).unwrap();
     let limit = |name: &str| settings["limits"][name].as_integer().unwrap();
