@@ -1,5 +1,6 @@
 //! Notifications of alarms, received by a web server and a mail server of the test's own.
 
+use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::{AtomicU16, Ordering};
@@ -10,8 +11,8 @@ use std::time::Duration;
 use flankwatch::estimate::Severity;
 use flankwatch::http::ServiceConfig;
 use flankwatch::notifications::{NotificationsTable, Notifier};
-use flankwatch::store::Recipient;
-use jiff::SignedDuration;
+use flankwatch::store::{Attempt, PendingNotification, Recipient};
+use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 
 use crate::alarms::{at_once, loud, watched};
@@ -277,6 +278,49 @@ fn a_shelved_alarm_is_told_when_its_shelving_is_over_and_old_records_are_no_news
     service.put_json("/v1/assets/pump", &without).expect(200);
     assert_eq!(receiver.next().told(), json!(["alarm.cleared", 3, "danger", null]));
     stop(&service, notifier);
+}
+
+#[test]
+fn a_notification_is_taken_by_one_sender_at_a_time() {
+    let service = Service::start_with(one_recipient);
+    for n in 0..6 {
+        let asset = format!("pump-{n}");
+        service.post_json("/v1/assets", &watched(&asset, &at_once())).expect(201);
+        service.upload(&asset, &loud(0, 4.0));
+    }
+    let store = service.service().store.clone();
+    let (lease, now) = (SignedDuration::from_secs(60), minute(0));
+    // Senders are tasks here and processes in a cluster.
+    let taken: Vec<PendingNotification> = service.run(async {
+        let ask = |_| {
+            let store = store.clone();
+            tokio::spawn(async move { store.next_notification("all", lease, now).await.unwrap() })
+        };
+        let senders: Vec<_> = (0..12).map(ask).collect();
+        let mut taken = Vec::new();
+        for sender in senders {
+            taken.extend(sender.await.unwrap());
+        }
+        taken
+    });
+    let ids: BTreeSet<&str> = taken.iter().map(|pending| pending.notification.id.as_str()).collect();
+    assert_eq!((taken.len(), ids.len()), (6, 6));
+    // One that was tried again meanwhile is no more the business of who tried it before.
+    let first = &taken[0];
+    let again = service.run(async {
+        let failed = Attempt::Failed { error: "away".to_owned(), again_at: Timestamp::UNIX_EPOCH };
+        store.end_attempt(first, &failed, now).await.unwrap();
+        let again = store.next_notification("all", lease, now).await.unwrap().unwrap();
+        let late = Attempt::GivenUp { error: "late".to_owned() };
+        store.end_attempt(first, &late, now).await.unwrap();
+        again
+    });
+    assert_eq!((&again.notification, again.attempts), (&first.notification, 2));
+    let shown = wait_for(&service, "all", |_| true);
+    assert_eq!(
+        (&shown["waiting"], &shown["given_up"], &shown["error"]),
+        (&json!(6), &json!(0), &json!("away"))
+    );
 }
 
 /// A mail server that takes what it is sent, after refusing the first message.
