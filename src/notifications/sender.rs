@@ -73,7 +73,7 @@ impl Sender {
     async fn run(self, mut stop: watch::Receiver<bool>) {
         let mut looks: u32 = 0;
         while !*stop.borrow() && !self.service.store.is_closed() {
-            if let Err(error) = self.look_once(&stop, looks % FORGOTTEN_EVERY == 0).await {
+            if let Err(error) = self.look_once(&stop, looks.is_multiple_of(FORGOTTEN_EVERY)).await {
                 tracing::warn!(recipient = self.recipient, %error, "failed to look for notifications");
             }
             looks = looks.wrapping_add(1);

@@ -129,7 +129,7 @@ fn take_request(connection: TcpStream, status: u16) -> Received {
 fn wait_for(service: &Service, name: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
     let of = |list: &Value| -> Value {
         let items = list["items"].as_array().unwrap().iter();
-        items.filter(|item| item["name"] == name).cloned().next().unwrap_or_default()
+        items.filter(|item| item["name"] == name).next().cloned().unwrap_or_default()
     };
     of(&service.wait_for("/v1/notifications", |list| is_wanted(&of(list))))
 }
