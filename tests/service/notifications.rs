@@ -128,8 +128,8 @@ fn take_request(connection: TcpStream, status: u16) -> Received {
 /// The page of those who are notified, when the recipient of a name stands as is wanted.
 fn wait_for(service: &Service, name: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
     let of = |list: &Value| -> Value {
-        let items = list["items"].as_array().unwrap().iter();
-        items.filter(|item| item["name"] == name).next().cloned().unwrap_or_default()
+        let mut items = list["items"].as_array().unwrap().iter();
+        items.find(|item| item["name"] == name).cloned().unwrap_or_default()
     };
     of(&service.wait_for("/v1/notifications", |list| is_wanted(&of(list))))
 }
