@@ -24,6 +24,7 @@
 //! | [`http`] | the API and the dashboard |
 //! | `cluster` | what joins the processes of a service on several machines (features `postgres`, `nats`) |
 //! | `mqtt` | records from an MQTT broker (feature `mqtt`) |
+//! | [`notifications`] | webhooks and e-mails that tell of alarms |
 //! | [`cli`] | the commands |
 
 pub mod asset;
@@ -33,6 +34,7 @@ pub mod cluster;
 pub mod http;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
+pub mod notifications;
 pub mod report;
 pub mod service;
 pub mod store;

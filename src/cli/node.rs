@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use crate::cluster::{Cluster, ClusterSettings, RunningWorker};
 use crate::http::{HealthServer, Node, RunningService, ServiceConfig, SharedEvents, start_node};
+use crate::notifications::{NotificationSettings, Notifier};
 use crate::service::{Role, Service, ServiceFolders, SystemClock};
 use crate::store::{SharedSettings, Store, StoreError, StoreSettings};
 
@@ -52,6 +53,7 @@ pub(super) struct Working {
     worker: RunningWorker,
     service: Arc<Service>,
     publishing: tokio::task::JoinHandle<()>,
+    notifier: Notifier,
     health: Option<HealthServer>,
 }
 
@@ -59,10 +61,12 @@ pub(super) struct Working {
 pub(super) async fn start_worker(
     config: ServiceConfig,
     settings: ClusterSettings,
+    notifications: NotificationSettings,
     health: Option<SocketAddr>,
 ) -> Result<Working, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
     let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
+    store.notify(config.recipients);
     let folders = ServiceFolders {
         libraries: config.data_dir.join("libraries"),
         recordings: config.data_dir.join("recordings"),
@@ -78,7 +82,8 @@ pub(super) async fn start_worker(
     };
     let publishing = cluster.publish_events(&service);
     let worker = cluster.start_worker(service.clone(), settings.worker);
-    Ok(Working { worker, service, publishing, health })
+    let notifier = Notifier::start(notifications, &service);
+    Ok(Working { worker, service, publishing, notifier, health })
 }
 
 impl Working {
@@ -91,6 +96,7 @@ impl Working {
     pub(super) async fn stop(self, grace: Duration) {
         let end = async {
             self.worker.stop().await;
+            self.notifier.stop(grace).await;
             let store = self.service.store.clone();
             drop(self.service);
             // What others do with the path of records may still hold it.

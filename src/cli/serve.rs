@@ -17,6 +17,7 @@ use crate::cluster::{ClusterSettings, ClusterTable};
 use crate::http::{ServiceConfig, StartError, TlsFiles, start};
 #[cfg(feature = "mqtt")]
 use crate::mqtt::{MqttError, MqttFeed, MqttTable};
+use crate::notifications::{NotificationError, NotificationSettings, NotificationsTable, Notifier};
 use crate::service::{RawQuotas, SystemClock};
 
 /// Run the service: the API and the dashboard.
@@ -99,6 +100,9 @@ pub enum ServeError {
     #[cfg(feature = "postgres")]
     #[error(transparent)]
     Cluster(#[from] crate::cluster::ClusterError),
+    /// Nobody can be notified as the settings say.
+    #[error(transparent)]
+    Notifications(#[from] NotificationError),
     /// Records cannot come over MQTT as the settings say.
     #[cfg(feature = "mqtt")]
     #[error(transparent)]
@@ -118,6 +122,7 @@ struct ConfigFile {
     host_names: Vec<String>,
     limits: LimitsTable,
     retention: RetentionTable,
+    notifications: NotificationsTable,
     #[cfg(feature = "mqtt")]
     mqtt: Option<MqttTable>,
     #[cfg(not(feature = "mqtt"))]
@@ -131,6 +136,7 @@ struct ConfigFile {
 /// What `serve` starts.
 pub(super) struct Resolved {
     pub(super) service: ServiceConfig,
+    notifications: NotificationsTable,
     #[cfg(feature = "postgres")]
     pub(super) cluster: Option<ClusterSettings>,
     #[cfg(feature = "mqtt")]
@@ -218,8 +224,21 @@ impl ServeArgs {
             cluster: file.cluster.map(super::shared_store::resolve).transpose()?,
             #[cfg(feature = "mqtt")]
             mqtt: file.mqtt,
+            notifications: file.notifications,
             service: config,
         })
+    }
+}
+
+impl Resolved {
+    /// Takes the settings of notifications out, with the secrets of the environment, and has the service keep
+    /// notifications for those whom they name.
+    pub(super) fn notifications(&mut self) -> Result<NotificationSettings, NotificationError> {
+        let said = |name: &str| std::env::var(format!("FLANKWATCH_SECRET_{name}")).ok();
+        let settings = std::mem::take(&mut self.notifications)
+            .resolve(|name| said(name).filter(|value| !value.is_empty()))?;
+        self.service.recipients = settings.recipients();
+        Ok(settings)
     }
 }
 
@@ -265,7 +284,8 @@ impl LimitsTable {
 
 /// Runs the service until Ctrl-C or SIGTERM.
 pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
-    let resolved = args.resolve()?;
+    let mut resolved = args.resolve()?;
+    let notifications = resolved.notifications()?;
     #[cfg(all(feature = "postgres", not(feature = "nats")))]
     if resolved.cluster.is_some() {
         let what = "serving with the table cluster of the settings file";
@@ -277,7 +297,6 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
     let mqtt = args.mqtt.resolve(resolved.mqtt, resolved.service.http.record_bytes)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(async {
-        #[cfg(feature = "mqtt")]
         let grace = resolved.service.http.grace;
         #[cfg(feature = "nats")]
         let service = match resolved.cluster {
@@ -291,6 +310,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
         let service = start(resolved.service, Arc::new(SystemClock)).await?;
         #[cfg(feature = "mqtt")]
         let mqtt = mqtt.map(|settings| MqttFeed::start(settings, service.service().clone())).transpose()?;
+        let notifier = Notifier::start(notifications, service.service());
         let mut out = std::io::stdout();
         writeln!(out, "listening on {}", service.url())?;
         out.flush()?;
@@ -300,6 +320,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
         if let Some(mqtt) = mqtt {
             mqtt.stop(grace).await;
         }
+        notifier.stop(grace).await;
         service.stop().await?;
         Ok(())
     });

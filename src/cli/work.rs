@@ -40,13 +40,14 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), ServeError> {
         data_dir: args.data_dir.clone(),
         ..ServeArgs::default()
     };
-    let resolved = serve.resolve()?;
+    let mut resolved = serve.resolve()?;
+    let notifications = resolved.notifications()?;
     let settings = resolved.cluster.ok_or(ServeError::NoClusterTable)?;
     let grace = resolved.service.http.grace;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(async {
         let started = tokio::select! {
-            started = node::start_worker(resolved.service, settings, args.health) => started?,
+            started = node::start_worker(resolved.service, settings, notifications, args.health) => started?,
             asked = asked_to_stop() => return Ok(asked?),
         };
         let mut out = std::io::stdout();

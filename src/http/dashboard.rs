@@ -34,6 +34,7 @@ const FILES: &[StaticFile] = files![
     "alarm-count.js",
     "alarm-detail.js",
     "alarm-levels.js",
+    "alarm-notifications.js",
     "alarm-rule-panel.js",
     "alarm-units.js",
     "alarm-words.js",

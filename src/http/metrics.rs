@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::app::App;
 use super::asset_metrics::{alarms, assets};
 use super::metrics_text::MetricsText;
+use super::notifications;
 use super::problem::Problem;
 use super::query::Parameters;
 use super::queue_metrics::QueueWatch;
@@ -91,7 +92,7 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
         most,
     );
     feeds(service, text);
-    Ok(())
+    notifications::metrics(service, text).await
 }
 
 fn feeds(service: &Service, text: &mut MetricsText) {

@@ -39,6 +39,7 @@ mod matching;
 mod measurements;
 mod metrics;
 mod metrics_text;
+mod notifications;
 mod openapi;
 mod pair_presets;
 mod piece_reader;

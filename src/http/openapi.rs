@@ -5,7 +5,7 @@ use axum::http::{HeaderValue, header};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
 use bytes::Bytes;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use utoipa::PartialSchema;
 use utoipa::openapi::OpenApi;
 
@@ -79,12 +79,19 @@ pub(super) fn document(generated: OpenApi) -> Value {
     }
     if let Some(paths) = document["paths"].as_object_mut() {
         for (path, operations) in paths {
-            for operation in operations.as_object_mut().into_iter().flat_map(Map::values_mut) {
+            for (method, operation) in operations.as_object_mut().into_iter().flatten() {
+                operation["operationId"] = json!(operation_id(method, path));
                 add_problems(path, operation);
             }
         }
     }
     document
+}
+
+/// What tells an operation from all others; the names of the handlers do so only in their own files.
+fn operation_id(method: &str, path: &str) -> String {
+    let words = path.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+    words.fold(method.to_owned(), |id, word| format!("{id}_{word}"))
 }
 
 fn add_problems(path: &str, operation: &mut Value) {

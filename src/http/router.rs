@@ -17,9 +17,9 @@ use super::problem::Problem;
 use super::{
     access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, damage, dashboard, drain,
     etag, events, exclusions, export, head, health, indicators, issued_tokens, libraries, library_states,
-    maintenance, matching, metrics, openapi, pair_presets, preview, raw_recordings, recomputations,
-    record_choice, replays, reports, segments, session, streams, traffic, tus, uploads, waterfall, waveforms,
-    wear,
+    maintenance, matching, metrics, notifications, openapi, pair_presets, preview, raw_recordings,
+    recomputations, record_choice, replays, reports, segments, session, streams, traffic, tus, uploads,
+    waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -62,6 +62,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(alarms::shelve))
         .routes(routes!(alarms::unshelve))
         .routes(routes!(alarms::comment))
+        .routes(routes!(notifications::list))
         .routes(routes!(tus::create, tus::options))
         .routes(routes!(tus::offset, tus::show, tus::go_on, tus::give_up))
         .routes(routes!(replays::start, replays::list))

@@ -21,7 +21,7 @@ use super::start_error::StartError;
 use super::tokens::Tokens;
 use crate::library::GridSettings;
 use crate::service::{Clock, Role, Service, ServiceFolders, WorkLimits, WorkQueue};
-use crate::store::{Store, StoreSettings};
+use crate::store::{Recipients, Store, StoreSettings};
 
 /// How long the database may take to close after everything else has ended.
 const CLOSING: std::time::Duration = std::time::Duration::from_secs(2);
@@ -48,6 +48,8 @@ pub struct ServiceConfig {
     pub http: HttpLimits,
     /// Limits on work.
     pub work: WorkLimits,
+    /// Who is notified of alarms.
+    pub recipients: Recipients,
     /// How libraries are simulated, with depths for module 6 mm, which go with a pair's module.
     pub grid: GridSettings,
 }
@@ -65,6 +67,7 @@ impl ServiceConfig {
             replay_dir: None,
             http: HttpLimits::default(),
             work: WorkLimits::default(),
+            recipients: Recipients::default(),
             grid: GridSettings::default(),
         }
     }
@@ -142,6 +145,7 @@ async fn start_as(
             (store, Role::Standalone, None)
         }
     };
+    store.notify(config.recipients);
     let listener = TcpListener::bind(config.listen).await;
     let listen_error = |source| StartError::Listen { address: config.listen, source };
     let listener = listener.map_err(listen_error)?;

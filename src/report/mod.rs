@@ -15,7 +15,7 @@ use crate::asset::WearLimits;
 use crate::estimate::{MaintenanceEvent, WearEstimate};
 use crate::signal::{AngleSource, AngleUsed, Indicators, Spectrum};
 
-pub use occurrences::ReportedAlarm;
+pub use occurrences::{ReportedAlarm, quantity_words};
 
 /// What a report tells of.
 #[derive(Debug, Default)]

@@ -195,7 +195,8 @@ fn row(time: Timestamp, cells: &[&str]) -> String {
     format!("<tr><td>{}</td>{cells}</tr>", time.strftime("%Y-%m-%d %H:%M:%S"))
 }
 
-fn quantity_words(quantity: &AlarmQuantity) -> String {
+/// What an alarm watches, in words.
+pub fn quantity_words(quantity: &AlarmQuantity) -> String {
     match quantity {
         AlarmQuantity::WearUm => "Wear depth (µm)".to_owned(),
         AlarmQuantity::WearAboveLimit => "Probability of having passed the limit".to_owned(),

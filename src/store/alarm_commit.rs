@@ -10,7 +10,7 @@ use super::alarms::{StoredAlarm, alarm_of, change_of};
 use super::commit::Commit;
 use super::rows::{get, to_json, to_ns};
 use super::{ChannelSummary, SegmentKey, StoreError};
-use crate::estimate::{ActionTaken, Alarm, AlarmChange, AlarmPanel, AlarmQuantity, AlarmRule};
+use crate::estimate::{ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmPanel, AlarmQuantity, AlarmRule};
 
 /// A change of an alarm with its place in the fold.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,6 +113,9 @@ impl Commit {
                 }
             }
         }
+        for notice in &notices {
+            self.note_for_recipients(notice, now).await?;
+        }
         Ok(notices)
     }
 
@@ -147,6 +150,14 @@ impl Commit {
         .bind(to_json(change, "change", id)?)
         .execute(&mut *self.transaction)
         .await?;
+        // Who only says something to an alarm tells nobody of it.
+        if matches!(
+            taken.action,
+            AlarmAction::Unshelve | AlarmAction::ShelvingOver | AlarmAction::Stale { .. }
+        ) {
+            let notice = AlarmNotice { alarm: stored.clone(), change: change.clone() };
+            self.note_for_recipients(&notice, taken.time).await?;
+        }
         channel.note_change(place);
         self.set_channel(channel, false).await
     }

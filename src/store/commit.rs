@@ -1,6 +1,7 @@
 //! Writing: one transaction on assets and channels, and whose rows it has to itself.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use jiff::Timestamp;
@@ -9,7 +10,7 @@ use sqlx::{Any, Transaction};
 use super::assets::{asset_of, channel_of};
 use super::rows::{any_of, excluded, placeholders, rows_of_placeholders, to_ns};
 use super::schema::Dialect;
-use super::{Asset, ChannelSummary, Store, StoreError};
+use super::{Asset, ChannelSummary, Recipients, Store, StoreError};
 use crate::asset::AssetId;
 
 /// Rows written by one statement, where there are many.
@@ -28,6 +29,7 @@ const SUMMARY: &str = "segments, first_start_ns, last_start_ns, last_segment_id,
 pub struct Commit {
     pub(super) transaction: Transaction<'static, Any>,
     pub(super) dialect: Dialect,
+    pub(super) recipients: Arc<Recipients>,
 }
 
 impl Store {
@@ -35,7 +37,11 @@ impl Store {
     pub async fn begin(&self) -> Result<Commit, StoreError> {
         self.check_whole()?;
         self.inner.is_changed.store(true, Ordering::Relaxed);
-        Ok(Commit { transaction: self.write().begin().await?, dialect: self.dialect() })
+        Ok(Commit {
+            transaction: self.write().begin().await?,
+            dialect: self.dialect(),
+            recipients: self.recipients(),
+        })
     }
 }
 

@@ -24,6 +24,8 @@ mod integrity;
 mod keyed_uploads;
 mod library_builds;
 mod maintenance;
+mod notification_rows;
+mod notifications;
 mod objects;
 mod raw;
 mod recent_wear;
@@ -47,7 +49,7 @@ mod wear_rows;
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -68,6 +70,8 @@ pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
 pub use generations::{AnalysisGeneration, MadeFrom, WearGeneration};
 pub use keyed_uploads::KeyedUpload;
 pub use maintenance::StoredEvent;
+pub use notification_rows::{Attempt, Notified, PendingNotification};
+pub use notifications::{Notification, NotificationKind, Recipient, Recipients};
 pub use objects::{AssetNote, ListedObject, Objects, Quarantined, RecordNote, RemovalNote, StoreMark};
 pub use raw::GivenUp;
 pub use record_results::RecordResults;
@@ -102,6 +106,8 @@ struct Inner {
     held: Mutex<Option<String>>,
     /// Something may have been written since the generation was raised.
     is_changed: AtomicBool,
+    /// Who is notified of alarms.
+    recipients: OnceLock<Arc<Recipients>>,
 }
 
 impl Store {
@@ -148,6 +154,7 @@ impl Store {
                 orphan_age,
                 held: Mutex::default(),
                 is_changed: AtomicBool::default(),
+                recipients: OnceLock::new(),
             }),
         }
     }
@@ -213,6 +220,17 @@ impl Store {
     /// Writes what is still in the log into the database and closes it.
     pub async fn close(&self) {
         self.inner.database.close().await;
+    }
+
+    /// Says who is notified of what happens to alarms from now on; before anything is written, and once.
+    pub fn notify(&self, recipients: Recipients) {
+        if self.inner.recipients.set(Arc::new(recipients)).is_err() {
+            tracing::warn!("those who are notified of alarms stay those who were named first");
+        }
+    }
+
+    fn recipients(&self) -> Arc<Recipients> {
+        self.inner.recipients.get().map(Arc::clone).unwrap_or_default()
     }
 
     /// Whether other processes work on it as well.

@@ -90,20 +90,24 @@ impl Dialect {
 }
 
 /// The migrations by their numbers, with their descriptions.
-const MIGRATIONS: [(i64, &str, &str); 1] = [(1, "schema", include_str!("migrations/0001_schema.sql"))];
+const MIGRATIONS: [(i64, &str, &str); 2] = [
+    (1, "schema", include_str!("migrations/0001_schema.sql")),
+    (2, "notifications", include_str!("migrations/0002_notifications.sql")),
+];
 
 /// The table of tokens: in a database that processes share, or in one of its own beside SQLite's.
 pub(super) const TOKENS: &str = include_str!("migrations/tokens.sql");
 
 impl MigrationSource<'static> for Dialect {
     fn resolve(self) -> BoxFuture<'static, Result<Vec<Migration>, BoxDynError>> {
-        let tables = move |text: &'static str| match self {
-            Self::Sqlite => self.schema(text),
-            #[cfg(feature = "postgres")]
-            Self::Postgres => Cow::Owned(format!("{}\n{}", self.schema(text), self.schema(TOKENS))),
-        };
         let migration = move |(version, description, text): (i64, &'static str, &'static str)| {
-            Migration::new(version, description.into(), MigrationType::Simple, tables(text), false)
+            let tables = self.schema(text);
+            #[cfg(feature = "postgres")]
+            let tables = match self {
+                Self::Postgres if version == 1 => Cow::Owned(format!("{tables}\n{}", self.schema(TOKENS))),
+                _ => tables,
+            };
+            Migration::new(version, description.into(), MigrationType::Simple, tables, false)
         };
         Box::pin(async move { Ok(MIGRATIONS.into_iter().map(migration).collect()) })
     }

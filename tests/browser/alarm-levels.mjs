@@ -1,7 +1,7 @@
-// An alarm rule made on the trend plot, and several alarms acknowledged at once.
+// An alarm rule made on the plots of trends and of wear, and several alarms acknowledged at once.
 
 import assert from "node:assert/strict";
-import { close, createAsset, drawn, json, open, removeAsset, sendNoise, shoot } from "./page.mjs";
+import { asset, close, createAsset, drawn, json, open, removeAsset, sendNoise, shoot } from "./page.mjs";
 
 const RULE = {
   quantity: { indicator: "rms" },
@@ -38,7 +38,8 @@ export const CHECKS = {
     await page.mouse.move(x, y + 60, { steps: 4 });
     await page.mouse.move(x, y + 100, { steps: 4 });
     await page.mouse.up();
-    const dragged = Number(await page.getByLabel("Warning above", { exact: true }).inputValue());
+    const field = page.locator(".plot-trends").getByLabel("Warning above", { exact: true });
+    const dragged = Number(await field.inputValue());
     assert.ok(dragged > 0 && dragged < 5, `${dragged}`);
     assert.equal((await json(`assets/${id}`)).alarms[0].warning, 5, "nothing is saved by dragging");
     await level.focus();
@@ -56,7 +57,7 @@ export const CHECKS = {
     await page.getByText("Baseline of 8 records: mean").waitFor();
     await trial(page, "this rule would have raised 2 alarms: 0 warnings and 2 dangers");
     await shoot(page, `${name} tried`);
-    const suggested = Number(await page.getByLabel("Warning above", { exact: true }).inputValue());
+    const suggested = Number(await field.inputValue());
     const known = (await json(`assets/${id}/indicators/baseline?names=rms`)).items[0];
     assert.ok(Math.abs(suggested / (known.mean + 4 * known.standard_deviation) - 1) < 0.01, `${suggested}`);
     await page.getByRole("button", { name: "Save the rule" }).click();
@@ -68,6 +69,44 @@ export const CHECKS = {
     await level.waitFor({ state: "detached" });
     await close(opened, name);
     await removeAsset(id);
+  },
+
+  "a level of the wear depth is dragged on its plot and tried": async (name) => {
+    const before = (await json(`assets/${asset}`)).summary.alarm_rules;
+    const { warning } = before.find(({ quantity }) => quantity === "wear_um");
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await drawn(page, "wear");
+    const card = page.locator(".plot-wear");
+    await card.getByRole("button", { name: "Alarm levels…" }).click();
+    await card.locator(".rule-trial", { hasText: "this rule would have raised" }).waitFor();
+    const level = card.getByRole("slider", { name: "Warning above, Wear depth" });
+    await level.waitFor();
+    await level.scrollIntoViewIfNeeded();
+    const box = await level.locator("span").boundingBox();
+    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x, y + 20, { steps: 4 });
+    await page.mouse.up();
+    const field = card.getByLabel("Warning above", { exact: true });
+    const dragged = Number(await field.inputValue());
+    assert.ok(dragged > 0 && dragged < warning, `${dragged}`);
+    await card.getByText(`warning alarm above ${Math.round(dragged)} µm`).waitFor();
+    assert.equal(
+      await card.getByRole("button", { name: "Suggest from the baseline" }).isVisible(),
+      false,
+      "a depth has no baseline of its own",
+    );
+    await shoot(page, `${name} dragged`);
+    assert.deepEqual(
+      (await json(`assets/${asset}`)).summary.alarm_rules,
+      before,
+      "nothing is saved by dragging",
+    );
+    await card.getByRole("button", { name: "Alarm levels…" }).click();
+    await level.waitFor({ state: "detached" });
+    await close(opened, name);
   },
 
   "several alarms are acknowledged with one name": async (name) => {

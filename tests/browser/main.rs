@@ -2,6 +2,7 @@
 #![cfg(test)]
 
 mod browser;
+mod javascript;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/running.rs"]

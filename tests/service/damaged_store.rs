@@ -12,7 +12,8 @@ fn a_damaged_database_is_named_and_not_written_to() {
     }
     let mut service = Service::start();
     service.plain_asset("pump");
-    for n in 0..30 {
+    // So many that the schema lies in the first half of the file.
+    for n in 0..120 {
         service.upload("pump", &record("1", n));
     }
     service.stop();
@@ -39,7 +40,7 @@ fn a_damaged_database_is_named_and_not_written_to() {
     let ready = service.get("/readyz").expect(503).json();
     assert!(ready["database"].as_str().unwrap().contains("damaged"), "{ready}");
     let block =
-        flankwatch::recording::encode_block(&record("1", 40), flankwatch::recording::BlockEncoding::Json);
+        flankwatch::recording::encode_block(&record("1", 200), flankwatch::recording::BlockEncoding::Json);
     service
         .post("/v1/assets/pump/segments", "application/json", &block)
         .expect_problem(503, &["database", "damaged"]);

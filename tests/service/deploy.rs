@@ -6,7 +6,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use flankwatch::estimate::Severity;
 use flankwatch::service::QueueOverview;
+use flankwatch::store::Recipient;
 use serde_json::Value;
 
 use crate::program::Program;
@@ -120,7 +122,10 @@ fn selectors_are_read() {
 
 /// What the service measures: each metric with the labels that its lines have.
 fn measured() -> BTreeMap<String, BTreeSet<String>> {
-    let service = Service::start();
+    let service = Service::start_with(|config| {
+        let shift = Recipient { name: "shift".to_owned(), at_least: Severity::Danger };
+        config.recipients.list.push(shift);
+    });
     let mut asset = crate::running::plain_asset("pump");
     asset["alarms"] = serde_json::json!([{ "quantity": { "indicator": "rms" }, "warning": 0.01, "settings": crate::alarms::at_once() }]);
     service.post_json("/v1/assets", &asset).expect(201);
@@ -330,6 +335,18 @@ fn settings_of_brokers_and_clusters_are_understood() {
             assert!(said.contains("cluster.database.url is missing"), "{}: {said}", path.display());
         }
     }
+}
+
+#[test]
+fn settings_of_notifications_are_understood() {
+    use flankwatch::notifications::NotificationsTable;
+    let settings: toml::Table = toml::from_str(&text("systemd/notifications.toml")).unwrap();
+    let table: NotificationsTable = settings["notifications"].clone().try_into().unwrap();
+    // A webhook's secret is a password too.
+    let secret = |_: &str| Some("whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw".to_owned());
+    let recipients = table.resolve(secret).unwrap().recipients();
+    let names: Vec<&str> = recipients.list.iter().map(|recipient| recipient.name.as_str()).collect();
+    assert_eq!(names, ["cmms", "night-shift"]);
 }
 
 #[test]

@@ -20,6 +20,7 @@ mod gear_indicators;
 mod image;
 mod integrations;
 mod lost_database;
+mod notifications;
 mod openapi;
 mod packages;
 mod preview;

@@ -32,9 +32,12 @@ fn every_field_parameter_and_operation_is_described() {
         }
     }
     let mut operations = 0;
+    let mut ids = std::collections::HashSet::new();
     for (path, methods) in document["paths"].as_object().unwrap() {
         for (method, operation) in methods.as_object().unwrap() {
             operations += 1;
+            let id = operation["operationId"].as_str().unwrap();
+            assert!(ids.insert(id), "{id} names two operations");
             if operation["summary"].as_str().is_none_or(str::is_empty) {
                 silent.push(format!("{method} {path}"));
             }

@@ -160,7 +160,6 @@ impl Service {
     }
 
     /// Runs something on the service's own threads.
-    #[cfg(feature = "cluster")]
     pub(crate) fn run<T>(&self, work: impl Future<Output = T>) -> T {
         self.runtime.block_on(work)
     }

@@ -68,8 +68,9 @@ export class BulkAcknowledge {
 
   #takeAll(checked) {
     this.#chosen = new Set(checked ? this.#offered : []);
-    for (const box of document.querySelectorAll("[data-pick]"))
-      box.checked = this.#chosen.has(box.dataset.pick);
+    /** @type {NodeListOf<HTMLInputElement>} */
+    const boxes = document.querySelectorAll("[data-pick]");
+    for (const box of boxes) box.checked = this.#chosen.has(box.dataset.pick);
     this.#show();
   }
 

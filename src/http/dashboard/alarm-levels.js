@@ -1,7 +1,7 @@
 // Handles on the levels of an alarm rule over a pane of the trend plot: dragged, or moved with the arrow
 // keys.
 
-import { h, setChildren } from "./dom.js";
+import { focusedData, h, setChildren } from "./dom.js";
 import { number } from "./format.js";
 
 const DIGITS = 3; // of a level that was dragged: more would feign precision
@@ -25,7 +25,7 @@ export class LevelHandles {
 
   /** Shows levels, `{ key, value, label, severity, words }` each, over the pane of that place; none without a pane. */
   show(pane, levels) {
-    const focused = document.activeElement?.dataset?.level;
+    const focused = focusedData("level");
     [this.#pane, this.#levels] = [pane, pane === null ? [] : levels];
     setChildren(
       this.element,

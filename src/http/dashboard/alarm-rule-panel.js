@@ -1,4 +1,4 @@
-// An alarm rule made on the trend plot: levels typed, dragged or taken from the baseline, tried on the
+// An alarm rule made on a plot over time: levels typed, dragged or taken from the baseline, tried on the
 // history, and saved.
 
 import { reading } from "./alarm-words.js";
@@ -15,12 +15,14 @@ const LEVELS = [
 const TRY_AFTER_MS = 250;
 const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"];
 
-const quantityOf = (name) => (name === "novelty" ? "novelty" : { indicator: name });
-const watches = (rule, name) =>
-  name === "novelty" ? rule.quantity === "novelty" : rule.quantity?.indicator === name;
+const OF_THEIR_OWN = ["novelty", "wear_um"]; // quantities that are no indicators
+const quantityOf = (name) => (OF_THEIR_OWN.includes(name) ? name : { indicator: name });
+/** Whether a rule watches what has that name. */
+export const watches = (rule, name) =>
+  OF_THEIR_OWN.includes(name) ? rule.quantity === name : rule.quantity?.indicator === name;
 const some = (n, word) => `${count(n)} ${n === 1 ? word : `${word}s`}`;
 
-/** The panel below the trends. `onDraft` is called when the rule on show has changed, `onName(name)` when another indicator is chosen. */
+/** The panel below a plot; `prefix` begins the identifiers of its fields. `onDraft` is called when the rule on show has changed, `onName(name)` when another indicator is chosen. */
 export class AlarmRulePanel {
   #onDraft;
   #asset;
@@ -31,38 +33,42 @@ export class AlarmRulePanel {
   #isChanged = false;
   #trying = new AbortController();
   #timer;
-  #quantity = h("select", { id: "rule-quantity" });
-  #inputs = new Map(
-    LEVELS.map(([key, label]) => [
-      key,
-      h("input", {
-        id: `rule-${key}`,
-        type: "number",
-        step: "any",
-        "aria-label": label,
-        onchange: () => this.#typed(),
-      }),
-    ]),
-  );
+  #quantity;
+  #inputs;
   #units = LEVELS.map(([key, label]) => [key, label, h("span")]);
-  #k = h("input", { id: "rule-k", type: "number", min: 0, step: 0.5, value: 4 });
+  #k;
+  #suggestion;
   #trial = h("p", { class: "rule-trial", role: "status" });
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Save the rule");
   #reset = h("button", { type: "button", onclick: () => this.#begin(true) }, "Undo changes");
   element;
 
-  constructor(onDraft, onName) {
+  constructor(onDraft, onName, prefix = "rule") {
     this.#onDraft = onDraft;
+    this.#quantity = h("select", { id: `${prefix}-quantity` });
+    this.#k = h("input", { id: `${prefix}-k`, type: "number", min: 0, step: 0.5, value: 4 });
+    this.#inputs = new Map(
+      LEVELS.map(([key, label]) => [
+        key,
+        h("input", {
+          id: `${prefix}-${key}`,
+          type: "number",
+          step: "any",
+          "aria-label": label,
+          onchange: () => this.#typed(),
+        }),
+      ]),
+    );
     this.#quantity.addEventListener("change", () => onName(this.#quantity.value));
     const fields = this.#units.map(([key, , label]) =>
-      h("label", { class: "field", for: `rule-${key}` }, label, this.#inputs.get(key)),
+      h("label", { class: "field", for: `${prefix}-${key}` }, label, this.#inputs.get(key)),
     );
-    const suggest = h(
+    this.#suggestion = h(
       "span",
       { class: "rule-suggest" },
       h("button", { type: "button", onclick: () => this.#suggest() }, "Suggest from the baseline"),
-      h("label", { class: "check", for: "rule-k" }, "mean +", this.#k, "σ"),
+      h("label", { class: "check", for: this.#k.id }, "mean +", this.#k, "σ"),
     );
     this.element = h(
       "form",
@@ -75,10 +81,10 @@ export class AlarmRulePanel {
       h(
         "div",
         { class: "fields" },
-        h("label", { class: "field", for: "rule-quantity" }, h("span", {}, "Alarm on"), this.#quantity),
+        h("label", { class: "field", for: this.#quantity.id }, h("span", {}, "Alarm on"), this.#quantity),
         fields,
       ),
-      h("div", { class: "form-buttons" }, suggest, this.#save, this.#reset),
+      h("div", { class: "form-buttons" }, this.#suggestion, this.#save, this.#reset),
       this.#trial,
       this.#result,
     );
@@ -101,6 +107,7 @@ export class AlarmRulePanel {
       names.map((each) => h("option", { value: each }, indicatorName(each))),
     );
     this.#quantity.value = name;
+    this.#suggestion.hidden = name === "wear_um"; // the depth is counted from the baseline
     for (const [, label, element] of this.#units)
       setText(element, this.#unit ? `${label} (${this.#unit})` : label);
     if (isOther) this.#said("", "");

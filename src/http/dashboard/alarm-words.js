@@ -54,6 +54,7 @@ export function levelWords(alarm) {
       ["above", rule[name]],
       ["below", rule[`${name}_below`]],
     ].filter(([, level]) => level != null);
+  /** @param {any[]} level */
   const words = ([side, level]) => `${side} ${reading(level, alarm)}`;
   if (severity) {
     const passed = sides(severity).filter(

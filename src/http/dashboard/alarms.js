@@ -3,6 +3,7 @@
 
 import { BulkAcknowledge } from "./alarm-bulk.js";
 import { AlarmDetail } from "./alarm-detail.js";
+import { NotificationList } from "./alarm-notifications.js";
 import { learnUnits } from "./alarm-units.js";
 import {
   ALARM_STATES,
@@ -59,6 +60,7 @@ export class AlarmsPage {
   );
   #notice = h("p", { class: "notice" }, "Loading the alarms…");
   #detail = new AlarmDetail(() => this.refresh());
+  #notifications = new NotificationList();
   #bulk = new BulkAcknowledge(() => this.refresh());
   #ages = [];
 
@@ -83,7 +85,12 @@ export class AlarmsPage {
       this.#table,
       this.#notice,
     );
-    setChildren(root, h("h1", {}, "Alarms"), h("div", { class: "alarm-grid" }, list, this.#detail.element));
+    setChildren(
+      root,
+      h("h1", {}, "Alarms"),
+      h("div", { class: "alarm-grid" }, list, this.#detail.element),
+      this.#notifications.element,
+    );
     document.title = "Alarms · flankwatch";
   }
 
@@ -100,6 +107,7 @@ export class AlarmsPage {
     const [answer] = await Promise.all([
       api.answer(api.alarms({ state, asset, limit: LIMIT }, signal)),
       this.#detail.show(alarm, signal),
+      this.#notifications.refresh(signal),
     ]);
     const asked = JSON.stringify([show, asset, alarm]);
     if (answer === this.#shown && asked === this.#asked) return;
@@ -202,6 +210,7 @@ export class AlarmsPage {
   /** Lets ages grow. */
   tick() {
     for (const [element, time] of this.#ages) setText(element, age(time));
+    this.#notifications.tick();
   }
 
   dispose() {}

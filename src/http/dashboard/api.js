@@ -111,7 +111,10 @@ async function send(method, segments, body, signal, parameters) {
   return parsed(text);
 }
 
-/** Every asset, over as many pages as the server cuts the list into. */
+/**
+ * Every asset, over as many pages as the server cuts the list into.
+ * @returns {Promise<Answer<"/v1/assets">["items"]>}
+ */
 export async function assets(signal) {
   const pages = [];
   let cursor;
@@ -123,48 +126,76 @@ export async function assets(signal) {
   return pages.length === 1 ? pages[0] : pages.flat();
 }
 
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}">>} */
 export const asset = (id, signal) => get(["assets", id], {}, signal);
+/** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear">>} */
 export const wear = (id, channel, signal) => get(["assets", id, "wear"], { channel }, signal);
+/** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear/history">>} */
 export const wearHistory = (id, channel, signal) =>
   get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
+/** @type {(id: string, channel: string | undefined, names: string[], signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators">>} */
 export const indicators = (id, channel, names, signal) =>
   get(["assets", id, "indicators"], { channel, names: names.join(","), max_points: 2000 }, signal);
+/** @type {(id: string, channel: string, name: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators">>} */
 export const indicatorUnits = (id, channel, name, signal) =>
   get(["assets", id, "indicators"], { channel, names: name, max_points: 10 }, signal);
+/** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/segments">>} */
 export const segments = (id, channel, signal) =>
   get(["assets", id, "segments"], { channel, limit: 1000, order: "desc" }, signal);
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}">>} */
 export const segment = (id, signal) => get(["segments", id], {}, signal);
+/** @type {(id: string, from?: number, to?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/waveform">>} */
 export const waveform = (id, from, to, signal) =>
   get(["segments", id, "waveform"], { max_points: 4000, from_s: from, to_s: to }, signal);
+/** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/orders">>} */
 export const orders = (id, from, to, points, signal) =>
   get(["segments", id, "orders"], { from_order: from, to_order: to, max_points: points }, signal);
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/turn">>} */
 export const turn = (id, signal) => get(["segments", id, "turn"], {}, signal);
+/** @type {(id: string, end?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/cepstrum">>} */
 export const cepstrum = (id, end, signal) =>
   get(["segments", id, "cepstrum"], { max_points: 4000, max_s: end }, signal);
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/match">>} */
 export const match = (id, signal) => get(["segments", id, "match"], {}, signal);
+/** @type {(id: string, parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/waterfall">>} */
 export const waterfall = (id, parameters, signal) => get(["assets", id, "waterfall"], parameters, signal);
+/** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/libraries">>} */
 export const libraries = (signal) => get(["libraries"], { limit: 1000 }, signal);
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/libraries/{library}">>} */
 export const library = (id, signal) => get(["libraries", id], {}, signal);
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/libraries/{library}/states">>} */
 export const libraryStates = (id, signal) => get(["libraries", id, "states"], {}, signal);
+/** @type {(id: string, index: number, signal?: AbortSignal) => Promise<Answer<"/v1/libraries/{library}/states/{state}">>} */
 export const libraryState = (id, index, signal) =>
   get(["libraries", id, "states", String(index)], {}, signal);
+/** @type {(id: string, depth: number, signal?: AbortSignal) => Promise<Answer<"/v1/libraries/{library}/flank">>} */
 export const flank = (id, depth, signal) => get(["libraries", id, "flank"], { wear_um: depth }, signal);
 export const createAsset = (body) => send("POST", ["assets"], body);
 export const deleteAsset = (id) => send("DELETE", ["assets", id]);
 export const preview = (body, signal) => send("POST", ["preview"], body, signal);
+/** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/pair-presets">>} */
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);
 export const replaceAsset = (id, body) => send("PUT", ["assets", id], body);
+/** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/spectrum">>} */
 export const spectrum = (id, from, to, points, signal) =>
   get(["segments", id, "spectrum"], { from_hz: from, to_hz: to, max_points: points }, signal);
+/** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/envelope">>} */
 export const envelope = (id, from, to, points, signal) =>
   get(["segments", id, "envelope"], { from_hz: from, to_hz: to, max_points: points }, signal);
+/** @type {(parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/alarms">>} */
 export const alarms = (parameters, signal) => get(["alarms"], parameters, signal);
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/alarms/{alarm}">>} */
 export const alarm = (id, signal) => get(["alarms", id], {}, signal);
+/** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/notifications">>} */
+export const notifications = (signal) => get(["notifications"], {}, signal);
 export const actOnAlarm = (id, action, body) => send("POST", ["alarms", id, action], body);
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/maintenance">>} */
 export const maintenance = (id, signal) => get(["assets", id, "maintenance"], { limit: 200 }, signal);
 export const tellMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
 export const takeBackMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
+/** @type {(id: string, parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/segments">>} */
 export const recordsPage = (id, parameters, signal) => get(["assets", id, "segments"], parameters, signal);
+/** @type {(id: string, parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/segments/count">>} */
 export const recordCount = (id, parameters, signal) =>
   get(["assets", id, "segments", "count"], parameters, signal);
 /** `action` is "exclude" or "include"; the records are those of a range or of `ids`. */
@@ -172,17 +203,25 @@ export const markRecords = (id, action, parameters) =>
   send("POST", ["assets", id, "segments", action], undefined, undefined, parameters);
 export const deleteRecords = (id, parameters) =>
   send("DELETE", ["assets", id, "segments"], undefined, undefined, parameters);
+/** @type {(id: string, channel: string, name: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators/baseline">>} */
 export const baseline = (id, channel, name, signal) =>
   get(["assets", id, "indicators", "baseline"], { channel, names: name }, signal);
 export const tryRule = (id, body, signal) => send("POST", ["assets", id, "alarms", "try"], body, signal);
+/** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/tokens">>} */
 export const tokens = (signal) => get(["tokens"], { limit: 1000 }, signal);
 export const createToken = (body) => send("POST", ["tokens"], body);
 export const revokeToken = (id) => send("DELETE", ["tokens", id]);
+/** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/replays">>} */
 export const replays = (signal) => get(["replays"], { limit: 100 }, signal);
 export const startReplay = (body) => send("POST", ["replays"], body);
 export const stopReplay = (id) => send("DELETE", ["replays", id]);
 
-/** An answer, or the server's refusal as a value; a lost connection still throws. */
+/**
+ * An answer, or the server's refusal as a value; a lost connection still throws.
+ * @template T
+ * @param {Promise<T>} promise
+ * @returns {Promise<T | ApiError>}
+ */
 export async function answer(promise) {
   try {
     return await promise;

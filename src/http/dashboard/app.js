@@ -106,7 +106,9 @@ function markNavigation(current) {
     tokens: "tokens",
   };
   const section = sections[current] ?? "";
-  for (const link of document.querySelectorAll(".sections a")) {
+  /** @type {NodeListOf<HTMLElement>} */
+  const links = document.querySelectorAll(".sections a");
+  for (const link of links) {
     if (link.dataset.section === section) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }

@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { LevelHandles } from "./alarm-levels.js";
-import { AlarmRulePanel } from "./alarm-rule-panel.js";
+import { AlarmRulePanel, watches } from "./alarm-rule-panel.js";
 import { answer } from "./api.js";
 import { refusal } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
@@ -73,15 +73,14 @@ export class AssetPage {
     (name) => change({ levels: name }, { quiet: true }),
   );
   #handles = new LevelHandles(this.#trends.plot, (key, value) => this.#levels.setLevel(key, value));
-  #levelsButton = h(
-    "button",
-    {
-      type: "button",
-      "aria-expanded": "false",
-      onclick: () => change({ levels: this.#query.levels ? null : this.#levelNames()[0] }, { quiet: true }),
-    },
-    "Alarm levels…",
+  #levelsButton = this.#levelsToggle(() => this.#levelNames());
+  #wearLevels = new AlarmRulePanel(
+    () => this.redraw(),
+    () => {},
+    "wear-rule",
   );
+  #wearHandles = new LevelHandles(this.#wear.plot, (key, value) => this.#wearLevels.setLevel(key, value));
+  #wearLevelsButton = this.#levelsToggle(() => ["wear_um"]);
   #empty = h("section", { class: "card empty", hidden: true });
   #grid;
 
@@ -115,6 +114,9 @@ export class AssetPage {
     );
     this.#trends.frame.append(this.#handles.element);
     this.#trends.element.append(this.#levels.element);
+    this.#wear.tools.append(this.#wearLevelsButton);
+    this.#wear.frame.append(this.#wearHandles.element);
+    this.#wear.element.append(this.#wearLevels.element);
     this.#grid = h(
       "div",
       { class: "asset-grid", hidden: true },
@@ -124,6 +126,13 @@ export class AssetPage {
     const loading = h("p", { class: "notice loading" }, `Loading ${route.id}…`);
     setChildren(root, loading);
     document.title = `${route.id} · flankwatch`;
+  }
+
+  /** A button that shows the levels of the first of what `names` gives, or hides those on show. */
+  #levelsToggle(names) {
+    const toggle = () =>
+      change({ levels: names().includes(this.#query.levels) ? null : names()[0] }, { quiet: true });
+    return h("button", { type: "button", "aria-expanded": "false", onclick: toggle }, "Alarm levels…");
   }
 
   #togglePane(key) {
@@ -289,14 +298,35 @@ export class AssetPage {
   }
 
   #drawWear(history, latest, selected, revision, events) {
-    if (history instanceof Error) return this.#wear.say(history.message);
-    if (history.items.length === 0) return this.#wear.say("No records of this channel yet.");
-    const reason = withoutEstimate(history.items, Boolean(this.#data.asset.gear?.pair));
-    if (reason) return this.#wear.say(reason);
-    return this.#wear.show(
-      wearDrawing(history, latest.limits, selected, revision, latest, events, timeOf(this.#query.time)),
-      `${this.#id}-wear`,
-    );
+    const { asset } = this.#data;
+    const missing =
+      history instanceof Error
+        ? history.message
+        : history.items.length === 0
+          ? "No records of this channel yet."
+          : withoutEstimate(history.items, Boolean(asset.gear?.pair));
+    this.#wearLevelsButton.hidden = Boolean(missing);
+    const rules = this.#wearLevels.show({
+      asset,
+      channel: history.channel,
+      names: missing ? [] : ["wear_um"],
+      units: { wear_um: "µm" },
+      name: this.#query.levels,
+    });
+    const isShown = !this.#wearLevels.element.hidden;
+    this.#wearLevelsButton.setAttribute("aria-expanded", String(isShown));
+    if (missing) {
+      this.#wearHandles.show(null, []);
+      return this.#wear.say(missing);
+    }
+    const rule = rules.find((each) => watches(each, "wear_um"));
+    const zoomed = timeOf(this.#query.time);
+    return this.#wear
+      .show(
+        wearDrawing(history, latest.limits, selected, revision, latest, events, zoomed, rule),
+        `${this.#id}-wear`,
+      )
+      .then(() => this.#wearHandles.show(isShown ? 0 : null, this.#wearLevels.levels()));
   }
 
   #drawTrends(
@@ -396,6 +426,7 @@ export class AssetPage {
     this.#wear.dispose();
     this.#trends.dispose();
     this.#levels.dispose();
+    this.#wearLevels.dispose();
     this.#record.dispose();
     this.#dialog.dispose();
     this.#maintenance.dispose();

@@ -18,10 +18,12 @@ export function stampSeconds(text) {
   const iso = ISO.exec(text);
   const [, day, month, year, ...clock] = GERMAN.exec(text) ?? [];
   if (!iso && !year) return NaN;
-  const [y, mo, d, h, mi, s = 0, fraction = "", zone] = iso ? iso.slice(1) : [year, month, day, ...clock];
+  const [y, mo, d, h, mi, s, fraction, zone] = iso ? iso.slice(1) : [year, month, day, ...clock];
   const [, sign, hours, minutes] = /^([+-])(\d\d):?(\d\d)$/.exec(zone ?? "") ?? [];
-  const offset = sign ? Number(`${sign}1`) * (60 * hours + Number(minutes)) * 60 : 0;
-  return Date.UTC(y, mo - 1, d, h, mi, s) / 1000 - offset + Number(`0.${fraction || 0}`);
+  const offset = sign ? Number(`${sign}1`) * (60 * Number(hours) + Number(minutes)) * 60 : 0;
+  const [toYear, toMonth, toDay, toHour, toMinute, toSecond] = [y, mo, d, h, mi, s ?? 0].map(Number);
+  const seconds = Date.UTC(toYear, toMonth - 1, toDay, toHour, toMinute, toSecond) / 1000;
+  return seconds - offset + Number(`0.${fraction || 0}`);
 }
 
 /** Whether a column's name says that it holds the time; of a mere ending like `_s` only where its values rise evenly. */

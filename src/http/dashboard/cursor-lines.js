@@ -11,7 +11,10 @@ export function parseCursor(text) {
   return kind === "s" && base > 0 && spacing > 0 ? { kind, base, spacing } : null;
 }
 
-/** The cursor as an address has it. */
+/**
+ * The cursor as an address has it.
+ * @param {{ kind: string, base: number, spacing?: number }} cursor
+ */
 export function formatCursor({ kind, base, spacing }) {
   return [kind, base, spacing]
     .filter((part) => part !== undefined)
@@ -32,7 +35,11 @@ export function cursorLines({ kind, base, spacing }, end) {
     .filter(({ x }) => x > 0 && x <= end);
 }
 
-/** `[from, to]` of what a cursor reads, with room for a line more and in large steps, so that a cursor that is moved a little reads the same. */
+/**
+ * `[from, to]` of what a cursor reads, with room for a line more and in large steps, so that a cursor that is moved a little reads the same.
+ * @param {{ kind: string, base: number, spacing?: number }} cursor
+ * @param {number} end
+ */
 export function cursorReach({ kind, base, spacing }, end) {
   const upwards = (reach) => 2 ** Math.ceil(Math.log2(reach));
   if (kind === "h") return [0, Math.min(end, upwards((MOST_HARMONICS + 1) * base))];

@@ -24,6 +24,16 @@ export function svg(tag, properties, ...children) {
   return fill(document.createElementNS(SVG, tag), properties, children);
 }
 
+/** What the page's focus says about itself: the `data-` attribute of that name; undefined without one. */
+export const focusedData = (name) =>
+  document.activeElement instanceof HTMLElement ? document.activeElement.dataset[name] : undefined;
+
+/** The same of what the focus is in, an element that a selector names. */
+export function focusedIn(selector, name) {
+  const around = document.activeElement?.closest(selector);
+  return around instanceof HTMLElement ? around.dataset[name] : undefined;
+}
+
 /** Sets an element's text only where it differs, so that a selection in it and a screen reader are left in peace. */
 export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;

@@ -8,13 +8,12 @@ const NAME =
 
 /** The time that a file's name holds, read as UTC, as an ISO time; null without one. */
 export function startInName(name) {
-  const [, year, month, day, hour = 0, minute = 0, second = 0, fraction = ""] =
-    NAME.exec(name.replace(/\.\w+$/, "")) ?? [];
-  if (!year) return null;
-  const time = new Date(
-    Date.UTC(year, month - 1, day, hour, minute, second) + Math.round(1000 * Number(`0.${fraction || 0}`)),
-  );
-  return time.getUTCDate() === Number(day) ? time.toISOString() : null; // there is no 31 February
+  const [, ...parts] = NAME.exec(name.replace(/\.\w+$/, "")) ?? [];
+  if (parts.length === 0) return null;
+  const [year, month, day, hour, minute, second] = parts.slice(0, 6).map((part) => Number(part ?? 0));
+  const fraction = Math.round(1000 * Number(`0.${parts[6] || 0}`));
+  const time = new Date(Date.UTC(year, month - 1, day, hour, minute, second) + fraction);
+  return time.getUTCDate() === day ? time.toISOString() : null; // there is no 31 February
 }
 
 /** `{ time, source }` of a file that does not say the start to the server itself: an ISO time and where it is from. */

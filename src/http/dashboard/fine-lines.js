@@ -10,7 +10,9 @@ const MARGIN = 0.1; // of a part, to either side: a pinned record runs at a spee
 /** Lines that stand `step` apart without a gap, the first of them at `first` steps. */
 class FineLines {
   constructor(step, first, amplitude) {
-    Object.assign(this, { step, first, amplitude });
+    this.step = step;
+    this.first = first;
+    this.amplitude = amplitude;
   }
 
   static of({ resolution_hz: step, frequency_hz: x, amplitude }) {

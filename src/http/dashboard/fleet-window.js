@@ -161,7 +161,7 @@ export class RowWindow {
       return;
     event.preventDefault();
     const top = this.#body.getBoundingClientRect().top + scrollY + this.#tops[to];
-    const above = document.querySelector(".topbar")?.offsetHeight ?? 0;
+    const above = document.querySelector(".topbar")?.getBoundingClientRect().height ?? 0;
     if (top < scrollY + above) scrollTo(0, top - above);
     else if (top + 120 > scrollY + innerHeight) scrollTo(0, top + 120 - innerHeight);
     this.#render();

@@ -1,7 +1,7 @@
 // Every asset on one page: sorted by severity first, filtered by name and state.
 
 import * as api from "./api.js";
-import { h, setChildren, setText } from "./dom.js";
+import { focusedData, h, setChildren, setText } from "./dom.js";
 import { firstSteps } from "./first-steps.js";
 import { grouped, GroupRow, placeOf } from "./fleet-groups.js";
 import { assetName, FleetRow } from "./fleet-row.js";
@@ -17,6 +17,7 @@ const lastOf = (asset) => Date.parse(asset.summary.last_start_time ?? 0);
 const collator = new Intl.Collator("en", { numeric: true });
 const byName = (a, b) => collator.compare(assetName(a), assetName(b));
 
+/** @type {{ key?: string, label: string, descends?: boolean, compare?: (a: any, b: any) => number }[]} */
 const COLUMNS = [
   { key: "name", label: "Asset", compare: byName },
   {
@@ -113,6 +114,7 @@ export class FleetPage {
     document.title = "Fleet · flankwatch";
   }
 
+  /** @param {(typeof COLUMNS)[number]} column */
   #header({ key, label }) {
     if (!key) return h("th", { scope: "col", role: "columnheader" }, label);
     const header = h(
@@ -216,7 +218,7 @@ export class FleetPage {
     const signature = JSON.stringify([...counts, chosen]);
     if (this.#states.dataset.signature === signature) return;
     this.#states.dataset.signature = signature;
-    const focused = this.#states.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+    const focused = this.#states.contains(document.activeElement) ? focusedData("key") : null;
     const chips = [...counts]
       .sort(([a], [b]) => rank(a) - rank(b))
       .map(([key, number]) => {

@@ -108,6 +108,7 @@ const INDICATORS = {
   na4: "NA4",
   nb4: "NB4",
   novelty: "Novelty",
+  wear_um: "Wear depth",
 };
 
 /** An indicator's name as the field writes it. */

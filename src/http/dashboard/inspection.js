@@ -17,8 +17,9 @@ export const PLACES = {
 export const measured = ({ depth_um: value, error_um: error }) => `${number(value)} ± ${number(error)} µm`;
 
 /** A measurement in a few words. */
-export function inspectionWords({ gear, place, ...numbers }) {
-  return `${measured(numbers)}, ${GEARS[gear ?? ""].toLowerCase()}, ${PLACES[place ?? "greatest"].toLowerCase()}`;
+export function inspectionWords(inspection) {
+  const { gear, place } = inspection;
+  return `${measured(inspection)}, ${GEARS[gear ?? ""].toLowerCase()}, ${PLACES[place ?? "greatest"].toLowerCase()}`;
 }
 
 /** Whether it is of what the plot of wear shows, the greatest depth of both gears. */
@@ -56,7 +57,8 @@ const label = ({ time, inspection }, colour) => ({
 });
 
 /** Inspections between two times as points with error bars: `{ traces, annotations, entries }`. */
-export function inspectionMarks({ maintenance }, colour, [from, to]) {
+export function inspectionMarks({ maintenance }, colour, range) {
+  const [from, to] = range;
   const within = ({ time, inspection }) =>
     inspection && Date.parse(time) >= Date.parse(from) && Date.parse(time) <= Date.parse(to);
   const told = maintenance instanceof Error ? [] : maintenance.items.filter(within);

@@ -10,6 +10,7 @@ import { PlotCard } from "./plot-card.js";
 import { onPointClick, palette } from "./plots.js";
 import { change } from "./route.js";
 
+/** @type {[string, string, (row: any) => any][]} */
 const COLUMNS = [
   ["index", "State", (row) => row.index],
   ["wear_um", "Wear (µm)", (row) => depth(row.wear_um)],

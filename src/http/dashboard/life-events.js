@@ -122,11 +122,13 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
   const within = (time) => Date.parse(time) >= first && Date.parse(time) <= last;
   const marks = changes(alarms).filter(({ change }) => within(change.time));
   const told = (maintenance instanceof Error ? [] : maintenance.items).filter(({ time }) => within(time));
+  /** @type {[string | null, (change: any) => boolean, string][]} */
   const kinds = [
     ["danger", ({ severity }) => severity === "danger", "danger alarm raised"],
     ["warning", ({ severity }) => severity === "warning", "warning alarm raised"],
     [null, ({ severity }) => !severity, "alarm over"],
   ];
+  /** @type {any[][]} */
   const [shapes, annotations, entries] = [[], [], []];
   for (const [severity, is, words] of kinds) {
     const some = marks.filter(({ change }) => is(change));

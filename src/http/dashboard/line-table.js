@@ -9,8 +9,8 @@ import { axisOf, sidebandsOf } from "./spectrum-plot.js";
 
 const SAME = 2; // lines within which a line is the mesh harmonic
 
-function meshRows({ mesh_harmonics: harmonics, ...spectrum }, sidebands, zoom) {
-  return harmonics.flatMap(({ order, frequency_hz: x, amplitude }) => {
+function meshRows(spectrum, sidebands, zoom) {
+  return spectrum.mesh_harmonics.flatMap(({ order, frequency_hz: x, amplitude }) => {
     const line = { label: `mesh ${order}×`, x, amplitude };
     if (!sidebands || order !== Number(zoom)) return [line];
     const beside = sidebandsOf(x, spectrum.shaft_speed_hz).map(({ x: place, label }) => ({

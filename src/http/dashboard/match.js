@@ -65,11 +65,9 @@ export class MatchPage {
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
     this.#frame.update(assetName(asset), this.#query);
     const latest = await api.answer(api.wear(this.#id, this.#query.channel, signal));
+    if (latest instanceof Error) return this.#say(latest.message);
     const id = this.#query.segment ?? latest.segment_id;
-    if (latest instanceof Error || !id)
-      return this.#say(
-        latest instanceof Error ? latest.message : "No records yet: there is nothing to match.",
-      );
+    if (!id) return this.#say("No records yet: there is nothing to match.");
     const segment = await api.answer(api.segment(id, signal));
     if (segment instanceof Error) return this.#say(segment.message);
     if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment, asset);

@@ -5,9 +5,9 @@ import { palette } from "./plots.js";
 
 function drawing(state, unworn, { key, scale, title, unit }, revision) {
   const colour = palette();
-  const curve = ({ phi1_rad: angle, [key]: values }, line) => ({
-    x: angle.map((radian) => 1000 * (radian - angle[0])),
-    y: values.map((value) => value * scale),
+  const curve = (of, line) => ({
+    x: of.phi1_rad.map((radian) => 1000 * (radian - of.phi1_rad[0])),
+    y: of[key].map((value) => value * scale),
     mode: "lines",
     line,
     hovertemplate: `%{x:.1f} mrad: %{y:.4g} ${unit}<extra></extra>`,

@@ -53,9 +53,9 @@ function curves({ unworn, worn, wear_um: wear }, read, hover) {
 
 function overMesh(model, extents, { key, scale, title, unit, sub }) {
   const { unworn, worn } = model;
-  const read = ({ phi1_rad: angle, [key]: values }) => ({
-    x: angle.map((radian) => 1000 * (radian - angle[0])),
-    y: values.map((value) => value * scale),
+  const read = (of) => ({
+    x: of.phi1_rad.map((radian) => 1000 * (radian - of.phi1_rad[0])),
+    y: of[key].map((value) => value * scale),
   });
   const { traces, legend } = curves(model, read, `%{x:.1f} mrad: %{y:.4g} ${unit}<extra></extra>`);
   return {
@@ -112,7 +112,8 @@ export function transmissionPlot(model, extents) {
 }
 
 /** Draws what is unworn broad and pale behind what is worn, so that both show where either is greater. */
-function stand([unworn, worn], broad, thin) {
+function stand(traces, broad, thin) {
+  const [unworn, worn] = traces;
   Object.assign(unworn.line, {
     dash: undefined,
     width: worn ? broad : thin,

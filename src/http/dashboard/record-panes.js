@@ -63,7 +63,10 @@ function posterior({ segment, asset, revision }) {
 /** What is known of a machine to have lines: the tooth numbers of its mesh, the orders of its bearings. */
 const machineLines = ({ gear, summary }) => ({ teeth: gear?.teeth, bearings: summary.bearing_orders ?? {} });
 
-/** Each pane's `fetch(id, query, signal)` gives its data, `draw(data, other, context)` a drawing, or words where there is nothing to draw. */
+/**
+ * Each pane's `fetch(id, query, signal)` gives its data, `draw(data, other, context)` a drawing, or words where there is nothing to draw.
+ * @type {{ key: string, label: string, fetch?: (...asked: any[]) => Promise<any>, draw: (...drawn: any[]) => any }[]}
+ */
 export const PANES = [
   {
     key: "waveform",

@@ -160,6 +160,7 @@ export class RecordView {
     this.busy(false);
   }
 
+  /** @param {(typeof PANES)[number]} pane */
   async #draw({ key, fetch, draw }, data, other, context) {
     const card = this.#cards.get(key);
     if (context.segment instanceof Error) return card.say("There is no record to show.");

@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
-import { h, setChildren, setText } from "./dom.js";
+import { focusedIn, h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { count } from "./format.js";
 import { STATUSES } from "./record-statuses.js";
@@ -224,7 +224,7 @@ export class RecordsPage {
         ? "No record matches these filters."
         : "No record has been received yet.",
     );
-    const focused = document.activeElement?.closest?.("[data-record]")?.dataset.record;
+    const focused = focusedIn("[data-record]", "record");
     const kind = document.activeElement?.tagName;
     const rows = this.#items.map((record, place) =>
       recordRow(record, this.#all || this.#selected.has(record.id), (checked, shift) =>

@@ -1,6 +1,9 @@
 // The fields of an asset's settings: where each stands in its description, what it is called, and its unit.
 
-/** Groups of fields, `{ path, label, unit?, kind?, hint? }` each; a path's numbers are places in a list. */
+/**
+ * Groups of fields, `{ path, label, unit?, kind?, hint? }` each; a path's numbers are places in a list.
+ * @type {any[]}
+ */
 export const GROUPS = [
   {
     title: "Asset",

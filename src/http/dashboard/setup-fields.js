@@ -7,6 +7,7 @@ const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
 /**
  * Groups of fields, `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault? }` each: `factor` makes the description's unit of the
  * one that is typed, `pairDefault` is said where only the other gear has a number. `more` are those that are folded away.
+ * @type {any[]}
  */
 export const SETUP_GROUPS = [
   {

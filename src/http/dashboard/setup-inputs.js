@@ -198,7 +198,7 @@ export class SetupInputs {
       typed.length === 1
         ? typed
         : own.length === 2 && gear && !typed.length
-          ? [own[gear - 1]]
+          ? [own[Number(gear) - 1]]
           : typed.length
             ? typed
             : own;

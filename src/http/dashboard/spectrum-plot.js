@@ -26,16 +26,20 @@ const ORDERS = {
   suffix: ". order",
 };
 
-/** An order spectrum in the shape of one over frequency: the unit of its axis is one turn of the driving shaft. */
+/**
+ * An order spectrum in the shape of one over frequency: the unit of its axis is one turn of the driving shaft.
+ * @param {Answer<"/v1/segments/{segment}/orders">} orders
+ */
 export function ofOrders({
   order,
   amplitude,
   mesh_amplitudes: mesh,
-  teeth: [teeth],
+  teeth: numbers,
   bandwidth_orders: bandwidth,
   resolution_orders: resolution,
   ...rest
 }) {
+  const [teeth] = numbers ?? []; // a machine without a mesh has none, and no harmonics
   const harmonics = mesh.map((height, index) => ({
     order: index + 1,
     frequency_hz: (index + 1) * teeth,
@@ -254,7 +258,8 @@ const NEAR_SHAFTS = 6; // shaft rates that are shown near
 const ENVELOPE_MESH_LINES = 3;
 
 /** `[from, to]` of what is looked at of an envelope spectrum, null for all of it; and of the lines that are marked in it. */
-export function envelopeParts({ shaft_speed_hz: shaft, mesh_frequency_hz: mesh, resolution_hz: step }, near) {
+export function envelopeParts(spectrum, near) {
+  const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, resolution_hz: step } = spectrum;
   return {
     part: near && shaft ? [0, NEAR_SHAFTS * shaft] : null,
     read: mesh ? [0, ENVELOPE_MESH_LINES * mesh + 2 * step] : null,

@@ -46,7 +46,7 @@ export function paneNames(panes, record) {
   const { indicators: values = {}, absent = {} } = record ?? {};
   const mesh = [...Object.keys(values), ...Object.keys(absent)]
     .filter((name) => /^mesh_\d+$/.test(name))
-    .sort((a, b) => a.slice(5) - b.slice(5));
+    .sort((a, b) => Number(a.slice(5)) - Number(b.slice(5)));
   return panes.flatMap((pane) => (pane.key === "mesh" ? mesh : pane.names));
 }
 
@@ -128,6 +128,7 @@ export function trendDrawing(
   const times = items.map((item) => item.start_time);
   const mode = items.length < 40 ? "lines+markers" : "lines";
   const height = (1 - GAP * (panes.length - 1)) / panes.length;
+  /** @type {any} */
   const layout = {
     uirevision: revision,
     hovermode: "x unified",

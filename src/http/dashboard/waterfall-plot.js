@@ -4,6 +4,7 @@ import { count, number, unit, utc } from "./format.js";
 import { palette } from "./plots.js";
 
 // dark to bright with even steps in lightness, told apart with any colour vision (after viridis)
+/** @type {[number, string][]} */
 const SCALE = [
   [0, "#0d0a2b"],
   [0.2, "#3b2f7d"],
@@ -27,18 +28,18 @@ function timeTicks(items) {
 
 /** Red, green and blue of 256 levels from the lowest to the highest. */
 function lookup() {
-  const stops = SCALE.map(([at, colour]) => [
+  const stops = SCALE.map(([at, colour]) => ({
     at,
-    [1, 3, 5].map((place) => Number.parseInt(colour.slice(place, place + 2), 16)),
-  ]);
+    rgb: [1, 3, 5].map((place) => Number.parseInt(colour.slice(place, place + 2), 16)),
+  }));
   return Array.from({ length: 256 }, (_, n) => {
     const after = Math.max(
       1,
-      stops.findIndex(([at]) => at >= n / 255),
+      stops.findIndex(({ at }) => at >= n / 255),
     );
-    const [[low, from], [high, to]] = [stops[after - 1], stops[after]];
-    const part = (n / 255 - low) / (high - low);
-    return from.map((value, channel) => Math.round(value + part * (to[channel] - value)));
+    const [low, high] = [stops[after - 1], stops[after]];
+    const part = (n / 255 - low.at) / (high.at - low.at);
+    return low.rgb.map((value, channel) => Math.round(value + part * (high.rgb[channel] - value)));
   });
 }
 

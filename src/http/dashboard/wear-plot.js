@@ -187,8 +187,8 @@ export function formatTime(range) {
   return range && range.map((end) => `${new Date(`${text(end)}Z`).toISOString().slice(0, 19)}Z`).join("~");
 }
 
-/** The drawing for a wear history; `selected` is the start time of the record that the page shows, `zoomed` a range of time or null. */
-export function wearDrawing({ channel, items }, limits, selected, revision, latest, events, zoomed) {
+/** The drawing for a wear history; `selected` is the start time of the record that the page shows, `zoomed` a range of time or null, `rule` the alarm rule on the depth. */
+export function wearDrawing({ channel, items }, limits, selected, revision, latest, events, zoomed, rule) {
   const colour = palette();
   const ends = [items[0].start_time, items.at(-1).start_time];
   const times = items.map((item) => item.start_time);
@@ -203,6 +203,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
         ["band", colour.band, "5 to 95 % interval"],
       ]
     : [];
+  /** @type {any[]} */
   const traces = [
     {
       ...bandOutline(items, "p05_um", "p95_um"),
@@ -263,17 +264,26 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
     entries.push(["dot", colour.reference, "reference (simulated or inspected)"]);
   }
   const zones = baselineZones(items, colour);
+  /** @type {any[]} */
   const shapes = zones.map(({ shape }) => shape);
+  /** @type {any[]} */
   const annotations = zones.map(({ annotation }) => annotation);
   for (const [name, value, dash] of [
     ["warning", limits?.warning_um, "dash"],
     ["danger", limits?.danger_um, "solid"],
   ]) {
-    if (value == null) continue;
-    const line = limitLine(name, value, colour[name], dash, ends);
-    traces.push(line.trace);
-    shapes.push(line.shape);
-    annotations.push(line.annotation);
+    const levels = [
+      [name, value],
+      [`${name} alarm above`, rule?.[name] === value ? null : rule?.[name]],
+      [`${name} alarm below`, rule?.[`${name}_below`]],
+    ];
+    for (const [words, level] of levels) {
+      if (level == null) continue;
+      const line = limitLine(words, level, colour[name], dash, ends);
+      traces.push(line.trace);
+      shapes.push(line.shape);
+      annotations.push(line.annotation);
+    }
   }
   const forecast = forecastOf(items, latest, colour);
   if (forecast) {

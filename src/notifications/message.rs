@@ -1,0 +1,170 @@
+//! A notification in the words of its receivers.
+
+use serde::Serialize;
+
+use crate::estimate::Severity;
+use crate::report::quantity_words;
+use crate::store::{Notification, NotificationKind};
+
+/// What is told, with what the store's row does not say.
+pub(super) struct Message {
+    pub(super) notification: Notification,
+    /// The asset's name for people; empty where it has none, or is gone.
+    pub(super) asset_name: String,
+    /// Where people see the alarm; none where nobody said at which address the dashboard is.
+    pub(super) url: Option<String>,
+}
+
+/// The body of a webhook, in the shape of Standard Webhooks.
+#[derive(Serialize)]
+struct Body<'a> {
+    #[serde(rename = "type")]
+    kind: String,
+    timestamp: jiff::Timestamp,
+    data: Data<'a>,
+}
+
+#[derive(Serialize)]
+struct Data<'a> {
+    #[serde(flatten)]
+    notification: &'a Notification,
+    asset_name: &'a str,
+    url: Option<&'a str>,
+}
+
+impl Message {
+    /// The body of a webhook.
+    pub(super) fn json(&self) -> Result<String, serde_json::Error> {
+        let notification = &self.notification;
+        serde_json::to_string(&Body {
+            kind: format!("alarm.{}", notification.kind.name()),
+            timestamp: notification.noted_at,
+            data: Data { notification, asset_name: &self.asset_name, url: self.url.as_deref() },
+        })
+    }
+
+    /// A mail's subject.
+    pub(super) fn subject(&self) -> String {
+        let Notification { kind, severity, severity_before, channel, quantity, .. } = &self.notification;
+        let what = match (kind, severity) {
+            (NotificationKind::Raised, Some(severity)) => class(*severity).to_owned(),
+            (NotificationKind::Worsened, Some(severity)) => format!("{}, worse", class(*severity)),
+            (NotificationKind::Eased, Some(severity)) => format!("{}, eased", class(*severity)),
+            _ => format!("Over: {}", severity_before.map_or("alarm", class).to_lowercase()),
+        };
+        let subject = format!("{what}: {}, channel {channel}: {}", self.asset(), quantity_words(quantity));
+        // A subject is one line.
+        subject.replace(char::is_control, " ")
+    }
+
+    /// A mail's text.
+    pub(super) fn text(&self) -> String {
+        let Notification { kind, severity, severity_before, rule, value, time, .. } = &self.notification;
+        let mut lines = vec![
+            format!("Asset      {}", self.asset()),
+            format!("Channel    {}", self.notification.channel),
+            format!("What       {}", quantity_words(&self.notification.quantity)),
+            format!("Alarm      {}", kind.name()),
+            format!("Severity   {}", severity.map_or("none", Severity::name)),
+            format!("Before     {}", severity_before.map_or("none", Severity::name)),
+        ];
+        if let Some(value) = value {
+            lines.push(format!("Reading    {value:.4}"));
+        }
+        for (name, level) in rule.iter().flat_map(|rule| {
+            [
+                ("Warning    above", rule.warning),
+                ("Danger     above", rule.danger),
+                ("Warning    below", rule.warning_below),
+                ("Danger     below", rule.danger_below),
+            ]
+        }) {
+            if let Some(level) = level {
+                lines.push(format!("{name} {level}"));
+            }
+        }
+        lines.push(format!("Time       {time}"));
+        if let Some(url) = &self.url {
+            lines.push(format!("\n{url}"));
+        }
+        lines.push(format!("\nNotification {}", self.notification.id));
+        lines.join("\n")
+    }
+
+    fn asset(&self) -> String {
+        let id = &self.notification.asset_id;
+        match self.asset_name.as_str() {
+            "" => id.to_string(),
+            name => format!("{name} ({id})"),
+        }
+    }
+}
+
+fn class(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Warning => "Warning",
+        Severity::Danger => "Danger",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::asset::AssetId;
+    use crate::estimate::{AlarmQuantity, AlarmRule};
+
+    fn message(kind: NotificationKind, severities: [Option<Severity>; 2]) -> Message {
+        let rule = AlarmRule { danger: Some(400.0), ..AlarmRule::of(AlarmQuantity::WearUm) };
+        let notification = Notification {
+            id: "5f".to_owned(),
+            number: 3,
+            kind,
+            noted_at: "2026-01-01T00:01:00Z".parse().unwrap(),
+            alarm_id: "a1".to_owned(),
+            asset_id: AssetId::new("pump-3").unwrap(),
+            channel: "in\nput".to_owned(),
+            quantity: AlarmQuantity::WearUm,
+            rule: Some(rule),
+            severity: severities[1],
+            severity_before: severities[0],
+            time: "2026-01-01T00:00:00Z".parse().unwrap(),
+            value: Some(412.25),
+        };
+        let url = Some("https://host/#/alarms?show=all&alarm=a1".to_owned());
+        Message { notification, asset_name: "Feed pump".to_owned(), url }
+    }
+
+    #[test]
+    fn a_subject_says_in_one_line_what_happened_where() {
+        let worse = message(NotificationKind::Worsened, [Some(Severity::Warning), Some(Severity::Danger)]);
+        assert_eq!(worse.subject(), "Danger, worse: Feed pump (pump-3), channel in put: Wear depth (µm)");
+        let over = message(NotificationKind::Cleared, [Some(Severity::Danger), None]).subject();
+        assert!(over.starts_with("Over: danger: Feed pump"), "{over}");
+    }
+
+    #[test]
+    fn a_text_names_reading_levels_and_the_page() {
+        let text = message(NotificationKind::Raised, [None, Some(Severity::Danger)]).text();
+        for words in
+            ["Reading    412.2500", "Danger     above 400", "Before     none", "alarm=a1", "Notification 5f"]
+        {
+            assert!(text.contains(words), "{words} in {text}");
+        }
+    }
+
+    #[test]
+    fn a_body_has_the_shape_of_standard_webhooks() {
+        let body = message(NotificationKind::Raised, [None, Some(Severity::Danger)]).json().unwrap();
+        let body: serde_json::Value = serde_json::from_str(&body).unwrap();
+        assert_eq!(
+            (&body["type"], &body["timestamp"]),
+            (&"alarm.raised".into(), &"2026-01-01T00:01:00Z".into())
+        );
+        let data = &body["data"];
+        assert_eq!(
+            (&data["id"], &data["number"], &data["severity"]),
+            (&"5f".into(), &3.into(), &"danger".into())
+        );
+        assert_eq!((&data["quantity"], &data["asset_name"]), (&"wear_um".into(), &"Feed pump".into()));
+    }
+}

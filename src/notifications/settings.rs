@@ -1,0 +1,354 @@
+//! The table `[notifications]` of the settings file, and what follows from it.
+
+use std::fs;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use axum::http::Uri;
+use jiff::SignedDuration;
+use lettre::message::Mailbox;
+use lettre::transport::smtp::client::Certificate;
+use serde::Deserialize;
+use ureq::tls::{PemItem, RootCerts, parse_pem};
+
+use super::error::NotificationError;
+use super::mail::{Encryption, Mail};
+use super::secret::Secret;
+use super::webhook::Webhook;
+use crate::estimate::Severity;
+use crate::store::{Recipient, Recipients};
+
+/// How long one attempt may take.
+const TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Recipients at most; each has a task of its own.
+const MAX_RECIPIENTS: usize = 100;
+
+/// The table as it is written.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct NotificationsTable {
+    /// Where people reach the dashboard.
+    dashboard_url: Option<String>,
+    /// Alarms that are raised by older records are told to nobody.
+    newer_than_h: Option<u32>,
+    webhook: Vec<WebhookTable>,
+    mail: Vec<MailTable>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WebhookTable {
+    name: String,
+    url: String,
+    secret_file: Option<PathBuf>,
+    ca_file: Option<PathBuf>,
+    at_least: Option<Severity>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MailTable {
+    name: String,
+    /// `smtps://host[:465]`, `smtp://host[:587]` with STARTTLS, or `smtp+plain://host[:25]`.
+    server: String,
+    from: String,
+    to: Vec<String>,
+    username: Option<String>,
+    password_file: Option<PathBuf>,
+    ca_file: Option<PathBuf>,
+    at_least: Option<Severity>,
+}
+
+/// Who is notified, and how.
+pub struct NotificationSettings {
+    recipients: Recipients,
+    pub(super) ways: Vec<(String, Way)>,
+    pub(super) dashboard_url: Option<String>,
+}
+
+/// How a recipient is reached.
+pub(super) enum Way {
+    Webhook(Webhook),
+    Mail(Box<Mail>),
+}
+
+impl NotificationsTable {
+    /// The settings that follow. `secret` gives what the environment says under the name of a recipient, in
+    /// capitals and with `_` for `-`; it goes before a file.
+    ///
+    /// Errors name the setting, its value and what was expected.
+    pub fn resolve(
+        self,
+        secret: impl Fn(&str) -> Option<String>,
+    ) -> Result<NotificationSettings, NotificationError> {
+        let mut recipients = Recipients::default();
+        if let Some(hours) = self.newer_than_h {
+            recipients.newer_than = SignedDuration::from_hours(hours.into());
+        }
+        let mut ways = Vec::new();
+        let given = |name: &str| secret(&name.to_ascii_uppercase().replace('-', "_"));
+        for table in self.webhook {
+            let field = format!("webhook.{}", table.name);
+            add(&mut recipients, &field, &table.name, table.at_least)?;
+            let given = given(&table.name);
+            ways.push((table.name.clone(), Way::Webhook(table.resolve(&field, given)?)));
+        }
+        for table in self.mail {
+            let field = format!("mail.{}", table.name);
+            add(&mut recipients, &field, &table.name, table.at_least)?;
+            let given = given(&table.name);
+            ways.push((table.name.clone(), Way::Mail(Box::new(table.resolve(&field, given)?))));
+        }
+        let dashboard_url = match self.dashboard_url {
+            Some(url) if is_web(&url) => Some(url.trim_end_matches('/').to_owned()),
+            Some(url) => {
+                return Err(NotificationError::setting("dashboard_url", url, "http://… or https://…"));
+            }
+            None => None,
+        };
+        Ok(NotificationSettings { recipients, ways, dashboard_url })
+    }
+}
+
+impl NotificationSettings {
+    /// Whom the store keeps notifications for.
+    pub fn recipients(&self) -> Recipients {
+        self.recipients.clone()
+    }
+}
+
+/// Adds a recipient whose name is new and can stand in metrics and variables of the environment.
+fn add(
+    recipients: &mut Recipients,
+    field: &str,
+    name: &str,
+    at_least: Option<Severity>,
+) -> Result<(), NotificationError> {
+    let is_usable = (1..=40).contains(&name.len())
+        && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-');
+    if !is_usable {
+        let expected = "1 to 40 lower-case letters, digits and -";
+        return Err(NotificationError::setting(format!("{field}.name"), format!("{name:?}"), expected));
+    }
+    if recipients.list.iter().any(|known| known.name == name) {
+        return Err(NotificationError::setting(
+            format!("{field}.name"),
+            name,
+            "a name that no other one has",
+        ));
+    }
+    if recipients.list.len() == MAX_RECIPIENTS {
+        return Err(NotificationError::setting(field, "one too many", "at most 100 recipients"));
+    }
+    let at_least = at_least.unwrap_or(Severity::Warning);
+    recipients.list.push(Recipient { name: name.to_owned(), at_least });
+    Ok(())
+}
+
+impl WebhookTable {
+    fn resolve(self, field: &str, given: Option<String>) -> Result<Webhook, NotificationError> {
+        if !is_web(&self.url) {
+            // Not repeated in the message: it may hold a password.
+            let expected = "http://host… or https://host… without a user";
+            return Err(NotificationError::setting(format!("{field}.url"), "another one", expected));
+        }
+        let secret_field = format!("{field}.secret_file");
+        let secret = Secret::of(secret_field.clone(), given, self.secret_file)
+            .ok_or_else(|| NotificationError::setting(secret_field, "missing", "a file with the secret"))?;
+        // So that a start says what every attempt would.
+        secret.key()?;
+        let authorities = match certificates(field, self.ca_file)? {
+            None => RootCerts::WebPki,
+            Some(list) => RootCerts::from(list),
+        };
+        Ok(Webhook::new(self.url, secret, authorities, TIMEOUT))
+    }
+}
+
+impl MailTable {
+    fn resolve(self, field: &str, given: Option<String>) -> Result<Mail, NotificationError> {
+        let (encryption, host, port) = server(&format!("{field}.server"), &self.server)?;
+        let mailbox = |name: &str, address: &str| {
+            let unusable = |_| {
+                let expected = "an address, someone@host or Name <someone@host>";
+                NotificationError::setting(format!("{field}.{name}"), address, expected)
+            };
+            address.parse::<Mailbox>().map_err(unusable)
+        };
+        if self.to.is_empty() {
+            return Err(NotificationError::setting(format!("{field}.to"), "empty", "at least one address"));
+        }
+        let password = Secret::of(format!("{field}.password_file"), given, self.password_file);
+        let login = match (self.username, password) {
+            (None, None) => None,
+            (Some(_), Some(_)) if encryption == Encryption::None => {
+                let expected = "smtps:// or smtp://, where there is a password";
+                return Err(NotificationError::setting(format!("{field}.server"), self.server, expected));
+            }
+            (Some(user), Some(password)) => {
+                password.text()?;
+                Some((user, password))
+            }
+            (Some(_), None) => {
+                let expected = "a file with the user's password";
+                return Err(NotificationError::setting(
+                    format!("{field}.password_file"),
+                    "missing",
+                    expected,
+                ));
+            }
+            (None, Some(_)) => {
+                let expected = "the user of the password";
+                return Err(NotificationError::setting(format!("{field}.username"), "missing", expected));
+            }
+        };
+        let authorities = match certificates(field, self.ca_file)? {
+            None => None,
+            Some(list) => {
+                let ders = list.iter().map(|certificate| Certificate::from_der(certificate.der().to_vec()));
+                Some(ders.collect::<Result<_, _>>()?)
+            }
+        };
+        let to: Result<Vec<_>, _> = self.to.iter().map(|to| mailbox("to", to)).collect();
+        Ok(Mail {
+            host,
+            port,
+            encryption,
+            authorities,
+            login,
+            from: mailbox("from", &self.from)?,
+            to: to?,
+            timeout: TIMEOUT,
+        })
+    }
+}
+
+/// Whether it is an address of a web server that names no user.
+fn is_web(url: &str) -> bool {
+    let uri: Result<Uri, _> = url.parse();
+    uri.is_ok_and(|uri| {
+        matches!(uri.scheme_str(), Some("http" | "https"))
+            && uri.host().is_some_and(|host| !host.is_empty())
+            && uri.authority().is_some_and(|authority| !authority.as_str().contains('@'))
+    })
+}
+
+/// How the way to a mail server is kept secret, its host and its port.
+fn server(field: &str, url: &str) -> Result<(Encryption, String, u16), NotificationError> {
+    let unusable = || {
+        let expected = "smtps://host[:465], smtp://host[:587] with STARTTLS, or smtp+plain://host[:25]";
+        // Not repeated in the message: it may hold a password.
+        NotificationError::setting(field, "another one", expected)
+    };
+    let uri: Uri = url.parse().map_err(|_| unusable())?;
+    let (encryption, port) = match uri.scheme_str() {
+        Some("smtps") => (Encryption::Tls, 465),
+        Some("smtp") => (Encryption::StartTls, 587),
+        Some("smtp+plain") => (Encryption::None, 25),
+        _ => return Err(unusable()),
+    };
+    let authority = uri.authority().ok_or_else(unusable)?;
+    let is_bare = matches!(uri.path(), "" | "/") && uri.query().is_none();
+    if !is_bare || authority.as_str().contains('@') || authority.host().is_empty() {
+        return Err(unusable());
+    }
+    Ok((encryption, authority.host().to_owned(), authority.port_u16().unwrap_or(port)))
+}
+
+/// The certificates of a file; none where none is named.
+fn certificates(
+    field: &str,
+    file: Option<PathBuf>,
+) -> Result<Option<Vec<ureq::tls::Certificate<'static>>>, NotificationError> {
+    let Some(path) = file else { return Ok(None) };
+    let field = format!("{field}.ca_file");
+    let bytes = fs::read(&path).map_err(|source| NotificationError::File {
+        field: field.clone(),
+        path: path.clone(),
+        source,
+    })?;
+    let certificates = parse_pem(&bytes).filter_map(|item| match item {
+        Ok(PemItem::Certificate(certificate)) => Some(certificate),
+        _ => None,
+    });
+    let certificates: Vec<_> = certificates.collect();
+    if certificates.is_empty() {
+        return Err(NotificationError::setting(field, path.display(), "a PEM file with a certificate"));
+    }
+    Ok(Some(certificates))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECRET: &str = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw";
+
+    fn resolve(text: &str) -> Result<NotificationSettings, String> {
+        let table: NotificationsTable = toml::from_str(text).map_err(|error| error.to_string())?;
+        let secret = |name: &str| match name {
+            "CM_MS" => Some(SECRET.to_owned()),
+            "WEAK" => Some("whsec_c2VjcmV0".to_owned()),
+            "LOGIN" => Some("secret".to_owned()),
+            _ => None,
+        };
+        table.resolve(secret).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn webhooks_and_mails_are_recipients_of_their_severity() {
+        let settings = resolve(
+            "dashboard_url = \"https://host/\"\nnewer_than_h = 2\n\
+             [[webhook]]\nname = \"cm-ms\"\nurl = \"https://cmms/hook?x=1\"\nat_least = \"danger\"\n\
+             [[mail]]\nname = \"login\"\nserver = \"smtps://mail\"\nfrom = \"Watch <w@x.org>\"\nto = [\"a@x.org\"]\nusername = \"w\"\n",
+        )
+        .unwrap();
+        let recipient = |name: &str, at_least| Recipient { name: name.to_owned(), at_least };
+        let list = vec![recipient("cm-ms", Severity::Danger), recipient("login", Severity::Warning)];
+        assert_eq!(settings.recipients(), Recipients { list, newer_than: SignedDuration::from_hours(2) });
+        assert_eq!(settings.dashboard_url.as_deref(), Some("https://host"));
+        let Way::Mail(mail) = &settings.ways[1].1 else { panic!("a mail") };
+        assert_eq!((mail.host.as_str(), mail.port, mail.encryption), ("mail", 465, Encryption::Tls));
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_named_and_no_secret_is_repeated() {
+        let hook = |rest: &str| format!("[[webhook]]\n{rest}");
+        let mail = |rest: &str| format!("[[mail]]\nname = \"shift\"\nfrom = \"w@x.org\"\n{rest}");
+        let to = "to = [\"a@x.org\"]\n";
+        for (text, words) in [
+            ("dashboard_url = \"host\"".to_owned(), "dashboard_url is host"),
+            (hook("name = \"A b\"\nurl = \"http://x\""), "name is \"A b\""),
+            (hook("name = \"x\"\nurl = \"http://x\""), "webhook.x.secret_file is missing"),
+            (hook("name = \"weak\"\nurl = \"http://x\""), "whsec_"),
+            (hook("name = \"cm-ms\"\nurl = \"http://u:secret@x\""), "webhook.cm-ms.url"),
+            (hook("name = \"cm-ms\"\nurl = \"ftp://x\""), "https://host"),
+            (hook("name = \"x\"\nurl = \"http://x\"\nsecret_file = \"/nowhere/s\""), "/nowhere/s"),
+            (
+                hook("name = \"cm-ms\"\nurl = \"http://x\"\nca_file = \"/nowhere/ca\""),
+                "webhook.cm-ms.ca_file",
+            ),
+            (hook("name = \"cm-ms\"\nurl = \"http://x\"\nat_least = \"bad\""), "at_least"),
+            (mail(&format!("server = \"mail\"\n{to}")), "mail.shift.server"),
+            (mail("server = \"smtp://mail\"\nto = []"), "mail.shift.to is empty"),
+            (mail("server = \"smtp://mail\"\nto = [\"a b\"]"), "mail.shift.to is a b"),
+            (mail(&format!("server = \"smtp://mail\"\nusername = \"u\"\n{to}")), "mail.shift.password_file"),
+            (mail(&format!("server = \"smtp://u:secret@mail\"\n{to}")), "mail.shift.server"),
+            (
+                format!(
+                    "[[mail]]\nname = \"login\"\nfrom = \"w@x.org\"\nserver = \"smtp+plain://m\"\nusername = \"u\"\n{to}"
+                ),
+                "where there is a password",
+            ),
+            (
+                format!("[[mail]]\nname = \"login\"\nfrom = \"w@x.org\"\nserver = \"smtp://m\"\n{to}"),
+                "username is missing",
+            ),
+        ] {
+            let error = resolve(&text).map(|_| ()).unwrap_err();
+            assert!(error.contains(words), "{text}: {error}");
+            assert!(!error.contains("u:secret") && !error.contains("c2Vjcm"), "{error}");
+        }
+    }
+}

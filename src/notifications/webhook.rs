@@ -1,0 +1,73 @@
+//! A webhook: a signed request, as Standard Webhooks (standardwebhooks.com) says.
+
+use std::time::Duration;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use jiff::Timestamp;
+use ring::hmac;
+use ureq::tls::{RootCerts, TlsConfig};
+
+use super::error::NotificationError;
+use super::secret::Secret;
+
+/// A receiver of webhooks.
+#[derive(Clone)]
+pub(super) struct Webhook {
+    agent: ureq::Agent,
+    url: String,
+    secret: Secret,
+}
+
+impl Webhook {
+    /// One that is sent to an address within a time; `authorities` are whom to trust.
+    pub(super) fn new(url: String, secret: Secret, authorities: RootCerts, timeout: Duration) -> Self {
+        let config = ureq::Agent::config_builder()
+            .http_status_as_error(false)
+            // What is signed for one receiver is for no other one.
+            .max_redirects(0)
+            .timeout_global(Some(timeout))
+            .tls_config(TlsConfig::builder().root_certs(authorities).build())
+            .user_agent(concat!("flankwatch/", env!("CARGO_PKG_VERSION")))
+            .build();
+        Self { agent: config.into(), url, secret }
+    }
+
+    /// Sends a body under an identifier. Blocks.
+    pub(super) fn send(&self, id: &str, body: &str, now: Timestamp) -> Result<(), NotificationError> {
+        let seconds = now.as_second();
+        let signature = signature(&self.secret.key()?, id, seconds, body);
+        let answer = self
+            .agent
+            .post(&self.url)
+            .header("content-type", "application/json")
+            .header("webhook-id", id)
+            .header("webhook-timestamp", seconds.to_string())
+            .header("webhook-signature", signature)
+            .send(body)
+            .map_err(Box::new)?;
+        let status = answer.status();
+        if status.is_success() { Ok(()) } else { Err(NotificationError::Status(status.as_u16())) }
+    }
+}
+
+/// HMAC-SHA256 of identifier, time and body.
+fn signature(key: &[u8], id: &str, seconds: i64, body: &str) -> String {
+    let key = hmac::Key::new(hmac::HMAC_SHA256, key);
+    let tag = hmac::sign(&key, format!("{id}.{seconds}.{body}").as_bytes());
+    format!("v1,{}", STANDARD.encode(tag))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signature_is_that_of_the_standard() {
+        // The example of the specification's libraries.
+        let key = STANDARD.decode("MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").unwrap();
+        let signed =
+            signature(&key, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, r#"{"test": 2432232314}"#);
+        assert_eq!(signed, "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE=");
+    }
+}

@@ -1,0 +1,34 @@
+//! The dashboard's modules, checked by the TypeScript compiler against the description of the API.
+
+use std::path::Path;
+use std::process::Command;
+
+use crate::running::Service;
+use flankwatch_test_support::needed;
+
+#[test]
+#[ignore = "needs Node and npm install in tests/browser"]
+fn the_dashboards_modules_use_the_api_as_it_is_described() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
+    let tools = folder.join("node_modules/.bin");
+    needed(tools.join("tsc").exists().then_some(()), "`npm install` in tests/browser");
+    // Where tsconfig.json looks for the types.
+    let types = folder.join("node_modules/.api");
+    std::fs::create_dir_all(&types).unwrap();
+    let service = Service::start();
+    std::fs::write(types.join("openapi.json"), service.get("/openapi.json").expect(200).bytes).unwrap();
+    run(
+        &folder,
+        "openapi-typescript",
+        &["node_modules/.api/openapi.json", "-o", "node_modules/.api/api.d.ts"],
+    );
+    run(&folder, "tsc", &["-p", "."]);
+}
+
+#[track_caller]
+fn run(folder: &Path, tool: &str, arguments: &[&str]) {
+    let program = folder.join("node_modules/.bin").join(tool);
+    let output = Command::new(program).args(arguments).current_dir(folder).output().unwrap();
+    let said = [output.stdout, output.stderr].concat();
+    assert!(output.status.success(), "{tool}: {}", String::from_utf8_lossy(&said));
+}
