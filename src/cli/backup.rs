@@ -48,6 +48,9 @@ fn report(copied: &Copied) -> Result<(), CliError> {
         text += &format!("not copied: {failed}\n");
     }
     text += &format!("{} raw recordings, {} of them new\n", copied.objects, copied.new);
+    if copied.streams > 0 {
+        text += &format!("{} live streams\n", copied.streams);
+    }
     print(&text)?;
     match copied.failed.len() {
         0 => Ok(()),

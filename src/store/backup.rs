@@ -1,7 +1,8 @@
 //! A data folder copied while a service works on it, and put back.
 //!
-//! The database is copied at one moment first; the objects that it refers to are there before their rows, and
-//! are copied after.
+//! Live streams are copied first, then the database at one moment: a record that a copied journal no longer
+//! has to make is in the copied database. The objects that it refers to are there before their rows, and are
+//! copied after.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -11,6 +12,7 @@ use sqlx::{AnyConnection, Connection};
 use super::database::sqlite_url;
 use super::objects::file_error;
 use super::rows::get;
+use super::stream_copies::StreamCopies;
 use super::{Objects, StoreError, StoreMark, integrity, tokens};
 
 const DATABASE: &str = "flankwatch.db";
@@ -22,7 +24,9 @@ pub struct Copied {
     pub objects: u64,
     /// Those of them that were not there before.
     pub new: u64,
-    /// Objects that could not be copied, each with why.
+    /// Live streams.
+    pub streams: u64,
+    /// Objects and streams that could not be copied, each with why.
     pub failed: Vec<String>,
 }
 
@@ -49,20 +53,23 @@ pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     if raw.mark()?.is_some_and(|there| there.store != mark.store) {
         return Err(StoreError::Place { path: to.to_path_buf(), what: "is a backup of another store" });
     }
+    let mut streams = StreamCopies::make(data, to, false)?;
     copy_database(&database, &copy).await?;
     for left in ["flankwatch.db-wal", "flankwatch.db-shm"] {
         remove(&to.join(left))?;
     }
     let (names, mark) = (names_in(&copy).await?, mark_of(&copy).await?);
-    let copied = copy_objects(&Objects::open_to_read(data.join("raw")), &raw, names)?;
+    let mut copied = copy_objects(&Objects::open_to_read(data.join("raw")), &raw, names)?;
     raw.set_mark(&mark)?;
+    copied.failed.append(&mut streams.failed);
+    copied.streams = streams.replace()?;
     copy_tokens(data, to).await?;
     sync(to)?;
     Ok(copied)
 }
 
-/// Puts a backup into a data folder that has no database. Objects that are there stay, and so does their
-/// mark: where they are newer, the next start says so.
+/// Puts a backup into a data folder that has no database. Objects and streams that are there stay, and so does
+/// the objects' mark: where they are newer, the next start says so.
 ///
 /// Errors: there is a database, or none in the backup; files cannot be written.
 pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
@@ -82,8 +89,11 @@ pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     }
     let (names, mark) = (names_in(&backup).await?, mark_of(&backup).await?);
     let raw = Objects::open(data.join("raw"))?;
-    let copied = copy_objects(&Objects::open_to_read(from.join("raw")), &raw, names)?;
+    let mut copied = copy_objects(&Objects::open_to_read(from.join("raw")), &raw, names)?;
     raw.mark_first(&mark)?;
+    let mut streams = StreamCopies::make(from, data, true)?;
+    copied.failed.append(&mut streams.failed);
+    copied.streams = streams.add()?;
     copy_tokens(from, data).await?;
     // Last, so that what breaks off can be begun again.
     let part = data.join("flankwatch.db.part");

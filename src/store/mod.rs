@@ -40,6 +40,7 @@ mod settings;
 mod shared_sensors;
 mod shelvings;
 mod silences;
+mod stream_copies;
 mod stream_journal;
 mod stream_levels;
 mod tokens;

@@ -11,6 +11,9 @@ use crate::recording::stream::{ChannelLevel, Level};
 /// Bytes after which the older half of the levels goes: days for many channels, weeks for few.
 const FILE_BYTES: u64 = 16 << 20;
 
+/// The file of the older levels.
+pub(super) const OLDER_LEVELS: &str = "levels.before";
+
 /// Index, time and number of samples of a row.
 const HEAD_BYTES: usize = 24;
 
@@ -144,7 +147,7 @@ impl StreamLevels {
     }
 
     fn older(&self) -> PathBuf {
-        self.folder.join("levels.before")
+        self.folder.join(OLDER_LEVELS)
     }
 }
 

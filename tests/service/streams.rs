@@ -11,6 +11,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
+use crate::command::flankwatch;
+use crate::program::Program;
 use crate::running::{Service, plain_asset};
 use crate::stream_socket::StreamSocket;
 use crate::tokens::Tokens;
@@ -336,4 +338,51 @@ fn streams_are_limited_and_need_a_token_that_may_write() {
     let path = format!("/v1/tokens/{}", of_line["id"].as_str().unwrap());
     service.send("DELETE", &path, &tokens, b"").expect(204);
     assert_eq!(socket.hear().unwrap_err().0, 4401);
+}
+
+#[test]
+fn a_stream_goes_on_from_its_backup_with_the_samples_that_no_record_has_yet() {
+    let place = tempfile::tempdir().unwrap();
+    let [data, copy, elsewhere] = ["data", "copy", "elsewhere"].map(|name| place.path().join(name));
+    let open = |program: &Program| {
+        let url = format!("{}/v1/assets/pump/stream?{FORMAT}&first_index=0", program.url());
+        StreamSocket::open(&url, &[]).unwrap()
+    };
+    let on = |folder: &std::path::Path, words: [&str; 2]| {
+        let said = flankwatch(&[words[0], words[1], "--data-dir", folder.to_str().unwrap()]).expect_success();
+        assert!(said.out().contains("1 live streams"), "{}", said.out());
+    };
+    let program = Program::start(&data);
+    program.make(&asset(2.0, 10.0));
+    let mut socket = open(&program);
+    // Half of the second record is there.
+    socket.send(0, time_ns(0), &frames(0, 11_000));
+    socket.wait_for(11_000);
+    on(&data, ["backup", copy.to_str().unwrap()]);
+    socket.send(11_000, time_ns(11_000), &frames(11_000, 500));
+    socket.wait_for(11_500);
+    program.kill();
+
+    on(&elsewhere, ["restore", copy.to_str().unwrap()]);
+    let restored = Program::start(&elsewhere);
+    let mut socket = open(&restored);
+    assert_eq!(socket.next, Some(11_000));
+    socket.send(11_000, time_ns(11_000), &frames(11_000, 1000));
+    socket.wait_for(12_000);
+    let began = std::time::Instant::now();
+    let mut items = loop {
+        let items = restored.get("/v1/assets/pump/segments?channel=in")["items"].as_array().unwrap().clone();
+        if items.len() == 2 {
+            break items;
+        }
+        assert!(began.elapsed() < std::time::Duration::from_secs(100), "{}", restored.log());
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    };
+    items.sort_by_key(|item| item["start_time"].as_str().unwrap().to_owned());
+    for (item, first) in items.iter().zip([0, 10_000]) {
+        let path = format!("/v1/segments/{}/raw", item["id"].as_str().unwrap());
+        let raw = restored.send("GET", &path, &[], b"").body_mut().read_to_vec().unwrap();
+        assert!(raw == frames(first, 2000), "samples from {first} on");
+    }
+    restored.kill();
 }
