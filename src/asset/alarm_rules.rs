@@ -1,7 +1,8 @@
 //! Which alarms an asset has: those that its description gives, or those that follow from its limits.
 
-use super::spec::field;
-use super::{AssetError, AssetSpec, WearLimits};
+use super::error::{AssetError, field};
+use super::spec::AssetSpec;
+use super::wear_limits::WearLimits;
 use crate::estimate::{AlarmError, AlarmQuantity, AlarmRule};
 use crate::signal::{BearingLine, Indicators, VELOCITY_RMS};
 

@@ -4,10 +4,9 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
-use super::AssetError;
+use super::error::{AssetError, field};
 use super::other_mesh::{is_ratio, turns};
 use super::pair_of_numbers;
-use super::spec::field;
 use crate::signal::{Bearing, BearingLine, BearingOrders, is_name};
 
 /// The most bearings of an asset: each adds eight indicators to every record.

@@ -1,7 +1,11 @@
 //! What is monitored ([`AssetSpec`]) and one analysed stretch of its vibration ([`Segment`]).
 
 mod alarm_rules;
+mod analysis;
+mod asset_id;
 mod bearing;
+mod error;
+mod gear_spec;
 mod operating_bin;
 mod other_mesh;
 mod pair_of_numbers;
@@ -11,13 +15,18 @@ mod shaft;
 mod spec;
 mod stream_spec;
 mod velocity_zones;
+mod wear_limits;
 
+pub use asset_id::AssetId;
 pub use bearing::BearingSpec;
+pub use error::AssetError;
+pub use gear_spec::GearSpec;
 pub use operating_bin::OperatingBin;
 pub use other_mesh::{MAX_ON_ONE_SENSOR, OtherMeshSpec};
 pub use place::{Location, MeasuringPoint};
 pub use segment::{RawReference, Segment, SegmentId};
 pub use shaft::ShaftSpec;
-pub use spec::{AssetError, AssetId, AssetSpec, BaselineSpec, GearSpec, SensorSpec, WearLimits};
+pub use spec::{AssetSpec, BaselineSpec, SensorSpec};
 pub use stream_spec::StreamSpec;
 pub use velocity_zones::{MachineClass, VelocityZone, VelocityZones};
+pub use wear_limits::WearLimits;

@@ -3,8 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::AssetError;
-use super::spec::field;
+use super::error::{AssetError, field};
 
 /// The most bins of an asset.
 const MAX_BINS: usize = 16;

@@ -2,9 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::error::{AssetError, field};
+use super::gear_spec::GearSpec;
 use super::pair_of_numbers;
-use super::spec::{GearSpec, field};
-use super::{AssetError, AssetSpec};
+use super::spec::AssetSpec;
 use crate::signal::{OtherMesh, OtherMeshes};
 
 /// The most other meshes in a description.

@@ -3,8 +3,7 @@
 use jiff::civil::Date;
 use serde::{Deserialize, Serialize};
 
-use super::AssetError;
-use super::spec::field;
+use super::error::{AssetError, field};
 
 /// The most measuring points of an asset.
 const MAX_POINTS: usize = 64;

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::AssetId;
+use super::asset_id::AssetId;
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Features, Indicators, OperatingPoint, ShaftSpeed};
 

@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::AssetError;
-use super::spec::field;
+use super::error::{AssetError, field};
 
 /// The shaft whose speed the records are taken at, of a machine without a gear mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]

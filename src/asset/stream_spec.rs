@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::AssetError;
-use super::spec::field;
+use super::error::{AssetError, field};
 
 /// The shortest and the longest record in seconds.
 const RECORD_S: std::ops::RangeInclusive<f64> = 0.1..=600.0;

@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::AssetError;
-use super::spec::field;
+use super::error::{AssetError, field};
 
 /// The greatest limit in mm/s.
 const GREATEST_LIMIT_MM_PER_S: f64 = 1e4;

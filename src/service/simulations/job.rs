@@ -100,7 +100,7 @@ impl Job {
         };
         let kept = |settings: &EnsembleSettings| match settings.members {
             0 => Some(Ensemble::of(Arc::clone(&library))),
-            _ => self.source.kept_ensemble(&library, settings).ok().flatten(),
+            _ => self.source.kept_ensemble(&library, settings),
         };
         if let Some(whole) = kept(&self.neighbours) {
             self.ready(Arc::clone(&library), whole, None);

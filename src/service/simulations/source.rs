@@ -73,6 +73,15 @@ impl LibrarySource {
         Some(Arc::new(library))
     }
 
+    /// Keeps an ensemble for the next start. One that cannot be kept, on a full disk for example, is used all
+    /// the same.
+    fn keep_ensemble(&self, ensemble: &Ensemble) {
+        if let Err(error) = self.shelf.put_ensemble(ensemble) {
+            let id = ensemble.id();
+            tracing::warn!(ensemble = id, %error, "failed to keep the ensemble; the next start simulates it again");
+        }
+    }
+
     /// The library of these inputs; [`LibraryError::Cancelled`] soon after `cancel` becomes true.
     pub(super) fn get_or_build(
         &self,
@@ -97,9 +106,13 @@ impl LibrarySource {
         &self,
         library: &Arc<Library>,
         settings: &EnsembleSettings,
-    ) -> Result<Option<Ensemble>, LibraryError> {
-        if let Some(kept) = self.shelf.kept_ensemble(library, settings)? {
-            return Ok(Some(kept));
+    ) -> Option<Ensemble> {
+        match self.shelf.kept_ensemble(library, settings) {
+            Ok(None) => {}
+            Ok(kept) => return kept,
+            Err(error) => {
+                tracing::warn!(library = library.id(), %error, "failed to read the kept ensemble; simulating it again");
+            }
         }
         let id = ensemble_id(library.id(), settings);
         if let Some(shared) = &self.shared
@@ -107,10 +120,10 @@ impl LibrarySource {
             && let Ok(ensemble) = decode_ensemble(&bytes, Arc::clone(library))
             && ensemble.id() == id
         {
-            self.shelf.put_ensemble(&ensemble)?;
-            return Ok(Some(ensemble));
+            self.keep_ensemble(&ensemble);
+            return Some(ensemble);
         }
-        Ok(None)
+        None
     }
 
     /// The ensemble with these settings around the library of a smaller one: as it was simulated before, else
@@ -121,11 +134,11 @@ impl LibrarySource {
         settings: &EnsembleSettings,
         control: &BuildControl<'_>,
     ) -> Result<Ensemble, LibraryError> {
-        if let Some(kept) = self.kept_ensemble(smaller.described(), settings)? {
+        if let Some(kept) = self.kept_ensemble(smaller.described(), settings) {
             return Ok(kept);
         }
         let ensemble = smaller.extended(settings, control)?;
-        self.shelf.put_ensemble(&ensemble)?;
+        self.keep_ensemble(&ensemble);
         if let Some(shared) = &self.shared
             && let Err(error) =
                 shared.store.objects().put_library(ensemble.id(), encode_ensemble(&ensemble).into())
@@ -233,5 +246,27 @@ impl Shared {
     fn wait_for_store(&self, error: &StoreError) {
         tracing::warn!(%error, "failed to reach the store for a library: trying again");
         std::thread::sleep(ASKED_AGAIN);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_ensemble_that_cannot_be_kept_is_used() {
+        let folder = tempfile::tempdir().unwrap();
+        // Where its folder would be there is a file.
+        std::fs::write(folder.path().join("ensembles"), "").unwrap();
+        let source =
+            LibrarySource { shelf: Arc::new(LibraryShelf::new(folder.path().to_owned())), shared: None };
+        let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap();
+        let grid = GridSettings { states: 3, seconds: 0.3, ..GridSettings::default() };
+        let library = source.get_or_build(&pair, &grid, &|_, _| {}, &AtomicBool::new(false)).unwrap();
+        let settings = EnsembleSettings { members: 4 };
+        let control = BuildControl::silent();
+        let ensemble = source.ensemble(&Ensemble::of(library), &settings, &control).unwrap();
+        assert_eq!(ensemble.members().len(), 4);
+        assert!(source.kept_ensemble(ensemble.described(), &settings).is_none());
     }
 }

@@ -10,8 +10,10 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD_NO_PAD;
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use super::exponential::exp;
 use super::growth::{Growth, PRIOR, RATES};
 use super::likelihood::Likelihood;
 use crate::library::DEPTHS;
@@ -32,6 +34,9 @@ const BEGINNING_PART: f64 = 0.006;
 /// Cells of one group.
 const BLOCK: usize = RATES * DEPTHS;
 
+/// Numbers by depth.
+type Row = [f32; DEPTHS];
+
 /// The probability, packed: a number of 16 bits a cell. Members of one group share the probability of depth
 /// and rate; each has a part of the group.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,7 +51,7 @@ pub(super) struct Filter {
 
 /// What is believed after a record, and by the record itself.
 pub(super) struct Believed {
-    /// By member and depth; the sum is 1.
+    /// By group of members and depth; the sum is 1.
     pub(super) joint: Vec<f32>,
     /// By rate and depth; the sum is 1.
     pub(super) by_rate: Vec<f32>,
@@ -93,41 +98,33 @@ impl Filter {
 
     /// Lets wear grow over `units` and takes one record.
     pub(super) fn update(&mut self, growth: &Growth, units: f64, likelihood: &Likelihood) -> Believed {
-        let mut cells = self.cells.unpacked();
-        let mut parts = self.parts.unpacked();
-        let variants = parts.len() / (cells.len() / BLOCK);
-        parts.chunks_exact_mut(variants).for_each(normalise);
-        growth.advance(&mut cells, units);
+        let (mut cells, mut parts) = self.unpacked();
         growth.advance(&mut self.prior, units);
         normalise(&mut self.prior);
-        let groups = cells.len() / BLOCK;
-        let total: f32 = cells.iter().sum();
-        let (kept, fresh) = ((1.0 - FORGOTTEN) / total, FORGOTTEN / groups as f32);
-        for block in cells.chunks_exact_mut(BLOCK) {
-            let old_and_new = block.iter_mut().zip(&self.prior);
-            old_and_new.for_each(|(cell, prior)| *cell = kept * *cell + fresh * prior);
-        }
-        let believed = believe(&cells, &parts, &likelihood.to_power(ADDED));
-        let carried = likelihood.to_power(CARRIED * (units as f32).min(1.0));
-        let weights = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
-        for ((block, parts), weights) in weights.zip(carried.chunks_exact(variants * DEPTHS)) {
-            weigh(block, parts, weights);
-        }
-        self.cells = Packed::of(&cells);
-        self.parts = Packed::of(&parts);
+        let step = Step {
+            growth,
+            units,
+            carried: CARRIED * (units as f32).min(1.0),
+            prior: &self.prior,
+            likelihood,
+            cells: &mut cells,
+            parts: &mut parts,
+        };
+        let believed = Arch::new().dispatch(step);
+        self.pack(&cells, &parts);
         believed
     }
 
     /// Takes what an inspection says: a likelihood by member and depth, in full.
     pub(super) fn inspect(&mut self, likelihood: &[f32]) {
-        let mut cells = self.cells.unpacked();
-        let mut parts = self.parts.unpacked();
-        let variants = parts.len() / (cells.len() / BLOCK);
-        parts.chunks_exact_mut(variants).for_each(normalise);
+        let (mut cells, mut parts) = self.unpacked();
         let members = parts.len();
-        let weights = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
-        for ((block, parts), weights) in weights.zip(likelihood.chunks_exact(variants * DEPTHS)) {
-            weigh(block, parts, weights);
+        let variants = members / (cells.len() / BLOCK);
+        let weights = rows(likelihood).chunks_exact(variants);
+        let groups = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
+        for ((block, parts), weights) in groups.zip(weights) {
+            let block = block.as_chunks_mut::<DEPTHS>().0;
+            weigh(block, &by_depth(block), parts, weights, |weight| weight);
         }
         let mean = |depth: usize| (0..members).map(|member| likelihood[member * DEPTHS + depth]).sum::<f32>();
         for (index, prior) in self.prior.iter_mut().enumerate() {
@@ -135,8 +132,20 @@ impl Filter {
             *prior = (*prior + 1e-3) * mean(index % DEPTHS);
         }
         normalise(&mut self.prior);
-        self.cells = Packed::of(&cells);
-        self.parts = Packed::of(&parts);
+        self.pack(&cells, &parts);
+    }
+
+    /// Cells, and parts that add up to 1 in each group.
+    fn unpacked(&self) -> (Vec<f32>, Vec<f32>) {
+        let (cells, mut parts) = (self.cells.unpacked(), self.parts.unpacked());
+        let variants = parts.len() / (cells.len() / BLOCK);
+        parts.chunks_exact_mut(variants).for_each(normalise);
+        (cells, parts)
+    }
+
+    fn pack(&mut self, cells: &[f32], parts: &[f32]) {
+        self.cells = Packed::of(cells);
+        self.parts = Packed::of(parts);
     }
 
     /// The index of the mean depth of each member.
@@ -156,64 +165,116 @@ impl Filter {
     }
 }
 
-/// Multiplies a group's cells with weights by member and depth, and each member's part of the group with what
-/// it has of them.
-fn weigh(block: &mut [f32], parts: &mut [f32], weights: &[f32]) {
-    let depths = by_depth(block);
-    let of_group: [f32; DEPTHS] = std::array::from_fn(|depth| {
-        let rows = parts.iter().zip(weights.chunks_exact(DEPTHS));
-        rows.map(|(part, row)| part * row[depth]).sum()
-    });
-    for (part, row) in parts.iter_mut().zip(weights.chunks_exact(DEPTHS)) {
-        *part *= row.iter().zip(&depths).map(|(weight, p)| weight * p).sum::<f32>();
+/// One record's step.
+struct Step<'a> {
+    growth: &'a Growth,
+    units: f64,
+    /// Weight of the record in what is carried on.
+    carried: f32,
+    prior: &'a [f32],
+    likelihood: &'a Likelihood,
+    cells: &'a mut [f32],
+    parts: &'a mut [f32],
+}
+
+impl WithSimd for Step<'_> {
+    type Output = Believed;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Believed {
+        let Self { growth, units, carried, prior, likelihood, cells, parts } = self;
+        growth.advance(cells, units);
+        let groups = cells.len() / BLOCK;
+        let variants = parts.len() / groups;
+        let mut joint = Vec::with_capacity(groups * DEPTHS);
+        let mut by_rate = vec![0.0; BLOCK];
+        let (kept, fresh) = ((1.0 - FORGOTTEN) / sum(cells), FORGOTTEN / groups as f32);
+        let logs = rows(&likelihood.log).chunks_exact(variants);
+        let groups = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
+        for ((block, parts), logs) in groups.zip(logs) {
+            let block = block.as_chunks_mut::<DEPTHS>().0;
+            for (row, prior) in block.iter_mut().zip(rows(prior)) {
+                (0..DEPTHS).for_each(|depth| row[depth] = kept * row[depth] + fresh * prior[depth]);
+            }
+            let depths = by_depth(block);
+            let added = of_group(parts, logs, |log| exp(ADDED * log));
+            joint.extend((0..DEPTHS).map(|depth| depths[depth] * added[depth]));
+            for (row, by_rate) in block.iter().zip(by_rate.as_chunks_mut::<DEPTHS>().0) {
+                (0..DEPTHS).for_each(|depth| by_rate[depth] += row[depth] * added[depth]);
+            }
+            weigh(block, &depths, parts, logs, |log| exp(carried * log));
+        }
+        normalise(&mut joint);
+        normalise(&mut by_rate);
+        Believed { joint, by_rate }
+    }
+}
+
+/// Multiplies a group's cells, `depths` of them at each depth, with weights by member and depth, and each
+/// member's part of the group with what it has of them.
+#[inline(always)]
+fn weigh(
+    block: &mut [Row],
+    depths: &Row,
+    parts: &mut [f32],
+    members: &[Row],
+    weight: impl Fn(f32) -> f32 + Copy,
+) {
+    let weights = of_group(parts, members, weight);
+    for (part, row) in parts.iter_mut().zip(members) {
+        let weighed: Row = std::array::from_fn(|depth| weight(row[depth]) * depths[depth]);
+        *part *= sum(&weighed);
     }
     normalise(parts);
     let even = 1.0 / parts.len() as f32;
     parts.iter_mut().for_each(|part| *part += FORGOTTEN * (even - *part));
-    for row in block.chunks_exact_mut(DEPTHS) {
-        row.iter_mut().zip(&of_group).for_each(|(cell, weight)| *cell *= weight);
+    for row in block {
+        (0..DEPTHS).for_each(|depth| row[depth] *= weights[depth]);
     }
 }
 
+/// By depth: the mean of the members' weights, each by its part of the group.
+#[inline(always)]
+fn of_group(parts: &[f32], members: &[Row], weight: impl Fn(f32) -> f32) -> Row {
+    let mut mean = [0.0; DEPTHS];
+    for (part, row) in parts.iter().zip(members) {
+        (0..DEPTHS).for_each(|depth| mean[depth] += part * weight(row[depth]));
+    }
+    mean
+}
+
 /// A group's probability over the depths.
-fn by_depth(block: &[f32]) -> [f32; DEPTHS] {
+#[inline(always)]
+fn by_depth(block: &[Row]) -> Row {
     let mut depths = [0.0; DEPTHS];
-    for row in block.chunks_exact(DEPTHS) {
-        depths.iter_mut().zip(row).for_each(|(sum, p)| *sum += p);
+    for row in block {
+        (0..DEPTHS).for_each(|depth| depths[depth] += row[depth]);
     }
     depths
 }
 
-fn believe(cells: &[f32], parts: &[f32], weights: &[f32]) -> Believed {
-    let variants = parts.len() / (cells.len() / BLOCK);
-    let mut joint = Vec::with_capacity(weights.len());
-    let mut by_rate = vec![0.0; BLOCK];
-    let groups = cells.chunks_exact(BLOCK).zip(parts.chunks_exact(variants));
-    for ((block, parts), weights) in groups.zip(weights.chunks_exact(variants * DEPTHS)) {
-        let depths = by_depth(block);
-        let mut of_group = [0.0; DEPTHS];
-        for (part, row) in parts.iter().zip(weights.chunks_exact(DEPTHS)) {
-            for depth in 0..DEPTHS {
-                let weight = part * row[depth];
-                of_group[depth] += weight;
-                joint.push(depths[depth] * weight);
-            }
-        }
-        for (row, by_rate) in block.chunks_exact(DEPTHS).zip(by_rate.chunks_exact_mut(DEPTHS)) {
-            for depth in 0..DEPTHS {
-                by_rate[depth] += row[depth] * of_group[depth];
-            }
-        }
-    }
-    normalise(&mut joint);
-    normalise(&mut by_rate);
-    Believed { joint, by_rate }
+/// Numbers by depth.
+fn rows(values: &[f32]) -> &[Row] {
+    values.as_chunks().0
 }
 
+/// The sum of many numbers, eight sums at a time.
+#[inline(always)]
+fn sum(values: &[f32]) -> f32 {
+    let (eights, rest) = values.as_chunks::<8>();
+    let mut sums = [0.0_f32; 8];
+    for eight in eights {
+        sums.iter_mut().zip(eight).for_each(|(sum, value)| *sum += value);
+    }
+    sums.iter().chain(rest).sum()
+}
+
+#[inline(always)]
 fn normalise(values: &mut [f32]) {
-    let total: f64 = values.iter().map(|value| f64::from(*value)).sum();
+    let total = sum(values);
     if total > 0.0 {
-        values.iter_mut().for_each(|value| *value = (f64::from(*value) / total) as f32);
+        let scale = 1.0 / total;
+        values.iter_mut().for_each(|value| *value *= scale);
     }
 }
 
@@ -228,9 +289,15 @@ const LEAST_EXPONENT: u32 = (127 - 31) << 23;
 
 impl Packed {
     fn of(values: &[f32]) -> Self {
-        let highest = values.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+        let (eights, rest) = values.as_chunks::<8>();
+        let mut highest = [f32::MIN_POSITIVE; 8];
+        for eight in eights {
+            highest.iter_mut().zip(eight).for_each(|(highest, value)| *highest = highest.max(*value));
+        }
+        let highest = highest.iter().chain(rest).copied().fold(f32::MIN_POSITIVE, f32::max);
+        let scale = 1.0 / highest;
         let packed = |value: &f32| {
-            let bits = (value / highest).to_bits().saturating_add(1 << (DROPPED_BITS - 1));
+            let bits = (value * scale).to_bits().saturating_add(1 << (DROPPED_BITS - 1));
             (bits.saturating_sub(LEAST_EXPONENT) >> DROPPED_BITS).min(u32::from(u16::MAX)) as u16
         };
         Self(values.iter().map(packed).collect())

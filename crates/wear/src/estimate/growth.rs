@@ -54,6 +54,7 @@ impl Growth {
     }
 
     /// Lets probabilities by rate and depth, one block of [`RATES`] × [`DEPTHS`] a member, grow over `units`.
+    #[inline(always)]
     pub(super) fn advance(&self, blocks: &mut [f32], units: f64) {
         // Within a long interval the rate changes too.
         let parts = (units / MAX_PART).ceil().max(1.0);
@@ -62,61 +63,72 @@ impl Growth {
         }
     }
 
+    #[inline(always)]
     fn advance_part(&self, blocks: &mut [f32], units: f64) {
-        let moves: Vec<(usize, Vec<f32>)> =
-            self.rates_um.iter().map(|rate_um| self.moves(rate_um * units)).collect();
+        let moves = self.rates_um.map(|rate_um| self.moves(rate_um * units));
         let drawn_anew = (1.0 - (1.0 - CHANGES).powf(units)) as f32;
         let jumping = (1.0 - (1.0 - JUMPS).powf(units)) as f32;
-        for block in blocks.chunks_exact_mut(RATES * DEPTHS) {
+        for block in blocks.as_chunks_mut::<{ RATES * DEPTHS }>().0 {
             let (rows, _) = block.as_chunks_mut::<DEPTHS>();
             for (row, (steps, moving)) in rows.iter_mut().zip(&moves) {
-                for _ in 0..*steps {
-                    step(row, moving);
-                }
-                self.jump(row, jumping);
+                (0..*steps).for_each(|_| step(row, moving));
             }
-            for depth in 0..DEPTHS {
-                let total: f32 = rows.iter().map(|row| row[depth]).sum();
-                for (row, prior) in rows.iter_mut().zip(PRIOR) {
-                    row[depth] += drawn_anew * (prior * total - row[depth]);
+            self.jump(rows, jumping);
+            let mut total = [0.0_f32; DEPTHS];
+            for row in &*rows {
+                (0..DEPTHS).for_each(|depth| total[depth] += row[depth]);
+            }
+            for (row, prior) in rows.iter_mut().zip(PRIOR) {
+                for depth in 0..DEPTHS {
+                    row[depth] += drawn_anew * (prior * total[depth] - row[depth]);
                 }
             }
         }
     }
 
     /// Number of steps that a growth of `mean_um` takes, and the part of each depth that moves on in a step.
-    fn moves(&self, mean_um: f64) -> (usize, Vec<f32>) {
+    fn moves(&self, mean_um: f64) -> (usize, [f32; DEPTHS]) {
+        let mut parts = [0.0; DEPTHS];
         if mean_um <= 0.0 {
-            return (0, Vec::new());
+            return (0, parts);
         }
         let steps = ((mean_um / (0.8 * self.least_um)).ceil() as usize).clamp(1, MAX_STEPS);
         let each = (mean_um / steps as f64) as f32;
-        (steps, self.widths_um.iter().map(|width| (each / width).min(1.0)).collect())
+        parts.iter_mut().zip(&self.widths_um).for_each(|(part, width)| *part = (each / width).min(1.0));
+        (steps, parts)
     }
 
-    /// Spreads a part of each depth's probability over all greater depths.
-    fn jump(&self, row: &mut [f32; DEPTHS], part: f32) {
-        let whole: f32 = self.widths_um.iter().sum();
-        let (mut falling, mut left) = (0.0_f32, whole);
-        for (depth, (value, width)) in row.iter_mut().zip(&self.widths_um).enumerate() {
-            let arrives = if depth == 0 { 0.0 } else { falling * self.widths_um[depth - 1] };
-            let leaves = part * *value;
-            *value += arrives - leaves;
-            falling += leaves / left.max(f32::MIN_POSITIVE);
-            left -= width;
+    /// Spreads a part of each depth's probability over all greater depths, at all rates.
+    #[inline(always)]
+    fn jump(&self, rows: &mut [[f32; DEPTHS]], part: f32) {
+        let mut left: f32 = self.widths_um.iter().sum();
+        let mut falling = [0.0_f32; RATES];
+        let mut before_um = 0.0;
+        for (depth, width_um) in self.widths_um.iter().enumerate() {
+            let each = part / left.max(f32::MIN_POSITIVE);
+            for (row, falling) in rows.iter_mut().zip(&mut falling) {
+                let value = row[depth];
+                row[depth] += *falling * before_um - part * value;
+                *falling += each * value;
+            }
+            left -= width_um;
+            before_um = *width_um;
         }
-        row[DEPTHS - 1] += falling * self.widths_um[DEPTHS - 2];
+        for (row, falling) in rows.iter_mut().zip(falling) {
+            row[DEPTHS - 1] += falling * before_um;
+        }
     }
 }
 
-fn step(row: &mut [f32; DEPTHS], moving: &[f32]) {
-    let mut arrives = 0.0;
-    for (value, part) in row.iter_mut().zip(moving) {
-        let leaves = *value * part;
-        *value += arrives - leaves;
-        arrives = leaves;
+#[inline(always)]
+fn step(row: &mut [f32; DEPTHS], moving: &[f32; DEPTHS]) {
+    let leaves: [f32; DEPTHS] = std::array::from_fn(|depth| row[depth] * moving[depth]);
+    for depth in 0..DEPTHS {
+        row[depth] -= leaves[depth];
     }
-    row[DEPTHS - 1] += arrives;
+    for depth in 1..DEPTHS {
+        row[depth] += leaves[depth - 1];
+    }
 }
 
 #[cfg(test)]

@@ -1,14 +1,12 @@
 //! How likely each member of the ensemble, at each depth, makes a record.
 
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
-use wide::f32x8;
 
+use super::exponential::ln;
 use super::healthy_lines::{Measured, MeasuredLine};
 use super::novelty::Deviation;
 use crate::library::{DEPTHS, Ensemble, FlankPlace, MESH_LINES, line_name};
-
-/// Numbers that are taken together.
-const LANES: usize = 8;
 
 /// Degrees of freedom of a line's Student t distribution: a line that a member has wrong by far does not
 /// decide.
@@ -73,11 +71,6 @@ pub(super) struct Likelihood {
 }
 
 impl Likelihood {
-    /// The likelihood over the highest one to a power, by member and depth.
-    pub(super) fn to_power(&self, power: f32) -> Vec<f32> {
-        by_lanes([&self.log, &self.log], |[log, _]| (log * power).exp())
-    }
-
     /// The depths around the best one that the best member cannot tell from it by this record.
     pub(super) fn resolved(&self) -> [usize; 2] {
         let (member, best) = self.best;
@@ -119,37 +112,7 @@ impl Discrepancy {
         measured: &Measured,
         reference: Reference<'_>,
     ) -> Likelihood {
-        let members = ensemble.members().len();
-        let mut tails = vec![1.0_f32; members * DEPTHS];
-        let mut spreads = vec![1.0_f32; members * DEPTHS];
-        let mut row = Row::new(ensemble, measured.load);
-        let cells = tails.chunks_exact_mut(DEPTHS).zip(spreads.chunks_exact_mut(DEPTHS)).enumerate();
-        for (member, (tails, spreads)) in cells {
-            row.variance.copy_from_slice(self.variance_of(member));
-            for line in &measured.lines {
-                // A line that this member does not have says nothing of it.
-                if ensemble.members()[member].change(line.index)[0].is_nan() {
-                    continue;
-                }
-                self.expect(&mut row, ensemble, member, line, reference);
-                let (change, scatter) = (line.change as f32, line.variance as f32);
-                let expected = row.expected.iter().zip(&row.variance);
-                for ((tail, spread), (expected, variance)) in
-                    tails.iter_mut().zip(spreads.iter_mut()).zip(expected)
-                {
-                    let (residual, variance) = (change - expected, variance + scatter);
-                    *tail *= (1.0 + residual * residual / (FREEDOM * variance)).min(MOST_TAIL);
-                    *spread *= variance;
-                }
-            }
-        }
-        let mut log = by_lanes([&tails, &spreads], |[tails, spreads]| {
-            tails.ln() * (-0.5 * (FREEDOM + 1.0)) - spreads.ln() * 0.5
-        });
-        let best = (0..log.len()).max_by(|&a, &b| log[a].total_cmp(&log[b])).unwrap_or(0);
-        let highest = log.get(best).copied().unwrap_or(0.0);
-        log.iter_mut().for_each(|value| *value -= highest);
-        Likelihood { log, best: (best / DEPTHS, best % DEPTHS), highest: f64::from(highest) }
+        Arch::new().dispatch(Comparison { discrepancy: self, ensemble, measured, reference })
     }
 
     /// How each line of a record deviates from what a member expects at a depth.
@@ -181,6 +144,7 @@ impl Discrepancy {
 
     /// What a member expects of a line at each depth, and the variance of that: the row's own unless torque
     /// or an inspection change it.
+    #[inline(always)]
     fn expect(
         &self,
         row: &mut Row,
@@ -224,23 +188,79 @@ impl Discrepancy {
     }
 }
 
-/// A function of two rows of numbers, eight at a time.
-fn by_lanes(rows: [&[f32]; 2], of: impl Fn([f32x8; 2]) -> f32x8) -> Vec<f32> {
-    let (parts, rests): ([&[[f32; LANES]]; 2], [&[f32]; 2]) = {
-        let [(a, a_rest), (b, b_rest)] = rows.map(|row| row.as_chunks::<LANES>());
-        ([a, b], [a_rest, b_rest])
-    };
-    let mut values = Vec::with_capacity(rows[0].len());
-    for (a, b) in parts[0].iter().zip(parts[1]) {
-        values.extend_from_slice(&of([f32x8::from(*a), f32x8::from(*b)]).to_array());
+/// A factor on a line's variances that keeps the product over all lines within what single precision holds.
+struct Scaling {
+    factor: f32,
+    half_log: f32,
+}
+
+impl Scaling {
+    fn of(line: &MeasuredLine) -> Self {
+        let factor = 0.1 / (0.1 + line.variance as f32);
+        Self { factor, half_log: 0.5 * factor.ln() }
     }
-    let padded = rests.map(|rest| {
-        let mut lanes = [1.0; LANES];
-        lanes[..rest.len()].copy_from_slice(rest);
-        f32x8::from(lanes)
-    });
-    values.extend_from_slice(&of(padded).to_array()[..rests[0].len()]);
-    values
+}
+
+/// A record beside all members.
+#[derive(Clone, Copy)]
+struct Comparison<'a> {
+    discrepancy: &'a Discrepancy,
+    ensemble: &'a Ensemble,
+    measured: &'a Measured,
+    reference: Reference<'a>,
+}
+
+impl WithSimd for Comparison<'_> {
+    type Output = Likelihood;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Likelihood {
+        let mut row = Row::new(self.ensemble, self.measured.load);
+        let scaling: Vec<Scaling> = self.measured.lines.iter().map(Scaling::of).collect();
+        let mut log = vec![0.0; self.ensemble.members().len() * DEPTHS];
+        let (mut best, mut highest) = ((0, 0), f32::NEG_INFINITY);
+        for (member, log) in log.as_chunks_mut::<DEPTHS>().0.iter_mut().enumerate() {
+            *log = self.log_likelihood(&mut row, &scaling, member);
+            let most = log.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            if most > highest {
+                highest = most;
+                best = (member, log.iter().position(|value| *value == most).unwrap_or(0));
+            }
+        }
+        log.iter_mut().for_each(|value| *value -= highest);
+        Likelihood { log, best, highest: f64::from(highest) }
+    }
+}
+
+impl Comparison<'_> {
+    /// Logarithm of the likelihood by one member's depths.
+    #[inline(always)]
+    fn log_likelihood(&self, row: &mut Row, scaling: &[Scaling], member: usize) -> [f32; DEPTHS] {
+        let Self { discrepancy, ensemble, measured, reference } = *self;
+        let (mut tails, mut spreads, mut scale) = ([1.0_f32; DEPTHS], [1.0_f32; DEPTHS], 0.0);
+        row.variance.copy_from_slice(discrepancy.variance_of(member));
+        for (line, scaling) in measured.lines.iter().zip(scaling) {
+            // A line that this member does not have says nothing of it.
+            if ensemble.members()[member].change(line.index)[0].is_nan() {
+                continue;
+            }
+            discrepancy.expect(row, ensemble, member, line, reference);
+            let (change, scatter) = (line.change as f32, line.variance as f32);
+            scale += scaling.half_log;
+            let of_square = scaling.factor / FREEDOM;
+            for depth in 0..DEPTHS {
+                let residual = change - row.expected[depth];
+                let variance = scaling.factor * (row.variance[depth] + scatter);
+                let tail = variance + of_square * residual * residual;
+                tails[depth] *= tail.min(MOST_TAIL * variance);
+                spreads[depth] *= variance;
+            }
+        }
+        // Of Student's t, with (ν + r²/σ²)/ν as a quotient of both products.
+        std::array::from_fn(|depth| {
+            scale + 0.5 * (FREEDOM * ln(spreads[depth]) - (FREEDOM + 1.0) * ln(tails[depth]))
+        })
+    }
 }
 
 /// One member's line over the depths.

@@ -12,6 +12,7 @@ mod chart;
 mod comparability;
 mod depth_grid;
 mod event;
+mod exponential;
 mod filter;
 mod growth;
 mod healthy;

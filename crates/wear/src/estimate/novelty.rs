@@ -14,6 +14,10 @@ const LEAST_P_VALUE: f64 = 1e-4;
 const INFLATION_LINES: f64 = 2.0;
 const INFLATION_CHECKS: f64 = 1.6;
 
+/// Weight of a check's deviation where it has fallen: a fault of the machine adds energy beside its mesh lines,
+/// while wear, load and speed may take some away. What a sensor loses is judged at full weight.
+const FALLEN: f64 = 0.5;
+
 /// Checks that are followed over records: faults of one tooth and of the shaft raise them, and wear does not.
 const CHARTED: [&str; 2] = [TEETH, "ln_shaft_"];
 
@@ -227,18 +231,22 @@ pub(super) fn judge(
     circumstances: Circumstances,
     charts: &mut Charts,
 ) -> Novelty {
-    let squares = |deviations: &[Deviation]| -> f64 {
-        deviations.iter().map(|d| normal_score(d, freedom).powi(2)).sum()
+    let squares = |deviations: &[Deviation], fallen: f64| -> f64 {
+        let weight = |d: &Deviation| if d.residual < 0.0 { fallen } else { 1.0 };
+        deviations.iter().map(|d| (weight(d) * normal_score(d, freedom)).powi(2)).sum()
     };
-    let z_lines = chi_square_score(squares(lines) / INFLATION_LINES, lines.len());
-    let z_checks = chi_square_score(squares(checks) / INFLATION_CHECKS, checks.len());
+    let z_lines = chi_square_score(squares(lines, 1.0) / INFLATION_LINES, lines.len());
+    let of_checks = |fallen| chi_square_score(squares(checks, fallen) / INFLATION_CHECKS, checks.len());
+    let z_checks = of_checks(FALLEN);
     let (p_lines, p_checks) = (normal_tail(z_lines), normal_tail(z_checks));
-    let p_record = (2.0 * p_lines.min(p_checks)).min(1.0);
+    let twice = |p: f64| (2.0 * p).min(1.0);
+    let p_record = twice(p_lines.min(p_checks));
+    let p_with_falls = twice(p_lines.min(normal_tail(of_checks(1.0))));
     let sensor_fault = match record.fault {
         Some(Absence::Constant) => Some(SensorFault::Dead),
         Some(Absence::Clipped) => Some(SensorFault::Clipped),
         Some(Absence::Gaps) => Some(SensorFault::Gaps),
-        _ if p_record < LEAST_P_VALUE => sensor_fault(checks, circumstances.lines_fell)
+        _ if p_with_falls < LEAST_P_VALUE => sensor_fault(checks, circumstances.lines_fell)
             .or(circumstances.gain.map(|_| SensorFault::GainChanged)),
         _ => None,
     };

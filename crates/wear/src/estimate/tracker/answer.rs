@@ -11,6 +11,9 @@ use flankwatch_signal::Features;
 /// An interval of the tracked depth wider than this part of the library says that the records do not tell.
 const WIDEST_INTERVAL: f64 = 0.6;
 
+/// Places of the transmission error that probabilities are counted by.
+const ERROR_PLACES: usize = 2048;
+
 impl Tracker {
     /// Puts a record's novelty into an answer without a number.
     pub(super) fn tell_novelty(&self, answer: &mut WearEstimate, novelty: Novelty) {
@@ -119,20 +122,29 @@ impl Tracker {
     }
 }
 
-/// The transmission error due to wear, of a probability by member and depth.
+/// The transmission error due to wear, of a probability by group of members and depth; the members of a group
+/// have the same wear, and so the same error.
 fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
-    let errors = ensemble.members().iter().flat_map(|member| member.transmission_error_um().iter().copied());
-    let mut weighted: Vec<(f32, f32)> =
-        errors.zip(joint.iter().copied()).filter(|(_, p)| *p > 1e-7).collect();
-    weighted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let total: f32 = weighted.iter().map(|(_, p)| p).sum();
+    let groups = ensemble.members().chunks(ensemble.variants());
+    let errors = groups.flat_map(|group| group[0].transmission_error_um().iter().copied());
+    let weighted = || errors.clone().zip(joint.iter().copied());
+    let greatest_um = weighted().map(|(error_um, _)| error_um).fold(0.0, f32::max);
+    // Places of the square root, which are close together where errors are small.
+    let places = (ERROR_PLACES - 1) as f32 / greatest_um.max(f32::MIN_POSITIVE).sqrt();
+    let mut by_place = [0.0_f32; ERROR_PLACES];
+    for (error_um, p) in weighted() {
+        by_place[(error_um.max(0.0).sqrt() * places) as usize] += p;
+    }
+    let total: f32 = by_place.iter().sum();
     let quantile = |level: f32| {
-        let mut below = 0.0;
-        let found = weighted.iter().find(|(_, p)| {
-            below += p;
-            below >= level * total
-        });
-        found.map(|(error_um, _)| f64::from(*error_um))
+        let mut left = level * total;
+        let place = by_place.iter().position(|p| {
+            left -= p;
+            left <= 0.0
+        })?;
+        // `left` is what of the place lies above the quantile, below zero.
+        let at = if place == 0 { 0.0 } else { place as f32 + 1.0 + left / by_place[place] };
+        Some(f64::from((at / places).powi(2).min(greatest_um)))
     };
     Some(Interval { median: quantile(0.5)?, p05: quantile(0.05)?, p95: quantile(0.95)? })
 }
