@@ -73,7 +73,9 @@ pub use keyed_uploads::KeyedUpload;
 pub use maintenance::StoredEvent;
 pub use notification_rows::{Attempt, Notified, PendingNotification};
 pub use notifications::{Notification, NotificationKind, Recipient, Recipients};
-pub use objects::{AssetNote, ListedObject, Objects, Quarantined, RecordNote, RemovalNote, StoreMark};
+pub use objects::{
+    AssetNote, Disk, ListedObject, Objects, Quarantined, RecordNote, RemovalNote, StoreMark, SystemDisk,
+};
 pub use raw::GivenUp;
 pub use record_results::RecordResults;
 pub use removal::{RecordRange, RemovedRecords};
@@ -119,6 +121,14 @@ impl Store {
     /// is of a later version, or the objects are those of other processes.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
         let store = Self::connect(settings).await?;
+        store.compare_marks(true).await?;
+        Ok(store)
+    }
+
+    /// The same in a data folder whose objects are on another disk; the database is on the system's.
+    pub async fn open_on(folder: &Path, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
+        let database = Database::open_folder(folder).await?;
+        let store = Self::of(database, Objects::open_on(folder.join("raw"), disk)?, None);
         store.compare_marks(true).await?;
         Ok(store)
     }

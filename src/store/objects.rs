@@ -3,12 +3,14 @@
 
 #[cfg(feature = "s3")]
 mod bucket;
+mod disk;
 mod folder;
 mod mark;
 mod notes;
 mod quarantine;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -16,6 +18,7 @@ use ring::digest::{SHA256, digest};
 
 use super::StoreError;
 
+pub use disk::{Disk, SystemDisk};
 pub(super) use folder::file_error;
 pub use mark::StoreMark;
 pub use notes::{AssetNote, RecordNote, RemovalNote};
@@ -60,7 +63,12 @@ struct ListedFile {
 impl Objects {
     /// Opens a folder, making it where it is missing and clearing what an interrupted write left behind.
     pub fn open(folder: impl Into<PathBuf>) -> Result<Self, StoreError> {
-        Ok(Self { backend: Backend::Folder(folder::Folder::open(folder.into())?) })
+        Self::open_on(folder, Arc::new(SystemDisk))
+    }
+
+    /// The same on another disk.
+    pub(super) fn open_on(folder: impl Into<PathBuf>, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
+        Ok(Self { backend: Backend::Folder(folder::Folder::open(folder.into(), disk)?) })
     }
 
     /// Opens a folder that is there; what another process is writing is left alone.

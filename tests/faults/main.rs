@@ -1,8 +1,10 @@
-//! What a killed program and a full disk leave behind.
+//! What a killed program, a disk that fails and a full one leave behind.
 #![cfg(test)]
 
+mod forgetful_disk;
 mod full_disk;
 mod killed;
+mod seeded;
 mod streams;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]

@@ -1,14 +1,16 @@
 //! Objects as files: `ab/abcdef…`.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::collections::HashSet;
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytes::Bytes;
 use jiff::Timestamp;
 
-use super::{ListedFile, ListedObject, StoreError, is_name};
+use super::{Disk, ListedFile, ListedObject, StoreError, SystemDisk, is_name};
 
 /// Where the pieces of uploads are.
 const UPLOADS: &str = "uploads";
@@ -19,34 +21,55 @@ const ROOM_BYTES: usize = 1 << 20;
 /// A folder of objects.
 #[derive(Debug)]
 pub(super) struct Folder {
+    disk: Arc<dyn Disk>,
     folder: PathBuf,
     temporary: PathBuf,
     counter: AtomicU64,
+    /// Folders of objects whose own names are on the disk for certain.
+    lasting: Mutex<HashSet<PathBuf>>,
     /// Other processes write to it too: an object that is there is written again, so that it counts as new.
     is_shared: bool,
 }
 
 impl Folder {
     /// Opens the folder, making it where it is missing and clearing what an interrupted write left behind.
-    pub(super) fn open(folder: PathBuf) -> Result<Self, StoreError> {
+    pub(super) fn open(folder: PathBuf, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
         let temporary = folder.join("tmp");
-        fs::create_dir_all(&temporary)
+        disk.create_folder(&temporary)
             .map_err(|source| file_error("create the folder", &temporary, source))?;
+        // Their own names too: a crash must not take the whole folder.
+        for folder in folder.ancestors().take(2).filter(|folder| !folder.as_os_str().is_empty()) {
+            disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
+        }
         let mut stale = 0;
         for entry in fs::read_dir(&temporary).map_err(|source| file_error("list", &temporary, source))? {
             let path = entry.map_err(|source| file_error("list", &temporary, source))?.path();
-            fs::remove_file(&path).map_err(|source| file_error("remove the unfinished", &path, source))?;
+            disk.remove_file(&path).map_err(|source| file_error("remove the unfinished", &path, source))?;
             stale += 1;
         }
         if stale > 0 {
             tracing::info!(stale, "removed unfinished raw objects of an earlier run");
         }
-        Ok(Self { folder, temporary, counter: AtomicU64::new(0), is_shared: false })
+        Ok(Self {
+            disk,
+            folder,
+            temporary,
+            counter: AtomicU64::new(0),
+            lasting: Mutex::default(),
+            is_shared: false,
+        })
     }
 
     /// Opens a folder that is there; what another process is writing is left alone.
     pub(super) fn open_to_read(folder: PathBuf) -> Self {
-        Self { temporary: folder.join("tmp"), folder, counter: AtomicU64::new(0), is_shared: false }
+        Self {
+            disk: Arc::new(SystemDisk),
+            temporary: folder.join("tmp"),
+            folder,
+            counter: AtomicU64::new(0),
+            lasting: Mutex::default(),
+            is_shared: false,
+        }
     }
 
     /// Opens a folder that other processes write to as well; what they are writing is left alone.
@@ -59,7 +82,15 @@ impl Folder {
         let temporary = folder.join("tmp").join(hex::encode(unguessable));
         fs::create_dir_all(&temporary)
             .map_err(|source| file_error("create the folder", &temporary, source))?;
-        Ok(Self { folder, temporary, counter: AtomicU64::new(0), is_shared: true })
+        let disk = Arc::new(SystemDisk);
+        Ok(Self {
+            disk,
+            folder,
+            temporary,
+            counter: AtomicU64::new(0),
+            lasting: Mutex::default(),
+            is_shared: true,
+        })
     }
 
     /// Stores every object, and a note beside them; when this returns they are on disk, and so are their
@@ -76,23 +107,24 @@ impl Folder {
             let folder = path.parent().unwrap_or(&self.folder).to_path_buf();
             let is_whole = is_object && !self.is_shared && is_file_of(&path, bytes);
             if !is_whole {
-                if !folder.is_dir() {
-                    fs::create_dir_all(&folder)
-                        .map_err(|source| file_error("create the folder", &folder, source))?;
-                    touched.push(self.folder.clone());
-                }
+                self.disk
+                    .create_folder(&folder)
+                    .map_err(|source| file_error("create the folder", &folder, source))?;
                 self.write(&path, bytes)?;
+            }
+            if !self.lasting().contains(&folder) {
+                // Another thread may have made it a moment ago.
+                touched.push(self.folder.clone());
             }
             // Also for an object that was there: another thread may have renamed it a moment ago.
             touched.push(folder);
         }
         touched.sort_unstable();
         touched.dedup();
-        for folder in touched {
-            File::open(&folder)
-                .and_then(|folder| folder.sync_all())
-                .map_err(|source| file_error("sync the folder", &folder, source))?;
+        for folder in &touched {
+            self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
         }
+        self.lasting().extend(touched);
         Ok(())
     }
 
@@ -133,7 +165,7 @@ impl Folder {
     pub(super) fn put_file(&self, path: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let path = self.folder.join(path);
         let folder = path.parent().unwrap_or(&self.folder);
-        fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
+        self.disk.create_folder(folder).map_err(|source| file_error("create the folder", folder, source))?;
         self.write(&path, bytes)?;
         self.sync_up_from(folder)
     }
@@ -143,8 +175,8 @@ impl Folder {
         let path = self.folder.join(path);
         let temporary = self.write_temporary(bytes)?;
         // Unlike a renamed one, a link does not take the place of what is there.
-        let linked = fs::hard_link(&temporary, &path);
-        let _ = fs::remove_file(&temporary);
+        let linked = self.disk.link(&temporary, &path);
+        let _ = self.disk.remove_file(&temporary);
         match linked {
             Ok(()) => self.sync_up_from(&self.folder).map(|()| true),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
@@ -155,7 +187,7 @@ impl Folder {
     /// The bytes of a file; none where there is none.
     pub(super) fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
         let path = self.folder.join(path);
-        match fs::read(&path) {
+        match self.disk.read(&path) {
             Ok(bytes) => Ok(Some(bytes.into())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(file_error("read", &path, source)),
@@ -204,8 +236,8 @@ impl Folder {
     pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
         let (from, to) = (self.folder.join(from), self.folder.join(to));
         let folder = to.parent().unwrap_or(&self.folder);
-        fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
-        match fs::rename(&from, &to) {
+        self.disk.create_folder(folder).map_err(|source| file_error("create the folder", folder, source))?;
+        match self.disk.rename(&from, &to) {
             Ok(()) => {
                 if let Some(left) = from.parent().filter(|left| *left != folder) {
                     self.sync_up_from(left)?;
@@ -220,7 +252,7 @@ impl Folder {
     /// Removes a file; one that is not there is no error.
     pub(super) fn remove_file(&self, path: &str) -> Result<(), StoreError> {
         let path = self.folder.join(path);
-        match fs::remove_file(&path) {
+        match self.disk.remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("remove", &path, error)),
             _ => Ok(()),
         }
@@ -235,9 +267,7 @@ impl Folder {
     fn sync_up_from(&self, folder: &Path) -> Result<(), StoreError> {
         let inside = folder.ancestors().take_while(|folder| folder.starts_with(&self.folder));
         for folder in inside {
-            File::open(folder)
-                .and_then(|folder| folder.sync_all())
-                .map_err(|source| file_error("sync the folder", folder, source))?;
+            self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
         }
         Ok(())
     }
@@ -245,7 +275,7 @@ impl Folder {
     /// Removes what is kept of an upload.
     pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
         let folder = self.pieces(upload);
-        match fs::remove_dir_all(&folder) {
+        match self.disk.remove_folder(&folder) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
                 Err(file_error("remove", &folder, error))
             }
@@ -263,6 +293,10 @@ impl Folder {
         };
         let names = entries.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
         names.collect::<io::Result<Vec<String>>>().map_err(|source| file_error("list", &folder, source))
+    }
+
+    fn lasting(&self) -> MutexGuard<'_, HashSet<PathBuf>> {
+        self.lasting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn pieces(&self, upload: &str) -> PathBuf {
@@ -283,19 +317,15 @@ impl Folder {
 
     fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
         let temporary = self.write_temporary(bytes)?;
-        fs::rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
+        self.disk.rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
     }
 
     /// Writes bytes where nobody looks for them, and has them on the disk.
     fn write_temporary(&self, bytes: &[u8]) -> Result<PathBuf, StoreError> {
         let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
-        let written = File::create(&temporary).and_then(|mut file| {
-            file.write_all(bytes)?;
-            file.sync_all()
-        });
-        if let Err(source) = written {
+        if let Err(source) = self.disk.write_synced(&temporary, bytes) {
             // A full disk must not also keep the part that fitted.
-            let _ = fs::remove_file(&temporary);
+            let _ = self.disk.remove_file(&temporary);
             return Err(file_error("write", &temporary, source));
         }
         Ok(temporary)
@@ -364,6 +394,37 @@ mod tests {
         assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
         fs::remove_dir(folder.path().join("tmp")).unwrap();
         assert!(objects.check_room().is_err());
+    }
+
+    /// Notes which folders are synced.
+    #[derive(Debug, Default)]
+    struct NotingDisk {
+        synced: Mutex<Vec<PathBuf>>,
+    }
+
+    impl Disk for NotingDisk {
+        fn sync_folder(&self, path: &Path) -> io::Result<()> {
+            self.synced.lock().unwrap().push(path.to_path_buf());
+            SystemDisk.sync_folder(path)
+        }
+    }
+
+    #[test]
+    fn the_names_of_folders_are_on_the_disk_too_whoever_made_them() {
+        let data = tempfile::tempdir().unwrap();
+        let raw = data.path().join("raw");
+        let disk = Arc::new(NotingDisk::default());
+        let folder = Folder::open(raw.clone(), disk.clone()).unwrap();
+        let synced = || std::mem::take(&mut *disk.synced.lock().unwrap());
+        assert_eq!(synced(), [raw.clone(), data.path().to_path_buf()]);
+        let name = Objects::name(b"abc");
+        // As another thread does that has not come to syncing yet.
+        fs::create_dir(raw.join(&name[..2])).unwrap();
+        let object = [(name.clone(), Bytes::from_static(b"abc"))];
+        folder.put_all(&object, None).unwrap();
+        assert_eq!(synced(), [raw.clone(), raw.join(&name[..2])]);
+        folder.put_all(&object, None).unwrap();
+        assert_eq!(synced(), [raw.join(&name[..2])], "a name is synced once");
     }
 
     #[test]

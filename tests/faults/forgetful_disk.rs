@@ -1,0 +1,234 @@
+//! A disk that fails now and then, stops in the middle, and forgets what was not synced.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard};
+
+use flankwatch::store::Disk;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A change of the names in a folder that a crash may undo, as the folder was not synced since.
+#[derive(Debug)]
+struct Change {
+    folder: PathBuf,
+    path: PathBuf,
+    /// What was under the path before.
+    before: Before,
+}
+
+#[derive(Debug)]
+enum Before {
+    Nothing,
+    File(Vec<u8>),
+}
+
+#[derive(Debug)]
+struct State {
+    random: ChaCha8Rng,
+    /// How likely an operation fails.
+    failing: f64,
+    /// Operations until everything stops.
+    left: Option<u32>,
+    is_dead: bool,
+    unsynced: Vec<Change>,
+    /// The database's log, which is on another disk.
+    log: PathBuf,
+    /// The log when everything stopped: whatever was done here because of a commit came after it.
+    log_at_end: Vec<u8>,
+}
+
+/// Works on a folder of the system's disk and notes what a crash could undo.
+#[derive(Debug)]
+pub(crate) struct ForgetfulDisk {
+    state: Mutex<State>,
+}
+
+impl ForgetfulDisk {
+    pub(crate) fn new(seed: u64, log: PathBuf) -> Self {
+        Self {
+            state: Mutex::new(State {
+                random: ChaCha8Rng::seed_from_u64(seed),
+                failing: 0.0,
+                left: None,
+                is_dead: false,
+                unsynced: Vec::new(),
+                log,
+                log_at_end: Vec::new(),
+            }),
+        }
+    }
+
+    /// From now on operations fail with this likelihood.
+    pub(crate) fn fail(&self, likelihood: f64) {
+        self.state().failing = likelihood;
+    }
+
+    /// Everything stops in the middle of the operation after so many.
+    pub(crate) fn stop_after(&self, operations: u32) {
+        self.state().left = Some(operations);
+    }
+
+    /// Nothing is done any more.
+    pub(crate) fn stop(&self) {
+        self.state().end();
+    }
+
+    /// The database's log as it was when everything stopped. What is in it may have been answered, or may be
+    /// what something here rests on; what came later may not.
+    pub(crate) fn log_at_end(&self) -> Vec<u8> {
+        self.state().log_at_end.clone()
+    }
+
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.state().is_dead
+    }
+
+    /// Undoes in a copy of a folder some of what was not synced: of each folder the latest changes.
+    pub(crate) fn forget(&self, folder: &Path, copy: &Path) {
+        let mut state = self.state();
+        let changes = std::mem::take(&mut state.unsynced);
+        let mut folders: Vec<PathBuf> = changes.iter().map(|change| change.folder.clone()).collect();
+        folders.sort_unstable();
+        folders.dedup();
+        for of in folders {
+            let mine: Vec<&Change> = changes.iter().filter(|change| change.folder == of).collect();
+            let kept = state.random.random_range(0..=mine.len());
+            for change in mine[kept..].iter().rev() {
+                let path = copy.join(change.path.strip_prefix(folder).unwrap());
+                let is_there = path.parent().is_some_and(Path::is_dir);
+                match &change.before {
+                    Before::Nothing if path.is_dir() => fs::remove_dir_all(&path).unwrap(),
+                    Before::Nothing => drop(fs::remove_file(&path)),
+                    Before::File(bytes) if is_there => fs::write(&path, bytes).unwrap(),
+                    // Its folder is forgotten too.
+                    Before::File(_) => {}
+                }
+            }
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap()
+    }
+
+    /// Whether the next operation is done: an error where it fails, and how it fails.
+    fn next(&self) -> Result<MutexGuard<'_, State>, (MutexGuard<'_, State>, io::Error)> {
+        let mut state = self.state();
+        if state.is_dead {
+            return Err((state, io::Error::other("the disk has stopped")));
+        }
+        match &mut state.left {
+            Some(0) => {
+                state.end();
+                return Err((state, io::Error::other("the disk stops")));
+            }
+            Some(left) => *left -= 1,
+            None => {}
+        }
+        let failing = state.failing;
+        if failing > 0.0 && state.random.random_bool(failing) {
+            let kind =
+                if state.random.random_bool(0.5) { io::ErrorKind::StorageFull } else { io::ErrorKind::Other };
+            return Err((state, io::Error::new(kind, "the disk fails")));
+        }
+        Ok(state)
+    }
+}
+
+impl State {
+    fn end(&mut self) {
+        if !self.is_dead {
+            self.is_dead = true;
+            self.log_at_end = fs::read(&self.log).unwrap_or_default();
+        }
+    }
+
+    fn note(&mut self, path: &Path, before: Before) {
+        let folder = path.parent().unwrap().to_path_buf();
+        self.unsynced.push(Change { folder, path: path.to_path_buf(), before });
+    }
+}
+
+fn what_is_at(path: &Path) -> Before {
+    fs::read(path).map_or(Before::Nothing, Before::File)
+}
+
+impl Disk for ForgetfulDisk {
+    fn create_folder(&self, path: &Path) -> io::Result<()> {
+        let mut state = self.next().map_err(|(_, error)| error)?;
+        let missing: Vec<&Path> = path.ancestors().take_while(|path| !path.exists()).collect();
+        for path in missing.into_iter().rev() {
+            fs::create_dir(path)?;
+            state.note(path, Before::Nothing);
+        }
+        Ok(())
+    }
+
+    fn write_synced(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        match self.next() {
+            Ok(mut state) => {
+                let before = what_is_at(path);
+                fs::write(path, bytes)?;
+                state.note(path, before);
+                Ok(())
+            }
+            Err((mut state, error)) => {
+                // A part of it may have been written, and of that any part may be zeros.
+                let length = state.random.random_range(0..=bytes.len());
+                let mut part = bytes[..length].to_vec();
+                if state.random.random_bool(0.3) {
+                    let zeros = state.random.random_range(0..=length);
+                    part[zeros..].fill(0);
+                }
+                let is_dead_for_long = error.to_string().contains("has stopped");
+                if !is_dead_for_long && let Ok(()) = fs::write(path, part) {
+                    state.note(path, Before::Nothing);
+                }
+                Err(error)
+            }
+        }
+    }
+
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let _state = self.next().map_err(|(_, error)| error)?;
+        fs::read(path)
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        let mut state = self.next().map_err(|(_, error)| error)?;
+        let (moved, replaced) = (what_is_at(from), what_is_at(to));
+        fs::rename(from, to)?;
+        // Each folder is synced by itself: a crash may leave the file under both names, or under none.
+        state.note(from, moved);
+        state.note(to, replaced);
+        Ok(())
+    }
+
+    fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
+        let mut state = self.next().map_err(|(_, error)| error)?;
+        fs::hard_link(from, to)?;
+        state.note(to, Before::Nothing);
+        Ok(())
+    }
+
+    fn remove_file(&self, path: &Path) -> io::Result<()> {
+        let mut state = self.next().map_err(|(_, error)| error)?;
+        let before = what_is_at(path);
+        fs::remove_file(path)?;
+        state.note(path, before);
+        Ok(())
+    }
+
+    fn remove_folder(&self, path: &Path) -> io::Result<()> {
+        let _state = self.next().map_err(|(_, error)| error)?;
+        fs::remove_dir_all(path)
+    }
+
+    fn sync_folder(&self, path: &Path) -> io::Result<()> {
+        let mut state = self.next().map_err(|(_, error)| error)?;
+        state.unsynced.retain(|change| change.folder != path);
+        Ok(())
+    }
+}
