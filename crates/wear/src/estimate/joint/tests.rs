@@ -42,7 +42,7 @@ fn estimated(low_um: f64, high_um: f64) -> WearEstimate {
     wear
 }
 
-/// Records of channels whose deviates are correlated as the test assumes; each channel pools its own with
+/// Records of channels whose deviates are correlated; each channel pools its own with
 /// charts, as in a history. `shift` is what all checks called "a" deviate by.
 struct Machine {
     random: ChaCha8Rng,
@@ -72,10 +72,10 @@ impl Machine {
 }
 
 /// 50 000 healthy records of four channels with eight charts each: the asset is flagged no more often than
-/// is told, whether the channels are independent or move together.
+/// is told, for channels that are independent and for those that move together as is assumed.
 #[test]
 fn healthy_channels_pass_a_level_no_more_often_than_is_told() {
-    for (seed, correlation) in [(1, 0.0), (2, 0.5), (3, 0.9)] {
+    for (seed, correlation) in [(1, 0.0), (2, 0.3), (3, CORRELATION)] {
         let mut machine = Machine::new(seed, correlation);
         let levels = [1e-2, 1e-3, LEAST_P_VALUE];
         let mut passed = [0_u32; 3];
@@ -130,19 +130,21 @@ fn no_depth_is_claimed_where_a_channel_is_certain_that_it_is_not_wear() {
 #[test]
 fn channels_that_all_deviate_a_little_are_named_together() {
     let mut channels = vec![estimated(0.0, 2.0); 4];
-    for wear in &mut channels[1..] {
-        wear.novelty.as_mut().unwrap().p_value = 1e-4;
+    for (wear, p_value) in channels.iter_mut().zip([1e-3, 1e-4, 1e-4, 1e-4]) {
+        wear.novelty.as_mut().unwrap().p_value = p_value;
     }
     let latest: Vec<(&str, &WearEstimate)> = ["a1", "a2", "a3", "a4"].into_iter().zip(&channels).collect();
     let joint = JointEstimate::of(&latest).unwrap();
     assert_eq!((joint.leading, joint.wear.status), (1, WearStatus::OutsideLibrary));
     assert!(joint.wear.reason.starts_with("no wear explains the channels together"));
-    assert!(joint.wear.reason.ends_with("a2 (novelty 4.0), a3 (novelty 4.0), a4 (novelty 4.0)"));
+    let parts = "a1 (novelty 3.0), a2 (novelty 4.0), a3 (novelty 4.0), a4 (novelty 4.0)";
+    assert!(joint.wear.reason.ends_with(parts), "{}", joint.wear.reason);
     let novelty = joint.wear.novelty.unwrap();
     assert!(novelty.outside && novelty.score > 4.0 && joint.wear.median_um.is_none());
     // Whatever the order of the channels.
     let reversed: Vec<_> = latest.iter().rev().copied().collect();
-    assert_eq!(JointEstimate::of(&reversed).unwrap().wear.novelty.unwrap().p_value, novelty.p_value);
+    let other = JointEstimate::of(&reversed).unwrap().wear.novelty.unwrap();
+    assert!((other.p_value / novelty.p_value - 1.0).abs() < 1e-9);
 }
 
 #[test]
