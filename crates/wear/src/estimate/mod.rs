@@ -17,7 +17,6 @@ mod growth;
 mod healthy;
 mod healthy_checks;
 mod healthy_lines;
-mod joint;
 mod levels;
 mod likelihood;
 mod novelty;
@@ -31,7 +30,6 @@ pub use alarm::{
 };
 pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
-pub use joint::{ChannelContribution, JointEstimate};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
 pub use tracker::{EstimatorSettings, Tracker, TrackerState};
