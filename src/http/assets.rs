@@ -16,13 +16,14 @@ use super::app::App;
 use super::body;
 use super::category::{AlarmCounts, Category};
 use super::etag;
+use super::joint_wear;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::{AssetId, AssetSpec, VelocityZones, WearLimits};
-use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate, WearStatus};
+use crate::estimate::{AlarmQuantity, AlarmRule, ChannelContribution, WearEstimate};
 use crate::service::{SimulationProgress, SimulationStage};
 use crate::signal::BearingOrders;
-use crate::store::{Asset, StoredAlarm};
+use crate::store::{Asset, ChannelSummary, StoredAlarm};
 
 /// An asset as it is shown.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -62,12 +63,14 @@ struct Summary {
     /// simulated.
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<SimulationView>,
-    /// The latest estimate of the channel that speaks for the asset, of a record that is not excluded: the
-    /// channel that the description names; else one that something else than wear has changed, before one
-    /// with an estimate, before the others; else the one seen first.
+    /// The asset's one answer, from the latest records that are not excluded: of the channel that the
+    /// description names, else of all channels together.
     wear: Option<WearEstimate>,
-    /// That channel.
+    /// The channel that says most in it.
     wear_channel: Option<String>,
+    /// What each channel adds to it; left out where one speaks alone.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    wear_channels: Vec<ChannelContribution>,
     /// What it needs, after NAMUR NE 107: what its alarms say, else its latest wear and the state of its
     /// library.
     category: Category,
@@ -293,24 +296,14 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     let channels = store.channels(&asset.spec.id).await?;
     let (library_id, simulation) = app.service.simulations.of(&asset.spec);
     let library_state = simulation.readiness.name();
-    let mut wear = None;
+    let joint = joint_wear::of(app, &joint_wear::speakers(asset, &channels)).await?;
+    let (mut wear, mut wear_channel, mut wear_channels) = (None, None, Vec::new());
     let mut recent_wear_um = Vec::new();
-    let mut speaking = asset.speaking_channel(&channels, None);
-    if let Some(channel) = speaking {
-        wear = store.latest_counted(channel).await?.map(|segment| segment.wear);
-        // Where the description names no channel, one that sees what the others do not speaks for the asset.
-        for other in channels.iter().skip(1).filter(|_| asset.spec.sensor.channel.is_none()) {
-            let latest = store.latest_counted(other).await?.map(|segment| segment.wear);
-            if urgency(latest.as_ref()) > urgency(wear.as_ref()) {
-                (speaking, wear) = (Some(other), latest);
-            }
-        }
-    }
-    if let Some(wear) = &mut wear {
-        wear.posterior = None;
-    }
-    if let Some(channel) = speaking {
-        recent_wear_um = store.wear_curve(channel).await?.to_vec();
+    if let Some(joint) = joint {
+        recent_wear_um = store.wear_curve(&joint.leading).await?.to_vec();
+        wear = Some(WearEstimate { posterior: None, ..joint.wear });
+        wear_channel = Some(joint.leading.channel);
+        wear_channels = joint.contributions;
     }
     let alarm_rules = asset.spec.alarm_rules();
     let is_watched = alarm_rules.iter().any(|rule| rule.quantity == AlarmQuantity::WearUm);
@@ -327,7 +320,8 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
         library_error: simulation.error,
         simulation: simulation.progress.map(SimulationView::from),
         wear,
-        wear_channel: speaking.map(|channel| channel.channel.clone()),
+        wear_channel,
+        wear_channels,
         bearing_orders: asset
             .spec
             .bearings()
@@ -340,17 +334,6 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     })
 }
 
-/// How much a channel's latest estimate has to say about the machine.
-fn urgency(wear: Option<&WearEstimate>) -> u8 {
-    match wear.map(|wear| wear.status) {
-        Some(WearStatus::OutsideLibrary) => 4,
-        Some(WearStatus::Estimated) => 3,
-        Some(WearStatus::NotIdentifiable | WearStatus::Provisional) => 2,
-        Some(WearStatus::SensorFault) => 1,
-        _ => 0,
-    }
-}
-
 /// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for
 /// the asset.
 ///
@@ -359,15 +342,23 @@ pub(super) async fn asset_and_channel(
     app: &App,
     id: &AssetId,
     asked: Option<&str>,
-) -> Result<(Asset, Option<crate::store::ChannelSummary>), Problem> {
+) -> Result<(Asset, Option<ChannelSummary>), Problem> {
     let store = &app.service.store;
     let asset = store.asset(id).await?;
     let channels = store.channels(id).await?;
-    let channel = asset.speaking_channel(&channels, asked).cloned();
-    if channel.is_none()
-        && let Some(asked) = asked
-    {
-        return Err(Problem::not_found(format!("asset {id} has no records of channel {asked:?}")));
-    }
-    Ok((asset, channel))
+    let channel = match asked {
+        Some(asked) => Some(channel_named(id, &channels, asked)?),
+        None => asset.speaking_channel(&channels),
+    };
+    Ok((asset, channel.cloned()))
+}
+
+/// The channel of this name; a problem where it has no records.
+pub(super) fn channel_named<'a>(
+    id: &AssetId,
+    channels: &'a [ChannelSummary],
+    name: &str,
+) -> Result<&'a ChannelSummary, Problem> {
+    let channel = channels.iter().find(|channel| channel.channel == name);
+    channel.ok_or_else(|| Problem::not_found(format!("asset {id} has no records of channel {name:?}")))
 }

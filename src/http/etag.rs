@@ -30,13 +30,26 @@ pub(super) fn of_channel(
     uri: &Uri,
     headers: &HeaderMap,
 ) -> HeaderValue {
-    let number = |number: i64| number.to_le_bytes();
-    let (channel_no, revision) = channel.map_or((0, 0), ChannelSummary::version);
+    of_channels(asset, channel.as_slice(), uri, headers)
+}
+
+/// The entity tag of an answer that follows from the records of several channels, as that of one.
+pub(super) fn of_channels(
+    asset: &Asset,
+    channels: &[&ChannelSummary],
+    uri: &Uri,
+    headers: &HeaderMap,
+) -> HeaderValue {
+    let versions: Vec<u8> = channels
+        .iter()
+        .map(|channel| channel.version())
+        .flat_map(|(channel_no, revision)| [channel_no, revision].into_iter().flat_map(i64::to_le_bytes))
+        .collect();
     let updated_at = asset.updated_at.as_nanosecond().to_le_bytes();
     let address = uri.path_and_query().map_or("", |address| address.as_str());
     let accept = headers.get(header::ACCEPT).map_or(&b""[..], HeaderValue::as_bytes);
     let version = env!("CARGO_PKG_VERSION").as_bytes();
-    of_bytes(&[version, &number(channel_no), &number(revision), &updated_at, address.as_bytes(), accept])
+    of_bytes(&[version, &versions, &updated_at, address.as_bytes(), accept])
 }
 
 /// The entity tag of an asset: that of its description, and behind it that of the whole answer.

@@ -29,6 +29,7 @@ mod head;
 mod health;
 mod indicators;
 mod issued_tokens;
+mod joint_wear;
 mod libraries;
 mod library_states;
 mod limits;

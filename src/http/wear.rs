@@ -11,9 +11,9 @@ use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::{assets, etag, reduction, table};
+use super::{assets, etag, joint_wear, reduction, table};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
-use crate::estimate::{BaselineProgress, WearEstimate, WearStatus};
+use crate::estimate::{BaselineProgress, ChannelContribution, WearEstimate, WearStatus};
 use crate::signal::ShaftSpeed;
 use crate::store::Trend;
 
@@ -24,7 +24,7 @@ const DEFAULT_POINTS: usize = 2000;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WearParameters {
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; where not given, the one that the description names, else all together.
     channel: Option<String>,
 }
 
@@ -34,9 +34,12 @@ pub(super) struct WearParameters {
 pub(super) struct WearView {
     /// The asset.
     asset_id: AssetId,
-    /// The channel; none where the asset has no records.
+    /// The channel, of several the one that says most; none where the asset has no records.
     channel: Option<String>,
-    /// The latest record that is not excluded.
+    /// What each channel adds where several speak together.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    channels: Vec<ChannelContribution>,
+    /// Its latest record that is not excluded.
     segment_id: Option<SegmentId>,
     /// Time of its first sample.
     start_time: Option<Timestamp>,
@@ -63,23 +66,38 @@ pub(super) async fn latest(
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
-    let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
+    let asset = app.service.store.asset(&id).await?;
+    let channels = app.service.store.channels(&id).await?;
+    let speakers = match asked.channel.as_deref() {
+        Some(asked) => vec![assets::channel_named(&id, &channels, asked)?],
+        None => joint_wear::speakers(&asset, &channels),
+    };
+    let tag = etag::of_channels(&asset, &speakers, &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
     }
-    let segment = match &channel {
-        Some(channel) => app.service.store.latest_counted(channel).await?,
-        None => None,
-    };
-    let view = WearView {
-        asset_id: id,
-        channel: channel.map(|channel| channel.channel),
-        segment_id: segment.as_ref().map(|segment| segment.id.clone()),
-        start_time: segment.as_ref().map(|segment| segment.start_time),
-        shaft_speed: segment.as_ref().and_then(|segment| segment.shaft_speed),
-        limits: asset.spec.limits,
-        wear: segment.map_or_else(|| nothing_yet(&asset.spec), |segment| segment.wear),
+    let limits = asset.spec.limits;
+    let view = match joint_wear::of(&app, &speakers).await? {
+        Some(joint) => WearView {
+            asset_id: id,
+            channel: Some(joint.leading.channel),
+            channels: joint.contributions,
+            segment_id: Some(joint.segment.id),
+            start_time: Some(joint.segment.start_time),
+            shaft_speed: joint.segment.shaft_speed,
+            limits,
+            wear: joint.wear,
+        },
+        None => WearView {
+            asset_id: id,
+            channel: speakers.first().map(|channel| channel.channel.clone()),
+            channels: Vec::new(),
+            segment_id: None,
+            start_time: None,
+            shaft_speed: None,
+            limits,
+            wear: nothing_yet(&asset.spec),
+        },
     };
     Ok(([(header::ETAG, tag)], Json(view)).into_response())
 }

@@ -32,18 +32,11 @@ impl Asset {
         self.revision
     }
 
-    /// The channel that a question is about: the one asked for, else the one that the description says speaks
-    /// for the asset, else the one seen first.
-    pub fn speaking_channel<'a>(
-        &self,
-        channels: &'a [ChannelSummary],
-        asked: Option<&str>,
-    ) -> Option<&'a ChannelSummary> {
+    /// The channel that a question about one is about where none is asked for: the one that the description
+    /// names, else the one seen first.
+    pub fn speaking_channel<'a>(&self, channels: &'a [ChannelSummary]) -> Option<&'a ChannelSummary> {
         let named = |name: &str| channels.iter().find(|channel| channel.channel == name);
-        match asked {
-            Some(asked) => named(asked),
-            None => self.spec.sensor.channel.as_deref().and_then(named).or(channels.first()),
-        }
+        self.spec.sensor.channel.as_deref().and_then(named).or(channels.first())
     }
 }
 

@@ -26,7 +26,7 @@ use crate::forgetful_disk::ForgetfulDisk;
 use crate::running::{ManualClock, plain_asset, record};
 
 /// Schedules where nothing else is said.
-const SCHEDULES: u64 = 500;
+const SCHEDULES: u64 = 100;
 
 /// Processes of a schedule, all but the last one killed.
 const LIVES: u32 = 3;

@@ -136,6 +136,22 @@ fn a_summary_tells_of_all_channels() {
     assert_eq!(summary["first_start_time"], "2026-01-01T00:01:00Z");
     assert_eq!(summary["last_start_time"], "2026-01-01T00:03:00Z");
     assert_eq!(summary["wear"]["posterior"], json!(null));
+    let parts = |answer: &serde_json::Value| -> Vec<String> {
+        let parts = answer.as_array().unwrap().iter();
+        parts.map(|part| format!("{} {}", part["channel"], part["status"]).replace('"', "")).collect()
+    };
+    let both = ["b collecting_baseline", "a collecting_baseline"];
+    assert_eq!(parts(&summary["wear_channels"]), both);
+    let together = service.get("/v1/assets/pump/wear").expect(200);
+    assert_eq!(parts(&together.json()["channels"]), both);
+    // What was answered is no longer what is known when another channel has a record.
+    let tag = together.header("etag").to_owned();
+    service.send("GET", "/v1/assets/pump/wear", &[("if-none-match", &tag)], b"").expect(304);
+    service.upload("pump", &record("a", 4));
+    service.send("GET", "/v1/assets/pump/wear", &[("if-none-match", &tag)], b"").expect(200);
+    let one = service.get("/v1/assets/pump/wear?channel=a").expect(200).json();
+    assert_eq!((&one["channel"], &one["channels"]), (&json!("a"), &json!(null)));
+    service.get("/v1/assets/pump/wear?channel=c").expect_problem(404, &["\"c\""]);
 }
 
 #[test]

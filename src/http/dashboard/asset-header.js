@@ -5,6 +5,7 @@ import { age, count, depth, hertz, number, speedDoubt, speedSource, utc } from "
 import { baselineBar, wearBar } from "./gauge.js";
 import { assetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
+import { statusWords } from "./record-statuses.js";
 import { change, format } from "./route.js";
 import { assetState, channelState, depthWords, limitUse, sentence, STATES, timeToLimit } from "./state.js";
 import { badge } from "./symbols.js";
@@ -97,6 +98,24 @@ function zoneFact({ velocity_limits_mm_per_s: limits }) {
   return limits ? fact("Velocity zones A to D", `limits ${limits.join(", ")} mm/s`) : null;
 }
 
+/** What each channel adds to the asset's one answer. */
+function channelsFact({ wear, wear_channels: parts }) {
+  if (!parts) return null;
+  const words = (part) =>
+    statusWords(part) + (part.novelty_score == null ? "" : `, novelty ${number(part.novelty_score, 2)}`);
+  return fact(
+    "All channels",
+    sentenceCase(wear.reason),
+    ...parts.map((part) =>
+      h("div", { class: "muted", title: part.reason }, `${part.channel}: ${words(part)}`),
+    ),
+  );
+}
+
+function sentenceCase(words) {
+  return words.charAt(0).toUpperCase() + words.slice(1);
+}
+
 function facts(asset, wear, last) {
   const { summary, gear, shaft } = asset;
   const speed = wear?.shaft_speed;
@@ -112,6 +131,7 @@ function facts(asset, wear, last) {
     speedFact(speed, gear?.shaft_speed_hz ?? shaft?.speed_hz, Boolean(wear?.segment_id)),
     ...(gear ? meshFacts(gear, speed) : []),
     bearingsFact(asset.bearings),
+    channelsFact(summary),
     zoneFact(summary),
     fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "record" : "records"}`, last),
   ];

@@ -18,6 +18,7 @@ mod growth;
 mod healthy;
 mod healthy_checks;
 mod healthy_lines;
+mod joint;
 mod levels;
 mod likelihood;
 mod novelty;
@@ -31,6 +32,7 @@ pub use alarm::{
 };
 pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
+pub use joint::{ChannelContribution, JointEstimate};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
 pub use tracker::{EstimatorSettings, Tracker, TrackerState};

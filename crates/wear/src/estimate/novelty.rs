@@ -8,7 +8,7 @@ use super::chart::Charts;
 use flankwatch_signal::{Absence, EnvelopeLine, Features};
 
 /// Below this p-value a record is not explained.
-const LEAST_P_VALUE: f64 = 1e-4;
+pub(super) const LEAST_P_VALUE: f64 = 1e-4;
 
 /// Deviations are correlated: the sum of squares is this much wider than that of independent ones.
 const INFLATION_LINES: f64 = 2.0;
@@ -201,6 +201,13 @@ pub struct Novelty {
     pub most: Vec<FeatureDeviation>,
 }
 
+impl Novelty {
+    /// −log₁₀ of a p-value, at most 30.
+    pub(super) fn score_of(p_value: f64) -> f64 {
+        (-p_value.max(1e-30).log10()).max(0.0)
+    }
+}
+
 /// One feature of a record against what was expected.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Deviation {
@@ -284,7 +291,7 @@ pub(super) fn judge(
     most.sort_by(|a, b| b.score().abs().total_cmp(&a.score().abs()));
     Novelty {
         p_value,
-        score: (-p_value.max(1e-30).log10()).max(0.0),
+        score: Novelty::score_of(p_value),
         outside: outside || sensor_fault.is_some(),
         sensor_fault,
         machine_sign,
@@ -390,7 +397,7 @@ pub(super) fn chi_square_score(value: f64, freedom: usize) -> f64 {
 
 /// The probability that a standard normal deviate is above `z`: ½ erfc(z/√2) by the continued fraction of
 /// Mills' ratio beyond 2, by the series of Φ within.
-fn normal_tail(z: f64) -> f64 {
+pub(super) fn normal_tail(z: f64) -> f64 {
     let density = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
     if z > 2.0 {
         let fraction = (1..=60).rev().fold(0.0, |rest, k| f64::from(k) / (z + rest));
