@@ -3,7 +3,6 @@
 
 mod architecture;
 mod command_line;
-mod dynamics;
 mod evaluation;
 mod figures;
 mod hostile_bytes;

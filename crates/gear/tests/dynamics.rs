@@ -7,7 +7,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use flankwatch::gear::{ContactRule, FlankWear, GearPair, MeshCycle, PairSpec, RunSettings, simulate};
+use flankwatch_gear::{ContactRule, FlankWear, GearPair, MeshCycle, PairSpec, RunSettings, simulate};
 use ode_solvers::{Dop853, OutputType, System, Vector6};
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
@@ -258,7 +258,7 @@ fn rms(values: &[f64]) -> f64 {
 
 /// Holds one state against the reference at both sampling rates.
 fn compare(contact: ContactRule, wear_mm: f64, mesh_damping_ratio: f64) {
-    let mut spec = PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap();
+    let mut spec = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap();
     spec.errors.random_um = Some(0.0);
     (spec.dynamics.contact, spec.dynamics.mesh_damping_ratio) = (contact, mesh_damping_ratio);
     let pair = spec.resolve().unwrap();
