@@ -104,16 +104,12 @@ function channelsFact({ wear, wear_channels: parts }) {
   const words = (part) =>
     statusWords(part) + (part.novelty_score == null ? "" : `, novelty ${number(part.novelty_score, 2)}`);
   return fact(
-    "All channels",
-    sentenceCase(wear.reason),
+    "All channels together",
+    h("span", { title: wear.reason }, statusWords(wear)),
     ...parts.map((part) =>
       h("div", { class: "muted", title: part.reason }, `${part.channel}: ${words(part)}`),
     ),
   );
-}
-
-function sentenceCase(words) {
-  return words.charAt(0).toUpperCase() + words.slice(1);
 }
 
 function facts(asset, wear, last) {
