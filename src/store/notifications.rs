@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::commit::Commit;
-use super::rows::{get, to_json, to_ns};
+use super::rows::{get, get_time, to_json, to_ns};
 use super::{AlarmNotice, StoreError};
 use crate::asset::AssetId;
 use crate::estimate::{AlarmQuantity, AlarmRule, AlarmState, Severity};
@@ -140,11 +140,12 @@ impl Commit {
             .bind(number)
             .execute(&mut *self.transaction)
             .await?;
+        let noted_at = self.time(now).await?;
         let notification = Notification {
-            id: notification_id(&alarm.id, number, now),
+            id: notification_id(&alarm.id, number, noted_at),
             number: number.unsigned_abs(),
             kind,
-            noted_at: now,
+            noted_at,
             alarm_id: alarm.id.clone(),
             asset_id: alarm.asset_id.clone(),
             channel: alarm.channel.clone(),
@@ -161,6 +162,15 @@ impl Commit {
             self.insert_notification(&notification, &recipient.name).await?;
         }
         Ok(())
+    }
+
+    /// The time: where processes share the store by the database's clock, as for who sends.
+    async fn time(&mut self, local: Timestamp) -> Result<Timestamp, StoreError> {
+        let Some(text) = self.dialect.time_ns() else {
+            return Ok(local);
+        };
+        let row = sqlx::query(text).fetch_one(&mut *self.transaction).await?;
+        get_time(&row, "now_ns")
     }
 
     async fn insert_notification(
