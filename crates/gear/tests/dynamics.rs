@@ -4,6 +4,7 @@
 //!
 //! Both are compared over one turn of the shaft after the start-up, which is a period of the response:
 //! coefficients of the Fourier series up to 0.4 of the model's sampling rate, where its low-pass is flat.
+#![cfg(test)]
 
 use std::f64::consts::{PI, TAU};
 
