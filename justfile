@@ -19,3 +19,7 @@ dist *targets:
 # The code that is made from proto/.
 generate:
     FLANKWATCH_GENERATE=1 cargo test --locked --package flankwatch-recording --test generated
+
+# The README's pictures, of a `flankwatch demo` at 127.0.0.1:8600 that has told its story.
+pictures:
+    FLANKWATCH_URL=http://127.0.0.1:8600 FLANKWATCH_ASSET=demo-gearbox FLANKWATCH_SHOTS=docs/images node tests/browser/pictures.mjs

@@ -301,7 +301,7 @@ fn fleet() {
         };
         let page = ask(&service, 20, "/v1/assets?limit=100");
         let wear = ask(&service, 200, "/v1/assets/a000050/wear");
-        let metrics = ask(&service, 3, "/metrics");
+        let metrics = ask(&service, 3, "/metrics/machines");
         let memory_mb = service.used().0;
         // Killed and started again on the same folder.
         let kept = folder.with_extension("kept");

@@ -7,8 +7,8 @@ use flankwatch::asset::AssetSpec;
 use flankwatch::estimate::MaintenanceEvent;
 use flankwatch::gear::PairSpec;
 use flankwatch::recording::{
-    BlockEncoding, CsvFrames, Cut, Format, McapReader, RawLayout, RawSample, RecordDefaults, WavBlocks,
-    decode_block, decode_csv, decode_raw, decode_wav,
+    BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, Format, McapReader, RawLayout, RawSample,
+    RecordDefaults, WavBlocks, decode_block, decode_csv, decode_raw, decode_wav,
 };
 use flankwatch::service::ReplayRequest;
 use flankwatch::signal::Record;
@@ -56,9 +56,10 @@ pub fn mcap(bytes: &[u8]) {
 /// A CSV file.
 pub fn csv(bytes: &[u8]) {
     let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
-    for record in decode_csv(bytes, &defaults).into_iter().flatten() {
+    for record in decode_csv(bytes, CsvLayout::default(), &defaults).into_iter().flatten() {
         check(&record);
     }
+    let _ = CsvPreview::of(bytes, CsvLayout::default(), 100);
     if let Ok(mut frames) = CsvFrames::new(bytes, &[]) {
         let mut frame = vec![0.0; frames.channels().len()];
         for _ in 0..MOST {

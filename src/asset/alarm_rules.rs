@@ -32,11 +32,11 @@ impl AssetSpec {
     fn rules_that_follow(&self) -> Vec<AlarmRule> {
         let mut rules = Vec::from_iter(wear_rule(&self.limits));
         if !rules.is_empty() || self.gear.is_none() {
-            rules.push(AlarmRule {
+            rules.extend([AlarmQuantity::Novelty, AlarmQuantity::JointNovelty].map(|quantity| AlarmRule {
                 warning: Some(NOVELTY_WARNING),
                 hysteresis: NOVELTY_HYSTERESIS,
-                ..AlarmRule::of(AlarmQuantity::Novelty)
-            });
+                ..AlarmRule::of(quantity)
+            }));
         }
         if let Some(zones) = self.velocity_zones {
             let [_, warning, danger] = zones.limits_mm_per_s();
@@ -140,7 +140,7 @@ mod tests {
         let rules = spec("limits = { warning_um = 100, danger_um = 200 }").unwrap().alarm_rules();
         assert_eq!(
             (rules.len(), rules[0].warning, rules[0].danger, rules[0].hysteresis),
-            (2, Some(100.0), Some(200.0), 5.0)
+            (3, Some(100.0), Some(200.0), 5.0)
         );
         assert!(rules.iter().all(|rule| rule.validate().is_ok()));
         let alike = spec("limits = { warning_um = 200, danger_um = 200 }").unwrap().alarm_rules();
@@ -164,10 +164,10 @@ mod tests {
         .unwrap()
         .alarm_rules();
         let named: Vec<String> = rules.iter().map(|rule| rule.quantity.to_string()).collect();
-        assert_eq!(named.len(), 6, "{named:?}");
-        assert_eq!(named[..2], ["novelty", "indicator:velocity_rms"]);
+        assert_eq!(named.len(), 7, "{named:?}");
+        assert_eq!(named[..3], ["novelty", "joint_novelty", "indicator:velocity_rms"]);
         assert!(named.contains(&"indicator:bearing_de_bpfo_to_background".to_owned()), "{named:?}");
-        assert_eq!((rules[1].warning, rules[1].danger), (Some(2.8), Some(4.5)));
+        assert_eq!((rules[2].warning, rules[2].danger), (Some(2.8), Some(4.5)));
         assert!(rules.iter().all(|rule| rule.validate().is_ok()));
         for (text, name) in [
             ("limits = { danger_um = 100 }", "limits.danger_um"),

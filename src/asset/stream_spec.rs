@@ -18,7 +18,7 @@ pub struct StreamSpec {
     #[serde(default = "default_record_s")]
     pub record_s: f64,
     /// Seconds from the beginning of one record to the next. The same as `record_s` makes records of all
-    /// samples.
+    /// samples; 0 makes none but on demand.
     #[serde(default = "default_interval_s")]
     pub interval_s: f64,
 }
@@ -46,11 +46,11 @@ impl StreamSpec {
         if !RECORD_S.contains(&self.record_s) {
             return Err(field("stream.record_s", self.record_s, "a length from 0.1 to 600"));
         }
-        if !(self.record_s..=LONGEST_INTERVAL_S).contains(&self.interval_s) {
+        if self.interval_s != 0.0 && !(self.record_s..=LONGEST_INTERVAL_S).contains(&self.interval_s) {
             return Err(field(
                 "stream.interval_s",
                 self.interval_s,
-                "at least stream.record_s, at most 86400",
+                "0, or at least stream.record_s and at most 86400",
             ));
         }
         Ok(())

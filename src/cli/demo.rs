@@ -1,5 +1,7 @@
 //! `flankwatch demo`: the service with a sample gearbox that wears before the visitor's eyes.
 
+mod live;
+
 use std::fs;
 use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -9,6 +11,7 @@ use std::time::Duration;
 
 use clap::Args;
 use jiff::{SignedDuration, Timestamp};
+use tokio::sync::watch;
 
 use super::serve::asked_to_stop;
 use super::{CliError, output, pair_file};
@@ -21,7 +24,7 @@ use crate::http::{RunningService, ServiceConfig, StartError, start};
 use crate::library::{EnsembleSettings, FlankPlace};
 use crate::recording::{BlockEncoding, encode_block};
 use crate::service::{Clock, RecordFormat, Service, ServiceError, SystemClock, UploadMetadata};
-use crate::signal::EnvelopeSearch;
+use crate::signal::{EnvelopeSearch, Record};
 use crate::simulation::{Run, RunPlan};
 
 /// The sample asset.
@@ -89,9 +92,11 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
         service.address(),
         f64::from(args.records) / args.speed,
     ))?;
+    let (heard, latest) = watch::channel(None);
+    let live = tokio::spawn(live::send(service.service().clone(), sample_id()?, latest));
     let replay = tokio::select! {
         stopped = asked_to_stop() => stopped.map(|()| true).map_err(|source| CliError::Io { path: "signals".into(), source }),
-        replayed = replay(service.service(), args, clock.now()) => replayed.map(|()| false),
+        replayed = replay(service.service(), args, clock.now(), &heard) => replayed.map(|()| false),
     };
     let outcome = match replay {
         Ok(false) => {
@@ -101,6 +106,7 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
         Ok(true) => Ok(()),
         Err(error) => Err(error),
     };
+    live.abort();
     service.stop().await?;
     outcome
 }
@@ -129,10 +135,15 @@ async fn start_anywhere(
 }
 
 /// Makes the sample asset and feeds it with a simulated run that ends about now.
-async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Result<(), CliError> {
+async fn replay(
+    service: &Arc<Service>,
+    args: &DemoArgs,
+    now: Timestamp,
+    heard: &watch::Sender<Option<Arc<Record>>>,
+) -> Result<(), CliError> {
     let mut pair = pair_file::read(None)?;
     pair.dynamics.contact = ContactRule::Loaded;
-    let id = AssetId::new(ASSET).map_err(|error| CliError::Argument(error.to_string()))?;
+    let id = sample_id()?;
     let asset = AssetSpec {
         id: id.clone(),
         name: "Demonstration gearbox".to_owned(),
@@ -159,7 +170,8 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
         envelope_band: EnvelopeSearch::default(),
         gear_indicators: true,
         bands: Vec::new(),
-        stream: StreamSpec::default(),
+        // Its records are those of the story.
+        stream: StreamSpec { interval_s: 0.0, ..StreamSpec::default() },
     };
     match service.assets.create(&asset).await {
         // With a kept data folder the asset may be there from the last time.
@@ -194,10 +206,15 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
             let inspected = inspection(simulated.record.start_time(), simulated.wear_um);
             service.maintenance.add(&id, inspected).await?;
         }
+        heard.send_replace(Some(Arc::new(simulated.record)));
         let ticket = service.workers.admit()?;
         service.pipeline.accept(&id, RecordFormat::Protobuf, bytes, given, ticket).await?;
     }
     Ok(())
+}
+
+fn sample_id() -> Result<AssetId, CliError> {
+    AssetId::new(ASSET).map_err(|error| CliError::Argument(error.to_string()))
 }
 
 /// The wear as somebody reads it off the teeth, to a whole micrometre.

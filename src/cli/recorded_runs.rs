@@ -10,8 +10,8 @@ use serde::Deserialize;
 
 use super::{CliError, output};
 use crate::evaluation::{
-    Answer, Observation, RecordedRun, RunScore, SingleIndicators, Trial, follow, leave_one_out, score_run,
-    single_indicators,
+    Answer, HindsightScore, Observation, RecordedRun, RunScore, SingleIndicators, Trial, follow,
+    leave_one_out, look_back, score_run, single_indicators,
 };
 use crate::gear::PairSpec;
 use crate::library::Ensemble;
@@ -44,29 +44,41 @@ pub(super) fn run(
     let runs: Vec<RecordedRun> = folders.iter().map(|folder| read(folder, pair)).collect::<Result<_, _>>()?;
     let given: Option<Answers> = answers.map(read_answers).transpose()?;
     let mut scores = Vec::new();
-    let followed: Vec<(String, Vec<Answer>)> = match &given {
-        Some(given) => runs
-            .iter()
-            .map(|run| Ok((run.name.clone(), foreign(run, given)?)))
-            .collect::<Result<_, CliError>>()?,
+    let followed: Vec<(Vec<Answer>, Option<HindsightScore>)> = match &given {
+        Some(given) => {
+            runs.iter().map(|run| Ok((foreign(run, given)?, None))).collect::<Result<_, CliError>>()?
+        }
         None => {
             let ensemble = ensemble()?;
-            runs.par_iter().map(|run| (run.name.clone(), follow(run, &ensemble, BASELINE, trial))).collect()
+            let both = |run: &RecordedRun| {
+                (follow(run, &ensemble, BASELINE, trial), look_back(run, &ensemble, BASELINE, trial))
+            };
+            runs.par_iter().map(both).collect()
         }
     };
-    for ((name, answers), run) in followed.iter().zip(&runs) {
+    for ((answers, in_hindsight), run) in followed.iter().zip(&runs) {
         let inspected_at = trial.inspection_um.map(|_| run.records.len() / 2);
-        scores.push(score_run(name, answers, BASELINE as usize, inspected_at));
+        let score = score_run(&run.name, answers, BASELINE as usize, inspected_at);
+        scores.push(RunScore { in_hindsight: in_hindsight.clone(), ..score });
     }
     let single = single_indicators(&runs, BASELINE as usize);
     if json {
-        let answers: BTreeMap<_, _> = followed.into_iter().collect();
+        let names = runs.iter().map(|run| run.name.clone());
+        let answers: BTreeMap<_, _> = names.zip(followed.into_iter().map(|(answers, _)| answers)).collect();
         let all = serde_json::json!({ "scores": scores, "single_indicators": single, "answers": answers });
         output::print(&format!("{all}\n"))?;
         return Ok(());
     }
     output::print(&header())?;
     scores.iter().try_for_each(|score| output::print(&row(score)))?;
+    for RunScore { run, in_hindsight, .. } in &scores {
+        if let Some(HindsightScore { error_um, width_um, coverage }) = in_hindsight {
+            output::print(&format!(
+                "{run:<24} before the inspection, as told and looked back at: error {:.1} {:.1}, width {:.1} {:.1}, covered {:.3} {:.3}\n",
+                error_um[0], error_um[1], width_um[0], width_um[1], coverage[0], coverage[1]
+            ))?;
+        }
+    }
     output::print(&beside(&single))
 }
 

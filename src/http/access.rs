@@ -163,7 +163,7 @@ fn needed(method: &Method, is_safe: bool, path: &str) -> Scope {
     match parts[..] {
         ["v1", "tokens", ..] => Scope::Admin,
         _ if is_safe => Scope::Read,
-        ["v1", "session" | "preview"] => Scope::Read,
+        ["v1", "session" | "preview" | "csv-preview"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
         ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
         _ => Scope::Write,
@@ -244,6 +244,7 @@ mod tests {
         for (method, path, scope) in [
             (Method::GET, "/v1/assets", Scope::Read),
             (Method::GET, "/metrics", Scope::Read),
+            (Method::GET, "/metrics/machines", Scope::Read),
             (Method::POST, "/v1/assets", Scope::Admin),
             (Method::DELETE, "/v1/assets/a", Scope::Admin),
             (Method::DELETE, "/v1/assets/a/", Scope::Admin),
@@ -256,6 +257,7 @@ mod tests {
             (Method::DELETE, "/v1/tokens/1f0c77aa", Scope::Admin),
             (Method::POST, "/v1/session", Scope::Read),
             (Method::POST, "/v1/preview", Scope::Read),
+            (Method::POST, "/v1/csv-preview", Scope::Read),
             (Method::DELETE, "/v1/session", Scope::Read),
         ] {
             let is_safe = is_safe(&method, &HeaderMap::new());

@@ -88,10 +88,14 @@ pub(super) async fn try_rule(
 ) -> Result<Json<AlarmTrial>, Problem> {
     let TrialRequest { rule, channel } = body::described(&app.limits, &headers, body).await?;
     rule.validate().map_err(|error| Problem::content("rule", error, "a rule as in the asset's alarms"))?;
-    if rule.quantity == AlarmQuantity::StaleS {
-        let expected = "a quantity of records: time without one is told by the clock and cannot be tried";
-        return Err(Problem::content("rule.quantity", "stale_s", expected));
-    }
+    let of_one_channel = match rule.quantity {
+        AlarmQuantity::StaleS => {
+            Err("a quantity of records: time without one is told by the clock and cannot be tried")
+        }
+        AlarmQuantity::JointNovelty => Err("a quantity of one channel: all together cannot be tried"),
+        _ => Ok(()),
+    };
+    of_one_channel.map_err(|expected| Problem::content("rule.quantity", &rule.quantity, expected))?;
     let (asset, channel) = assets::asset_and_channel(&app, &asset, channel.as_deref()).await?;
     let known = asset.spec.indicator_names();
     let is_unknown = |name: &&str| !known.iter().any(|known| known == name);

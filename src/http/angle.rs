@@ -9,9 +9,9 @@ use super::app::App;
 use super::line_range::LineRange;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
-use super::{reduction, segments};
+use super::segments;
 use crate::asset::SegmentId;
-use crate::signal::{Absence, AngleSource, OrderSpectrum};
+use crate::signal::{Absence, AngleSource, OrderSpectrum, reduction};
 
 /// Points of a curve where the client does not say how many.
 const DEFAULT_POINTS: usize = 4000;

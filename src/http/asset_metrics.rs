@@ -1,4 +1,4 @@
-//! What `GET /metrics` shows of each asset.
+//! What `GET /metrics/machines` shows of each asset.
 
 use jiff::Timestamp;
 

@@ -16,12 +16,11 @@ use super::app::App;
 use super::body;
 use super::category::{AlarmCounts, Category};
 use super::etag;
-use super::joint_wear;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::{AssetId, AssetSpec, VelocityZones, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, ChannelContribution, WearEstimate};
-use crate::service::{SimulationProgress, SimulationStage};
+use crate::service::{JointWear, SimulationProgress, SimulationStage};
 use crate::signal::BearingOrders;
 use crate::store::{Asset, ChannelSummary, StoredAlarm};
 
@@ -296,7 +295,7 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     let channels = store.channels(&asset.spec.id).await?;
     let (library_id, simulation) = app.service.simulations.of(&asset.spec);
     let library_state = simulation.readiness.name();
-    let joint = joint_wear::of(app, &joint_wear::speakers(asset, &channels)).await?;
+    let joint = JointWear::of(store, &JointWear::speakers(asset, &channels)).await?;
     let (mut wear, mut wear_channel, mut wear_channels) = (None, None, Vec::new());
     let mut recent_wear_um = Vec::new();
     if let Some(joint) = joint {

@@ -8,8 +8,9 @@ use super::angle::absent;
 use super::app::App;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
-use super::{reduction, segments};
+use super::segments;
 use crate::asset::SegmentId;
+use crate::signal::reduction;
 
 /// Points of a curve where the client does not say how many.
 const DEFAULT_POINTS: usize = 4000;

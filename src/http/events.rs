@@ -125,11 +125,7 @@ pub(super) async fn stream(
         app.service.store.asset(asset).await?;
     }
     let Some(share) = app.event_streams.take(client) else {
-        // The connection would only wait; others need its place.
-        return Ok(closing(
-            Problem::busy("too many event streams are open, of this client or of all together", 30)
-                .into_response(),
-        ));
+        return Ok(too_many());
     };
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
     let follower = Follower::new(app, asked.asset, caller.map(|Extension(caller)| caller), last, share);
@@ -138,6 +134,13 @@ pub(super) async fn stream(
         Some((Ok::<_, Infallible>(event), follower))
     });
     Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+}
+
+/// The answer where no further event stream is taken: the connection would only wait, and others need its
+/// place.
+pub(super) fn too_many() -> Response {
+    let busy = Problem::busy("too many event streams are open, of this client or of all together", 30);
+    closing(busy.into_response())
 }
 
 /// Who follows what happens.

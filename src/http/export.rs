@@ -17,13 +17,14 @@ use tokio::io::AsyncReadExt;
 use super::app::App;
 use super::body::SpooledBody;
 use super::problem::{Details, Problem};
+use super::provenance;
 use super::query::{AssetInPath, Parameters};
-use super::{provenance, reduction};
 use crate::asset::{AssetId, Segment};
 use crate::estimate::Severity;
 use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
 use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
 use crate::service::{Readiness, ServiceError};
+use crate::signal::reduction;
 use crate::store::{AlarmFilter, SegmentFilter, SegmentKey, StoredAlarmChange};
 
 /// Segments read at once: bounds memory.

@@ -14,10 +14,10 @@ use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::{assets, etag, reduction, table};
+use super::{assets, etag, table};
 use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::WearStatus;
-use crate::signal::{Indicators, VELOCITY_RMS};
+use crate::signal::{Indicators, VELOCITY_RMS, reduction};
 use crate::store::Trend;
 
 /// Points of a trend where the client does not say how many.

@@ -1,4 +1,7 @@
-//! `GET /metrics` in Prometheus' text format.
+//! `GET /metrics` and `GET /metrics/machines` in Prometheus' text format.
+//!
+//! What a process measures of itself is its own and stays small. What is known of machines is the same on every
+//! node of a cluster and grows with the fleet, so it has an address of its own, which is asked once.
 
 use axum::extract::State;
 use axum::http::header;
@@ -24,30 +27,44 @@ pub(super) struct MetricsParameters {
     indicators: Option<String>,
 }
 
-/// Measurements in Prometheus' text format
+/// Measurements of this process in Prometheus' text format
 #[utoipa::path(
     get,
     path = "/metrics",
     tag = "service",
+    responses((status = 200, body = String, content_type = "text/plain")),
+)]
+pub(super) async fn show(State(app): State<App>) -> Result<impl IntoResponse, Problem> {
+    let mut text = MetricsText::default();
+    process(&app.service, &mut text).await?;
+    app.measurements.write(&mut text);
+    app.queue_watch.write(&app.service, &mut text).await;
+    Ok(page(text))
+}
+
+/// Indicators, wear and alarms of each machine in Prometheus' text format
+///
+/// The same on every node of a cluster: one of them is asked.
+#[utoipa::path(
+    get,
+    path = "/metrics/machines",
+    tag = "service",
     params(MetricsParameters),
     responses((status = 200, body = String, content_type = "text/plain")),
 )]
-pub(super) async fn show(
+pub(super) async fn machines(
     State(app): State<App>,
     Parameters(asked): Parameters<MetricsParameters>,
 ) -> Result<impl IntoResponse, Problem> {
     let wanted: Option<Vec<&str>> =
         asked.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
     let mut text = MetricsText::default();
-    process(&app.service, &mut text).await?;
-    app.measurements.write(&mut text);
-    app.queue_watch.write(&app.service, &mut text).await;
     assets(&app, wanted.as_deref(), &mut text).await?;
     alarms(&app, &mut text).await?;
     Ok(page(text))
 }
 
-/// What a worker measures: nothing of single assets, which API nodes show.
+/// What a worker measures.
 pub(super) async fn of_worker(
     service: &Service,
     queue: &QueueWatch,

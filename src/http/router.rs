@@ -15,11 +15,11 @@ use utoipa_axum::routes;
 use super::app::App;
 use super::problem::Problem;
 use super::{
-    access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, damage, dashboard, drain,
-    etag, events, exclusions, export, head, health, indicators, issued_tokens, libraries, library_states,
-    maintenance, matching, metrics, notifications, openapi, pair_presets, preview, raw_recordings,
-    recomputations, record_choice, replays, reports, segments, session, streams, traffic, tus, uploads,
-    waterfall, waveforms, wear,
+    access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, csv_preview, damage,
+    dashboard, drain, etag, events, exclusions, export, head, health, hindsight, indicators, issued_tokens,
+    libraries, library_states, live_view, maintenance, matching, metrics, notifications, openapi,
+    pair_presets, preview, raw_recordings, recomputations, record_choice, replays, reports, segments,
+    session, streams, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -42,6 +42,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(alarm_trials::try_rule))
         .routes(routes!(wear::latest))
         .routes(routes!(wear::history))
+        .routes(routes!(hindsight::hindsight))
         .routes(routes!(export::export))
         .routes(routes!(waterfall::show))
         .routes(routes!(reports::show))
@@ -74,11 +75,13 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(library_states::list))
         .routes(routes!(library_states::flank))
         .routes(routes!(preview::preview))
+        .routes(routes!(csv_preview::csv_preview))
         .routes(routes!(pair_presets::list))
         .routes(routes!(streams::connect, streams::send))
         .routes(routes!(streams::list))
         .routes(routes!(streams::levels))
         .routes(routes!(streams::keep))
+        .routes(routes!(live_view::watch))
         .routes(routes!(events::stream))
         .routes(routes!(session::show, session::begin, session::end))
         .routes(routes!(issued_tokens::list, issued_tokens::create))
@@ -86,6 +89,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(health::alive))
         .routes(routes!(health::ready))
         .routes(routes!(metrics::show))
+        .routes(routes!(metrics::machines))
 }
 
 /// The whole service.

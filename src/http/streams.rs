@@ -29,7 +29,7 @@ use crate::service::{ServiceError, StreamProgress, StreamSender};
 const BARE: &str = "application/octet-stream";
 
 /// The name of a stream that is not given one.
-const USUAL_NAME: &str = "main";
+pub(super) const USUAL_NAME: &str = "main";
 
 /// Bytes of a body that are taken at a time.
 const CHUNK_BYTES: usize = 1 << 20;

@@ -14,6 +14,7 @@ use sha2::{Digest, Sha256};
 
 use super::app::App;
 use super::body::{self, SpooledBody};
+use super::csv_preview::CsvParameters;
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
 use crate::asset::{AssetId, Segment, SegmentId};
@@ -74,6 +75,16 @@ pub(super) struct UploadParameters {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 12800.0)]
     sample_rate_hz: Option<f64>,
+    /// For `text/csv`: number of the column that holds the time, from 1; 0 where none does. Found by its name
+    /// and its values where not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(minimum = 0, maximum = 256)]
+    time_column: Option<u16>,
+    /// For `text/csv`: numbers of the columns that are channels, from 1, with commas between them; all that do
+    /// not hold the time where not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = "2,3")]
+    columns: Option<String>,
     /// For `application/octet-stream`: number of channels, 1 where not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     channels: Option<u32>,
@@ -329,8 +340,10 @@ impl Upload<'_> {
         if media_type != Some(BARE) {
             let format = media_type.and_then(RecordFormat::from_media_type);
             return match format {
-                Some(RecordFormat::Csv { .. }) => {
-                    Ok(RecordFormat::Csv { sample_rate_hz: asked.sample_rate_hz })
+                Some(RecordFormat::Csv(_)) => {
+                    let columns = asked.columns.clone();
+                    let said = CsvParameters::new(asked.sample_rate_hz, asked.time_column, columns);
+                    Ok(RecordFormat::Csv(said.layout()?))
                 }
                 Some(format) => Ok(format),
                 None => Err(body::unsupported(media_type, EXPECTED)),

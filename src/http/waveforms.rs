@@ -9,10 +9,10 @@ use super::app::App;
 use super::line_range::LineRange;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
-use super::{matching, reduction, segments};
+use super::{matching, segments};
 use crate::asset::{Segment, SegmentId};
 use crate::service::{BandChoice, ServiceError};
-use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Spectrum};
+use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Motion, Spectrum, reduction};
 
 /// Points of a curve where the client does not say how many.
 const DEFAULT_POINTS: usize = 4000;
@@ -30,7 +30,16 @@ pub(super) struct WaveformParameters {
     /// Where it ends.
     #[param(exclusive_minimum = 0.0)]
     to_s: Option<f64>,
+    /// Quantity to give the samples in; as they were measured where not given.
+    #[param(inline)]
+    quantity: Option<Motion>,
+    /// Frequency in hertz below which nothing is integrated, 10 where not given.
+    #[param(exclusive_minimum = 0.0)]
+    cut_hz: Option<f64>,
 }
+
+/// Where velocity and displacement begin, as in ISO 20816.
+const CUT_HZ: f64 = 10.0;
 
 /// Samples over time.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -72,18 +81,28 @@ pub(super) async fn waveform(
         let expected = "seconds from the first sample, from_s at least 0 and below to_s";
         return Err(Problem::query("from_s, to_s", format!("{from_s} to {to_s}"), expected));
     }
+    let cut_hz = asked.cut_hz.unwrap_or(CUT_HZ);
+    if !(cut_hz > 0.0 && cut_hz.is_finite()) {
+        return Err(Problem::query("cut_hz", cut_hz, "a frequency above 0 Hz"));
+    }
     let segment = segments::find(&app, &id).await?;
+    if asked.quantity.is_some() && Motion::of_unit(&segment.unit).is_none() {
+        let expected = format!("none: the samples are in {:?}, which is no unit of motion", segment.unit);
+        return Err(Problem::query("quantity", "given", &expected));
+    }
     let _ticket = app.service.workers.admit_answer()?;
     let record = app.service.records.recall(&segment).await?;
     let reduce = move || {
         let rate_hz = record.sample_rate_hz();
+        let converted = asked.quantity.and_then(|quantity| quantity.of_record(&record, cut_hz));
+        let all = converted.as_deref().unwrap_or(record.samples());
         // One sample more on either side, so that the curve goes on to the edges of what is shown.
-        let low = ((from_s * rate_hz).floor() as usize).min(record.samples().len());
-        let high = ((to_s * rate_hz).ceil() as usize).saturating_add(1).clamp(low, record.samples().len());
-        let samples: Vec<f64> = record.samples()[low..high].iter().map(|sample| f64::from(*sample)).collect();
+        let low = ((from_s * rate_hz).floor() as usize).min(all.len());
+        let high = ((to_s * rate_hz).ceil() as usize).saturating_add(1).clamp(low, all.len());
+        let samples: Vec<f64> = all[low..high].iter().map(|sample| f64::from(*sample)).collect();
         let kept = reduction::extremes(&[&samples], samples.len(), most);
         let time_s = kept.iter().map(|n| (low + n) as f64 / rate_hz).collect();
-        let value = kept.iter().map(|n| record.samples()[low + *n]).collect();
+        let value = kept.iter().map(|n| all[low + *n]).collect();
         (kept.len() < samples.len(), time_s, value)
     };
     let (reduced, time_s, value) = app.service.workers.run("reduce a waveform", reduce).await?;
@@ -92,7 +111,7 @@ pub(super) async fn waveform(
         channel: segment.channel,
         start_time: segment.start_time,
         sample_rate_hz: segment.sample_rate_hz,
-        unit: segment.unit,
+        unit: asked.quantity.map_or(segment.unit, |quantity| quantity.unit().to_owned()),
         reduced,
         time_s,
         value,

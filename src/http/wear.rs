@@ -11,10 +11,11 @@ use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::{assets, etag, joint_wear, reduction, table};
+use super::{assets, etag, table};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
 use crate::estimate::{BaselineProgress, ChannelContribution, WearEstimate, WearStatus};
-use crate::signal::ShaftSpeed;
+use crate::service::JointWear;
+use crate::signal::{ShaftSpeed, reduction};
 use crate::store::Trend;
 
 /// Points of a history where the client does not say how many.
@@ -70,14 +71,14 @@ pub(super) async fn latest(
     let channels = app.service.store.channels(&id).await?;
     let speakers = match asked.channel.as_deref() {
         Some(asked) => vec![assets::channel_named(&id, &channels, asked)?],
-        None => joint_wear::speakers(&asset, &channels),
+        None => JointWear::speakers(&asset, &channels),
     };
     let tag = etag::of_channels(&asset, &speakers, &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
     }
     let limits = asset.spec.limits;
-    let view = match joint_wear::of(&app, &speakers).await? {
+    let view = match JointWear::of(&app.service.store, &speakers).await? {
         Some(joint) => WearView {
             asset_id: id,
             channel: Some(joint.leading.channel),

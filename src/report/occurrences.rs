@@ -74,7 +74,7 @@ pub(super) fn sections(report: &Report, body: &mut String) {
 pub(super) fn marks(report: &Report, channel: &str) -> Vec<Mark> {
     let of_alarms = report.alarms.iter().filter(|alarm| alarm.channel == channel).flat_map(|alarm| {
         let raised = |change: &&AlarmChange| {
-            let is_by_itself = matches!(change.action, None | Some(AlarmAction::Stale { .. }));
+            let is_by_itself = change.action.as_ref().is_none_or(|action| action.told().is_some());
             is_by_itself && change.maintenance.is_none() && change.severity.is_some()
         };
         alarm.history.iter().filter(raised).map(|change| {
@@ -146,7 +146,7 @@ fn change_row(change: &AlarmChange) -> String {
         (Some(AlarmAction::Comment), _) => "remark".to_owned(),
         (Some(AlarmAction::ShelvingOver), _) => "no longer shelved: its time was over".to_owned(),
         (None, Some(kind)) => format!("{}: begins again", kind_words(kind)),
-        (None | Some(AlarmAction::Stale { .. }), _) => change
+        (None | Some(AlarmAction::Stale { .. } | AlarmAction::Joint { .. }), _) => change
             .severity
             .map_or_else(|| "back to normal".to_owned(), |severity| format!("{} raised", severity.name())),
     };
@@ -201,6 +201,7 @@ pub fn quantity_words(quantity: &AlarmQuantity) -> String {
         AlarmQuantity::WearUm => "Wear depth (µm)".to_owned(),
         AlarmQuantity::WearAboveLimit => "Probability of having passed the limit".to_owned(),
         AlarmQuantity::Novelty => "Novelty (−log₁₀ p)".to_owned(),
+        AlarmQuantity::JointNovelty => "Novelty of all channels together (−log₁₀ p)".to_owned(),
         AlarmQuantity::SensorFault => "Sensor fault (0 or 1)".to_owned(),
         AlarmQuantity::StaleS => "Seconds without a record".to_owned(),
         AlarmQuantity::Indicator(name) => format!("Indicator {name}"),

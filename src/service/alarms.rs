@@ -12,7 +12,7 @@ use super::history::History;
 use super::pipeline::Committer;
 use crate::asset::SegmentId;
 use crate::estimate::{ActionTaken, AlarmAction};
-use crate::store::{AlarmNotice, SegmentKey, Silence, Store, StoredAlarm};
+use crate::store::{AlarmNotice, ChannelSummary, SegmentKey, Store, StoredAlarm};
 
 /// How often shelvings are looked at.
 const SHELVING_INTERVAL: Duration = Duration::from_secs(1);
@@ -21,7 +21,7 @@ const SHELVING_INTERVAL: Duration = Duration::from_secs(1);
 const MAX_ENDED: u32 = 64;
 
 /// What an operator does to an alarm.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct OperatorAction {
     /// What is done.
     pub action: AlarmAction,
@@ -52,11 +52,11 @@ impl Alarms {
     }
 
     /// Does something to an alarm as it stands when its channel is locked, which is `known` where nothing has
-    /// happened to it yet; after `silence` only where no record has come meanwhile.
+    /// happened to it yet; of a channel that was `looked_at` only where no record has come meanwhile.
     pub(crate) async fn act_on(
         &self,
         known: StoredAlarm,
-        silence: Option<&Silence>,
+        looked_at: Option<&ChannelSummary>,
         done: OperatorAction,
     ) -> Result<StoredAlarm, ServiceError> {
         let store = &self.store;
@@ -68,13 +68,13 @@ impl Alarms {
         let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
         let mut commit = store.begin().await?;
         let mut channel = commit.channel_again(&channel).await?;
-        if silence.is_some_and(|silence| silence.channel.segments != channel.segments) {
+        if looked_at.is_some_and(|looked_at| looked_at.segments != channel.segments) {
             return Err(unknown());
         }
         // Asked again under the lock: a history that was just folded again may have changed it.
         let mut stored = match store.alarm(&id).await? {
             Some(stored) => StoredAlarm { rule: stored.rule.or(known.rule), ..stored },
-            None if silence.is_some() => known,
+            None if looked_at.is_some() => known,
             None => return Err(unknown()),
         };
         let now = self.clock.now();

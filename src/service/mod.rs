@@ -36,6 +36,8 @@ mod events;
 mod exclusion;
 mod feeds;
 mod history;
+mod joint_alarms;
+mod joint_wear;
 mod keys;
 mod limits;
 mod maintenance;
@@ -66,6 +68,7 @@ pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace};
 pub use exclusion::Exclusions;
 pub use feeds::{Feed, FeedCount, Feeds, Holding};
 pub use history::History;
+pub use joint_wear::JointWear;
 pub use limits::{RawQuotas, ServiceFolders, WorkLimits};
 pub use maintenance::Maintenance;
 pub use parts::Service;
@@ -79,7 +82,10 @@ pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::Replays;
 pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
-pub use streams::{StreamGap, StreamProgress, StreamSender, StreamStatus, Streams};
+pub use streams::{
+    LiveChannel, LiveFrame, LiveSpeedSource, LiveUpdate, StreamGap, StreamProgress, StreamSender,
+    StreamStatus, StreamViewer, Streams,
+};
 pub use tally::Tally;
 pub use work_queue::{PartHealth, QueueOverview, QueuedRecord, Role, WorkQueue, WorkerOverview};
 pub use workers::{Ticket, Workers};

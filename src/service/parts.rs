@@ -255,6 +255,7 @@ impl Service {
         self.catch_up.in_background(members);
         self.alarms.end_shelvings_in_background();
         self.alarms.watch_silence_in_background();
+        self.alarms.watch_joint_novelty_in_background();
         if self.store.is_shared() {
             let upkeep = Upkeep {
                 store: self.store.clone(),

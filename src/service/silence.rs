@@ -87,7 +87,7 @@ impl Alarms {
             by: String::new(),
             comment: String::new(),
         };
-        match self.act_on(known, Some(silence), told).await {
+        match self.act_on(known, Some(&silence.channel), told).await {
             // Somebody was faster: another process, or a record.
             Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
             Err(error) => Err(error),

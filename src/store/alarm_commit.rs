@@ -153,7 +153,10 @@ impl Commit {
         // Who only says something to an alarm tells nobody of it.
         if matches!(
             taken.action,
-            AlarmAction::Unshelve | AlarmAction::ShelvingOver | AlarmAction::Stale { .. }
+            AlarmAction::Unshelve
+                | AlarmAction::ShelvingOver
+                | AlarmAction::Stale { .. }
+                | AlarmAction::Joint { .. }
         ) {
             let notice = AlarmNotice { alarm: stored.clone(), change: change.clone() };
             self.note_for_recipients(&notice, taken.time).await?;

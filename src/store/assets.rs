@@ -274,6 +274,14 @@ impl Store {
         self.rows_of_assets(assets, text).await?.iter().map(channel_of).collect()
     }
 
+    /// The assets with more than one channel, each with the sum of its channels' revisions.
+    pub async fn revisions_of_several_channels(&self) -> Result<Vec<(AssetId, i64)>, StoreError> {
+        let text = "SELECT asset_id, CAST(SUM(revision) AS BIGINT) AS revision FROM channels
+             GROUP BY asset_id HAVING COUNT(*) > 1 ORDER BY asset_id";
+        let rows = sqlx::query(text).fetch_all(self.read()).await?;
+        rows.iter().map(|row| Ok((asset_id(get(row, "asset_id")?)?, get(row, "revision")?))).collect()
+    }
+
     /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some
     /// of them.
     pub(super) async fn rows_of_assets(

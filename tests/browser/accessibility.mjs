@@ -45,13 +45,22 @@ const PAGES = {
       `#/assets/${asset}?pin=${(await json(`assets/${asset}/segments?limit=3`)).items[2].id}&log=1&bins=speed`,
     (page) => page.locator('[data-plot="envelope"] .legend', { hasText: "pinned record" }).waitFor(),
   ],
+  bench: [
+    async () => {
+      const { items } = await json(`assets/${asset}/segments?limit=3`);
+      const ids = items.map(({ id }) => id).join(",");
+      return `#/bench?records=${ids}&show=waveform,spectrum,envelope,turn,cepstrum&cursor=h~400&ecursor=b&bearing=g~9~7.94~39.04~0&quantity=velocity`;
+    },
+    (page) => drawn(page, "turn"),
+  ],
+  "empty bench": ["#/bench", (page) => page.getByText("No record is on the bench yet").waitFor()],
   "no such asset": ["#/assets/no-such-asset", (page) => page.getByText("There is no asset").waitFor()],
   "no such page": ["#/nowhere", (page) => page.getByText("This address leads nowhere").waitFor()],
   libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
 };
 
 /** Serious and critical findings, each with the first places it was found at. */
-async function findings(page) {
+export async function findings(page) {
   await page.evaluate(axe);
   const { violations } = await page.evaluate(() =>
     globalThis.axe.run(document, { resultTypes: ["violations"] }),

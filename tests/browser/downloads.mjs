@@ -8,6 +8,13 @@ const PAGES = {
     `#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior`,
     ["wear", "trends", "waveform", "spectrum", "envelope", "turn", "cepstrum", "posterior"],
   ],
+  bench: [
+    async () => {
+      const { items } = await json(`assets/${asset}/segments?limit=2`);
+      return `#/bench?records=${items.map(({ id }) => id).join(",")}&show=waveform,spectrum,envelope,turn,cepstrum`;
+    },
+    ["waveform", "spectrum", "envelope", "turn", "cepstrum"],
+  ],
   waterfall: [`#/assets/${asset}/waterfall`, ["waterfall"]],
   match: [`#/assets/${asset}/match`, ["features", "posterior", "stiffness", "transmission"]],
   library: [

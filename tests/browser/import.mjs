@@ -164,7 +164,7 @@ export const CHECKS = {
     ].join("\n");
     await page.setInputFiles("#upload-file", [table("c_20260401_080000.csv", text)]);
     const file = card(page, "c_20260401");
-    await file.getByText("Column “n” rises by the same step from row to row").waitFor();
+    await file.getByText(/Line 1: column "n" rises by the same step from line to line/).waitFor();
     const column = (heading) => file.getByLabel(`Column ${heading} of c_20260401_080000.csv`);
     for (const heading of ["in [g]", "out (m/s2)"]) await column(heading).selectOption("a channel");
     await column("n").selectOption("left out");

@@ -62,7 +62,9 @@ fn six_recordings_converted_uploaded_and_replayed_agree() {
                 "{name} {mesh_hz}"
             );
             assert_eq!(wav["shaft_speed"]["source"], "mesh_comb");
-            assert_eq!(wav["wear"]["status"], "collecting_baseline");
+            // Ten seconds without load show every harmonic of the shaft, half of the mesh's too.
+            let is_doubted = name.ends_with("hz0") && wav["wear"]["status"] == "speed_in_doubt";
+            assert!(is_doubted || wav["wear"]["status"] == "collecting_baseline", "{name}: {}", wav["wear"]);
         }
         let found = wav[0]["indicators"]["omx"].as_f64().unwrap();
         assert!((found / omx - 1.0).abs() <= 0.10, "{name}: OMX {found} against {omx}");

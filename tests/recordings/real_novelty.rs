@@ -18,8 +18,9 @@ use jiff::{SignedDuration, Timestamp};
 
 use flankwatch_test_support::recordings;
 
-/// Of the bearing's 2803 records these first ones are the baseline, and the last ones the end.
-const BEARING_BASELINE: usize = 100;
+/// Of the bearing's 2803 records so many first ones are the baseline, as is usual and for a longer time, and
+/// by this record the alarm has to be raised; the last ones are the end.
+const BEARING_BASELINES: [(usize, usize); 2] = [(20, 378), (100, 480)];
 const LATE: usize = 280;
 
 /// So many records after the baseline may not be flagged. Energy in octaves (computed with NumPy, means of 25
@@ -100,19 +101,20 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
         ("no gear", MeshContext::unknown(), None),
         ("a gear pair", mesh(&pair), Some(ensemble(&pair, 240.0, 25_600.0))),
     ];
-    for (name, mesh, ensemble) in cases {
+    for ((name, mesh, ensemble), (baseline, by)) in
+        cases.into_iter().flat_map(|case| BEARING_BASELINES.map(|baseline| (case.clone(), baseline)))
+    {
+        let name = format!("{name}, baseline of {baseline}");
         let mut analyzer = Analyzer::new(AnalysisSettings::default());
         let features = records.iter().map(|record| analyzer.analyze(record, &mesh).features);
-        let answers = told(BEARING_BASELINE, ensemble, features);
+        let answers = told(baseline, ensemble, features);
         assert!(answers.iter().all(|answer| answer.median_um.is_none()), "{name}: wear was claimed");
-        let accused = |answer: &&WearEstimate| {
-            answer.novelty.as_ref().and_then(|novelty| novelty.sensor_fault).is_some()
-        };
-        let accused: Vec<&WearEstimate> = answers.iter().filter(accused).collect();
-        let clipped = |answer: &&WearEstimate| answer.reason.contains("clipped");
-        assert!(accused.iter().all(clipped), "{name}: {}", accused[0].reason);
+        // One record is clipped, long after the bearing has become loud.
+        let accused = answers.iter().find(|answer| answer.status == WearStatus::SensorFault);
+        assert!(accused.is_none(), "{name}: {}", accused.unwrap().reason);
+        assert_eq!(answers.iter().filter(|answer| answer.reason.contains("is clipped")).count(), 1, "{name}");
         let scores: Vec<f64> = answers.iter().map(score).collect();
-        let early = &scores[BEARING_BASELINE..][..EARLY];
+        let early = &scores[baseline..][..EARLY];
         let flagged_early = early.iter().filter(|score| **score > 4.0).count() as f64 / early.len() as f64;
         let late = &scores[scores.len() - LATE..];
         let rule = AlarmRule { warning: Some(4.0), hysteresis: 1.0, ..AlarmRule::of(AlarmQuantity::Novelty) };
@@ -132,7 +134,7 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
             median(late)
         );
         let first = changes.first().map(|(index, _)| *index);
-        assert!(first.is_some_and(|index| index < records.len() - LATE), "{name}: {changes:?}");
+        assert!(first.is_some_and(|index| index < by), "{name}: {changes:?}");
         assert!(changes.last().is_some_and(|(_, raised)| *raised), "{name}: {changes:?}");
         assert!(median(late) > 10.0, "{name}: {}", median(late));
         assert!(changes.len() <= 7, "{name}: the alarm flaps: {changes:?}");
@@ -155,9 +157,13 @@ fn channels(folder: &Path, name: &str) -> [Vec<f32>; 4] {
 
 /// Pieces of so many samples.
 fn pieces(samples: &[f32], piece: usize, mesh: &MeshContext) -> Vec<Features> {
+    pieces_at(samples, piece, mesh, GEARBOX_RATE_HZ)
+}
+
+fn pieces_at(samples: &[f32], piece: usize, mesh: &MeshContext, rate_hz: f64) -> Vec<Features> {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let features = |samples: &[f32]| {
-        let record = Record::new("1", Timestamp::UNIX_EPOCH, GEARBOX_RATE_HZ, "1", samples.to_vec()).unwrap();
+        let record = Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, "1", samples.to_vec()).unwrap();
         analyzer.analyze(&record, mesh).features
     };
     samples.chunks_exact(piece).map(features).collect()
@@ -173,34 +179,104 @@ fn gearbox() -> PairSpec {
     .unwrap()
 }
 
+/// How many of these answers have a depth, how many are not comparable; there may be no others.
+fn shares(answers: &[WearEstimate], what: &str) -> [usize; 2] {
+    let mut shares = [0; 2];
+    for answer in answers {
+        match answer.status {
+            WearStatus::Estimated => shares[0] += 1,
+            WearStatus::NotComparable => shares[1] += 1,
+            _ => panic!("{what}: {}", answer.reason),
+        }
+    }
+    shares
+}
+
 /// The healthy gearbox with a baseline of 0.4 s pieces, and the rest of the same recording cut at other
-/// lengths: no piece is flagged; 0.1 s are three turns, too few to tell the mesh lines from their sidebands.
+/// lengths or resampled: no piece is flagged. 0.1 s are three turns, too few to tell the mesh lines from their
+/// sidebands.
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn a_healthy_gearbox_is_not_flagged_however_its_recording_is_cut() {
     let folder = recordings("gearbox-spectraquest");
     let pair = gearbox();
     let (ensemble, mesh) = (ensemble(&pair, 110.0, GEARBOX_RATE_HZ), mesh(&pair));
-    for load in ["0", "50", "90"] {
-        for (channel, samples) in channels(&folder, &format!("h30hz{load}")).iter().enumerate() {
-            let (first, rest) = samples.split_at(GEARBOX_BASELINE * PIECE);
-            for seconds in [0.1, 0.2, 0.4, 1.0, 2.0] {
-                let piece = (seconds * GEARBOX_RATE_HZ) as usize;
-                let records = pieces(first, PIECE, &mesh).into_iter().chain(pieces(rest, piece, &mesh));
+    let cuts = [0.1, 0.2, 0.4, 1.0, 2.0, 5.0].map(|seconds| (seconds, 1.0)).into_iter();
+    for (seconds, factor) in cuts.chain([(0.4, 0.5), (0.4, 2.0), (2.0, 0.5), (2.0, 2.0)]) {
+        let mut all = [0; 2];
+        for load in ["0", "50", "90"] {
+            for (channel, samples) in channels(&folder, &format!("h30hz{load}")).iter().enumerate() {
+                let (first, rest) = samples.split_at(GEARBOX_BASELINE * PIECE);
+                // The rest is shorter than 5 s.
+                let rest = if seconds > 2.0 { samples } else { rest };
+                let (rest, rate_hz) = (resampled(rest, factor), factor * GEARBOX_RATE_HZ);
+                let others = pieces_at(&rest, (seconds * rate_hz) as usize, &mesh, rate_hz);
+                let records = pieces(first, PIECE, &mesh).into_iter().chain(others);
                 let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), records);
-                let wanted = if seconds < 0.15 { WearStatus::NotComparable } else { WearStatus::Estimated };
-                for answer in &answers[GEARBOX_BASELINE..] {
-                    assert_eq!(
-                        answer.status,
-                        wanted,
-                        "load {load}, a{}, {seconds} s: {}",
-                        channel + 1,
-                        answer.reason
-                    );
-                }
+                let what = format!("load {load}, a{}, {seconds} s at {rate_hz} Hz", channel + 1);
+                let of_these = shares(&answers[GEARBOX_BASELINE..], &what);
+                all = [all[0] + of_these[0], all[1] + of_these[1]];
             }
         }
+        let [estimated, not_comparable] = all;
+        eprintln!("{seconds} s, rate × {factor}: {estimated} estimated, {not_comparable} not comparable");
+        let wanted = if seconds < 0.15 { estimated } else { not_comparable };
+        assert!(wanted == 0 && estimated + not_comparable > 0, "{seconds} s, rate × {factor}: {all:?}");
     }
+}
+
+/// Pieces of 0.1, 0.4, 1 and 0.2 s in turn, from the first one on.
+#[test]
+#[ignore = "needs the folder of real recordings"]
+fn a_baseline_of_records_of_many_lengths_works() {
+    let folder = recordings("gearbox-spectraquest");
+    let pair = gearbox();
+    let (ensemble, mesh) = (ensemble(&pair, 110.0, GEARBOX_RATE_HZ), mesh(&pair));
+    let (mut judged, mut without_line) = ([0; 2], 0);
+    for load in ["0", "50", "90"] {
+        for (channel, samples) in channels(&folder, &format!("h30hz{load}")).iter().enumerate() {
+            let mut lengths =
+                [0.1, 0.4, 1.0, 0.2].map(|s| (s * GEARBOX_RATE_HZ) as usize).into_iter().cycle();
+            let mut rest = &samples[..];
+            let records = std::iter::from_fn(|| {
+                let (piece, after) = rest.split_at_checked(lengths.next()?)?;
+                rest = after;
+                pieces(piece, piece.len(), &mesh).pop()
+            });
+            let mut answers = told(8, Some(Arc::clone(&ensemble)), records);
+            answers.retain(|answer| answer.status != WearStatus::CollectingBaseline);
+            let count = answers.len();
+            answers.retain(|answer| answer.status != WearStatus::NoFeatures);
+            without_line += count - answers.len();
+            let of_these = shares(&answers, &format!("load {load}, a{}", channel + 1));
+            judged = [judged[0] + of_these[0], judged[1] + of_these[1]];
+        }
+    }
+    eprintln!("{judged:?} estimated and not comparable, {without_line} without a mesh line");
+    assert!(judged[0] > 60 && without_line <= 2, "{judged:?} {without_line}");
+}
+
+/// Every other sample of a low-pass, or a sample between each two: sums over 64 samples of a sinc under a
+/// Blackman window.
+fn resampled(samples: &[f32], factor: f64) -> Vec<f32> {
+    const REACH: i64 = 64;
+    let count = (samples.len() as f64 * factor) as usize;
+    let cut = factor.min(1.0);
+    let value = |n: usize| {
+        let at = n as f64 / factor;
+        let first = at.floor() as i64 - REACH + 1;
+        (first..first + 2 * REACH)
+            .filter_map(|k| {
+                let sample = f64::from(*samples.get(usize::try_from(k).ok()?)?);
+                let t = at - k as f64;
+                let x = std::f64::consts::PI * t;
+                let sinc = if t == 0.0 { cut } else { (cut * x).sin() / x };
+                let w = x / REACH as f64;
+                Some(sample * sinc * (0.42 + 0.5 * w.cos() + 0.08 * (2.0 * w).cos()))
+            })
+            .sum::<f64>() as f32
+    };
+    (0..count).map(value).collect()
 }
 
 /// What pieces of one sensor at one load were answered.
@@ -363,4 +439,53 @@ fn an_asset_of_four_channels_tells_a_broken_tooth_within_ten_pieces() {
     }
     assert!(held_out.flagged * 100 <= held_out.pieces, "{} of {}", held_out.flagged, held_out.pieces);
     assert_eq!(held_out.claimed, 0);
+}
+
+/// The normal deviate whose upper tail is `p`, to 0.003 (Abramowitz and Stegun 26.2.22); 0 from one half on.
+fn deviate(p: f64) -> f64 {
+    let t = (-2.0 * p.clamp(1e-30, 0.5).ln()).sqrt();
+    (t - (2.30753 + 0.27061 * t) / (1.0 + t * (0.99229 + 0.04481 * t))).max(0.0)
+}
+
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
+    let (mean_a, mean_b) = (mean(a), mean(b));
+    let products = |a: &[f64], mean_a: f64, b: &[f64], mean_b: f64| -> f64 {
+        a.iter().zip(b).map(|(a, b)| (a - mean_a) * (b - mean_b)).sum()
+    };
+    let squares = products(a, mean_a, a, mean_a) * products(b, mean_b, b, mean_b);
+    products(a, mean_a, b, mean_b) / squares.sqrt()
+}
+
+/// The joint answer takes the deviates of channels for correlated by 0.7. Each recording serves three times,
+/// with its first, second and last third as where the baseline begins.
+#[test]
+#[ignore = "needs the folder of real recordings"]
+fn channels_of_a_healthy_gearbox_are_correlated_by_less_than_is_assumed() {
+    let folder = recordings("gearbox-spectraquest");
+    let pair = gearbox();
+    let (ensemble, mesh) = (ensemble(&pair, 110.0, GEARBOX_RATE_HZ), mesh(&pair));
+    for piece in [PIECE, PIECE / 2] {
+        let mut deviates: [Vec<f64>; 4] = Default::default();
+        for load in ["0", "50", "90"] {
+            let healthy = channels(&folder, &format!("h30hz{load}"));
+            let healthy = healthy.map(|samples| pieces(&samples, piece, &mesh));
+            let count = healthy[0].len();
+            for start in [0, count / 3, 2 * count / 3] {
+                for (deviates, records) in deviates.iter_mut().zip(&healthy) {
+                    let turned = records[start..].iter().chain(&records[..start]).cloned();
+                    let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), turned);
+                    let novelty = answers[GEARBOX_BASELINE..].iter().map(|told| told.novelty.as_ref());
+                    deviates.extend(novelty.map(|novelty| novelty.map_or(0.0, |n| deviate(n.p_value))));
+                }
+            }
+        }
+        let pairs: Vec<f64> = (0..4)
+            .flat_map(|a| (0..a).map(move |b| (a, b)))
+            .map(|(a, b)| correlation(&deviates[a], &deviates[b]))
+            .collect();
+        let mean = pairs.iter().sum::<f64>() / pairs.len() as f64;
+        eprintln!("{piece} samples, {} pieces: {pairs:.2?}, mean {mean:.2}", deviates[0].len());
+        assert!(pairs.iter().all(|correlation| *correlation < 0.7), "{pairs:?}");
+    }
 }

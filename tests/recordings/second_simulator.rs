@@ -1,7 +1,13 @@
 //! Runs of a second simulator, which shares no code with this project: the wear estimate beside the truth,
 //! with a pair file that says nothing of damping, bodies or the shape of the wear.
 
+use std::fs::{self, File};
+use std::path::Path;
+
+use flankwatch::recording::{RecordDefaults, WavBlocks};
+use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
 use flankwatch_test_support::recordings;
+use jiff::Timestamp;
 use serde_json::Value;
 
 use crate::command::flankwatch;
@@ -19,19 +25,12 @@ const WEAR: [(&str, f64, u64, f64); 4] = [
 const FAULTS: [&str; 2] = ["crack-12", "gain-jump-13"];
 const HEALTHY: &str = "healthy-11";
 
-fn scores() -> Value {
+/// What `evaluate` says of runs; the simulated pairs are kept in `data`.
+fn scores(data: &Path, runs: &[&str], further: &[&str]) -> Value {
     let folder = recordings("second-simulator");
-    let data = tempfile::tempdir().unwrap();
-    let runs: Vec<String> = WEAR
-        .iter()
-        .map(|(run, ..)| *run)
-        .chain(FAULTS)
-        .chain([HEALTHY])
-        .map(|run| folder.join(run).display().to_string())
-        .collect();
-    let mut words = vec!["evaluate", "--json", "--data-dir"];
-    let data = data.path().display().to_string();
-    words.extend([data.as_str(), "--recorded"]);
+    let runs: Vec<String> = runs.iter().map(|run| folder.join(run).display().to_string()).collect();
+    let data = data.display().to_string();
+    let mut words = [&["evaluate", "--json", "--data-dir", &data], further, &["--recorded"]].concat();
     words.extend(runs.iter().map(String::as_str));
     let said = flankwatch(&words).expect_success();
     serde_json::from_str(&said.out()).unwrap()
@@ -40,7 +39,9 @@ fn scores() -> Value {
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn the_interval_holds_the_truth_of_another_simulators_runs() {
-    let all = scores();
+    let data = tempfile::tempdir().unwrap();
+    let worn = WEAR.map(|(run, ..)| run);
+    let all = scores(data.path(), &[&worn[..], &FAULTS, &[HEALTHY]].concat(), &[]);
     let score = |run: &str| {
         all["scores"].as_array().unwrap().iter().find(|score| score["run"] == run).unwrap().clone()
     };
@@ -66,5 +67,84 @@ fn the_interval_holds_the_truth_of_another_simulators_runs() {
         let late = after.iter().skip(10);
         let found = late.clone().filter(|answer| flagged(answer)).count() as f64;
         assert!(found >= 0.95 * late.count() as f64, "{run}: {found}");
+    }
+    // An inspection half-way narrows what is said of the records before it, and keeps the truth.
+    let inspected = scores(data.path(), &worn, &["--inspection-um", "5"]);
+    let (mut told_um, mut looked_back_um) = (0.0, 0.0);
+    for score in inspected["scores"].as_array().unwrap() {
+        let [width, coverage, error] = ["width_um", "coverage", "error_um"]
+            .map(|name| [0, 1].map(|which| score["in_hindsight"][name][which].as_f64().unwrap()));
+        println!(
+            "{} looked back at: {width:?} µm wide, {coverage:?} covered, {error:?} µm off",
+            score["run"]
+        );
+        assert!(width[1] < width[0] && coverage[1] >= 0.85 && error[1] <= 10.0, "{score}");
+        told_um += width[0];
+        looked_back_um += width[1];
+    }
+    assert!(looked_back_um <= 0.7 * told_um, "{looked_back_um} of {told_um} µm");
+}
+
+/// Record `n` of a run as if the machine had turned this many times as fast.
+fn turned_faster(run: &str, n: usize, factor: f64) -> Record {
+    let path = recordings("second-simulator").join(run).join(format!("rec_{n:04}.wav"));
+    let bytes = path.metadata().unwrap().len();
+    let defaults = RecordDefaults { unit: Some("m/s2".to_owned()), ..RecordDefaults::default() };
+    let mut records = WavBlocks::new(File::open(path).unwrap(), bytes, &defaults, None).unwrap();
+    let record = records.next().unwrap().unwrap();
+    let rate_hz = factor * record.sample_rate_hz();
+    Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, "m/s2", record.samples().to_vec()).unwrap()
+}
+
+/// The true shaft speeds of a run in hertz.
+fn speeds_hz(run: &str) -> Vec<f64> {
+    let text = fs::read_to_string(recordings("second-simulator").join(run).join("truth.csv")).unwrap();
+    text.lines().skip(1).map(|line| line.split(',').nth(2).unwrap().parse().unwrap()).collect()
+}
+
+/// Speeds that differ by ± 20 % from record to record are found within 25 % of nominal, or in doubt; with
+/// other teeth, or another nominal speed, they are in doubt. The speed swings by ± 0.3 % within a record.
+#[test]
+#[ignore = "needs the folder of real recordings"]
+fn a_speed_is_right_or_in_doubt() {
+    let mut analyzer = Analyzer::new(AnalysisSettings::default());
+    let mut count = |teeth: u32, nominal_shaft_speed_hz: f64, tolerance: f64, spread: f64| {
+        let mesh = MeshContext {
+            teeth,
+            mate_teeth: 26,
+            nominal_shaft_speed_hz,
+            tolerance,
+            nominal_is_exact: false,
+            others: OtherMeshes::NONE,
+        };
+        let (mut right, mut doubted, mut wrong) = (0, 0, 0);
+        for run in WEAR.map(|(run, ..)| run).into_iter().chain(FAULTS).chain([HEALTHY]) {
+            for (n, speed_hz) in speeds_hz(run).into_iter().enumerate().step_by(5) {
+                // Evenly over the spread, in no order.
+                let factor = 1.0 + spread * (2.0 * (n as f64 * 0.618).fract() - 1.0);
+                let found = analyzer.analyze(&turned_faster(run, n, factor), &mesh).shaft_speed;
+                let is_right = |found: f64| (found / (factor * speed_hz) - 1.0).abs() < 0.003;
+                match found.filter(|found| found.doubt.is_none()) {
+                    None => doubted += 1,
+                    Some(found) if teeth == 24 && is_right(found.shaft_speed_hz) => right += 1,
+                    Some(_) => wrong += 1,
+                }
+            }
+        }
+        println!(
+            "{teeth} teeth at {nominal_shaft_speed_hz} Hz ± {tolerance}, {spread}: {right} {doubted} {wrong}"
+        );
+        (right, doubted, wrong)
+    };
+    for (tolerance, spread) in [(0.05, 0.0), (0.25, 0.0), (0.25, 0.2)] {
+        let (right, doubted, wrong) = count(24, 16.64, tolerance, spread);
+        assert!(
+            wrong * 100 <= right && doubted * 10 <= right,
+            "{tolerance} {spread}: {right} {doubted} {wrong}"
+        );
+    }
+    for (teeth, nominal_hz) in [(32, 30.0), (20, 16.64), (48, 16.64), (24, 25.0), (24, 12.0)] {
+        let (_, doubted, wrong) = count(teeth, nominal_hz, 0.05, 0.0);
+        assert!(wrong * 100 <= doubted, "{teeth} teeth at {nominal_hz} Hz: {doubted} {wrong}");
     }
 }

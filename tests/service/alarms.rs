@@ -104,7 +104,7 @@ fn an_alarm_goes_from_records_to_people_and_back() {
     assert_eq!((&shelved["state"], &shelved["severity"]), (&json!("shelved"), &json!("danger")));
     assert_eq!(summary("alarms")["shelved"], 1);
     assert_ne!(summary("category"), "failure");
-    let metrics = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
+    let metrics = String::from_utf8(service.get("/metrics/machines").expect(200).bytes).unwrap();
     for line in [
         "flankwatch_alarm_severity{asset=\"pump\",channel=\"1\",quantity=\"indicator:rms\"} 2",
         "flankwatch_alarm_shelved{asset=\"pump\",channel=\"1\",quantity=\"indicator:rms\"} 1",
@@ -502,4 +502,66 @@ fn a_misspelt_indicator_is_refused_with_the_nearest_names() {
         service.get("/v1/assets/pump/indicators?names=rms,na4").expect(200);
         service.upload("pump", &loud(0, 1.0));
     }
+}
+
+/// Record `n` of each of four channels, which hear a pump without a mesh alike, with a tone of some amplitude.
+fn upload_four(service: &Service, n: u32, tone: f32) {
+    for channel in ["a", "b", "c", "d"] {
+        let samples = samples(n % 8).into_iter().enumerate();
+        let samples = samples.map(|(k, sample)| sample + tone * (2.1 * k as f32).sin()).collect();
+        let record = Record::new(channel, minute(n.into()), 4000.0, "m/s2", samples).unwrap();
+        service.upload("pump", &record);
+    }
+}
+
+#[test]
+fn what_all_channels_say_together_is_raised_though_none_passes_the_level_alone() {
+    let service = Service::start();
+    let rule = |quantity: &str| json!({ "quantity": quantity, "warning": 2.75, "hysteresis": 1, "settings": at_once() });
+    let pump = json!({
+        "id": "pump", "shaft": {}, "sensor": { "unit": "m/s2" }, "baseline": { "records": 8 },
+        "alarms": [rule("novelty"), rule("joint_novelty")],
+    });
+    service.post_json("/v1/assets", &pump).expect(201);
+    (0..10).for_each(|n| upload_four(&service, n, 0.0));
+    upload_four(&service, 10, 1.5);
+    let together = service.get("/v1/assets/pump/wear").expect(200).json();
+    let score = together["novelty"]["score"].as_f64().unwrap();
+    let mut alone = together["channels"].as_array().unwrap().iter().map(|one| one["novelty_score"].as_f64());
+    assert!(score > 2.75 && alone.all(|alone| alone.is_some_and(|alone| alone < 2.75)), "{together}");
+    let raised = wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
+    assert_eq!((&raised["quantity"], &raised["channel"]), (&json!("joint_novelty"), &json!("a")));
+    assert_eq!(raised["value"], together["novelty"]["score"]);
+    assert_eq!(
+        act(&service, &raised, "acknowledge", &json!({ "by": "Ada" })).json()["state"],
+        "acknowledged"
+    );
+
+    // Only what has come since maintenance counts.
+    let done = json!({ "kind": "regime_changed", "by": "Ada", "time": minute(11) });
+    service.post_json("/v1/assets/pump/maintenance", &done).expect(201);
+    upload_four(&service, 11, 0.0);
+    wait_for_alarm(&service, "pump", |alarm| alarm["severity"].is_null());
+    (12..20).for_each(|n| upload_four(&service, n, 0.0));
+    upload_four(&service, 20, 1.5);
+    wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
+    upload_four(&service, 21, 0.0);
+    wait_for_alarm(&service, "pump", |alarm| alarm["severity"].is_null());
+    let told: Vec<Value> = whole(&service, "pump")["history"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|entry| json!([entry["severity"], entry["action"]["joint"]["severity"], entry["maintenance"]]))
+        .collect();
+    let is_told = [
+        json!(["warning", "warning", null]),
+        json!(["warning", null, null]),
+        json!([null, null, "regime_changed"]),
+        json!(["warning", "warning", null]),
+        json!([null, null, null]),
+    ];
+    assert_eq!(told, is_told);
+    service
+        .post_json("/v1/assets/pump/alarms/try", &json!({ "rule": rule("joint_novelty"), "channel": "a" }))
+        .expect_problem(422, &["joint_novelty", "cannot be tried"]);
 }

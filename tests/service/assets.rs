@@ -152,6 +152,12 @@ fn a_summary_tells_of_all_channels() {
     let one = service.get("/v1/assets/pump/wear?channel=a").expect(200).json();
     assert_eq!((&one["channel"], &one["channels"]), (&json!("a"), &json!(null)));
     service.get("/v1/assets/pump/wear?channel=c").expect_problem(404, &["\"c\""]);
+    // One that has ended while the other goes on is named, and takes no part.
+    service.upload("pump", &record("a", 30));
+    let together = service.get("/v1/assets/pump/wear").expect(200).json();
+    let silent = &together["channels"][1];
+    assert_eq!((&silent["channel"], &silent["silent_since"]), (&json!("b"), &json!("2026-01-01T00:02:00Z")));
+    assert!(together["reason"].as_str().unwrap().contains("channel b takes no part"), "{together}");
 }
 
 #[test]

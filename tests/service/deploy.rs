@@ -133,7 +133,8 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
         service.upload("pump", &record("1", n));
     }
     service.service().feeds.add("mqtt");
-    let page = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
+    let pages = ["/metrics", "/metrics/machines"];
+    let page = pages.map(|path| String::from_utf8(service.get(path).expect(200).bytes).unwrap()).concat();
     // What processes of a cluster show besides.
     let page = page + &flankwatch::http::queue_metrics(&QueueOverview::default(), crate::running::minute(0));
     let mut measured: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
@@ -175,8 +176,9 @@ fn alerts_and_dashboards_name_what_is_measured() {
     for (name, _) in metrics(&text("prometheus/rules.test.yaml")) {
         assert!(measured.contains_key(&name), "the alerts' tests: there is no metric {name}");
     }
-    let job = &yaml("compose/prometheus.yml")[0]["scrape_configs"][0]["job_name"];
-    assert_eq!(job, "flankwatch", "alerts and dashboards ask for this job");
+    let jobs = &yaml("compose/prometheus.yml")[0]["scrape_configs"];
+    assert_eq!(jobs[0]["job_name"], "flankwatch", "alerts and dashboards ask for this job");
+    assert_eq!(jobs[1]["metrics_path"], "/metrics/machines", "machines are asked for once");
 }
 
 #[test]

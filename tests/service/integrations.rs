@@ -34,9 +34,11 @@ fn prometheus_scrapes_service_and_assets() {
     let segment = service.upload("pump", &record("1", 1));
     let folder = tempfile::tempdir().unwrap();
     let target = service.url("").trim_start_matches("http://").to_string();
-    let config = format!(
-        "global: {{scrape_interval: 1s}}\nscrape_configs:\n- job_name: flankwatch\n  static_configs:\n  - targets: ['{target}']\n"
-    );
+    let job = |name: &str, path: &str| {
+        format!("- job_name: {name}\n  metrics_path: {path}\n  static_configs:\n  - targets: ['{target}']\n")
+    };
+    let jobs = job("flankwatch", "/metrics") + &job("flankwatch-machines", "/metrics/machines");
+    let config = format!("global: {{scrape_interval: 1s}}\nscrape_configs:\n{jobs}");
     std::fs::write(folder.path().join("prometheus.yml"), config).unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let child = Command::new(program)

@@ -19,6 +19,9 @@ mod events;
 mod gear_indicators;
 mod image;
 mod integrations;
+// With a shared database, which the feature brings, there are no streams.
+#[cfg(not(feature = "cluster"))]
+mod live_view;
 mod lost_database;
 mod notifications;
 mod openapi;
@@ -31,7 +34,6 @@ mod recordings;
 mod resumable_uploads;
 mod segments;
 mod simulations;
-// With a shared database, which the feature brings, there are no streams.
 #[cfg(not(feature = "cluster"))]
 mod streams;
 mod token_pages;

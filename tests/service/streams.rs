@@ -263,8 +263,46 @@ fn levels_of_every_second_are_kept_and_the_last_seconds_become_a_record_on_deman
     assert_eq!(kept, json!({ "start_time": "2026-01-01T00:00:04.5Z", "samples": 3000 }));
     let found = records(&service, "in", 2);
     assert_eq!((&found[1]["start_time"], &found[1]["samples"]), (&kept["start_time"], &json!(3000)));
+    // As many as there are; it begins with the sample that the record of the policy begins with.
+    let all = service.post("/v1/assets/pump/stream/keep?seconds=10", "", b"").expect(200).json();
+    assert_eq!(all, json!({ "start_time": "2026-01-01T00:00:00Z", "samples": 7500 }));
+    let found = records(&service, "in", 3);
+    let begun: Vec<_> = found.iter().filter(|record| record["start_time"] == all["start_time"]).collect();
+    let mut lengths: Vec<_> = begun.iter().filter_map(|record| record["samples"].as_u64()).collect();
+    lengths.sort_unstable();
+    assert_eq!(lengths, [2000, 7500]);
+    let counts =
+        |list: &Value| (list["items"][0]["records"].clone(), list["items"][0]["records_waiting"].clone());
+    service.wait_for("/v1/assets/pump/streams", |list| counts(list) == (json!(3), json!(0)));
     service.post("/v1/assets/pump/stream/keep?seconds=100", "", b"").expect_problem(400, &["seconds", "60"]);
     service.get("/v1/assets/pump/stream/levels?name=other").expect_problem(404, &["other"]);
+}
+
+#[test]
+fn a_stream_without_an_interval_makes_records_on_demand_only() {
+    let service = Service::start();
+    service
+        .post_json("/v1/assets", &asset(2.0, 1.0))
+        .expect_problem(422, &["stream.interval_s", "0, or at least"]);
+    service.post_json("/v1/assets", &asset(2.0, 0.0)).expect(201);
+    let mut socket = open(&service, "&first_index=0");
+    socket.send(0, time_ns(0), &frames(0, 7500));
+    socket.wait_for(7500);
+    service.post("/v1/assets/pump/stream/keep?seconds=3", "", b"").expect(200);
+    let found = records(&service, "in", 1);
+    expect_samples(&service, &found[0], 4500, 3000);
+    let list = service.get("/v1/assets/pump/streams").expect(200).json();
+    assert_eq!(list["items"][0]["records_waiting"], 0);
+    // Records begin where the description changes.
+    service.put_json("/v1/assets/pump", &asset(2.0, 2.0)).expect(200);
+    socket.send(7500, time_ns(7500), &frames(7500, 2500));
+    socket.wait_for(10_000);
+    drop(socket);
+    let mut socket = open(&service, "");
+    socket.send(10_000, time_ns(10_000), &frames(10_000, 2500));
+    socket.wait_for(12_500);
+    let found = records(&service, "in", 2);
+    assert_eq!(found[1]["samples"], 2000);
 }
 
 #[test]

@@ -220,6 +220,38 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
         let raised = alarms["items"].as_array().unwrap().iter().find(|alarm| alarm["quantity"] == "wear_um");
         assert_eq!(raised.unwrap()["severity"], "danger", "{id}: {alarms}");
     }
+    looks_back_from_an_inspection(&service, &runs[0]);
+}
+
+/// What an inspection of the first stage makes of the records before it.
+fn looks_back_from_an_inspection(service: &Service, run: &Run) {
+    let path = "/v1/assets/input/wear/hindsight";
+    let none = service.get(path).expect(200).json();
+    assert_eq!((&none["channel"], &none["items"]), (&json!("in"), &json!([])));
+    let history = service.get("/v1/assets/input/wear/history").expect(200).json();
+    let (at, depth_um) = (history["items"][50]["start_time"].as_str().unwrap(), run.wear_um(50));
+    let inspection = json!({ "depth_um": depth_um, "error_um": 5.0 });
+    let event = json!({ "kind": "inspected", "time": at, "by": "Ada", "inspection": inspection });
+    service.post_json("/v1/assets/input/maintenance", &event).expect(201);
+    let looked_back = service.get(path).expect(200).json();
+    let items = looked_back["items"].as_array().unwrap();
+    assert!(items.len() >= 30 && items.last().unwrap()["start_time"].as_str() < Some(at), "{looked_back}");
+    let width = |rows: &[Value]| {
+        let of = |row: &Value| row["p95_um"].as_f64().unwrap() - row["p05_um"].as_f64().unwrap();
+        rows.iter().map(of).sum::<f64>() / rows.len() as f64
+    };
+    let told: Vec<Value> = history["items"].as_array().unwrap()[16..50]
+        .iter()
+        .filter(|row| row["median_um"].is_f64())
+        .cloned()
+        .collect();
+    // The described pair alone has nothing to learn of which pair the machine is like.
+    assert!(
+        (width(items) / width(&told) - 1.0).abs() < 1e-3,
+        "{} µm wide, {} as told",
+        width(items),
+        width(&told)
+    );
 }
 
 /// The paper's pair, and one that its output shaft drives.

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::running::{Service, mcap, plain_asset, record, samples, wav};
 
@@ -35,6 +35,18 @@ fn csv_is_taken_with_its_own_rate_and_units() {
     service
         .post(&format!("{path}&sample_rate_hz=4010"), "text/csv", text.as_bytes())
         .expect_problem(422, &["4010", "expected 4000"]);
+    let ramp = b"n,in [g],out\n0,1,5\n1,-2,6\n2,3,7\n3,4,9\n";
+    service.post(&path, "text/csv", ramp).expect_problem(422, &["column \"n\"", "rises by the same step"]);
+    let said = "&sample_rate_hz=1000&columns=2,3&channel_names=a,b&unit=m/s2";
+    let taken = service.post(&format!("{path}{said}"), "text/csv", ramp).expect(201).json();
+    let [a, b] = &taken["segments"].as_array().unwrap()[..] else { panic!("{taken}") };
+    assert_eq!([&a["channel"], &b["channel"]], ["a", "b"]);
+    // It is read as it was said whenever it is read again.
+    let kept =
+        service.get(&format!("/v1/segments/{}/waveform", b["id"].as_str().unwrap())).expect(200).json();
+    assert_eq!(b["samples"], 4, "{kept}");
+    service.post(&format!("{path}&columns=2,x"), "text/csv", ramp).expect_problem(400, &["columns", "\"x\""]);
+    service.post(&format!("{path}&columns=9"), "text/csv", ramp).expect_problem(422, &["columns is 9"]);
     service.post(&path, "text/csv", b"a\n1\n2\n").expect_problem(422, &["the sampling rate"]);
     // The rate that was said beside the file is kept for reading it again.
     let bare = service
@@ -153,4 +165,38 @@ fn an_upload_under_a_key_happens_once() {
     service.clock.advance(8 * 24 * 3600);
     let later = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201).json();
     assert_ne!(later["id"], first["id"], "the key is forgotten");
+}
+
+#[test]
+fn a_csv_file_is_previewed_as_it_would_be_taken() {
+    let service = Service::start();
+    let preview = |query: &str, text: &str| {
+        service.post(&format!("/v1/csv-preview{query}"), "text/csv", text.as_bytes())
+    };
+    let text = "Messung;7\nZeit [s];in [g];n\n0;0,5;1\n0,5;-1;2\n1;2;3\n";
+    let seen = preview("", text).expect(200).json();
+    let columns = seen["columns"].as_array().unwrap();
+    let roles: Vec<_> = columns.iter().map(|column| (&column["number"], &column["role"])).collect();
+    assert_eq!(
+        roles,
+        [(&json!(1), &json!("time")), (&json!(2), &json!("channel")), (&json!(3), &json!("channel"))]
+    );
+    assert_eq!(
+        (&columns[1]["name"], &columns[1]["unit"], &columns[1]["label"]),
+        (&json!("in"), &json!("g"), &json!("in [g]"))
+    );
+    assert_eq!(columns[1]["envelope"], json!([[0.5, 0.5], [-1.0, -1.0], [2.0, 2.0]]));
+    assert_eq!(
+        (&seen["sample_rate_hz"], &seen["rate_source"], &seen["lines"]),
+        (&json!(2.0), &json!("times"), &json!(3))
+    );
+    let seen = preview("?columns=3&time_column=0&sample_rate_hz=5", text).expect(200).json();
+    assert_eq!((&seen["columns"][0]["role"], &seen["sample_rate_hz"]), (&json!("left_out"), &json!(5.0)));
+    let seen = preview("", "t,a\n0,1\n1,none\n").expect(200).json();
+    assert!(seen["fault"].as_str().unwrap().contains("line 3"), "{seen}");
+    assert_eq!(seen["columns"].as_array().unwrap().len(), 2);
+    preview("", "").expect_problem(422, &["empty (0 bytes)"]);
+    preview("?time_column=300", text).expect_problem(422, &["time_column", "256"]);
+    preview("", &"1\n".repeat(1 << 20)).expect_problem(413, &["1048576"]);
+    assert_eq!(service.get("/v1/assets").expect(200).json()["items"], json!([]));
 }

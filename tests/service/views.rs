@@ -82,6 +82,22 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
         .get(&format!("/v1/segments/{id}/waveform?from_s=2&to_s=1"))
         .expect_problem(400, &["from_s", "to_s"]);
 
+    let velocity = service
+        .get(&format!("/v1/segments/{id}/waveform?quantity=velocity&max_points=200000"))
+        .expect(200)
+        .json();
+    let samples = numbers(&velocity["value"]);
+    let rms = (samples.iter().map(|v| v * v).sum::<f64>() / samples.len() as f64).sqrt();
+    let lines = service.get(&format!("/v1/segments/{id}/spectrum?max_points=200000")).expect(200).json();
+    let of_lines = numbers(&lines["frequency_hz"]).into_iter().zip(numbers(&lines["amplitude"]));
+    let square = |(hz, peak): (f64, f64)| (1e3 * peak / (std::f64::consts::TAU * hz)).powi(2) / 2.0 / 1.5;
+    let expected = of_lines.filter(|(hz, _)| *hz >= 10.0).map(square).sum::<f64>().sqrt();
+    assert!((rms / expected - 1.0).abs() < 0.1, "{rms} mm/s by samples, {expected} by lines");
+    assert_eq!(velocity["unit"], "mm/s");
+    service
+        .get(&format!("/v1/segments/{id}/waveform?quantity=velocity&cut_hz=0"))
+        .expect_problem(400, &["cut_hz"]);
+
     let orders =
         service.get(&format!("/v1/segments/{id}/orders?from_order=10&to_order=30")).expect(200).json();
     let (order, amplitude) = (numbers(&orders["order"]), numbers(&orders["amplitude"]));

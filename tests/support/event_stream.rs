@@ -23,11 +23,16 @@ impl EventStream {
 
     /// Of whatever listens at an address.
     pub(crate) fn open_at(url: &str, query: &str, last: Option<&str>) -> Self {
+        let last = last.map_or_else(String::new, |last| format!("last-event-id: {last}\r\n"));
+        Self::open_path(url, &format!("/v1/events{query}"), &last)
+    }
+
+    /// Another stream of events; `head` are lines of the request's head.
+    pub(crate) fn open_path(url: &str, path: &str, head: &str) -> Self {
         let address = url.trim_start_matches("http://").to_string();
         let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        let last = last.map_or_else(String::new, |last| format!("last-event-id: {last}\r\n"));
-        write!(stream, "GET /v1/events{query} HTTP/1.1\r\nhost: localhost\r\n{last}\r\n").unwrap();
+        write!(stream, "GET {path} HTTP/1.1\r\nhost: localhost\r\n{head}\r\n").unwrap();
         let mut reader = BufReader::new(stream);
         let mut line = String::new();
         reader.read_line(&mut line).unwrap();
@@ -40,10 +45,19 @@ impl EventStream {
     }
 
     pub(crate) fn next(&mut self) -> Received {
+        self.next_or_end().expect("the stream ended")
+    }
+
+    /// The next event; none where the server ended the stream.
+    pub(crate) fn next_or_end(&mut self) -> Option<Received> {
         let (mut kind, mut id, mut data) = (String::new(), String::new(), None);
         loop {
             let mut line = String::new();
-            assert!(self.0.read_line(&mut line).unwrap() > 0, "the stream ended");
+            let read = self.0.read_line(&mut line).unwrap();
+            // The chunk of no length, or the connection's end.
+            if read == 0 || line == "0\r\n" {
+                return None;
+            }
             // Lines with the lengths of chunks fall through.
             if let Some(text) = line.strip_prefix("event: ") {
                 kind = text.trim().to_string();
@@ -54,7 +68,7 @@ impl EventStream {
             } else if line.trim().is_empty()
                 && let Some(data) = data.take()
             {
-                return Received { kind, id, data };
+                return Some(Received { kind, id, data });
             }
         }
     }

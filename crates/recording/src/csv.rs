@@ -7,6 +7,8 @@ use csv::{ByteRecord, ReaderBuilder};
 use super::RecordingError;
 use super::csv_field::{Decimals, Moment, text};
 use super::csv_head::{BEGINNING_BYTES, Column, Head};
+use super::csv_layout::CsvLayout;
+use super::csv_preview::ColumnRole;
 use super::error::shortened;
 
 /// Longest line taken, in bytes: a file without line ends must not fill the memory.
@@ -29,6 +31,8 @@ pub struct CsvFrames<R> {
     channels: Vec<String>,
     units: Vec<Option<&'static str>>,
     columns: Vec<usize>,
+    /// Whether somebody said what the columns are.
+    is_said: bool,
     decimals: Decimals,
     clock_decimals: Decimals,
     line: ByteRecord,
@@ -38,25 +42,52 @@ impl<R: Read> CsvFrames<R> {
     /// Reads the header; `chosen` names the wanted columns in their order, all data columns where it is
     /// empty.
     pub fn new(reader: R, chosen: &[String]) -> Result<Self, RecordingError> {
+        Self::open(reader, CsvLayout::default(), !chosen.is_empty(), |head| choose(head, chosen))
+    }
+
+    /// Reads the header of a file whose columns are what `layout` says.
+    ///
+    /// # Errors
+    /// Those of [`new`](Self::new); a column that the file does not have.
+    pub fn with_layout(reader: R, layout: CsvLayout) -> Result<Self, RecordingError> {
+        Self::open(reader, layout, layout.says_columns(), |head| {
+            let columns = layout.channels_at();
+            match columns.last() {
+                None => choose(head, &[]),
+                Some(last) if *last < head.columns.len() => Ok(columns),
+                Some(last) => {
+                    Err(RecordingError::field("columns", last + 1, "numbers of columns that the file has"))
+                }
+            }
+        })
+    }
+
+    fn open(
+        reader: R,
+        layout: CsvLayout,
+        is_said: bool,
+        choose: impl Fn(&Head) -> Result<Vec<usize>, RecordingError>,
+    ) -> Result<Self, RecordingError> {
         let mut limited = LineLimit::new(reader);
         let beginning = limited.beginning()?;
         if beginning.is_empty() {
             return Err(RecordingError::NoBytes);
         }
-        let head = Head::read(beginning)?;
+        let head = Head::read(beginning, layout)?;
         limited.skip_lines(head.lines);
         let reader = ReaderBuilder::new()
             .has_headers(false)
             .delimiter(head.separator)
             .trim(csv::Trim::All)
             .from_reader(Squeezed::new(limited, head.separator == b' '));
-        let columns = choose(&head, chosen)?;
+        let columns = choose(&head)?;
         let of = |column: &usize| &head.columns[*column];
         Ok(Self {
             reader,
             channels: columns.iter().map(|column| of(column).name.clone()).collect(),
             units: columns.iter().map(|column| of(column).unit).collect(),
             columns,
+            is_said,
             decimals: Decimals::separated_by(head.separator),
             clock_decimals: Decimals::separated_by(head.separator),
             head,
@@ -82,6 +113,39 @@ impl<R: Read> CsvFrames<R> {
     /// Whether the file may say its sampling rate itself: by a line before the header, or a column of times.
     pub fn says_rate(&self) -> bool {
         self.head.stated_rate_hz.is_some() || self.head.clock.is_some()
+    }
+
+    /// All columns: what the header calls each, its name and unit, and whether it is a channel or holds the
+    /// time.
+    pub(super) fn columns(&self) -> impl Iterator<Item = (&Column, ColumnRole)> {
+        self.head.columns.iter().enumerate().map(|(at, column)| {
+            let is_time = self.head.clock.is_some_and(|clock| clock.has(at));
+            let role = match () {
+                () if self.columns.contains(&at) => ColumnRole::Channel,
+                () if is_time => ColumnRole::Time,
+                () => ColumnRole::LeftOut,
+            };
+            (column, role)
+        })
+    }
+
+    /// Whether the first of several columns may hold the time without being called so.
+    pub(super) fn may_be_unnamed_time(&self) -> bool {
+        !self.is_said
+            && self.head.clock.is_none()
+            && self.head.columns.len() > 1
+            && self.columns.first() == Some(&0)
+    }
+
+    /// The error of a first column that holds the time without being called so.
+    pub(super) fn unnamed_time(&self) -> RecordingError {
+        RecordingError::CsvLine {
+            line: self.head.lines.max(1),
+            what: format!(
+                "column {:?} rises by the same step from line to line, which no vibration does: expected it to be called time, or to be left out",
+                self.head.columns[0].label
+            ),
+        }
     }
 
     /// Reads the next frame, false at the end. A value that is no finite number is an error with its line and

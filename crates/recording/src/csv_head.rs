@@ -6,6 +6,7 @@ use csv::ReaderBuilder;
 use super::RecordingError;
 use super::block::MAX_CHANNEL_BYTES;
 use super::csv_field::{Decimals, Moment, name_and_unit, seconds_of, text, unit};
+use super::csv_layout::CsvLayout;
 use super::csv_time::Clock;
 use super::error::shortened;
 
@@ -13,7 +14,7 @@ use super::error::shortened;
 pub(super) const BEGINNING_BYTES: usize = 1 << 16;
 
 /// Most columns taken.
-const MAX_COLUMNS: usize = 256;
+pub(super) const MAX_COLUMNS: usize = 256;
 
 /// Lines in which the first sample is looked for.
 const MAX_HEAD_LINES: usize = 500;
@@ -47,7 +48,7 @@ pub(super) struct Column {
 
 impl Head {
     /// Looks at the first bytes of a file.
-    pub(super) fn read(beginning: &[u8]) -> Result<Self, RecordingError> {
+    pub(super) fn read(beginning: &[u8], layout: CsvLayout) -> Result<Self, RecordingError> {
         let text = text(beginning.strip_prefix(b"\xef\xbb\xbf").unwrap_or(beginning));
         let lines: Vec<&str> = text.lines().take(MAX_HEAD_LINES).collect();
         let separators = [b';', b'\t', b',', b' '];
@@ -80,10 +81,19 @@ impl Head {
             .take(CLOCK_LINES)
             .map(|line| fields(line, separator))
             .collect();
+        let clock = match layout.time_at() {
+            None => clock(&columns, names.is_some(), &samples, separator),
+            Some(None) => None,
+            Some(Some(at)) if at < columns.len() => Some(clock_at(&columns, at, &samples)),
+            Some(Some(at)) => {
+                let expected = "the number of a column, or 0 where none holds the time";
+                return Err(RecordingError::field("time_column", at + 1, expected));
+            }
+        };
         Ok(Self {
             separator,
             lines: line as u64,
-            clock: clock(&columns, names.is_some(), &samples, separator),
+            clock,
             columns,
             stated_rate_hz: stated_rate_hz(&lines[..preamble]),
         })
@@ -219,41 +229,83 @@ fn columns(
     Ok(columns)
 }
 
+/// What a column that holds the time is called.
+const TIME_NAMES: [&str; 22] = [
+    "time",
+    "t",
+    "timestamp",
+    "datetime",
+    "date",
+    "elapsed",
+    "sec",
+    "second",
+    "seconds",
+    "zeit",
+    "zeitstempel",
+    "zeitpunkt",
+    "uhrzeit",
+    "datum",
+    "sekunde",
+    "sekunden",
+    "temps",
+    "tiempo",
+    "tempo",
+    "tijd",
+    "tid",
+    "czas",
+];
+
 /// Whether a column's name says that it holds the time, not a signal: `t`, `time (s)`, `Zeit [ms]`,
-/// `timestamp_ns`, but not `t_oil`; with the unit that the name itself ends in.
-fn time_name(name: &str) -> Option<Option<&'static str>> {
-    let name = name.to_lowercase();
-    let mut words = name.split([' ', '(', '[', '_', ')', ']']).filter(|word| !word.is_empty());
-    let stem = words.next().unwrap_or_default();
-    let is_time = matches!(
-        stem,
-        "time" | "t" | "timestamp" | "datetime" | "zeit" | "zeitstempel" | "uhrzeit" | "temps" | "tiempo"
-    );
-    let units: Vec<&str> = words.collect();
-    let of_time = |word: &&str| unit(word).is_some_and(|unit| unit == "utc" || seconds_of(unit).is_some());
-    (is_time && units.iter().all(of_time))
-        .then(|| units.iter().find_map(|word| unit(word)).filter(|unit| *unit != "utc"))
+/// `timestamp_ns`, `Time - a1`, but not `t_oil`; with the unit that the name itself ends in.
+fn time_name(column: &Column) -> Option<Option<&'static str>> {
+    let name = column.label.to_lowercase();
+    let of_time = |unit: &&'static str| *unit == "utc" || seconds_of(unit).is_some();
+    if column.unit.is_some_and(|unit| seconds_of(unit).is_some()) {
+        return Some(None);
+    }
+    let mut words = name.split([' ', '(', '[', '_', ')', ']', '/', ',']).filter(|word| !word.is_empty());
+    let is_time = TIME_NAMES.contains(&words.next().unwrap_or_default());
+    let units: Vec<Option<&'static str>> = words.map(unit).collect();
+    let is_all = units.iter().all(|unit| unit.as_ref().is_some_and(of_time));
+    // `Time - a1` is the time of that channel.
+    let of_channel = ["time", "zeit"].iter().any(|stem| {
+        name.strip_prefix(stem).is_some_and(|rest| rest.trim_start().starts_with(['-', ':', '/', '_']))
+    });
+    ((is_time && is_all) || (of_channel && column.unit.is_none()))
+        .then(|| units.into_iter().flatten().find(|unit| *unit != "utc" && seconds_of(unit).is_some()))
 }
 
 fn clock(columns: &[Column], has_header: bool, samples: &[Vec<String>], separator: u8) -> Option<Clock> {
-    let is_moment = |at: usize| {
-        samples.first().and_then(|row| row.get(at)).is_some_and(|field| Moment::parse(field).is_some())
-    };
-    if let Some(at) = (0..columns.len()).find(|&at| is_moment(at)) {
-        return Some(Clock::Moment(at));
-    }
-    let named = |column: &Column| has_header.then(|| time_name(&column.label)).flatten();
-    if let Some((at, of_name)) =
-        columns.iter().enumerate().find_map(|(at, column)| Some((at, named(column)?)))
-    {
-        let factor = columns[at].unit.or(of_name).and_then(seconds_of).unwrap_or(1.0);
-        return Some(Clock::Seconds { column: at, factor });
+    let is_moment = |at: &usize| matches!(clock_at(columns, *at, samples), Clock::Moment(_));
+    let is_named = |at: &usize| has_header && time_name(&columns[*at]).is_some();
+    let all = 0..columns.len();
+    if let Some(at) = all.clone().find(is_moment).or_else(|| all.clone().find(is_named)) {
+        return Some(clock_at(columns, at, samples));
     }
     let hours = |column: &Column| {
         matches!(column.name.to_lowercase().as_str(), "h" | "hour" | "hours" | "stunde" | "std")
     };
     let may_be = columns.len() > 4 && (!has_header || hours(&columns[0]));
     (may_be && Clock::Parts.rises(samples, separator)).then_some(Clock::Parts)
+}
+
+/// How the time stands in a column.
+fn clock_at(columns: &[Column], at: usize, samples: &[Vec<String>]) -> Clock {
+    let first = samples.first().and_then(|row| row.get(at));
+    if first.is_some_and(|field| Moment::parse(field).is_some()) {
+        return Clock::Moment(at);
+    }
+    let column = &columns[at];
+    let said = column.unit.or_else(|| time_name(column).flatten()).and_then(seconds_of);
+    let number: f64 = first.and_then(|field| field.replace(',', ".").parse().ok()).unwrap_or(0.0);
+    // Numbers this large count from 1970, in the unit that their size says.
+    let guessed = match number {
+        1e17.. => 1e-9,
+        1e14.. => 1e-6,
+        1e11.. => 1e-3,
+        _ => 1.0,
+    };
+    Clock::Seconds { column: at, factor: said.unwrap_or(guessed) }
 }
 
 /// The rate in hertz in a line such as `Sample rate: 12800 Hz`, `fs=25600` or `Abtastrate;12,8;kHz`.

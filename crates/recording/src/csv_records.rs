@@ -4,24 +4,32 @@ use std::io::Read;
 
 use super::block::check_sample_count;
 use super::cut::{Blocks, Frames};
-use super::{CsvFrames, CsvTiming, Cut, CutPlan, Cutter, RecordDefaults, RecordingError};
+use super::{CsvFrames, CsvLayout, CsvTiming, Cut, CutPlan, Cutter, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
-/// Reads a CSV file as one record a channel.
+/// Reads a CSV file, whose columns are what `layout` says, as one record a channel.
 ///
-/// The rate is that of the defaults, else the file's own; the time of a column with dates, and units of the
-/// header, count before the defaults.
-pub fn decode_csv(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+/// The rate is that of the layout or of the defaults, else the file's own; the time of a column with dates,
+/// and units of the header, count before the defaults.
+pub fn decode_csv(
+    bytes: &[u8],
+    layout: CsvLayout,
+    defaults: &RecordDefaults,
+) -> Result<Vec<Record>, RecordingError> {
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
     }
-    let timing = CsvTiming::scan(CsvFrames::new(bytes, &[])?)?;
+    let defaults = &RecordDefaults {
+        sample_rate_hz: layout.sample_rate_hz.or(defaults.sample_rate_hz),
+        ..defaults.clone()
+    };
+    let timing = CsvTiming::scan(CsvFrames::with_layout(bytes, layout)?)?;
     check_sample_count("1", usize::try_from(timing.frames).unwrap_or(usize::MAX))?;
     let plan = CutPlan {
         frames: usize::try_from(timing.frames).unwrap_or(usize::MAX).max(1),
         default_seconds: None,
     };
-    CsvBlocks::with_plan(CsvFrames::new(bytes, &[])?, &timing, defaults, plan)?.collect()
+    CsvBlocks::with_plan(CsvFrames::with_layout(bytes, layout)?, &timing, defaults, plan)?.collect()
 }
 
 /// Reads a CSV file of any length as consecutive records: all channels of one stretch, then those of the
@@ -97,7 +105,7 @@ mod tests {
 
     fn read(text: &str, rate_hz: Option<f64>) -> Result<Vec<Record>, String> {
         let defaults = RecordDefaults { sample_rate_hz: rate_hz, ..RecordDefaults::default() };
-        decode_csv(text.as_bytes(), &defaults).map_err(|error| error.to_string())
+        decode_csv(text.as_bytes(), CsvLayout::default(), &defaults).map_err(|error| error.to_string())
     }
 
     fn only(text: &str, rate_hz: Option<f64>) -> Record {
@@ -219,7 +227,7 @@ mod tests {
     fn latin_1_and_names_that_stand_there_twice_are_read() {
         let bytes = b"Gr\xf6\xdfe;Gr\xf6\xdfe\n1;2\n3;4\n";
         let defaults = RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() };
-        let records = decode_csv(bytes, &defaults).unwrap();
+        let records = decode_csv(bytes, CsvLayout::default(), &defaults).unwrap();
         assert_eq!(records.iter().map(Record::channel).collect::<Vec<_>>(), ["Größe", "Größe_2"]);
     }
 
@@ -231,11 +239,54 @@ mod tests {
             unit: Some("g".to_owned()),
             ..RecordDefaults::default()
         };
-        let records = decode_csv(b"a [m/s2],b\n1,2\n", &defaults).unwrap();
+        let records = decode_csv(b"a [m/s2],b\n1,2\n", CsvLayout::default(), &defaults).unwrap();
         assert_eq!(
             records.iter().map(|r| (r.channel(), r.unit())).collect::<Vec<_>>(),
             [("in", "m/s2"), ("out", "g")]
         );
+    }
+
+    #[test]
+    fn columns_are_what_is_said_of_them() {
+        let text = "n;in [g];out (m/s2);speed\n0;1;5;25\n1;2;6;25\n2;3;7;25\n3;4;8;25\n";
+        let read = |layout: Result<CsvLayout, RecordingError>| {
+            let records = decode_csv(text.as_bytes(), layout.unwrap(), &RecordDefaults::default());
+            records.map_err(|error| error.to_string())
+        };
+        let error = read(Ok(CsvLayout::default())).unwrap_err();
+        assert!(error.starts_with("csv line 1: column \"n\" rises by the same step"), "{error}");
+        let records = read(CsvLayout::new(Some(2560.5), None, &[3, 2])).unwrap();
+        let found: Vec<_> = records.iter().map(|r| (r.channel(), r.unit(), r.samples()[0])).collect();
+        assert_eq!(found, [("in", "g", 1.0), ("out", "m/s2", 5.0)]);
+        assert_eq!(records[0].sample_rate_hz(), 2560.5);
+        let records = read(CsvLayout::new(None, Some(1), &[])).unwrap();
+        assert_eq!((records.len(), records[0].sample_rate_hz()), (3, 1.0));
+        assert_eq!(read(CsvLayout::new(Some(1.0), Some(0), &[])).unwrap().len(), 4);
+        let error = read(CsvLayout::new(Some(1.0), None, &[5])).unwrap_err();
+        assert_eq!(error, "columns is 5, expected numbers of columns that the file has");
+        let error = read(CsvLayout::new(None, Some(9), &[])).unwrap_err();
+        assert!(error.starts_with("time_column is 9, expected the number of a column"), "{error}");
+    }
+
+    #[test]
+    fn a_column_of_times_is_known_by_many_names() {
+        for heading in
+            ["Time - Voltage_1", "X (ms)", "t", "Zeitstempel", "elapsed", "Zeit / s", "time_ms", "date"]
+        {
+            let text = format!("{heading};a1\n0;0,5\n2;0,25\n4;-0,5\n6;0\n");
+            let record = only(&text, None);
+            assert_eq!((record.channel(), record.samples().len()), ("a1", 4), "{heading}");
+        }
+        // Numbers this large count from 1970.
+        let record = only("time_ns,a1\n1772690868000000000,1\n1772690868500000000,2\n", None);
+        assert_eq!(
+            (record.start_time().to_string().as_str(), record.sample_rate_hz()),
+            ("2026-03-05T06:07:48Z", 2.0)
+        );
+        assert_eq!(only("timestamp,a1\n1772690868000,1\n1772690868500,2\n", None).sample_rate_hz(), 2.0);
+        for heading in ["t_oil", "time constant", "temperature [K]", "date_code"] {
+            assert_eq!(read(&format!("{heading},a\n5,1\n3,2\n"), Some(1.0)).unwrap().len(), 2, "{heading}");
+        }
     }
 
     proptest! {
@@ -249,12 +300,12 @@ mod tests {
 
         #[test]
         fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-            let _ = decode_csv(&bytes, &RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() });
+            let _ = decode_csv(&bytes, CsvLayout::default(), &RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() });
         }
 
         #[test]
         fn no_text_panics(text in "[0-9a-c:;,. \\t\\n\"-]{0,120}") {
-            let _ = decode_csv(text.as_bytes(), &RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() });
+            let _ = decode_csv(text.as_bytes(), CsvLayout::default(), &RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() });
         }
     }
 }

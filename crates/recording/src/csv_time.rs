@@ -10,6 +10,9 @@ use super::{CsvFrames, RecordingError};
 /// Most that a given rate may differ from that of the time column.
 const RATE_TOLERANCE: f64 = 1e-3;
 
+/// Seconds above which a number counts from 1970: no recording is so long.
+const SINCE_1970_S: f64 = 1e8;
+
 /// Where the time of a line stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Clock {
@@ -45,7 +48,8 @@ impl Clock {
             Self::Seconds { column, factor } => {
                 let seconds = decimals.parse::<f64>(field(column))? * factor;
                 let ns = (seconds * 1e9).round();
-                (ns.abs() < 9e18).then_some(Moment::SinceMidnight(ns as i64))
+                let moment = if seconds > SINCE_1970_S { Moment::Since1970 } else { Moment::SinceMidnight };
+                (ns.abs() < 9e18).then_some(moment(ns as i64))
             }
             Self::Moment(column) => Moment::parse(field(column)),
             Self::Parts => {
@@ -90,6 +94,33 @@ pub struct CsvTiming {
     uncertainty: f64,
 }
 
+/// Whether the values of a column rise by the same step from line to line, as no vibration does.
+#[derive(Debug, Default)]
+struct Ramp {
+    last: Option<f32>,
+    step: Option<f32>,
+    lines: u64,
+    broken: bool,
+}
+
+impl Ramp {
+    /// Lines from which on it is told.
+    const LEAST_LINES: u64 = 4;
+
+    fn add(&mut self, value: f32) {
+        if let Some(last) = self.last.replace(value) {
+            let step = *self.step.get_or_insert(value - last);
+            // Times are often rounded.
+            self.broken |= !(step > 0.0 && ((value - last) / step - 1.0).abs() <= 0.5);
+        }
+        self.lines += 1;
+    }
+
+    fn is_even(&self) -> bool {
+        self.lines >= Self::LEAST_LINES && !self.broken
+    }
+}
+
 impl CsvTiming {
     /// Reads a file to its end.
     ///
@@ -100,12 +131,17 @@ impl CsvTiming {
         let mut steps = Steps::default();
         let mut first = None;
         let mut count = 0_u64;
+        let mut ramp = Ramp::default();
         while frames.next_frame(&mut frame)? {
             count += 1;
+            ramp.add(frame.first().copied().unwrap_or_default());
             if let Some(moment) = frames.moment()? {
                 first.get_or_insert(moment);
                 steps.add(moment.nanoseconds(), frames.line())?;
             }
+        }
+        if frames.may_be_unnamed_time() && ramp.is_even() {
+            return Err(frames.unnamed_time());
         }
         let start_time = match first {
             Some(Moment::Since1970(ns)) => Timestamp::from_nanosecond(i128::from(ns)).ok(),
@@ -192,8 +228,8 @@ impl Steps {
                 line,
                 what: format!(
                     "{} s after the line above, expected {} s: samples are missing",
-                    longest as f64 * 1e-9,
-                    mean * 1e-9
+                    longest as f64 / 1e9,
+                    mean / 1e9
                 ),
             });
         }

@@ -47,6 +47,8 @@ mod block;
 mod csv;
 mod csv_field;
 mod csv_head;
+mod csv_layout;
+mod csv_preview;
 mod csv_records;
 mod csv_time;
 mod cut;
@@ -74,6 +76,8 @@ mod wav_frames;
 
 pub use block::{BlockEncoding, RecordDefaults, decode_block, encode_block};
 pub use csv::CsvFrames;
+pub use csv_layout::CsvLayout;
+pub use csv_preview::{ColumnRole, CsvColumn, CsvContents, CsvPreview};
 pub use csv_records::{CsvBlocks, decode_csv};
 pub use csv_time::CsvTiming;
 pub use cut::{Cut, CutPlan, Cutter};

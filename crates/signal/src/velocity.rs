@@ -1,8 +1,8 @@
 //! The root mean square of velocity that ISO 20816 judges machines by.
 
-use super::acceleration::in_m_s2;
 use super::band::{BandQuantity, rms_between};
 use super::indicators::Absence;
+use super::motion::Motion;
 
 /// The name of the indicator.
 pub const VELOCITY_RMS: &str = "velocity_rms";
@@ -15,11 +15,10 @@ const LEAST_BINS: f64 = 2.0;
 
 /// The unit's factor to mm/s, and whether samples in it have to be integrated for that.
 pub(super) fn to_mm_per_s(unit: &str) -> Option<(f64, bool)> {
-    match unit {
-        "mm/s" => Some((1.0, false)),
-        "m/s" => Some((1e3, false)),
-        "in/s" => Some((25.4, false)),
-        acceleration => Some((1e3 * in_m_s2(acceleration)?, true)),
+    match Motion::of_unit(unit)? {
+        (Motion::Acceleration, si) => Some((1e3 * si, true)),
+        (Motion::Velocity, si) => Some((1e3 * si, false)),
+        (Motion::Displacement, _) => None,
     }
 }
 

@@ -4,9 +4,10 @@ import { learnUnits } from "./alarm-units.js";
 import { changeWords, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { utc } from "./format.js";
+import { clock } from "./format.js";
 import { keepName, lastName } from "./person.js";
 import { format } from "./route.js";
+import { instant, written, zoneName } from "./time-zone.js";
 
 const SHELVED_FOR = [
   ["1", "1 hour"],
@@ -36,7 +37,7 @@ export class AlarmDetail {
     id: "alarm-until",
     type: "datetime-local",
     step: 60,
-    "aria-label": "Shelve until, UTC",
+    "aria-label": `Shelve until, ${zoneName()}`,
     hidden: true,
   });
   #acknowledge = h(
@@ -59,7 +60,7 @@ export class AlarmDetail {
     this.#shelve,
     this.#span,
     this.#until,
-    h("span", { class: "muted utc-note", hidden: true }, "UTC"),
+    h("span", { class: "muted utc-note", hidden: true }, zoneName()),
   );
   #form = h(
     "form",
@@ -144,14 +145,13 @@ export class AlarmDetail {
   #offerTime() {
     const own = this.#span.value === "";
     for (const element of [this.#until, this.#shelving.querySelector(".utc-note")]) element.hidden = !own;
-    if (own && !this.#until.value)
-      this.#until.value = new Date(Date.now() + 24 * HOUR_MS).toISOString().slice(0, 16);
+    if (own && !this.#until.value) this.#until.value = written(Date.now() + 24 * HOUR_MS).slice(0, 16);
   }
 
   #end() {
     const { value } = this.#span;
     if (value) return new Date(Date.now() + Number(value) * HOUR_MS).toISOString();
-    return this.#until.value ? new Date(`${this.#until.value}Z`).toISOString() : null;
+    return this.#until.value ? instant(this.#until.value) : null;
   }
 
   async #act(action) {
@@ -182,7 +182,7 @@ export class AlarmDetail {
       this.#render(alarm);
       this.#said(
         "good",
-        `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${utc(until)}`, unshelve: "Unshelved", comment: "Comment kept" }[action]}.`,
+        `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment kept" }[action]}.`,
       );
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
@@ -218,13 +218,13 @@ function entry(change, alarm) {
   return h(
     "li",
     { class: withdrawn ? "withdrawn" : "", "data-severity": action ? "" : (change.severity ?? "none") },
-    h("span", { class: "muted" }, utc(time)),
+    h("span", { class: "muted" }, clock(time)),
     h(
       "span",
       {},
       by ? h("strong", {}, `${by}: `) : null,
       changeWords(change, alarm),
-      withdrawn ? ` (withdrawn ${utc(withdrawn)}: the readings do not say so any more)` : "",
+      withdrawn ? ` (withdrawn ${clock(withdrawn)}: the readings do not say so any more)` : "",
     ),
     comment ? h("q", {}, comment) : null,
   );

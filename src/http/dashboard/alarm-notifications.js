@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { age, utc } from "./format.js";
+import { age, clock } from "./format.js";
 
 const several = (count) => `${count} ${count === 1 ? "notification" : "notifications"}`;
 
@@ -41,7 +41,7 @@ export class NotificationList {
   }
 
   #age(time) {
-    const element = h("span", { title: utc(time) }, age(time));
+    const element = h("span", { title: clock(time) }, age(time));
     this.#ages.push([element, time]);
     return element;
   }

@@ -4,7 +4,7 @@
 import { reading } from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { count, indicatorName, number, unit, utc } from "./format.js";
+import { clock, count, indicatorName, number, unit } from "./format.js";
 
 const LEVELS = [
   ["warning", "Warning above", "warning"],
@@ -213,7 +213,7 @@ export class AlarmRulePanel {
     if (raised === 0) return `${base}, this rule would have raised nothing.`;
     const first = changes.find((change) => change.severity);
     const at = first
-      ? ` first at ${utc(first.time)} with ${reading(first.value, { quantity: this.#rule.quantity, asset_id: this.#asset.id, channel: this.#channel })};`
+      ? ` first at ${clock(first.time)} with ${reading(first.value, { quantity: this.#rule.quantity, asset_id: this.#asset.id, channel: this.#channel })};`
       : "";
     return `${base}, this rule would have raised ${some(raised, "alarm")}: ${some(warnings, "warning")} and ${some(dangers, "danger")},${at} ${severity ?? "nothing"} after the last record.`;
   }

@@ -3,7 +3,7 @@
 
 import { unitOf } from "./alarm-units.js";
 import { h } from "./dom.js";
-import { depth, indicatorName, number, span, unit, utc } from "./format.js";
+import { clock, depth, indicatorName, number, span, unit } from "./format.js";
 import { badge } from "./symbols.js";
 
 /** Where an alarm stands; `open` ones ask for somebody. */
@@ -28,6 +28,7 @@ export function quantityWords(quantity) {
       wear_um: "Wear depth",
       wear_above_limit: "Probability of having passed the limit",
       novelty: "Novelty (−log₁₀ of the p-value)",
+      joint_novelty: "Novelty of all channels together (−log₁₀ p)",
       sensor_fault: "Sensor fault",
       stale_s: "Time without a record",
     }[quantity] ?? String(quantity)
@@ -77,7 +78,7 @@ export function severityBadge(severity, size = 20) {
 export function stateWords({ state, shelved_until: until }, within = false) {
   const { word: own } = ALARM_STATES[state] ?? { word: state };
   const word = within ? own.toLowerCase() : own;
-  return state === "shelved" && until ? `${word} until ${utc(until)}` : word;
+  return state === "shelved" && until ? `${word} until ${clock(until)}` : word;
 }
 
 const ACTIONS = {
@@ -90,8 +91,8 @@ const ACTIONS = {
 /** One entry of an alarm's history in words. */
 export function changeWords(change, alarm) {
   const { action, severity, value, state } = change;
-  if (action?.shelve) return `shelved until ${utc(action.shelve.until)}`;
-  if (action && !action.stale) return ACTIONS[action] ?? String(action).replaceAll("_", " ");
+  if (action?.shelve) return `shelved until ${clock(action.shelve.until)}`;
+  if (action && !action.stale && !action.joint) return ACTIONS[action] ?? String(action).replaceAll("_", " ");
   const at = value == null ? "" : ` at ${reading(value, alarm)}`;
   if (severity) return `${severity} raised${at}`;
   return state === "normal" || state === "returned_unacknowledged"

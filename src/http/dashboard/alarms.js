@@ -15,7 +15,7 @@ import {
 } from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { age, utc } from "./format.js";
+import { age, clock } from "./format.js";
 import { change, format, parse } from "./route.js";
 
 const LIMIT = 200;
@@ -166,7 +166,7 @@ export class AlarmsPage {
       raised_at: raised,
       changed_at: changed,
     } = alarm;
-    const since = h("span", { title: utc(raised ?? changed) });
+    const since = h("span", { title: clock(raised ?? changed) });
     this.#ages.push([since, raised ?? changed]);
     const { query } = parse(location.hash);
     const open = h(

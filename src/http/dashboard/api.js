@@ -130,6 +130,9 @@ export async function assets(signal) {
 export const asset = (id, signal) => get(["assets", id], {}, signal);
 /** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear">>} */
 export const wear = (id, channel, signal) => get(["assets", id, "wear"], { channel }, signal);
+/** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear/hindsight">>} */
+export const wearHindsight = (id, channel, signal) =>
+  get(["assets", id, "wear", "hindsight"], { channel }, signal);
 /** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear/history">>} */
 export const wearHistory = (id, channel, signal) =>
   get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
@@ -144,9 +147,9 @@ export const segments = (id, channel, signal) =>
   get(["assets", id, "segments"], { channel, limit: 1000, order: "desc" }, signal);
 /** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}">>} */
 export const segment = (id, signal) => get(["segments", id], {}, signal);
-/** @type {(id: string, from?: number, to?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/waveform">>} */
-export const waveform = (id, from, to, signal) =>
-  get(["segments", id, "waveform"], { max_points: 4000, from_s: from, to_s: to }, signal);
+/** @type {(id: string, from?: number, to?: number, signal?: AbortSignal, motion?: object) => Promise<Answer<"/v1/segments/{segment}/waveform">>} */
+export const waveform = (id, from, to, signal, motion = {}) =>
+  get(["segments", id, "waveform"], { max_points: 4000, from_s: from, to_s: to, ...motion }, signal);
 /** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/orders">>} */
 export const orders = (id, from, to, points, signal) =>
   get(["segments", id, "orders"], { from_order: from, to_order: to, max_points: points }, signal);
@@ -170,8 +173,26 @@ export const libraryState = (id, index, signal) =>
   get(["libraries", id, "states", String(index)], {}, signal);
 /** @type {(id: string, depth: number, signal?: AbortSignal) => Promise<Answer<"/v1/libraries/{library}/flank">>} */
 export const flank = (id, depth, signal) => get(["libraries", id, "flank"], { wear_um: depth }, signal);
+/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/streams">>} */
+export const streams = (id, signal) => get(["assets", id, "streams"], {}, signal);
+/** @type {(id: string, name: string, from: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/stream/levels">>} */
+export const streamLevels = (id, name, from, signal) =>
+  get(["assets", id, "stream", "levels"], { name, from }, signal);
+export const keepStream = (id, name, seconds) =>
+  send("POST", ["assets", id, "stream", "keep"], undefined, undefined, { name, seconds });
 export const createAsset = (body) => send("POST", ["assets"], body);
 export const deleteAsset = (id) => send("DELETE", ["assets", id]);
+/** What a CSV file holds by whole lines of its beginning. */
+export async function previewCsv(lines, parameters) {
+  const headers = { accept: "application/json", "content-type": "text/csv" };
+  const { response, text } = await request(address(["csv-preview"], parameters), {
+    method: "POST",
+    headers,
+    body: lines,
+  });
+  if (!response.ok) throw failure(response.status, text);
+  return parsed(text);
+}
 export const preview = (body, signal) => send("POST", ["preview"], body, signal);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/pair-presets">>} */
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);
@@ -179,9 +200,16 @@ export const replaceAsset = (id, body) => send("PUT", ["assets", id], body);
 /** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/spectrum">>} */
 export const spectrum = (id, from, to, points, signal) =>
   get(["segments", id, "spectrum"], { from_hz: from, to_hz: to, max_points: points }, signal);
-/** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/envelope">>} */
-export const envelope = (id, from, to, points, signal) =>
-  get(["segments", id, "envelope"], { from_hz: from, to_hz: to, max_points: points }, signal);
+/** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal, band?: number[]) => Promise<Answer<"/v1/segments/{segment}/envelope">>} */
+export const envelope = (id, from, to, points, signal, band) =>
+  get(
+    ["segments", id, "envelope"],
+    { from_hz: from, to_hz: to, max_points: points, band_low_hz: band?.[0], band_high_hz: band?.[1] },
+    signal,
+  );
+/** @type {(id: string, from: number, to: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/waveform">>} */
+export const samples = (id, from, to, signal) =>
+  get(["segments", id, "waveform"], { max_points: 200_000, from_s: from, to_s: to }, signal);
 /** @type {(parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/alarms">>} */
 export const alarms = (parameters, signal) => get(["alarms"], parameters, signal);
 /** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/alarms/{alarm}">>} */

@@ -8,6 +8,7 @@ import { Live, showStatus } from "./live.js";
 import { bindLogin, bindLogout } from "./login.js";
 import { parse } from "./route.js";
 import { bindThemeButton } from "./theme.js";
+import { bindTimeChoice } from "./time-zone.js";
 
 const byId = (id) => document.getElementById(id);
 const main = byId("main");
@@ -82,6 +83,7 @@ const PAGES = {
   fleet: async () => (await import("./fleet.js")).FleetPage,
   asset: async () => (await import("./asset.js")).AssetPage,
   waterfall: async () => (await import("./waterfall.js")).WaterfallPage,
+  live: async () => (await import("./stream-page.js")).StreamPage,
   match: async () => (await import("./match.js")).MatchPage,
   wear: async () => (await import("./preview-page.js")).PreviewPage,
   new: async () => (await import("./setup.js")).SetupPage,
@@ -90,6 +92,7 @@ const PAGES = {
   import: async () => (await import("./import.js")).ImportPage,
   tokens: async () => (await import("./tokens.js")).TokensPage,
   alarms: async () => (await import("./alarms.js")).AlarmsPage,
+  bench: async () => (await import("./bench.js")).BenchPage,
   libraries: async () => (await import("./libraries.js")).LibrariesPage,
   library: async () => (await import("./library.js")).LibraryPage,
   unknown: async () => UnknownPage,
@@ -101,6 +104,7 @@ function markNavigation(current) {
     fleet: "fleet",
     new: "fleet",
     alarms: "alarms",
+    bench: "bench",
     libraries: "libraries",
     library: "libraries",
     tokens: "tokens",
@@ -138,6 +142,11 @@ async function follow() {
 
 bindDrops(() => ({ page, id: shown.page === "library" ? undefined : shown.id }));
 bindThemeButton(byId("theme"));
+bindTimeChoice(byId("times"), async () => {
+  built = {}; // every time on the page is written anew
+  await follow();
+  byId("times").focus();
+});
 const lookForSession = bindLogout(byId("logout"), byId("tokens-link"));
 bindLogin(() => {
   lookForSession();

@@ -1,5 +1,6 @@
 // What every page of an asset begins with: where one is, the asset's name, and the ways to its other pages.
 
+import * as api from "./api.js";
 import { h, setChildren } from "./dom.js";
 import { format } from "./route.js";
 
@@ -7,6 +8,7 @@ const VIEWS = [
   ["asset", "Overview"],
   ["records", "Records"],
   ["import", "Import"],
+  ["live", "Live"],
   ["waterfall", "Waterfall"],
   ["match", "Match"],
   ["wear", "What wear does"],
@@ -14,7 +16,31 @@ const VIEWS = [
 ];
 const KEPT = ["channel", "segment"]; // what is looked at goes along
 
-/** Links between the pages of an asset. */
+const LOOK_MS = 10_000;
+const looks = new Map(); // asset → when its live streams were asked for, and the answer
+const streaming = new Set(); // assets that are known to have some
+
+/** Whether an asset has live streams; what was known where the server does not say. */
+async function lookForStreams(id) {
+  try {
+    const answer = await api.answer(api.streams(id));
+    if (answer instanceof Error || answer.items.length === 0) streaming.delete(id);
+    else streaming.add(id);
+  } catch {
+    // the page itself says that the connection is lost
+  }
+  return streaming.has(id);
+}
+
+function hasStreams(id) {
+  const known = looks.get(id);
+  if (known && Date.now() - known.at < LOOK_MS) return known.answer;
+  const answer = lookForStreams(id);
+  looks.set(id, { at: Date.now(), answer });
+  return answer;
+}
+
+/** Links between the pages of an asset; that of its live streams only where it has some. */
 export function assetTabs(id, current, query = {}) {
   const kept = Object.fromEntries(KEPT.filter((name) => query[name]).map((name) => [name, query[name]]));
   const link = ([page, label]) =>
@@ -32,7 +58,11 @@ export function assetTabs(id, current, query = {}) {
     },
     "Report",
   );
-  return h("nav", { class: "tabs", "aria-label": "Pages of this asset" }, VIEWS.map(link), report);
+  const links = VIEWS.map(link);
+  const live = links[VIEWS.findIndex(([page]) => page === "live")];
+  live.hidden = current !== "live" && !streaming.has(id);
+  if (live.hidden) hasStreams(id).then((has) => (live.hidden = !has));
+  return h("nav", { class: "tabs", "aria-label": "Pages of this asset" }, links, report);
 }
 
 /** The way back. */

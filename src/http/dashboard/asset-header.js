@@ -1,7 +1,7 @@
 // The top of an asset's page: its state, the wear now with its interval in words, and the facts behind them.
 
 import { h, setChildren, setText } from "./dom.js";
-import { age, count, depth, hertz, number, speedDoubt, speedSource, utc } from "./format.js";
+import { age, clock, count, depth, hertz, number, speedDoubt, speedSource } from "./format.js";
 import { baselineBar, wearBar } from "./gauge.js";
 import { assetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
@@ -74,7 +74,7 @@ function limitFact(wear) {
     `Time to ${depth(left.limit)} µm`,
     words,
     small(
-      `5 to 95 %: ${left.interval}; ${utc(left.date).replace(/:\d\d UTC$/, " UTC")}; wear grows ${number(left.rate, 2)} µm a day`,
+      `5 to 95 %: ${left.interval}; ${clock(left.date, { toMinute: true })}; wear grows ${number(left.rate, 2)} µm a day`,
     ),
   );
 }
@@ -101,8 +101,11 @@ function zoneFact({ velocity_limits_mm_per_s: limits }) {
 /** What each channel adds to the asset's one answer. */
 function channelsFact({ wear, wear_channels: parts }) {
   if (!parts) return null;
-  const words = (part) =>
-    statusWords(part) + (part.novelty_score == null ? "" : `, novelty ${number(part.novelty_score, 2)}`);
+  const words = (part) => {
+    if (part.silent_since) return `silent, last record ${age(part.silent_since)}`;
+    const novelty = part.novelty_score == null ? "" : `, novelty ${number(part.novelty_score, 2)}`;
+    return statusWords(part) + novelty;
+  };
   return fact(
     "All channels together",
     h("span", { title: wear.reason }, statusWords(wear)),
@@ -205,7 +208,7 @@ export class AssetHeader {
     setText(this.#sentence, several ? `Channel ${channel}: ${words}` : words);
     setChildren(this.#facts, facts(asset, wear, this.#age));
     this.#last = summary.last_start_time;
-    this.#age.title = this.#last ? `${utc(summary.first_start_time)} to ${utc(this.#last)}` : "";
+    this.#age.title = this.#last ? `${clock(summary.first_start_time)} to ${clock(this.#last)}` : "";
     this.#updateChannels(summary.channels, channel);
     this.tick();
   }
@@ -221,7 +224,7 @@ export class AssetHeader {
       h(
         "span",
         { class: "muted" },
-        `5 to 95 %: ${depth(last.p05_um)} to ${depth(last.p95_um)} µm, ${utc(last.start_time)}`,
+        `5 to 95 %: ${depth(last.p05_um)} to ${depth(last.p95_um)} µm, ${clock(last.start_time)}`,
       ),
     );
   }

@@ -8,6 +8,7 @@ import { refusal } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
 import { h, setChildren } from "./dom.js";
 import { EventsCard } from "./events-card.js";
+import { hindsightOf } from "./hindsight.js";
 import { fetchEvents } from "./life-events.js";
 import { MaintenanceDialog } from "./maintenance-dialog.js";
 import { PlotCard } from "./plot-card.js";
@@ -253,7 +254,7 @@ export class AssetPage {
       pin ? fetchPanes(pin, this.#query, signal) : null,
       answer(api.wearHistory(this.#id, channel, signal)),
       trends,
-      fetchEvents(this.#id, channel, signal),
+      this.#fetchEvents(channel, signal),
     ]);
     this.#data = {
       asset,
@@ -268,6 +269,11 @@ export class AssetPage {
       trend,
       events,
     };
+  }
+
+  async #fetchEvents(channel, signal) {
+    const events = await fetchEvents(this.#id, channel, signal);
+    return { ...events, hindsight: await hindsightOf(this.#id, channel, events.maintenance, signal) };
   }
 
   /** Draws everything again from what is known, for a changed address or theme. */

@@ -1,12 +1,17 @@
 // The cepstrum: each family of equally spaced lines, such as sidebands, is one peak at its period.
 
 import { hertz, number } from "./format.js";
+import { recordColumns, recordEntries } from "./layers.js";
 import { palette, verticalLine } from "./plots.js";
 
-/** The drawing of a cepstrum with the periods of the mesh and the shafts. */
-export function cepstrumDrawing(cepstrum, other, revision) {
+/**
+ * The drawing of cepstra with the periods of the mesh and the shafts of the first record's machine.
+ * @param {import("./layers.js").Layer[]} layers
+ */
+export function cepstrumDrawing(layers, revision) {
   const colour = palette();
-  const { quefrency_s: seconds, value, shaft_speed_hz: shaft, teeth } = cepstrum;
+  const [{ data: cepstrum }, ...others] = layers;
+  const { quefrency_s: seconds, shaft_speed_hz: shaft, teeth } = cepstrum;
   const x = seconds.map((second) => 1000 * second);
   const periods = [];
   if (shaft) {
@@ -20,37 +25,26 @@ export function cepstrumDrawing(cepstrum, other, revision) {
   const shown = periods.filter(({ period }) => period <= x.at(-1));
   // the lowest quefrencies describe the path, not the machine, and would flatten everything else
   const from = shaft ? 1000 / (shaft * teeth[0] * 4) : x[0];
-  const compared = other && !(other instanceof Error);
-  const heights = [cepstrum, ...(compared ? [other] : [])].flatMap((each) =>
-    each.value.filter((_, index) => 1000 * each.quefrency_s[index] >= from),
+  const heights = layers.flatMap(({ data }) =>
+    data.value.filter((_, index) => 1000 * data.quefrency_s[index] >= from),
   );
   const [low, high] = heights.reduce(([a, b], y) => [Math.min(a, y), Math.max(b, y)], [0, 0]);
-  const line = (curve, stroke) => ({
-    x: curve.quefrency_s.map((second) => 1000 * second),
-    y: curve.value,
+  const line = ({ data, colour: stroke, pointed }) => ({
+    x: data.quefrency_s.map((second) => 1000 * second),
+    y: data.value,
     mode: "lines",
     line: { color: stroke, width: 1 },
-    hovertemplate: "%{x:.2f} ms: %{y:.3g}<extra></extra>",
+    hovertemplate: `${pointed}%{x:.2f} ms: %{y:.3g}<extra></extra>`,
   });
   return {
-    traces: [line(cepstrum, colour.accent)],
-    others: compared ? [line(other, colour.other)] : null,
-    legend: compared
-      ? [
-          ["line", colour.accent, "selected record"],
-          ["line", colour.other, "pinned record"],
-        ]
-      : [],
-    table: () => [
-      ["quefrency_s", seconds],
-      ["value", value],
-      ...(compared
-        ? [
-            ["pinned quefrency_s", other.quefrency_s],
-            ["pinned value", other.value],
-          ]
-        : []),
-    ],
+    traces: [line(layers[0])],
+    others: others.map(line),
+    legend: recordEntries(layers),
+    table: () =>
+      recordColumns(layers, (data) => [
+        ["quefrency_s", data.quefrency_s],
+        ["value", data.value],
+      ]),
     sub: shaft
       ? `A peak at one turn says that there are sidebands one shaft speed (${hertz(shaft)}) apart.`
       : "No shaft speed is known for this record, so no period is marked.",

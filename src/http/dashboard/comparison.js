@@ -1,7 +1,7 @@
 // Two records one above the other, over the same axis and on the same scale: drawn into one another, the
 // stronger would hide the weaker.
 
-import { utc } from "./format.js";
+import { clock } from "./format.js";
 import { palette } from "./plots.js";
 
 const GAP = 0.07; // between the halves, as a part of the plot
@@ -18,7 +18,7 @@ export function compared(drawing, selected, pinned) {
     yref: "paper",
     y,
     yanchor: "top",
-    text: `${words}, ${utc(record.start_time)}`,
+    text: `${words}, ${clock(record.start_time)}`,
     showarrow: false,
     bgcolor: colour.surface,
     borderpad: 2,

@@ -1,14 +1,34 @@
 // A cursor over a spectrum as an address has it, and the lines that belong to it.
 
+import { BEARING_LINES, parseBearing } from "./bearing-geometry.js";
+
 const MOST_HARMONICS = 30;
 const SIDEBANDS = 5;
+const BEARING_HARMONICS = 3;
 
-/** A cursor of an address: `h~399.4`, or `s~399.4~16.64`; null for none. */
+/** @typedef {{ kind: string, base: number, spacing?: number, orders?: Record<string, number>, name?: string }} Cursor */
+
+/**
+ * A cursor of an address: `h~399.4`, or `s~399.4~16.64`; null for none.
+ * @returns {Cursor | null}
+ */
 export function parseCursor(text) {
   const [kind, first, second] = (text ?? "").split("~");
   const [base, spacing] = [Number(first), Number(second)];
   if (kind === "h" && base > 0) return { kind, base };
   return kind === "s" && base > 0 && spacing > 0 ? { kind, base, spacing } : null;
+}
+
+/**
+ * The cursor of an address over a spectrum, of `query[parameter]`: of those of `parseCursor`, or with `b` the lines of the bearing that the address names, at its speed in
+ * hertz or else at that of the record; null for none.
+ */
+export function cursorOf(query, spectrum, parameter = "cursor") {
+  if (query[parameter] !== "b") return parseCursor(query[parameter]);
+  const bearing = parseBearing(query.bearing);
+  const speed = Number(query.speed) / (spectrum.hertz_per_unit ?? 1);
+  const base = speed > 0 ? speed : spectrum.shaft_speed_hz;
+  return bearing && base ? { kind: "b", base, orders: bearing.orders, name: bearing.name } : null;
 }
 
 /**
@@ -22,8 +42,23 @@ export function formatCursor({ kind, base, spacing }) {
     .join("~");
 }
 
-/** Its lines up to the spectrum's `end`: `x` in the unit of the axis and a `label`. */
-export function cursorLines({ kind, base, spacing }, end) {
+/** The lines of a bearing and their harmonics. */
+function bearingLines(base, orders) {
+  return BEARING_LINES.flatMap(([key, name]) =>
+    Array.from({ length: BEARING_HARMONICS }, (_, n) => ({
+      x: (n + 1) * orders[key] * base,
+      label: n ? `${n + 1}×${name}` : name,
+    })),
+  );
+}
+
+/**
+ * Its lines up to the spectrum's `end`: `x` in the unit of the axis and a `label`.
+ * @param {Cursor} cursor
+ * @param {number} end
+ */
+export function cursorLines({ kind, base, spacing, orders }, end) {
+  if (kind === "b") return bearingLines(base, orders).filter(({ x }) => x <= end);
   if (kind === "h")
     return Array.from({ length: Math.min(MOST_HARMONICS, Math.floor(end / base)) }, (_, n) => ({
       x: (n + 1) * base,
@@ -37,11 +72,13 @@ export function cursorLines({ kind, base, spacing }, end) {
 
 /**
  * `[from, to]` of what a cursor reads, with room for a line more and in large steps, so that a cursor that is moved a little reads the same.
- * @param {{ kind: string, base: number, spacing?: number }} cursor
+ * @param {Cursor} cursor
  * @param {number} end
  */
-export function cursorReach({ kind, base, spacing }, end) {
+export function cursorReach({ kind, base, spacing, orders }, end) {
   const upwards = (reach) => 2 ** Math.ceil(Math.log2(reach));
+  if (kind === "b")
+    return [0, Math.min(end, upwards((BEARING_HARMONICS + 1) * base * Math.max(...Object.values(orders))))];
   if (kind === "h") return [0, Math.min(end, upwards((MOST_HARMONICS + 1) * base))];
   const reach = (SIDEBANDS + 1) * spacing;
   const step = upwards(reach);

@@ -1,18 +1,21 @@
 // A cursor over a spectrum: a family of equally spaced lines that follows a dragged one. Lines are elements
 // of their own over the plot, so that a drag moves them without drawing the plot anew.
 
+import { BEARING_LINES } from "./bearing-geometry.js";
 import { cursorLines } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
 import { amplitudeAt, peakNear } from "./fine-lines.js";
 import { number, unit } from "./format.js";
 import { axisOf } from "./spectrum-plot.js";
 
+const LABEL_PX = 52; // that the label of a bearing's line takes
 const SNAP = 4; // lines of the spectrum to each side within which a let-go cursor finds the peak
 
 /** The lines of a cursor over one plot; `onSet` gets the cursor that the user has let go of. */
 export class CursorLayer {
   #plot;
   #onSet;
+  /** @type {import("./cursor-lines.js").Cursor | null} */
   #cursor = null;
   #spectrum;
   #lines = h("div", { class: "cursor-lines", "aria-hidden": "true" });
@@ -87,6 +90,7 @@ export class CursorLayer {
     const shown = cursorLines(this.#cursor, this.#spectrum.frequency_hz.at(-1));
     const inside = (x) => x >= 0 && x <= width;
     const labelled = shown.length <= 12 || Math.abs(axis.l2p(shown[1].x) - axis.l2p(shown[0].x)) > 26;
+    const rows = this.#labelRows(shown, axis);
     setChildren(
       this.#lines,
       shown.map(({ x, label }, index) => {
@@ -95,7 +99,7 @@ export class CursorLayer {
         const line = h(
           "span",
           { class: "cursor-line" },
-          labelled || index === 0 ? h("span", {}, label) : null,
+          rows ? rows[index] : labelled || index === 0 ? h("span", {}, label) : null,
         );
         line.style.left = `${at}px`;
         return line;
@@ -112,14 +116,32 @@ export class CursorLayer {
       handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).say(x));
     };
     const { kind, base, spacing } = this.#cursor;
-    put(
-      this.#handles.base,
-      base,
-      kind === "h" ? "Fundamental of the harmonic cursor" : "Centre of the sideband cursor",
-    );
+    if (kind === "b") this.#handles.base.hidden = true;
+    else
+      put(
+        this.#handles.base,
+        base,
+        kind === "h" ? "Fundamental of the harmonic cursor" : "Centre of the sideband cursor",
+      );
     if (kind === "s") put(this.#handles.spacing, base + spacing, "First upper sideband of the cursor");
     else this.#handles.spacing.hidden = true;
     setText(this.readout, this.#words(shown));
+  }
+
+  /** Labels of a bearing's lines, each kind in a row of its own, without those that would cover one another; null of other cursors. */
+  #labelRows(shown, axis) {
+    if (this.#cursor.kind !== "b") return null;
+    const kinds = BEARING_LINES.map(([, name]) => name);
+    const ends = kinds.map(() => -Infinity);
+    return shown.map(({ x, label }) => {
+      const row = kinds.findIndex((name) => label.endsWith(name));
+      const at = axis.l2p(x);
+      if (at < ends[row]) return null;
+      ends[row] = at + LABEL_PX;
+      const words = h("span", {}, label);
+      words.style.bottom = `${0.1 + 0.95 * row}rem`;
+      return words;
+    });
   }
 
   #words(shown) {
@@ -132,6 +154,16 @@ export class CursorLayer {
       amplitudes.some((line) => line.amplitude === undefined)
         ? "…"
         : `${number(amplitude, 3)} ${unit(spectrum.unit)}`.trim();
+    if (kind === "b") {
+      if (shown.length === 0) return `Bearing ${this.#cursor.name}: its lines lie beyond the spectrum`;
+      const first = amplitudes.filter(({ label }) => !label.includes("×"));
+      const words = first.map(({ label, amplitude }, n) => {
+        const x = shown.find((line) => line.label === first[n].label).x;
+        return `${label} ${say(x)} with ${value(amplitude)}`;
+      });
+      const speed = axisOf(spectrum).name === "order" ? "" : `, shaft ${say(base)}`;
+      return `Bearing ${this.#cursor.name}${speed}: ${words.join("; ")}`;
+    }
     if (kind === "h") {
       if (shown.length === 0) return `Harmonics: ${say(base)} lies beyond the spectrum`;
       const strongest = amplitudes.reduce((a, b) => (b.amplitude > a.amplitude ? b : a));

@@ -2,7 +2,7 @@
 
 import { changeWords, quantityWords, stateWords } from "./alarm-words.js";
 import { h, setChildren, svg } from "./dom.js";
-import { utc } from "./format.js";
+import { clock } from "./format.js";
 import { inspectionWords } from "./inspection.js";
 import { MAINTENANCE, maintenanceWord, sameEvents } from "./life-events.js";
 import { format } from "./route.js";
@@ -14,7 +14,7 @@ const KEYS = { danger: "danger", warning: "warning" };
 function alarmItem(alarm, elsewhere = false) {
   const { id, quantity, severity, history, asset_id: asset, channel } = alarm;
   const latest = history.findLast(({ action, withdrawn_at: withdrawn }) => !action && !withdrawn);
-  const words = latest ? `${changeWords(latest, alarm)}, ${utc(latest.time)}` : "";
+  const words = latest ? `${changeWords(latest, alarm)}, ${clock(latest.time)}` : "";
   const link = h(
     "a",
     { href: format({ page: "alarms", query: { asset, show: "all", alarm: id } }) },
@@ -85,7 +85,7 @@ export class EventsCard {
     const { time, kind, by, comment, inspection } = event;
     const said = [
       inspection && inspectionWords(inspection),
-      utc(time),
+      clock(time),
       by && `entered by ${by}`,
       comment && `“${comment}”`,
     ]
@@ -96,7 +96,7 @@ export class EventsCard {
       {
         type: "button",
         class: "quiet",
-        "aria-label": `Take back: ${maintenanceWord(kind)}, ${utc(time)}`,
+        "aria-label": `Take back: ${maintenanceWord(kind)}, ${clock(time)}`,
         onclick: () => this.#onRemove(event),
       },
       "Take back",

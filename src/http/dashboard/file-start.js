@@ -1,8 +1,6 @@
 // When a file's record began: from its contents, from a date in its name, or from when the file was changed
 // last.
 
-import { csvStart } from "./csv-record.js";
-
 const NAME =
   /(?<!\d)((?:19|20)\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])(?:[T _.-]*([01]\d|2[0-3])[-_.:h]?([0-5]\d)(?:[-_.:m]?([0-5]\d)(?:[.,_](\d{1,6}))?)?)?(?!\d)/;
 
@@ -16,9 +14,8 @@ export function startInName(name) {
   return time.getUTCDate() === day ? time.toISOString() : null; // there is no 31 February
 }
 
-/** `{ time, source }` of a file that does not say the start to the server itself: an ISO time and where it is from. */
-export async function startOfFile(file, type) {
-  const told = type === "text/csv" ? await csvStart(file) : null;
+/** `{ time, source }` of a file: an ISO time and where it is from. `told` is what its samples say, null where they do not. */
+export function startOfFile(file, told) {
   if (told) return { time: told, source: "from its time column" };
   const named = startInName(file.name);
   if (named) return { time: named, source: "from its name, read as UTC" };

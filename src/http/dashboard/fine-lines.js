@@ -1,7 +1,7 @@
 // The lines of a spectrum at full resolution: those of the part that is looked at, and those that a cursor
 // reads. The whole is drawn from fewer points, of which each stands for the greatest of many lines.
 
-import { cursorReach, parseCursor } from "./cursor-lines.js";
+import { cursorReach } from "./cursor-lines.js";
 
 const MOST = 200_000; // lines that the server gives at once
 const MOST_DRAWN = 20_000; // more than any screen has columns
@@ -34,6 +34,31 @@ class FineLines {
     return this.amplitude[this.#greatest(frequency, 1)];
   }
 
+  /** The same lines with other amplitudes, by frequency and amplitude. */
+  map(change) {
+    const changed = this.amplitude.map((each, n) => change((this.first + n) * this.step, each));
+    return new FineLines(this.step, this.first, changed);
+  }
+
+  /** Every line that is above its neighbours from one frequency to another. */
+  peaks([from, to]) {
+    const found = [];
+    const [low, high] = [Math.ceil(from / this.step), Math.floor(to / this.step)].map((n) => n - this.first);
+    for (let n = Math.max(0, low); n <= Math.min(high, this.amplitude.length - 1); n++) {
+      const amplitude = this.amplitude[n];
+      const [before, after] = [this.amplitude[n - 1] ?? 0, this.amplitude[n + 1] ?? 0];
+      if (amplitude > before && amplitude >= after)
+        found.push({ x: (this.first + n) * this.step, amplitude });
+    }
+    return found;
+  }
+
+  /** Whether all of a part is known. */
+  covers([from, to]) {
+    const end = this.first + this.amplitude.length;
+    return from / this.step >= this.first - 1 && to / this.step <= end;
+  }
+
   /** The frequency of the greatest line within `reach` lines; undefined outside. */
   peakNear(frequency, reach) {
     const best = this.#greatest(frequency, reach);
@@ -49,6 +74,61 @@ export function amplitudeAt({ fine }, frequency) {
 /** The frequency of the peak within `reach` lines; undefined where those lines are not known. */
 export function peakNear({ fine }, frequency, reach) {
   return fine.map((lines) => lines.peakNear(frequency, reach)).find((peak) => peak !== undefined);
+}
+
+/** The `count` greatest peaks of a part, the greatest first; null where its lines are not all known. */
+export function greatestPeaks({ fine, frequency_hz: x }, range, count) {
+  const [from, to] = range;
+  const part = [from, Math.min(to, x.at(-1) ?? to)];
+  const lines = fine.find((each) => each.covers(part));
+  if (!lines) return null;
+  return lines
+    .peaks(part)
+    .sort((a, b) => b.amplitude - a.amplitude)
+    .slice(0, count);
+}
+
+/** A spectrum with other amplitudes, those of its fine lines too; `change` gives one by frequency and amplitude. */
+export function mapLines(spectrum, change) {
+  const over = ({ frequency_hz: x, amplitude }) => amplitude.map((each, n) => change(x[n], each));
+  const { fine, part, mesh_harmonics: harmonics } = spectrum;
+  return {
+    ...spectrum,
+    amplitude: over(spectrum),
+    fine: fine.map((lines) => lines.map(change)),
+    ...(part && { part: { ...part, amplitude: over(part) } }),
+    ...(harmonics && {
+      mesh_harmonics: harmonics.map((line) => ({
+        ...line,
+        amplitude: change(line.frequency_hz, line.amplitude),
+        ...(line.baseline_amplitude && {
+          baseline_amplitude: change(line.frequency_hz, line.baseline_amplitude),
+        }),
+      })),
+    }),
+  };
+}
+
+/** A spectrum with at most so many points in a part, of which each is the greatest of its stretch; the part itself is `part` then. */
+export function thinned(spectrum, range, most) {
+  const [from, to] = range;
+  const { frequency_hz: x, amplitude } = spectrum;
+  const [first, last] = [x.findIndex((value) => value >= from), x.findLastIndex((value) => value <= to)];
+  if (first < 0 || last - first < most) return spectrum;
+  const wide = Math.ceil((last - first + 1) / most);
+  const kept = [];
+  for (let begin = 0; begin < x.length; begin += wide) {
+    let best = begin;
+    for (let n = begin; n < Math.min(begin + wide, x.length); n++)
+      if (amplitude[n] > amplitude[best]) best = n;
+    kept.push(best);
+  }
+  return {
+    ...spectrum,
+    reduced: true,
+    frequency_hz: kept.map((n) => x[n]),
+    amplitude: kept.map((n) => amplitude[n]),
+  };
 }
 
 /** Every line from one frequency to another; `ask(from, to, points)` asks the server for some of them. */
@@ -94,8 +174,7 @@ export async function withFineLines(spectrum, part, read, ask) {
   return { ...spectrum, ...spliced(spectrum, shown), fine, part: shown };
 }
 
-/** The frequencies that the cursor of an address reads; null without one. */
-export function readByCursor(text, spectrum) {
-  const cursor = parseCursor(text);
+/** The frequencies that a cursor reads; null without one. */
+export function readByCursor(cursor, spectrum) {
   return cursor && cursorReach(cursor, spectrum.frequency_hz.at(-1));
 }

@@ -1,7 +1,7 @@
 // One asset of the fleet: a row of the table on a wide screen, a card on a narrow one.
 
 import { h, setChildren, setText } from "./dom.js";
-import { age, count, depth, utc } from "./format.js";
+import { age, clock, count, depth } from "./format.js";
 import { baselineBar, sparkline, wearBar } from "./gauge.js";
 import { format } from "./route.js";
 import { assetState, depthWords, limitUse, timeToLimit, transmissionWords } from "./state.js";
@@ -64,7 +64,7 @@ function limitContent({ wear, last_start_time: last }, limits) {
   const left = timeToLimit(wear, last);
   if (!left && limitUse(wear, limits)?.share >= 1) return [note("passed")];
   if (!left) return [note("–")];
-  const title = `${depth(left.limit)} µm is expected at ${utc(left.date)}`;
+  const title = `${depth(left.limit)} µm is expected at ${clock(left.date)}`;
   return [
     h("strong", { title }, left.median),
     h("span", { class: "muted interval-words" }, left.interval),
@@ -125,7 +125,7 @@ export class FleetRow {
     );
     setChildren(this.#limit, ...limitContent(summary, asset.limits));
     setText(this.#segments, count(summary.segments));
-    this.#last.title = summary.last_start_time ? utc(summary.last_start_time) : "";
+    this.#last.title = summary.last_start_time ? clock(summary.last_start_time) : "";
     this.tick();
   }
 

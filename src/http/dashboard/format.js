@@ -1,4 +1,6 @@
-// Numbers, units and times as people read them. Times are always UTC and say so.
+// Numbers, units and times as people read them. Times say which zone they are in.
+
+import { written, zoneOf } from "./time-zone.js";
 
 const SUPERSCRIPTS = {
   "-": "⁻",
@@ -62,9 +64,13 @@ export function titled(name, unitName) {
   return shown ? `${name} (${shown})` : `${name} (–)`;
 }
 
-/** `2026-03-02 14:05:09 UTC`. */
-export function utc(time) {
-  return time ? `${new Date(time).toISOString().slice(0, 19).replace("T", " ")} UTC` : NONE;
+/** `2026-03-02 14:05:09 UTC`, or `2026-03-02 15:05:09 +01:00` by the browser's clock; to the minute where seconds say nothing. */
+export function clock(time, { toMinute = false } = {}) {
+  return time
+    ? `${written(time)
+        .slice(0, toMinute ? 16 : 19)
+        .replace("T", " ")} ${zoneOf(time)}`
+    : NONE;
 }
 
 /** A length of time in its largest sensible unit. */

@@ -1,7 +1,7 @@
 // One file of the import desk: what it holds, when it began, and what its channels are called.
 
 import { h, setChildren, setText } from "./dom.js";
-import { bytes, count, hertz, number, unit, utc } from "./format.js";
+import { bytes, clock, count, hertz, number, unit } from "./format.js";
 import { preview } from "./import-preview.js";
 import { recordsAt } from "./import-sending.js";
 import { sketch } from "./sketch.js";
@@ -117,9 +117,9 @@ export class ImportFile {
     }
     if (start) return;
     const span = summary?.start
-      ? `, logged ${utc(summary.start)} to ${utc(summary.end)}`
+      ? `, logged ${clock(summary.start)} to ${clock(summary.end)}`
       : ownStart
-        ? `: ${utc(ownStart)}`
+        ? `: ${clock(ownStart)}`
         : "";
     setText(this.#startWords, `says itself when its records began${span}${words ? `; ${words}` : ""}`);
     this.#time.append(this.#startWords);
@@ -133,11 +133,9 @@ export class ImportFile {
 
   /** For CSV files: what each column is. */
   #showColumns() {
-    const { columns, time, channels } = this.seen;
+    const { columns, roles } = this.seen;
     this.#columns.hidden = !columns?.length;
     if (!columns?.length || this.#columns.children.length) return;
-    const role = (place) =>
-      place === time ? "time" : channels.some((channel) => channel.place === place) ? "channel" : "skip";
     const selects = columns.map((name, place) => {
       const select = h(
         "select",
@@ -145,10 +143,10 @@ export class ImportFile {
         [
           ["channel", "a channel"],
           ["time", "the time"],
-          ["skip", "left out"],
+          ["left_out", "left out"],
         ].map(([value, text]) => h("option", { value }, text)),
       );
-      select.value = role(place);
+      select.value = roles[place];
       return select;
     });
     this.#columns.append(
@@ -194,10 +192,11 @@ export class ImportFile {
               placeholder: "as above",
               "aria-label": `Unit of ${label} of ${this.file.name}`,
               size: 6,
+              disabled: Boolean(channel.unit), // what the file says counts
             })
           : null;
       name.value = kept[n]?.[0] ?? (type === "text/csv" && channels.length > 1 ? channel.name : "");
-      if (own) own.value = kept[n]?.[1] ?? channel.unit;
+      if (own) own.value = channel.unit || (kept[n]?.[1] ?? "");
       this.#fields.push({ name, unit: own, place: channel.place });
       return h(
         "div",
@@ -244,12 +243,10 @@ export class ImportFile {
     const { channels } = this.seen;
     const typed = this.#fields.map(({ name, unit: own, place }) => ({
       name: name.value,
-      unit: own?.value.trim(),
+      unit: own?.disabled ? "" : own?.value.trim(),
       place,
     }));
-    const further = channels
-      .slice(typed.length)
-      .map(({ name, unit: own, place }) => ({ name, unit: own, place }));
+    const further = channels.slice(typed.length).map(({ name, place }) => ({ name, unit: "", place }));
     return {
       start: this.start(),
       channels: [...typed, ...further],

@@ -1,7 +1,7 @@
 // What a file holds, as far as its begin and end say it: channels, rate, length, unit, start, and a sketch of
 // the samples.
 
-import { channelsOfCsv, csvBegin } from "./csv-record.js";
+import { previewCsv } from "./api.js";
 import { startOfFile } from "./file-start.js";
 import { mcapSummary } from "./mcap-summary.js";
 import { envelopeOf, wavHead, wavSketch } from "./wav-head.js";
@@ -21,12 +21,6 @@ const MOST_SKETCHES = 8;
 /** The media type of a file by its name, undefined where it is none that is taken. */
 export const typeOf = (file) => TYPES[file.name.split(".").pop().toLowerCase()];
 
-/** The name and unit in a column's heading: `a1 [m/s2]`, `a1 (g)`. */
-export function headingParts(heading) {
-  const [, name, unit] = /^(.*?)\s*[[(]\s*([^\])]{1,20})\s*[\])]\s*$/.exec(heading) ?? [null, heading, ""];
-  return { name: name.trim() || heading.trim(), unit: unit.trim() };
-}
-
 async function ofWav(file) {
   const head = await wavHead(file);
   const sketches = [];
@@ -41,32 +35,52 @@ async function ofWav(file) {
   return { head, channels, rate: head.rate, seconds: head.frames / head.rate, form };
 }
 
+/** The whole lines at the beginning of a file. */
+async function firstLines(file) {
+  const bytes = new Uint8Array(await file.slice(0, CSV_BEGIN).arrayBuffer());
+  return file.size > CSV_BEGIN ? bytes.slice(0, bytes.lastIndexOf(10) + 1) : bytes;
+}
+
+/** What was chosen of a CSV file's columns, as the service takes it; `roles` says of each what it is, undefined where nobody has chosen. */
+export function csvParameters(rate, roles) {
+  if (!roles) return { sample_rate_hz: rate };
+  const placesOf = (role) => roles.flatMap((other, place) => (other === role ? [place + 1] : []));
+  const [times, columns] = [placesOf("time"), placesOf("channel").join(",")];
+  // hour, minute, second and microsecond are found by the service
+  return { sample_rate_hz: rate, time_column: times.length > 1 ? undefined : (times[0] ?? 0), columns };
+}
+
+const NO_RATE = "no column is the time, so the sampling rate is needed: type it in above";
+const RATE_SOURCES = { given: () => "typed in", header: () => "a line before the header" };
+
 /** A CSV file under the roles of its columns; what is wrong with it is in `fault`, beside the columns where these could be read. */
 async function ofCsv(file, rate, roles) {
-  const text = await csvBegin(file, CSV_BEGIN);
+  const seen = await previewCsv(await firstLines(file), csvParameters(rate, roles));
   const whole = file.size <= CSV_BEGIN;
-  try {
-    const read = channelsOfCsv(text, rate, roles);
-    const rows = read.channels[0].values.length;
-    const channels = read.channels.map(({ place, values }) => ({
+  const time = seen.columns.findIndex(({ role }) => role === "time");
+  const channels = seen.columns
+    .map((column, place) => ({ ...column, place }))
+    .filter(({ role }) => role === "channel")
+    .map(({ place, name, unit, envelope }) => ({
       place,
-      ...headingParts(read.names[place]),
-      sketch: { columns: envelopeOf(values), whole },
+      name,
+      unit: unit ?? "",
+      sketch: envelope.length ? { columns: envelope, whole } : null,
     }));
-    const share = whole ? 1 : file.size / CSV_BEGIN;
-    return {
-      columns: read.names,
-      time: read.time,
-      channels,
-      rate: read.rate,
-      seconds: read.rate ? (rows * share) / read.rate : null,
-      isEstimate: !whole,
-      form: "CSV",
-      rateFrom: read.time >= 0 ? `column “${read.names[read.time]}”` : "typed in",
-    };
-  } catch (error) {
-    return { columns: error.names ?? [], channels: [], fault: error.message, form: "CSV" };
-  }
+  const share = whole ? 1 : file.size / CSV_BEGIN;
+  const times = () => `column “${seen.columns[time]?.label}”`;
+  return {
+    columns: seen.columns.map(({ label }) => label),
+    roles: seen.columns.map(({ role }) => role),
+    channels: seen.fault ? [] : channels,
+    rate: seen.sample_rate_hz,
+    seconds: seen.sample_rate_hz ? (seen.lines * share) / seen.sample_rate_hz : null,
+    isEstimate: !whole,
+    form: "CSV",
+    rateFrom: seen.rate_source && (RATE_SOURCES[seen.rate_source] ?? times)(),
+    begins: seen.start_time,
+    fault: seen.fault?.replace(/^csv /, "") ?? (seen.sample_rate_hz ? null : NO_RATE),
+  };
 }
 
 async function ofMcap(file) {
@@ -110,14 +124,11 @@ export async function preview(file, rate, roles) {
   const type = typeOf(file);
   if (!type)
     return { type, channels: [], fault: "expected a file that ends in .wav, .mcap, .csv, .json or .pb" };
-  const start = OWN_TIMES.includes(type) ? null : await startOfFile(file, type);
+  const start = (told) => (OWN_TIMES.includes(type) ? null : startOfFile(file, told));
   try {
-    return {
-      type,
-      start,
-      ...((await READERS[type]?.(file, rate, roles)) ?? { channels: [], form: "protobuf" }),
-    };
+    const seen = (await READERS[type]?.(file, rate, roles)) ?? { channels: [], form: "protobuf" };
+    return { type, start: start(seen.begins), ...seen };
   } catch (error) {
-    return { type, start, channels: [], fault: error.message };
+    return { type, start: start(null), channels: [], fault: error.message };
   }
 }

@@ -1,8 +1,8 @@
 // Sending one file: what goes into its address, the requests with their progress, and the answer in words.
 
 import { address, failure, recordsPage } from "./api.js";
-import { recordOfCsv } from "./csv-record.js";
-import { depth, utc } from "./format.js";
+import { clock, depth } from "./format.js";
+import { csvParameters } from "./import-preview.js";
 
 const PCM = 1;
 
@@ -41,20 +41,31 @@ async function requestsOf(file, { type, head }, entry, common) {
   const parameters = { ...point, start_time: entry.start };
   if (type === "text/csv") {
     const groups = Map.groupBy(entry.channels, (channel) => channel.unit || unit);
-    const requests = [];
-    for (const [own, channels] of groups.size ? groups : [[unit, []]]) {
-      const record = await recordOfCsv(
-        file,
-        rate,
-        entry.roles,
-        channels.length ? channels.map(({ place }) => place) : undefined,
-      );
-      requests.push({
-        ...record,
-        parameters: { ...parameters, ...record.parameters, unit: own, ...named(channels) },
-      });
-    }
-    return requests;
+    const said = csvParameters(rate, entry.roles);
+    if (groups.size < 2)
+      return [
+        {
+          body: file,
+          type,
+          parameters: {
+            ...parameters,
+            ...said,
+            unit: [...groups.keys()][0] ?? unit,
+            ...named(entry.channels),
+          },
+        },
+      ];
+    return [...groups].map(([own, channels]) => ({
+      body: file,
+      type,
+      parameters: {
+        ...parameters,
+        ...said,
+        columns: channels.map(({ place }) => place + 1).join(","),
+        unit: own,
+        ...named(channels),
+      },
+    }));
   }
   if (type !== "audio/wav") return [{ body: file, type, parameters: {} }];
   const names = named(entry.channels);
@@ -118,12 +129,12 @@ function words(file, answer) {
   }
   return (answer.segments ?? [answer]).map(({ channel, start_time: start, wear, state }) => {
     if (state === "queued")
-      return `${file.name}: channel ${channel} taken as the record of ${utc(start)}; it waits to be analysed, and its wear shows up on the page by itself.`;
+      return `${file.name}: channel ${channel} taken as the record of ${clock(start)}; it waits to be analysed, and its wear shows up on the page by itself.`;
     const estimate =
       wear.median_um == null
         ? wear.reason
         : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
-    return `${file.name}: channel ${channel} stored as the record of ${utc(start)}; ${estimate}.`;
+    return `${file.name}: channel ${channel} stored as the record of ${clock(start)}; ${estimate}.`;
   });
 }
 

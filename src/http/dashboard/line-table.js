@@ -5,6 +5,7 @@ import { cursorLines } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
 import { amplitudeAt } from "./fine-lines.js";
 import { decibels, number, unit } from "./format.js";
+import { legend } from "./plots.js";
 import { axisOf, sidebandsOf } from "./spectrum-plot.js";
 
 const SAME = 2; // lines within which a line is the mesh harmonic
@@ -19,6 +20,41 @@ function meshRows(spectrum, sidebands, zoom) {
       amplitude: amplitudeAt(spectrum, place),
     }));
     return [...beside, line].sort((a, b) => a.x - b.x);
+  });
+}
+
+/** The lines of a cursor in one spectrum. */
+function cursorRows(spectrum, cursor) {
+  return cursorLines(cursor, spectrum.frequency_hz.at(-1)).map((line) => ({
+    ...line,
+    amplitude: amplitudeAt(spectrum, line.x),
+  }));
+}
+
+const change = (amplitude, first) => (amplitude > 0 && first > 0 ? 20 * Math.log10(amplitude / first) : null);
+
+/** The lines of a cursor, or those of the mesh where there is none. */
+const rowsOf = (spectrum, cursor, { sidebands, zoom }) =>
+  cursor ? cursorRows(spectrum, cursor) : meshRows(spectrum, sidebands, zoom);
+
+/** A heading that says by its colour which record it is of. */
+const recordHeading = ({ data, colour, name }) => [
+  legend([["line", colour, ""]])[0].firstChild,
+  h("span", { class: "spoken" }, `${name}, amplitude`),
+  ` ${unit(data.unit)}`,
+];
+
+/** The amplitudes of further records at the rows of the first, and how far they are from it. */
+function furtherColumns(layers, cursors, rows, view) {
+  return layers.flatMap((layer, n) => {
+    const own = new Map(
+      rowsOf(layer.data, cursors[n], view).map(({ label, amplitude }) => [label, amplitude]),
+    );
+    const amplitudes = rows.map(({ label }) => own.get(label));
+    return [
+      [recordHeading(layer), amplitudes.map((each) => number(each, 4))],
+      ["dB", amplitudes.map((each, row) => decibels(change(each, rows[row].amplitude)))],
+    ];
   });
 }
 
@@ -46,17 +82,14 @@ export class LineTable {
     ),
   );
 
-  /** Shows the lines of a cursor, or those of the mesh where there is none; nothing of a spectrum that is not there. */
-  show(spectrum, cursor, { sidebands, zoom }) {
+  /**
+   * Shows the lines of a cursor, or those of the mesh where there is none; nothing of a spectrum that is not there. `further` are other records with cursors of their own,
+   * whose amplitudes stand beside those of the `first`.
+   * @param {{ first?: import("./layers.js").Layer, layers: import("./layers.js").Layer[], cursors: import("./cursor-lines.js").Cursor[] }} [further]
+   */
+  show(spectrum, cursor, view, further = { layers: [], cursors: [] }) {
     const usable = spectrum && !(spectrum instanceof Error) && spectrum.frequency_hz.length > 0;
-    const rows = !usable
-      ? []
-      : cursor
-        ? cursorLines(cursor, spectrum.frequency_hz.at(-1)).map((line) => ({
-            ...line,
-            amplitude: amplitudeAt(spectrum, line.x),
-          }))
-        : meshRows(spectrum, sidebands, zoom);
+    const rows = usable ? rowsOf(spectrum, cursor, view) : [];
     this.element.hidden = rows.length === 0;
     if (rows.length === 0) return;
     const grown = rows.map((row) => growth(spectrum, row));
@@ -67,10 +100,13 @@ export class LineTable {
       shaft && ["Order", rows.map(({ x }) => number(x / shaft, 5))],
       !inOrders && ["Frequency, Hz", rows.map(({ x }) => number(x, 6))],
       [
-        `Amplitude${unitName ? `, ${unit(unitName)}` : ""}`,
+        further.layers.length
+          ? recordHeading(further.first)
+          : `Amplitude${unitName ? `, ${unit(unitName)}` : ""}`,
         rows.map(({ amplitude }) => number(amplitude, 4)),
       ],
-      grown.some((change) => change !== null) && ["Since the baseline, dB", grown.map(decibels)],
+      ...furtherColumns(further.layers, further.cursors, rows, view),
+      grown.some((each) => each !== null) && ["Since the baseline, dB", grown.map(decibels)],
     ].filter(Boolean);
     setText(this.#summary, cursor ? "Lines of the cursor" : "Lines of the mesh");
     setChildren(

@@ -4,7 +4,7 @@
 import { ConnectionError } from "./api.js";
 import { setText } from "./dom.js";
 import { Events } from "./events.js";
-import { age } from "./format.js";
+import { age, clock } from "./format.js";
 
 const INTERVAL_MS = 2000;
 const TOLD_INTERVAL_MS = 20_000; // where the server tells of changes, a look now and then only guards against a missed one
@@ -99,7 +99,7 @@ export function showStatus(status, { live, text, banner, bannerText, bannerWait 
   const lost = state === "lost" || state === "failed";
   banner.hidden = !lost;
   if (!lost) return;
-  const since = `${new Date(lostAt).toISOString().slice(11, 19)} UTC`;
+  const since = clock(lostAt).slice(11);
   const what =
     state === "lost"
       ? `Connection lost since ${since}: ${error.message}.`

@@ -2,10 +2,11 @@
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
-import { utc } from "./format.js";
+import { clock } from "./format.js";
 import { InspectionFields } from "./inspection-fields.js";
 import { MAINTENANCE, maintenanceWord } from "./life-events.js";
 import { keepName, lastName } from "./person.js";
+import { instant, written, zoneName } from "./time-zone.js";
 
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
 
@@ -53,7 +54,7 @@ export class MaintenanceDialog {
       { onsubmit: (event) => this.#submit(event) },
       h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "What was done"), kinds),
       this.#inspection.element,
-      h("div", { class: "fields" }, field(this.#time, "When, UTC"), field(this.#by, "By whom")),
+      h("div", { class: "fields" }, field(this.#time, `When, ${zoneName()}`), field(this.#by, "By whom")),
       field(this.#comment, "Comment"),
       h(
         "div",
@@ -82,7 +83,7 @@ export class MaintenanceDialog {
 
   /** Shows the dialog with a time, that of the record on show, to begin with. */
   open(time) {
-    this.#time.value = new Date(time ?? Date.now()).toISOString().slice(0, 19);
+    this.#time.value = written(time ?? Date.now()).slice(0, 19);
     this.#by.value ||= lastName();
     this.#said("", "");
     if (!this.element.open) this.element.showModal();
@@ -97,7 +98,7 @@ export class MaintenanceDialog {
     keepName(by);
     this.#save.disabled = true;
     try {
-      const time = new Date(`${this.#time.value}Z`).toISOString();
+      const time = instant(this.#time.value);
       await api.tellMaintenance(this.#id, { time, kind, by, comment, inspection });
       this.#comment.value = "";
       this.#inspection.clear();
@@ -114,7 +115,7 @@ export class MaintenanceDialog {
   async takeBack(event) {
     if (
       !confirm(
-        `Take back “${maintenanceWord(event.kind)}” of ${utc(event.time)}? The history is then estimated as if it had not been.`,
+        `Take back “${maintenanceWord(event.kind)}” of ${clock(event.time)}? The history is then estimated as if it had not been.`,
       )
     )
       return;

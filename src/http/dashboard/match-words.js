@@ -2,7 +2,7 @@
 
 import { agreement } from "./agreement.js";
 import { h } from "./dom.js";
-import { depth, featureName, number, utc } from "./format.js";
+import { clock, depth, featureName, number } from "./format.js";
 import { format } from "./route.js";
 import { depthWords, transmissionWords, wearState } from "./state.js";
 import { badge } from "./symbols.js";
@@ -104,7 +104,7 @@ export function matchWords(segment, match, asset, query) {
     h(
       "div",
       { class: "plot-head" },
-      h("h2", {}, `Record of ${utc(segment.start_time)}`),
+      h("h2", {}, `Record of ${clock(segment.start_time)}`),
       h("a", { href: overview }, "Open the record"),
     ),
     badge(state, 26),

@@ -11,7 +11,7 @@ import { matchWords } from "./match-words.js";
 import { stiffnessDrawing, transmissionDrawing } from "./mesh-plots.js";
 import { noveltyDrawing } from "./novelty-plot.js";
 import { PlotCard } from "./plot-card.js";
-import { utc } from "./format.js";
+import { clock } from "./format.js";
 import { sentence } from "./state.js";
 import { posteriorDrawing } from "./posterior-plot.js";
 
@@ -93,7 +93,7 @@ export class MatchPage {
   /** A record without a best state, with what speaks against one where that is known. */
   async #unmatched(segment, asset) {
     this.#say(
-      `Record of ${utc(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear?.pair))}`,
+      `Record of ${clock(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear?.pair))}`,
     );
     const { novelty } = segment.wear;
     this.#novelty.element.hidden = !novelty?.most?.length;

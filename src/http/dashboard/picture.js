@@ -79,11 +79,14 @@ function headOf(context, family, { title, sub, entries }, width, { ink, muted })
   return { steps, height: y + 6 };
 }
 
-/** Saves a plot with its title, the words under it and its legend, a list of the page. */
-export async function savePicture(plot, { title, sub, legend }, filename) {
+/** Saves a plot with its title, the words under it and its legend, a list of the page; as `drawing` has it where that is given. */
+export async function savePicture(plot, { title, sub, legend }, filename, drawing = null) {
   const colour = colours("ink", "muted", "surface");
   const family = getComputedStyle(document.body).fontFamily;
-  const [drawing, entries] = await Promise.all([pictureOf(plot, SCALE).then(loaded), entriesOf(legend)]);
+  const [curves, entries] = await Promise.all([
+    pictureOf(plot, SCALE, drawing).then(loaded),
+    entriesOf(legend),
+  ]);
   const canvas = document.createElement("canvas");
   const context = canvas.getContext("2d");
   const { clientWidth: width, clientHeight: height } = plot;
@@ -93,7 +96,7 @@ export async function savePicture(plot, { title, sub, legend }, filename) {
   context.fillRect(0, 0, canvas.width, canvas.height);
   context.scale(SCALE, SCALE);
   for (const step of head.steps) step();
-  context.drawImage(drawing, 0, head.height, width, height);
+  context.drawImage(curves, 0, head.height, width, height);
   const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
   const link = Object.assign(document.createElement("a"), {
     href: URL.createObjectURL(blob),

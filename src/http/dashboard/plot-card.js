@@ -5,6 +5,7 @@ import { h, setChildren, setText } from "./dom.js";
 import { saveCsv } from "./csv.js";
 import { savePicture } from "./picture.js";
 import { discard, draw, keepFitted, legend } from "./plots.js";
+import { inLight } from "./theme.js";
 
 /** A figure that holds one plot. */
 export class PlotCard {
@@ -18,6 +19,7 @@ export class PlotCard {
   #notice = h("p", { class: "notice plot-notice" }, "Loading…");
   #table;
   #filename = "flankwatch";
+  #again;
   #csv = h(
     "button",
     {
@@ -59,15 +61,21 @@ export class PlotCard {
   }
 
   #savePicture() {
-    return savePicture(
-      this.plot,
-      { title: this.#title.textContent, sub: this.#sub.textContent, legend: this.#legend },
-      this.#filename,
-    );
+    const words = { title: this.#title.textContent, sub: this.#sub.textContent };
+    if (!this.#again) return savePicture(this.plot, { ...words, legend: this.#legend }, this.#filename);
+    return inLight(() => {
+      const drawing = this.#again();
+      const list = h("ul", {}, legend(drawing.legend ?? []));
+      return savePicture(this.plot, { ...words, legend: list }, this.#filename, drawing);
+    });
   }
 
-  /** Draws `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`; `filename` is that of a saved picture or table. */
-  async show(drawing, filename) {
+  /**
+   * Draws `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`; `filename` is that of a saved picture or table. `again` gives the same drawing
+   * for a picture, which then is in the light colours whatever the theme.
+   */
+  async show(drawing, filename, again) {
+    this.#again = again;
     if (drawing.title) setText(this.#title, drawing.title);
     setText(this.#sub, drawing.sub ?? "");
     setChildren(this.#legend, legend(drawing.legend ?? []));

@@ -3,6 +3,7 @@
 
 import { h, svg } from "./dom.js";
 import { colours, translucent } from "./theme.js";
+import { instant, isLocal, written, zoneName } from "./time-zone.js";
 
 let loading;
 
@@ -38,11 +39,16 @@ export function palette() {
     "series-3",
     "series-4",
     "series-5",
+    "series-6",
+    "series-7",
+    "series-8",
   );
   const series = [1, 2, 3, 4, 5].map((index) => values[`series-${index}`]);
+  const records = [1, 2, 3, 4, 6, 7, 8, 5].map((index) => values[`series-${index}`]);
   return {
     ...values,
     series,
+    records,
     other: values["series-2"],
     band: translucent(values.accent, 0.2),
     half: translucent(values.accent, 0.28),
@@ -61,12 +67,46 @@ const axis = (colour) => ({
   title: { standoff: 8 },
 });
 
-/** An axis of times; Plotly shows a time as it is written, and it is written in UTC. */
-export const timeAxis = {
+/** An axis of times; Plotly shows a time as it is written, so `draw` writes it by the clock that is chosen. */
+export const timeAxis = () => ({
   type: "date",
-  title: { text: "Start of record (UTC)", standoff: 8 },
-  hoverformat: "%Y-%m-%d %H:%M:%S UTC",
-};
+  title: { text: `Start of record (${zoneName()})`, standoff: 8 },
+  hoverformat: isLocal() ? "%Y-%m-%d %H:%M:%S" : "%Y-%m-%d %H:%M:%S UTC",
+});
+
+/** A drawing with the times on its axes of times written by the browser's clock where that is chosen. */
+function byClock(traces, layout) {
+  const names = Object.keys(layout).filter((key) => layout[key]?.type === "date");
+  if (!isLocal() || names.length === 0) return { traces, layout };
+  const axes = names.map((key) => key.replace("axis", ""));
+  const isTime = (name = "x") => axes.includes(name);
+  const write = (time) => (time === null || time === undefined ? time : written(time));
+  const shape = (each) => {
+    if (!isTime(each.xref)) return each;
+    // a size in pixels hangs on a time
+    if (each.xsizemode === "pixel") return { ...each, xanchor: write(each.xanchor) };
+    return { ...each, x0: write(each.x0), x1: write(each.x1) };
+  };
+  return {
+    traces: traces.map((trace) =>
+      isTime(trace.xaxis) && trace.x ? { ...trace, x: trace.x.map(write) } : trace,
+    ),
+    layout: {
+      ...layout,
+      ...(layout.shapes && { shapes: layout.shapes.map(shape) }),
+      ...(layout.annotations && {
+        annotations: layout.annotations.map((each) =>
+          isTime(each.xref) ? { ...each, x: write(each.x) } : each,
+        ),
+      }),
+      ...Object.fromEntries(
+        names
+          .filter((key) => layout[key].range)
+          .map((key) => [key, { ...layout[key], range: layout[key].range.map(write) }]),
+      ),
+    },
+  };
+}
 
 /** The margins of plots over time: fixed, so that plots above one another have their times aligned. */
 export const timeMargin = { l: 64, r: 14, t: 10, b: 8 };
@@ -126,7 +166,29 @@ export async function draw(element, traces, layout) {
   // on a touch screen the buttons would stand over the plot all the time, and there is nothing to drag
   const displayModeBar = matchMedia("(pointer: coarse)").matches ? false : "hover";
   const config = { displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT };
-  await Plotly.react(element, traces, themed(layout, palette()), config);
+  const shown = byClock(traces, layout);
+  await Plotly.react(element, shown.traces, themed(shown.layout, palette()), config);
+}
+
+const WHOLE_MS = 1000;
+
+/**
+ * Gives the last line of a plot other values, `[x, y]`; everything else stays as it is drawn. Several times a
+ * second only its path is drawn, a tenth of the work; Plotly learns of the values once a second, for who
+ * points at them.
+ */
+export async function replaceLine(element, [x, y]) {
+  if (!element.data) return;
+  const { xaxis, yaxis } = element._fullLayout;
+  const paths = [...element.querySelectorAll(".scatterlayer .trace")].at(-1)?.querySelectorAll(".js-line");
+  const isWhole = performance.now() - Number(element.dataset.wholeAt ?? -WHOLE_MS) < WHOLE_MS;
+  if (isWhole && paths?.length === 1 && y.every(Number.isFinite)) {
+    const points = x.map((value, n) => `${xaxis.d2p(value).toFixed(1)},${yaxis.d2p(y[n]).toFixed(1)}`);
+    paths[0].setAttribute("d", `M${points.join("L")}`);
+    return;
+  }
+  element.dataset.wholeAt = String(performance.now());
+  await globalThis.Plotly.restyle(element, { x: [x], y: [y] }, [element.data.length - 1]);
 }
 
 /** Calls back with the time or value of the point that was clicked, by Plotly's `customdata`. */
@@ -175,9 +237,18 @@ export function keepFitted(element) {
   observer.observe(element);
 }
 
-/** A plot as the address of a picture of it, with `scale` points of it in one of the page. */
-export function pictureOf(element, scale) {
-  return globalThis.Plotly.toImage(element, {
+/** A drawing with the axes as the user has them on a plot. */
+function asShown(drawing, shown) {
+  const { traces, layout } = byClock(drawing.traces, drawing.layout);
+  const own = themed(layout, palette());
+  const axes = Object.keys(own).filter((key) => /^[xy]axis/.test(key) && shown[key]?.range);
+  const ranges = axes.map((key) => [key, { ...own[key], range: [...shown[key].range], autorange: false }]);
+  return { data: traces, layout: { ...own, ...Object.fromEntries(ranges) } };
+}
+
+/** A plot as the address of a picture of it, with `scale` points of it in one of the page; as `drawing` has it where that is given. */
+export function pictureOf(element, scale, drawing) {
+  return globalThis.Plotly.toImage(drawing ? asShown(drawing, element._fullLayout) : element, {
     format: "png",
     scale,
     width: element.clientWidth,
@@ -185,7 +256,13 @@ export function pictureOf(element, scale) {
   });
 }
 
-/** Calls back with `[from, to]` when the user changes the horizontal range, with null when it is the whole again. */
+/** What Plotly says of a place on an axis of times: as it is written there, or in milliseconds. */
+const instantOf = (end) =>
+  typeof end === "string"
+    ? instant(end.replace(/Z$/, ""))
+    : instant(new Date(end).toISOString().slice(0, -1));
+
+/** Calls back with `[from, to]` when the user changes the horizontal range, times as ISO times, with null when it is the whole again. */
 export function onRangeChange(element, callback) {
   if (element.dataset.ranged || !element.on) return;
   element.dataset.ranged = "true";
@@ -194,7 +271,8 @@ export function onRangeChange(element, callback) {
     const range =
       event["xaxis.range"] ??
       (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
-    if (range) callback(range);
+    const isTime = element._fullLayout.xaxis.type === "date";
+    if (range) callback(isTime ? range.map((end) => instantOf(end)) : range);
   });
 }
 

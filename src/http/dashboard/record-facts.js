@@ -1,7 +1,7 @@
 // A record in words and figures, beside a pinned one where there is one to compare with.
 
 import { h } from "./dom.js";
-import { absence, count, hertz, indicatorName, number, span, unit, utc } from "./format.js";
+import { absence, clock, count, hertz, indicatorName, number, span, unit } from "./format.js";
 import { depthWords, transmissionWords } from "./state.js";
 
 const SHOWN = ["rms", "velocity_rms", "peak", "crest_factor", "kurtosis", "omx"];
@@ -82,5 +82,5 @@ export function recordFacts(segment, pinned) {
 export function pinnedWords(pinned) {
   return pinned instanceof Error
     ? `The pinned record cannot be shown: ${pinned.message}.`
-    : `Pinned: ${utc(pinned.start_time)}, drawn in the lower half of each plot; its values stand below, with the change since then.`;
+    : `Pinned: ${clock(pinned.start_time)}, drawn in the lower half of each plot; its values stand below, with the change since then.`;
 }

@@ -2,9 +2,17 @@
 
 import * as api from "./api.js";
 import { cepstrumDrawing } from "./cepstrum-plot.js";
+import { cursorOf } from "./cursor-lines.js";
 import { readByCursor, withFineLines } from "./fine-lines.js";
 import { posteriorDrawing } from "./posterior-plot.js";
-import { envelopeDrawing, envelopeParts, ofOrders, spectrumDrawing, zoomRange } from "./spectrum-plot.js";
+import {
+  envelopeDrawing,
+  envelopeParts,
+  ofOrders,
+  overOrders,
+  spectrumDrawing,
+  zoomRange,
+} from "./spectrum-plot.js";
 import { turnDrawing } from "./turn-plot.js";
 import { waveformDrawing } from "./waveform-plot.js";
 
@@ -22,30 +30,43 @@ export function formatPart(range) {
   return range && range.map((end) => Number(Math.max(0, end).toPrecision(6))).join("~");
 }
 
-function waveform(id, query, signal) {
+function waveform(id, query, signal, options) {
   const [from, to] = partOf(query.part) ?? [];
-  return api.waveform(id, from, to, signal);
+  return api.waveform(id, from, to, signal, options?.motion);
 }
 
-async function spectrum(id, query, signal) {
+async function spectrum(id, query, signal, { points = POINTS } = {}) {
   const ask = async (...range) =>
     query.axis === "orders"
       ? ofOrders(await api.orders(id, ...range, signal))
       : api.spectrum(id, ...range, signal);
-  const whole = await ask(null, null, POINTS);
+  const whole = await ask(null, null, points);
   return withFineLines(
     whole,
     partOf(query.band) ?? zoomRange(whole, query.zoom),
-    readByCursor(query.cursor, whole),
+    readByCursor(cursorOf(query, whole), whole),
     ask,
   );
 }
 
-async function envelope(id, query, signal) {
-  const ask = (...range) => api.envelope(id, ...range, signal);
-  const whole = await ask(null, null, POINTS);
+async function envelope(
+  id,
+  query,
+  signal,
+  { points = POINTS, band = null, envelopeOverOrders = false } = {},
+) {
+  const inHertz = (...range) => api.envelope(id, ...range, signal, band);
+  const first = await inHertz(null, null, points);
+  if (envelopeOverOrders && !first.shaft_speed_hz)
+    throw new api.ApiError(422, { detail: "no shaft speed is known for this record, so it has no orders" });
+  const shaft = first.shaft_speed_hz;
+  const whole = envelopeOverOrders ? overOrders(first, shaft) : first;
+  const ask = envelopeOverOrders
+    ? async (from, to, most) => overOrders(await inHertz(from * shaft, to * shaft, most), shaft)
+    : inHertz;
   const { part, read } = envelopeParts(whole, query.near === "1");
-  return withFineLines(whole, part, read, ask);
+  const cursor = cursorOf(query, whole, "ecursor");
+  return withFineLines(whole, partOf(query.eband) ?? part, cursor ? readByCursor(cursor, whole) : read, ask);
 }
 
 function posterior({ segment, asset, revision }) {
@@ -64,7 +85,8 @@ function posterior({ segment, asset, revision }) {
 const machineLines = ({ gear, summary }) => ({ teeth: gear?.teeth, bearings: summary.bearing_orders ?? {} });
 
 /**
- * Each pane's `fetch(id, query, signal)` gives its data, `draw(data, other, context)` a drawing, or words where there is nothing to draw.
+ * Each pane's `fetch(id, query, signal, options)` gives its data, `draw(layers, context)` a drawing of
+ * the records of `layers`, or words where there is nothing to draw.
  * @type {{ key: string, label: string, fetch?: (...asked: any[]) => Promise<any>, draw: (...drawn: any[]) => any }[]}
  */
 export const PANES = [
@@ -72,43 +94,43 @@ export const PANES = [
     key: "waveform",
     label: "Waveform",
     fetch: waveform,
-    draw: (data, other, { segment, query, revision }) =>
-      waveformDrawing(data, other, partOf(query.part), segment.samples / segment.sample_rate_hz, revision),
+    draw: (layers, { duration, query, revision }) =>
+      waveformDrawing(layers, partOf(query.part), duration, revision),
   },
   {
     key: "spectrum",
     label: "Spectrum",
     fetch: spectrum,
-    draw: (data, other, { view, revision }) =>
-      data.frequency_hz.length
-        ? spectrumDrawing(data, other, view, revision)
+    draw: (layers, { view, revision }) =>
+      layers[0].data.frequency_hz.length
+        ? spectrumDrawing(layers, view, revision)
         : "The record is too short for a spectrum.",
   },
   {
     key: "envelope",
     label: "Envelope spectrum",
     fetch: envelope,
-    draw: (data, other, { asset, view, revision }) =>
-      data.frequency_hz.length
-        ? envelopeDrawing(data, other, machineLines(asset), view, revision)
+    draw: (layers, { asset, view, revision }) =>
+      layers[0].data.frequency_hz.length
+        ? envelopeDrawing(layers, machineLines(asset), { ...view, part: view.envelopePart }, revision)
         : "The record is too short for a spectrum.",
   },
   {
     key: "turn",
     label: "Average over one turn",
     fetch: (id, query, signal) => api.turn(id, signal),
-    draw: (data, other, { revision }) => turnDrawing(data, other, revision),
+    draw: (layers, { revision }) => turnDrawing(layers, revision),
   },
   {
     key: "cepstrum",
     label: "Cepstrum",
     fetch: (id, query, signal) => api.cepstrum(id, 0.2, signal),
-    draw: (data, other, { revision }) => cepstrumDrawing(data, other, revision),
+    draw: (layers, { revision }) => cepstrumDrawing(layers, revision),
   },
   {
     key: "posterior",
     label: "Posterior over wear depth",
-    draw: (data, other, context) => posterior(context),
+    draw: (layers, context) => posterior(context),
   },
 ];
 
@@ -118,9 +140,16 @@ export function shownPanes(query) {
   return PANES.filter(({ key }) => keys.includes(key)).map(({ key }) => key);
 }
 
-/** What the shown panes need of a record, as answers of the server or errors, by the panes' keys. */
-export async function fetchPanes(id, query, signal) {
+/**
+ * What the shown panes need of a record, as answers of the server or errors, by the panes' keys.
+ * @param {string} id
+ * @param {Record<string, string>} query
+ * @param {AbortSignal} [signal]
+ * @param {{ points?: number, band?: number[], envelopeOverOrders?: boolean }} [options] points of a spectrum, the band of the envelope
+ * @returns {Promise<Record<string, any>>}
+ */
+export async function fetchPanes(id, query, signal, options) {
   const panes = PANES.filter(({ key, fetch }) => fetch && shownPanes(query).includes(key));
-  const answers = await Promise.all(panes.map(({ fetch }) => api.answer(fetch(id, query, signal))));
+  const answers = await Promise.all(panes.map(({ fetch }) => api.answer(fetch(id, query, signal, options))));
   return Object.fromEntries(panes.map(({ key }, index) => [key, answers[index]]));
 }

@@ -13,7 +13,10 @@ export const STATUSES = {
   provisional: ["Provisional", "a first answer from a part of the library; the final one follows"],
   library_failed: ["Library failed", "the library could not be simulated"],
   no_features: ["No features", "the record gives nothing to compare"],
-  not_comparable: ["Not comparable", "the record is too short or too sparsely sampled for its baseline"],
+  not_comparable: [
+    "Not comparable",
+    "too short or too sparsely sampled for its baseline, or far from the described speed or torque",
+  ],
   not_identifiable: ["Not identifiable", "the interval spans most of the library"],
   outside_library: ["Outside library", "wear does not explain the record"],
   sensor_fault: ["Sensor fault", "the sensor and not the machine is the reason"],

@@ -1,11 +1,13 @@
 // One record: when it was taken, its indicators, and the ways to look at it. Follows the selection of the
 // page.
 
+import { compareOnBench } from "./bench-records.js";
 import { compared } from "./comparison.js";
 import { CursorLayer } from "./cursor.js";
 import { formatCursor, parseCursor } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
-import { utc } from "./format.js";
+import { clock } from "./format.js";
+import { selectedAndPinned } from "./layers.js";
 import { LineTable } from "./line-table.js";
 import { PlotCard } from "./plot-card.js";
 import { onRangeChange } from "./plots.js";
@@ -32,6 +34,7 @@ export class RecordView {
     { type: "button", "aria-pressed": "false", onclick: () => this.#togglePin() },
     "Pin to compare",
   );
+  #compare = h("button", { type: "button", onclick: () => this.#toBench() }, "Compare…");
   #chips = new Map();
   #order = { ids: [], selected: null };
   #query = {};
@@ -80,6 +83,7 @@ export class RecordView {
       this.#next,
       this.#latest,
       this.#pin,
+      this.#compare,
     );
     const head = h("div", { class: "plot-head" }, this.#time, buttons);
     const bar = h(
@@ -105,6 +109,12 @@ export class RecordView {
 
   #togglePin() {
     change({ pin: this.#query.pin ? null : this.#order.selected }, { quiet: true });
+  }
+
+  /** The bench lays records of any assets over one another. */
+  #toBench() {
+    const ids = [this.#query.pin, this.#order.selected].filter(Boolean);
+    if (ids.length) compareOnBench(ids);
   }
 
   #step(by) {
@@ -141,7 +151,16 @@ export class RecordView {
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
     for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
     this.#showFacts(segment, pinned);
-    const context = { segment, pinned, asset, query, view, revision: `${asset.id} ${segment.channel ?? ""}` };
+    const duration = segment.samples / segment.sample_rate_hz;
+    const context = {
+      segment,
+      pinned,
+      asset,
+      query,
+      view,
+      duration,
+      revision: `${asset.id} ${segment.channel ?? ""}`,
+    };
     await Promise.all(
       PANES.filter(({ key }) => keys.includes(key)).map((pane) =>
         this.#draw(pane, panes[pane.key], others?.[pane.key], context),
@@ -166,13 +185,14 @@ export class RecordView {
     if (context.segment instanceof Error) return card.say("There is no record to show.");
     if (data instanceof Error) return card.say(data.message);
     if (fetch && !data) return card.say("Loading…");
-    const drawing = draw(data, other, context);
-    if (typeof drawing === "string") return card.say(drawing);
     const { segment, pinned } = context;
-    return card.show(
-      drawing.others && pinned.start_time ? compared(drawing, segment, pinned) : drawing,
-      `${context.asset.id}-${key}-${context.segment.start_time}`,
-    );
+    const make = () => {
+      const drawing = draw(selectedAndPinned(data, other), context);
+      return drawing.others?.length && pinned.start_time ? compared(drawing, segment, pinned) : drawing;
+    };
+    const drawing = make();
+    if (typeof drawing === "string") return card.say(drawing);
+    return card.show(drawing, `${context.asset.id}-${key}-${segment.start_time}`, make);
   }
 
   #showFacts(segment, pinned) {
@@ -186,7 +206,7 @@ export class RecordView {
       setChildren(this.#values);
       return;
     }
-    setText(this.#time, utc(segment.start_time));
+    setText(this.#time, clock(segment.start_time));
     setText(this.#words, recordWords(segment));
     setChildren(this.#values, recordFacts(segment, pinned instanceof Error ? null : pinned));
   }

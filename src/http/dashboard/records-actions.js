@@ -1,8 +1,9 @@
 // What is done to several records at once: exclude, include again, delete, and take as the baseline.
 
 import * as api from "./api.js";
+import { compareOnBench, MOST_RECORDS } from "./bench-records.js";
 import { h, setText } from "./dom.js";
-import { count, utc } from "./format.js";
+import { clock, count } from "./format.js";
 import { keepName, lastName } from "./person.js";
 
 const AT_ONCE = 200; // identifiers in one request
@@ -38,6 +39,7 @@ export class RecordActions {
     [this.#id, this.#selection, this.#onDone] = [assetId, selection, onDone];
     const button = (text, onclick) => h("button", { type: "button", onclick }, text);
     this.#buttons = [
+      button("Compare…", () => this.#compare()),
       button("Exclude", () => this.#mark("exclude")),
       button("Include again", () => this.#mark("include")),
       button("Use as the baseline…", () => this.#offerBaseline()),
@@ -71,6 +73,18 @@ export class RecordActions {
     setText(this.#words, selected ? `${records(selected)} selected` : "Select records to change them.");
     for (const button of this.#buttons) button.disabled = selected === 0;
     if (selected === 0) this.#baseline.hidden = true;
+  }
+
+  /** Puts what is selected on the bench. */
+  async #compare() {
+    try {
+      const { ids, all, count: matching } = this.#selection();
+      if (matching > MOST_RECORDS)
+        return this.#said("bad", `${records(matching)} match, expected at most ${MOST_RECORDS} to compare.`);
+      this.#said("bad", compareOnBench(all ? await this.#identifiers(all) : ids));
+    } catch (error) {
+      this.#said("bad", `Not done: ${error.message}.`);
+    }
   }
 
   /** What the requests name: lists of identifiers, or one range. */
@@ -174,7 +188,7 @@ export class RecordActions {
           : "";
       setText(
         this.#baselineWords,
-        `The ${records(within)} from ${utc(time)} to ${utc(until)} become the healthy baseline of every channel, but for those that are excluded. What was learnt before is forgotten, and wear counts from zero there.${few}`,
+        `The ${records(within)} from ${clock(time)} to ${clock(until)} become the healthy baseline of every channel, but for those that are excluded. What was learnt before is forgotten, and wear counts from zero there.${few}`,
       );
       this.#by.value ||= lastName();
       this.#baseline.hidden = false;

@@ -2,7 +2,7 @@
 
 import { address } from "./api.js";
 import { h } from "./dom.js";
-import { hertz, number, speedSource, unit, utc } from "./format.js";
+import { clock, hertz, number, speedSource, unit } from "./format.js";
 import { statusMeaning, statusWords } from "./record-statuses.js";
 import { format } from "./route.js";
 
@@ -42,7 +42,7 @@ export function recordRow(record, selected, onToggle) {
     wear,
     excluded,
   } = record;
-  const time = utc(start);
+  const time = clock(start);
   const box = h("input", {
     type: "checkbox",
     "aria-label": `Select the record of ${time}, channel ${channel}`,

@@ -9,11 +9,12 @@ import { STATUSES } from "./record-statuses.js";
 import { RecordActions } from "./records-actions.js";
 import { HEADINGS, recordRow } from "./records-row.js";
 import { change } from "./route.js";
+import { instant, written, zoneName } from "./time-zone.js";
 
 const PAGE = 100;
 
-const local = (time) => (time ? new Date(time).toISOString().slice(0, 19) : "");
-const instant = (text) => (text ? new Date(`${text}Z`).toISOString() : null);
+const typed = (time) => (time ? written(time).slice(0, 19) : "");
+const meant = (text) => (text ? instant(text) : null);
 
 /** The table of one asset's records. */
 export class RecordsPage {
@@ -43,13 +44,13 @@ export class RecordsPage {
     id: "records-from",
     type: "datetime-local",
     step: 1,
-    onchange: () => this.#filter({ from: instant(this.#from.value) }),
+    onchange: () => this.#filter({ from: meant(this.#from.value) }),
   });
   #to = h("input", {
     id: "records-to",
     type: "datetime-local",
     step: 1,
-    onchange: () => this.#filter({ to: instant(this.#to.value) }),
+    onchange: () => this.#filter({ to: meant(this.#to.value) }),
   });
   #order = h(
     "select",
@@ -101,8 +102,8 @@ export class RecordsPage {
       { class: "record-filters" },
       field(this.#channel, "Channel"),
       field(this.#status, "Status"),
-      field(this.#from, "From, UTC"),
-      field(this.#to, "Before, UTC"),
+      field(this.#from, `From, ${zoneName()}`),
+      field(this.#to, `Before, ${zoneName()}`),
       field(this.#order, "Order"),
       this.#export,
     );
@@ -193,7 +194,7 @@ export class RecordsPage {
     this.#channel.value = channel;
     this.#status.value = status;
     this.#order.value = order === "desc" ? "" : order;
-    [this.#from.value, this.#to.value] = [local(from), local(to)];
+    [this.#from.value, this.#to.value] = [typed(from), typed(to)];
     this.#export.href = api.address(["assets", this.#id, "export"], { channel, from, to });
   }
 

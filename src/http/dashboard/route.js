@@ -1,8 +1,8 @@
 // The address after `#` holds the whole view, so that a link reproduces it.
 
-const ASSET_VIEWS = ["records", "import", "waterfall", "match", "wear", "settings"];
+const ASSET_VIEWS = ["records", "import", "live", "waterfall", "match", "wear", "settings"];
 
-/** `{ page, id, query }` of a hash; `page` is "fleet", "asset" or one of its views, "new", "alarms", "tokens", "libraries", "library" or "unknown". */
+/** `{ page, id, query }` of a hash; `page` is "fleet", "asset" or one of its views, "new", "alarms", "bench", "tokens", "libraries", "library" or "unknown". */
 export function parse(hash) {
   const [path, query = ""] = hash.replace(/^#/, "").split("?", 2);
   const [first, second, third, ...more] = path.split("/").filter(Boolean);
@@ -16,7 +16,7 @@ function place(first, id, third, more) {
     if (third === undefined) return { page: "asset", id };
     if (ASSET_VIEWS.includes(third)) return { page: third, id };
   }
-  if (id === undefined && ["alarms", "new", "tokens"].includes(first)) return { page: first };
+  if (id === undefined && ["alarms", "bench", "new", "tokens"].includes(first)) return { page: first };
   if (third === undefined && first === "libraries")
     return id === undefined ? { page: "libraries" } : { page: "library", id };
   return { page: "unknown" };
@@ -35,7 +35,11 @@ function path({ page, id }) {
   if (page === "asset") return `#/assets/${name}`;
   if (ASSET_VIEWS.includes(page)) return `#/assets/${name}/${page}`;
   if (page === "library") return `#/libraries/${name}`;
-  return { libraries: "#/libraries", alarms: "#/alarms", new: "#/new", tokens: "#/tokens" }[page] ?? "#/";
+  return (
+    { libraries: "#/libraries", alarms: "#/alarms", bench: "#/bench", new: "#/new", tokens: "#/tokens" }[
+      page
+    ] ?? "#/"
+  );
 }
 
 /** The hash of a route; parameters without a value are left out. */

@@ -81,6 +81,7 @@ const KINDS = [
   ["wear_um", "Wear depth (µm)"],
   ["wear_above_limit", "Probability of having passed the limit"],
   ["novelty", "Novelty (−log₁₀ p)"],
+  ["joint_novelty", "Novelty of all channels together (−log₁₀ p)"],
   ["sensor_fault", "Sensor fault (0 or 1)"],
   ["stale_s", "Time without a record (s)"],
   ["indicator", "Indicator"],

@@ -269,7 +269,7 @@ export const SETUP_GROUPS = [
       },
     ],
     more: {
-      title: "Place, serial number, shared sensor, speed search",
+      title: "Place, serial number, shared sensor, speed search, live streams",
       fields: [
         { path: "points.0.place", label: "Place on the machine", kind: "text" },
         { path: "points.0.axis", label: "Direction", kind: "text" },
@@ -303,6 +303,14 @@ export const SETUP_GROUPS = [
           hint: "5",
         },
         { path: "gear.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
+        { path: "stream.record_s", label: "Length of a live stream's records", unit: "s", hint: "10" },
+        {
+          path: "stream.interval_s",
+          label: "A record of a live stream every",
+          unit: "s",
+          hint: "60",
+          about: "0 makes records on demand only.",
+        },
       ],
     },
   },

@@ -1,7 +1,10 @@
 // Amplitude spectrum with its mesh lines, and envelope spectrum with the shafts' lines.
 
+import { amplitudeAxis, height, place } from "./amplitude-scale.js";
 import { amplitudeAt } from "./fine-lines.js";
-import { hertz, number, titled, unit } from "./format.js";
+import { hertz, number, unit } from "./format.js";
+import { recordColumns, recordEntries } from "./layers.js";
+import { changeDrawing } from "./level-change.js";
 import { palette, verticalLine } from "./plots.js";
 
 const WINDOWS = {
@@ -63,6 +66,25 @@ export function axisOf(spectrum) {
   return spectrum.axis ?? HERTZ;
 }
 
+/**
+ * A spectrum over hertz as one over orders of the shaft, by the record's mean speed.
+ * @param {any} spectrum
+ * @param {number} shaft
+ */
+export function overOrders(spectrum, shaft) {
+  const { frequency_hz: x, resolution_hz: step, bandwidth_hz: bandwidth, mesh_frequency_hz: mesh } = spectrum;
+  return {
+    ...spectrum,
+    axis: ORDERS,
+    hertz_per_unit: shaft,
+    frequency_hz: x.map((hz) => hz / shaft),
+    resolution_hz: step / shaft,
+    bandwidth_hz: bandwidth / shaft,
+    shaft_speed_hz: 1,
+    mesh_frequency_hz: mesh && mesh / shaft,
+  };
+}
+
 /** Window, bandwidth and reduction: what makes two spectra comparable. */
 function convention({
   axis: { wide } = HERTZ,
@@ -79,67 +101,46 @@ function convention({
     : `${lines}, every one drawn`;
 }
 
-/** The amplitude axis with room for the labels on the peaks; on a log scale from below the median, so that noise stays in sight. */
-function amplitudeAxis(spectrum, other, [from, to], logarithmic, revision) {
-  const title = { text: titled(QUANTITIES[spectrum.quantity] ?? spectrum.quantity, spectrum.unit) };
-  const uirevision = `${revision} ${logarithmic}`;
-  const seen = ({ frequency_hz: x, amplitude }) =>
-    amplitude.filter((_, index) => x[index] >= from && x[index] <= to);
-  const visible = [spectrum, other]
-    .filter((each) => each && !(each instanceof Error))
-    .flatMap(seen)
-    .sort((a, b) => a - b);
-  const top = visible.at(-1) || 1;
-  if (!logarithmic) return { title, type: "linear", range: [0, 1.15 * top], uirevision };
-  const low = Math.max(visible[visible.length >> 1] / 5, top * 1e-8);
+/** The amplitudes of what is in sight. */
+function visibleOf(layers, [from, to]) {
+  return layers.flatMap(({ data: { frequency_hz: x, amplitude } }) =>
+    amplitude.filter((_, index) => x[index] >= from && x[index] <= to),
+  );
+}
+
+/** The axis of the amplitudes of several records, named after the first one. */
+function axisOfAmplitudes(layers, range, scale, revision) {
+  const [{ data: first }] = layers;
+  const title = QUANTITIES[first.quantity] ?? first.quantity;
+  return amplitudeAxis(scale, title, first.unit, visibleOf(layers, range), revision);
+}
+
+function line({ data, colour, pointed }, scale) {
+  const { frequency_hz: x, amplitude, unit: unitName } = data;
+  const value = scale === "db" ? "%{y:.1f} dB" : `%{y:.4g} ${unit(unitName)}`;
   return {
-    title,
-    type: "log",
-    range: [Math.log10(low), Math.log10(3 * top)],
-    dtick: 1,
-    exponentformat: "power",
-    uirevision,
+    x,
+    y: scale === "db" ? amplitude.map((each) => height(scale, each)) : amplitude,
+    mode: "lines",
+    line: { color: colour, width: 1 },
+    hovertemplate: `${pointed}%{x:.2f}${axisOf(data).suffix}: ${value}<extra></extra>`,
   };
-}
-
-function line(spectrum, colour, which = "") {
-  const { frequency_hz: x, amplitude, unit: unitName } = spectrum;
-  const hovertemplate = `${which}%{x:.2f}${axisOf(spectrum).suffix}: %{y:.4g} ${unit(unitName)}<extra></extra>`;
-  return { x, y: amplitude, mode: "lines", line: { color: colour, width: 1 }, hovertemplate };
-}
-
-/** What the lines' colours mean where there are two. */
-function comparedEntries(other, colour) {
-  return other && !(other instanceof Error)
-    ? [
-        ["line", colour.accent, "selected record"],
-        ["line", colour.other, "pinned record"],
-      ]
-    : [];
-}
-
-/** The other record's line, where there is one to compare with. */
-function othersOf(other, colour) {
-  return other && !(other instanceof Error) ? [line(other, colour.other, "pinned record, ")] : null;
 }
 
 /** What is drawn as columns; of a part that is looked at only its own lines, as the others are reduced. */
-function table(spectrum, other) {
-  const columns = (each, which) => {
-    const { frequency_hz: x, amplitude } = each.part ?? each;
-    return [
-      [`${which}${axisOf(each).name}`, x],
-      [`${which}amplitude_peak (${each.unit})`, amplitude],
-    ];
-  };
-  return [...columns(spectrum, ""), ...(other && !(other instanceof Error) ? columns(other, "pinned ") : [])];
+function columns(spectrum) {
+  const { frequency_hz: x, amplitude } = spectrum.part ?? spectrum;
+  return [
+    [axisOf(spectrum).name, x],
+    [`amplitude_peak (${spectrum.unit})`, amplitude],
+  ];
 }
 
 /** Marks at frequencies: a marker on the peak that says more when pointed at. */
-function marks(points, colour) {
+function marks(points, colour, scale) {
   return {
     x: points.map((point) => point.frequency_hz),
-    y: points.map((point) => point.amplitude),
+    y: points.map((point) => height(scale, point.amplitude)),
     mode: "markers",
     cliponaxis: false,
     marker: { symbol: "diamond-open", size: 9, color: colour.reference, line: { width: 2 } },
@@ -149,11 +150,10 @@ function marks(points, colour) {
 }
 
 /** A label above a mark, with a ground of its own: the mark's line would strike it through. */
-function label({ frequency_hz: x, amplitude, label: text }, colour, logarithmic) {
-  const y = logarithmic ? Math.log10(amplitude) : amplitude;
+function label({ frequency_hz: x, amplitude, label: text }, colour, scale) {
   return {
     x,
-    y,
+    y: place(scale, amplitude),
     text,
     showarrow: false,
     yshift: 14,
@@ -199,10 +199,20 @@ function sidebandLines(harmonics, shaft, colour, zoom) {
   return { shapes, annotations };
 }
 
-/** The drawing of an amplitude spectrum. `zoom` is "" or the order of a mesh line, `part` the range that was dragged out or null. */
-export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom, part }, revision) {
+/** Where the farthest of several spectra ends. */
+const endOf = (layers) => Math.max(...layers.map(({ data }) => data.frequency_hz.at(-1)));
+
+/**
+ * The drawing of the amplitude spectra of records; lines are marked in the first one. `zoom` is "" or the order of a mesh line, `part` the range that was dragged out or
+ * null, `note` what else is to be said.
+ * @param {import("./layers.js").Layer[]} layers
+ * @param {{ scale: string, sidebands?: boolean, zoom?: string, part: number[] | null, note?: string }} view
+ */
+export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "" }, revision) {
   const colour = palette();
+  const [{ data: spectrum }, ...others] = layers;
   const axis = axisOf(spectrum);
+  if (scale === "change") return changeDrawing(layers, axis, part ?? [0, endOf(layers)], note, revision);
   const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, mesh_harmonics: harmonics } = spectrum;
   const points = harmonics.map(({ order, frequency_hz: frequency, amplitude }) => ({
     frequency_hz: frequency,
@@ -217,7 +227,7 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
   const crowded = !zoom && !part && matchMedia("(max-width: 40rem)").matches && points.length > 6;
   const annotations = points
     .filter((_, index) => !crowded || index % 2 === 0)
-    .map((point) => label(point, colour, logarithmic));
+    .map((point) => label(point, colour, scale));
   const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${axis.say(mesh)}`]] : [];
   if (sidebands && shaft && mesh) {
     const lines = sidebandLines(harmonics, shaft, colour, zoom);
@@ -225,16 +235,16 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
     annotations.push(...lines.annotations);
     entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.say(shaft)} shaft speed`]);
   }
-  const range = part ?? zoomRange(spectrum, zoom) ?? [0, spectrum.frequency_hz.at(-1)];
+  const range = part ?? zoomRange(spectrum, zoom) ?? [0, endOf(layers)];
   const axisRevision = `${revision} ${zoom} ${axis.name}`;
-  entries.unshift(...comparedEntries(other, colour));
+  entries.unshift(...recordEntries(layers));
   const none = mesh ? "" : "No shaft speed is known for this record, so mesh lines are not marked. ";
   return {
-    traces: [line(spectrum, colour.accent), marks(points, colour)],
-    others: othersOf(other, colour),
-    table: () => table(spectrum, other),
+    traces: [line(layers[0], scale), marks(points, colour, scale)],
+    others: others.map((layer) => line(layer, scale)),
+    table: () => recordColumns(layers, columns),
     legend: entries,
-    sub: `${none}${convention(spectrum)}.`,
+    sub: `${none}${convention(spectrum)}.${note}`,
     summary: `Amplitude spectrum${points.length ? `: ${points.map((point) => point.words).join("; ")}` : ""}.`,
     layout: {
       uirevision: revision,
@@ -247,7 +257,7 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
         exponentformat: "none",
         separatethousands: true,
       },
-      yaxis: amplitudeAxis(spectrum, other, range, logarithmic, axisRevision),
+      yaxis: axisOfAmplitudes(layers, range, scale, axisRevision),
       shapes,
       annotations,
     },
@@ -307,18 +317,26 @@ function knownLines(shaft, teeth, bearings) {
   return lines;
 }
 
-/** The drawing of an envelope spectrum, `near` the shafts' lines or whole; `teeth` are those of the driving and the driven gear where there are any, `bearings` fault orders by name. */
-export function envelopeDrawing(envelope, other, { teeth, bearings }, { logarithmic, near }, revision) {
+/**
+ * The drawing of the envelope spectra of records, `near` the shafts' lines or whole; `teeth` are those of the driving and the driven gear where there are any, `bearings`
+ * fault orders by name, both of the first record's machine.
+ * @param {import("./layers.js").Layer[]} layers
+ */
+export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part, note = "" }, revision) {
   const colour = palette();
+  const [{ data: envelope }, ...others] = layers;
+  const axis = axisOf(envelope);
   const {
     shaft_speed_hz: shaft,
     band_hz: [low, high],
     band_source: source,
   } = envelope;
-  const whole = Math.min(envelope.frequency_hz.at(-1), high - low);
+  const whole = Math.min(envelope.frequency_hz.at(-1), (high - low) / (envelope.hertz_per_unit ?? 1));
   const end = near && shaft ? Math.min(whole, NEAR_SHAFTS * shaft) : whole;
+  const range = part ?? [0, end];
+  if (scale === "change") return changeDrawing(layers, axis, range, note, revision);
   const lines = shaft ? knownLines(shaft, teeth, bearings) : [];
-  const apart = shaft > 0.03 * end;
+  const apart = shaft > 0.03 * (range[1] - range[0]);
   const points = lines
     .filter((point) => point.frequency_hz <= end)
     .map((point) => {
@@ -326,39 +344,43 @@ export function envelopeDrawing(envelope, other, { teeth, bearings }, { logarith
       return {
         ...point,
         amplitude,
-        words: `${point.name}: ${hertz(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
+        words: `${point.name}: ${axis.say(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
       };
     });
   return {
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
-    traces: [line(envelope, colour.accent), marks(points, colour)],
-    others: othersOf(other, colour),
-    table: () => table(envelope, other),
+    traces: [line(layers[0], scale), marks(points, colour, scale)],
+    others: others.map((layer) => line(layer, scale)),
+    table: () => recordColumns(layers, columns),
     legend: [
-      ...comparedEntries(other, colour),
+      ...recordEntries(layers),
       ...(points.length
-        ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of what turns with them`]]
+        ? [
+            [
+              "diamond",
+              colour.reference,
+              `lines of the shafts (${axis.say(shaft)}) and of what turns with them`,
+            ],
+          ]
         : []),
     ],
-    sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
+    sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.${note}`,
     summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "no shaft speed known"}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
       hoverdistance: 12,
       xaxis: {
-        title: { text: "Modulation frequency (Hz)" },
-        range: [0, end],
-        uirevision: `${revision} ${end}`,
+        title: { text: axis === HERTZ ? "Modulation frequency (Hz)" : axis.title },
+        range,
+        uirevision: `${revision} ${range}`,
       },
-      yaxis: amplitudeAxis(envelope, other, [0, end], logarithmic, `${revision} ${end}`),
+      yaxis: axisOfAmplitudes(layers, range, scale, `${revision} ${range}`),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
       // lines too close to be told apart have one label for all
       annotations: points
         .filter(({ isNamed }, index) => index === 0 || isNamed || apart)
-        .map((point) =>
-          label(apart || point.isNamed ? point : { ...point, label: "shafts" }, colour, logarithmic),
-        ),
+        .map((point) => label(apart || point.isNamed ? point : { ...point, label: "shafts" }, colour, scale)),
     },
   };
 }

@@ -21,6 +21,27 @@ function choice(id, label, options, onchange) {
   return select;
 }
 
+/**
+ * Where a cursor begins, as parameters of an address: where it most often leads, and in sight, on the mesh line, with sidebands one shaft speed apart.
+ * @param {string} kind
+ * @param {any} spectrum
+ * @param {{ band?: string, zoom?: string }} query
+ */
+export function firstCursor(kind, spectrum, { band: part, zoom: near }) {
+  const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft, frequency_hz: x } = spectrum;
+  const end = x.at(-1);
+  if (kind !== "s") return { cursor: kind && formatCursor({ kind, base: mesh ?? end / 10 }) };
+  const band = partOf(part);
+  const zoom = band ? null : near || (mesh ? "1" : null);
+  const [from, to] = band ?? zoomRange(spectrum, zoom) ?? [0, end];
+  const middle = (from + to) / 2;
+  // of several mesh lines in sight the one nearest to the middle
+  const nearest = mesh ? Math.max(1, Math.round(middle / mesh)) * mesh : middle;
+  const base = nearest > from && nearest < to ? nearest : middle;
+  const spacing = Math.min(shaft ?? Infinity, (to - base) / 2);
+  return { cursor: formatCursor({ kind, base, spacing }), ...(zoom && { zoom }) };
+}
+
 /** The tools of the spectrum's card; everything chosen is in the address. */
 export class SpectrumTools {
   #spectrum;
@@ -56,28 +77,9 @@ export class SpectrumTools {
     change({ side: on ? "1" : null, zoom: nearer ? "1" : this.#zoom.value }, { quiet: true });
   }
 
-  /** A cursor begins where it most often leads, and in sight: on the mesh line, with sidebands one shaft speed apart. */
   #place(kind) {
-    const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft, frequency_hz: x } = this.#spectrum;
-    const end = x.at(-1);
     // the address, not what is drawn: another choice may have come before the answer to the first
-    const { query } = parse(location.hash);
-    const band = partOf(query.band);
-    if (kind !== "s")
-      return change({ cursor: kind && formatCursor({ kind, base: mesh ?? end / 10 }) }, { quiet: true });
-    const zoom = band ? null : query.zoom || (mesh ? "1" : null);
-    const [from, to] = band ?? zoomRange(this.#spectrum, zoom) ?? [0, end];
-    const middle = (from + to) / 2;
-    // of several mesh lines in sight the one nearest to the middle
-    const nearest = mesh ? Math.max(1, Math.round(middle / mesh)) * mesh : middle;
-    const base = nearest > from && nearest < to ? nearest : middle;
-    change(
-      {
-        cursor: formatCursor({ kind, base, spacing: Math.min(shaft ?? Infinity, (to - base) / 2) }),
-        ...(zoom && { zoom }),
-      },
-      { quiet: true },
-    );
+    change(firstCursor(kind, this.#spectrum, parse(location.hash).query), { quiet: true });
   }
 
   /** Follows the address and the spectrum; gives the view that they ask for. */
@@ -102,8 +104,8 @@ export class SpectrumTools {
     this.#cursor.value = (query.cursor ?? "").slice(0, 1);
     this.#cursor.disabled = !usable;
     for (const control of [this.#zoom, this.#sidebands.input]) control.disabled = orders.length === 0;
-    const view = { logarithmic: query.slog === "1", sidebands: query.side === "1", zoom };
-    this.#log.input.checked = view.logarithmic;
+    const view = { scale: query.slog === "1" ? "log" : "", sidebands: query.side === "1", zoom };
+    this.#log.input.checked = view.scale === "log";
     this.#sidebands.input.checked = view.sidebands;
     return view;
   }

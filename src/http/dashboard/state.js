@@ -30,7 +30,7 @@ export const STATES = {
     short: "Not comparable",
     severity: "unsure",
     namur: "specification",
-    title: "the record is too short or too sparsely sampled for its baseline",
+    title: "too short or too sparsely sampled for its baseline, or far from the described speed or torque",
   },
   speed_in_doubt: {
     word: "Speed in doubt",

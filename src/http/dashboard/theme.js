@@ -60,6 +60,16 @@ export function colours(...names) {
   );
 }
 
+/** What a function gives that takes its colours from the light theme, whatever is shown. */
+export function inLight(build) {
+  probe.style.colorScheme = "light";
+  try {
+    return build();
+  } finally {
+    probe.style.colorScheme = "";
+  }
+}
+
 /** An `rgb(…)` colour with an opacity. */
 export function translucent(colour, opacity) {
   return colour.replace(/^rgb\(([^)]*)\)$/, `rgba($1, ${opacity})`);

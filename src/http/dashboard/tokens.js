@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { utc } from "./format.js";
+import { clock } from "./format.js";
 
 const SCOPES = {
   read: "look at everything",
@@ -123,7 +123,7 @@ export class TokensPage {
       { "data-token": id },
       h("th", { scope: "row" }, name, own ? h("span", { class: "muted id" }, "this session") : null),
       h("td", { "data-label": "Scope" }, scope),
-      h("td", { "data-label": "Made" }, utc(made)),
+      h("td", { "data-label": "Made" }, clock(made)),
       h("td", { "data-label": "Identifier" }, h("code", {}, id)),
       h("td", {}, revoke),
     );

@@ -135,7 +135,7 @@ export function trendDrawing(
     hoversubplots: "axis",
     hoverdistance: -1,
     margin: timeMargin,
-    xaxis: { ...timeAxis, anchor: panes.length > 1 ? `y${panes.length}` : "y" },
+    xaxis: { ...timeAxis(), anchor: panes.length > 1 ? `y${panes.length}` : "y" },
     shapes: selected ? [verticalLine(selected, colour.select, "solid", 2)] : [],
   };
   const caused = wordsAt(events);

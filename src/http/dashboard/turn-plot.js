@@ -1,6 +1,7 @@
 // The average over one turn of the driving shaft, and its cepstrum's companion: what repeats with each turn.
 
 import { count, number, titled, unit } from "./format.js";
+import { recordColumns, recordEntries } from "./layers.js";
 import { palette } from "./plots.js";
 
 const PARTS = [
@@ -17,39 +18,42 @@ function angleWords({ source, harmonic, angle_error_deg: error, pulses }) {
   return "speed taken to be constant: no line could be followed";
 }
 
-/** The drawing of a synchronous average over one turn. */
-export function turnDrawing(turn, other, revision) {
+/**
+ * The drawing of synchronous averages over one turn; of records in colours of their own the average alone.
+ * @param {import("./layers.js").Layer[]} layers
+ */
+export function turnDrawing(layers, revision) {
   const colour = palette();
+  const [{ data: turn, isNamed }, ...others] = layers;
   const {
-    angle_deg: x,
     unit: unitName,
     teeth: [teeth],
   } = turn;
   const colours = [colour.accent, colour.series[1], colour.series[3]];
-  const compared = other && !(other instanceof Error);
-  const curves = (of, which) =>
-    PARTS.map(([key, name], index) => ({
-      x: of.angle_deg,
-      y: of[key],
+  const parts = isNamed ? PARTS.slice(0, 1) : PARTS;
+  const curves = ({ data, colour: own, pointed }) =>
+    parts.map(([key, name], index) => ({
+      x: data.angle_deg,
+      y: data[key],
       mode: "lines",
-      line: { color: colours[index], width: index ? 1 : 1.6, dash: index === 2 ? "dot" : "solid" },
-      hovertemplate: `${which}${name}, %{x:.1f}°: %{y:.4g} ${unit(unitName)}<extra></extra>`,
+      line: {
+        color: isNamed ? own : colours[index],
+        width: index ? 1 : 1.6,
+        dash: index === 2 ? "dot" : "solid",
+      },
+      hovertemplate: `${pointed}${name}, %{x:.1f}°: %{y:.4g} ${unit(data.unit)}<extra></extra>`,
     }));
-  const entries = PARTS.map(([, name], index) => [index === 2 ? "dot" : "line", colours[index], name]);
   return {
-    traces: curves(turn, ""),
-    others: compared ? curves(other, "pinned record, ") : null,
-    legend: entries,
-    table: () => [
-      ["angle_deg", x],
-      ...PARTS.map(([key]) => [`${key} (${unitName})`, turn[key]]),
-      ...(compared
-        ? [
-            ["pinned angle_deg", other.angle_deg],
-            [`pinned average (${other.unit})`, other.average],
-          ]
-        : []),
-    ],
+    traces: curves(layers[0]),
+    others: others.flatMap(curves),
+    legend: isNamed
+      ? recordEntries(layers)
+      : PARTS.map(([, name], index) => [index === 2 ? "dot" : "line", colours[index], name]),
+    table: () =>
+      recordColumns(layers, (data) => [
+        ["angle_deg", data.angle_deg],
+        ...PARTS.map(([key]) => [`${key} (${data.unit})`, data[key]]),
+      ]),
     sub: `${count(turn.turns)} turns averaged, ${angleWords(turn.angle)}. One tooth is ${number(360 / teeth, 4)}°: a single bad tooth stands out of the residual once a turn.`,
     summary: `Average over one turn of the driving shaft from ${turn.turns} turns.`,
     layout: {

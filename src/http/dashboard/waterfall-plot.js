@@ -1,7 +1,8 @@
 // The drawing of a waterfall: one line of cells a record, coloured by level.
 
-import { count, number, unit, utc } from "./format.js";
+import { clock, count, number, unit } from "./format.js";
 import { palette } from "./plots.js";
+import { written, zoneName } from "./time-zone.js";
 
 // dark to bright with even steps in lightness, told apart with any colour vision (after viridis)
 /** @type {[number, string][]} */
@@ -16,13 +17,18 @@ const SCALE = [
 const TICKS = 9;
 
 function timeTicks(items) {
-  const oneDay = items[0].start_time.slice(0, 10) === items.at(-1).start_time.slice(0, 10);
+  const day = (item) => written(item.start_time).slice(0, 10);
+  const oneDay = day(items[0]) === day(items.at(-1));
   const picked = Array.from({ length: Math.min(TICKS, items.length) }, (_, n) =>
     Math.round((n * (items.length - 1)) / Math.max(1, Math.min(TICKS, items.length) - 1)),
   );
   return {
     tickvals: picked,
-    ticktext: picked.map((n) => items[n].start_time.slice(oneDay ? 11 : 5, 16).replace("T", " ")),
+    ticktext: picked.map((n) =>
+      written(items[n].start_time)
+        .slice(oneDay ? 11 : 5, 16)
+        .replace("T", " "),
+    ),
   };
 }
 
@@ -137,13 +143,13 @@ export function waterfallDrawing(
       showarrow: false,
       font: { color: colour.reference },
     }));
-  const first = known[0].start_time.slice(0, 10);
-  const last = known.at(-1).start_time.slice(0, 10);
+  const first = written(known[0].start_time).slice(0, 10);
+  const last = written(known.at(-1).start_time).slice(0, 10);
   return {
     traces: [picture, scale],
     cellAt: ([row, column]) => ({
       segment: known[row].segment_id,
-      words: `${utc(known[row].start_time)}, ${number(position[column], 5)} ${suffix}: ${number(known[row].level_db[column], 3)} dB`,
+      words: `${clock(known[row].start_time)}, ${number(position[column], 5)} ${suffix}: ${number(known[row].level_db[column], 3)} dB`,
     }),
     legend: [],
     table: () => [
@@ -152,7 +158,7 @@ export function waterfallDrawing(
       ...position.map((x, n) => [`${number(x, 6)} ${suffix} (dB)`, known.map((item) => item.level_db[n])]),
     ],
     sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " picked evenly over the life" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. Click a line to open its record; ${harmonics.length ? "1×, 2×… are mesh harmonics." : ""}`,
-    summary: `Heat map of ${known.length} spectra from ${utc(known[0].start_time)} to ${utc(known.at(-1).start_time)}.`,
+    summary: `Heat map of ${known.length} spectra from ${clock(known[0].start_time)} to ${clock(known.at(-1).start_time)}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
@@ -165,7 +171,7 @@ export function waterfallDrawing(
         constrain: "range",
       },
       yaxis: {
-        title: { text: `Start of record (UTC), ${first === last ? first : `${first} to ${last}`}` },
+        title: { text: `Start of record (${zoneName()}), ${first === last ? first : `${first} to ${last}`}` },
         ...timeTicks(known),
         range: [-0.5, known.length - 0.5],
         scaleanchor: false,

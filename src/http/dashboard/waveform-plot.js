@@ -1,47 +1,38 @@
 // Samples over time, down to the single one.
 
-import { count, number, span, titled, unit, utc } from "./format.js";
-import { palette } from "./plots.js";
+import { clock, count, number, span, titled, unit } from "./format.js";
+import { recordColumns, recordEntries } from "./layers.js";
 
 const FEW = 400; // from here on each sample is a point of its own
 
-function curve({ time_s: x, value: y, unit: unitName, reduced }, colour, which) {
+function curve({ data: { time_s: x, value: y, unit: unitName, reduced }, colour, pointed }) {
   const mode = !reduced && x.length <= FEW ? "lines+markers" : "lines";
-  const hovertemplate = `${which}%{x:.5f} s: %{y:.4g} ${unit(unitName)}<extra></extra>`;
+  const hovertemplate = `${pointed}%{x:.5f} s: %{y:.4g} ${unit(unitName)}<extra></extra>`;
   return { x, y, mode, line: { color: colour, width: 1 }, marker: { size: 4 }, hovertemplate };
 }
 
-/** The drawing of a waveform; `range` is the part that is looked at, null for the whole record. */
-export function waveformDrawing(wave, other, range, duration, revision) {
-  const colour = palette();
-  const traces = [curve(wave, colour.accent, "")];
-  const compared = other && !(other instanceof Error);
+/**
+ * The drawing of waveforms; `range` is the part that is looked at, null for the whole of the longest record, `duration`.
+ * @param {import("./layers.js").Layer[]} layers
+ */
+export function waveformDrawing(layers, range, duration, revision) {
+  const [{ data: wave }, ...others] = layers;
   const shown = range ?? [0, duration];
   const part = range ? `${number(shown[0], 5)} to ${number(shown[1], 5)} s` : `All ${number(duration, 4)} s`;
-  const detail = wave.reduced
+  const detail = layers.some(({ data }) => data.reduced)
     ? "drawn by the lowest and highest sample of each stretch; zoom in for every sample"
     : `every sample, ${count(wave.time_s.length)} of them`;
   return {
-    traces,
-    others: compared ? [curve(other, colour.other, "pinned record, ")] : null,
-    table: () => [
-      ["time_s", wave.time_s],
-      [`value (${wave.unit})`, wave.value],
-      ...(compared
-        ? [
-            ["pinned time_s", other.time_s],
-            [`pinned value (${other.unit})`, other.value],
-          ]
-        : []),
-    ],
-    legend: compared
-      ? [
-          ["line", colour.accent, "selected record"],
-          ["line", colour.other, "pinned record"],
-        ]
-      : [],
+    traces: [curve(layers[0])],
+    others: others.map(curve),
+    table: () =>
+      recordColumns(layers, (data) => [
+        ["time_s", data.time_s],
+        [`value (${data.unit})`, data.value],
+      ]),
+    legend: recordEntries(layers),
     sub: `${part}: ${detail}. Drag to zoom, double-click for the whole.`,
-    summary: `Waveform from ${utc(wave.start_time)}, ${span(duration)} long: ${part}.`,
+    summary: `Waveform from ${clock(wave.start_time)}, ${span(duration)} long: ${part}.`,
     layout: {
       uirevision: `${revision} ${wave.segment_id}`,
       hovermode: "closest",

@@ -3,6 +3,7 @@
 
 import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
+import { hindsightLines } from "./hindsight.js";
 import { inspectionMarks } from "./inspection.js";
 import { eventMarks, wordsAt } from "./life-events.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
@@ -175,16 +176,9 @@ export function timeOf(text) {
   return ends.length === 2 && ends[1] > ends[0] ? ends.map((end) => end.toISOString()) : null;
 }
 
-/** The same for an address, from a range as Plotly writes it: UTC without saying so. */
+/** The same for an address. */
 export function formatTime(range) {
-  const text = (end) =>
-    typeof end === "string"
-      ? end
-          .replace(" ", "T")
-          .replace(/Z$/, "")
-          .replace(/^(\d+-\d+-\d+)$/, "$1T00:00")
-      : new Date(end).toISOString().slice(0, -1);
-  return range && range.map((end) => `${new Date(`${text(end)}Z`).toISOString().slice(0, 19)}Z`).join("~");
+  return range && range.map((end) => `${new Date(end).toISOString().slice(0, 19)}Z`).join("~");
 }
 
 /** The drawing for a wear history; `selected` is the start time of the record that the page shows, `zoomed` a range of time or null, `rule` the alarm rule on the depth. */
@@ -295,6 +289,9 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
   traces.push(...inspected.traces);
   annotations.push(...inspected.annotations);
   entries.push(...inspected.entries);
+  const lookedBack = hindsightLines(events.hindsight, colour);
+  traces.push(...lookedBack.traces);
+  entries.push(...lookedBack.entries);
   const happened = eventMarks(withoutInspections(events), colour, items);
   shapes.push(...happened.shapes);
   annotations.push(...happened.annotations);
@@ -326,7 +323,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
       uirevision: revision,
       hovermode: "x unified",
       hoverdistance: -1,
-      xaxis: { ...timeAxis, range, ...(unknown.length && { anchor: "y2" }) },
+      xaxis: { ...timeAxis(), range, ...(unknown.length && { anchor: "y2" }) },
       margin: { ...timeMargin, t: timeMargin.t + happened.top },
       yaxis: {
         title: { text: "Wear depth (µm)" },

@@ -5,6 +5,7 @@ mod append;
 mod channels;
 mod fold;
 mod folding;
+mod hindsight;
 mod progress;
 mod recompute;
 mod timeline;

@@ -5,8 +5,8 @@ use jiff::Timestamp;
 use super::channel_units::ChannelUnits;
 use crate::asset::AssetSpec;
 use crate::recording::{
-    BlockEncoding, RawLayout, RecordDefaults, RecordingError, decode_block, decode_csv, decode_raw,
-    decode_wav,
+    BlockEncoding, CsvLayout, RawLayout, RecordDefaults, RecordingError, decode_block, decode_csv,
+    decode_raw, decode_wav,
 };
 use crate::service::error::ServiceError;
 use crate::signal::{OperatingPoint, Record};
@@ -23,15 +23,8 @@ pub enum RecordFormat {
     /// Bare samples.
     Raw(RawLayout),
     /// CSV.
-    Csv {
-        /// Sampling rate in hertz, where the file need not say it.
-        sample_rate_hz: Option<f64>,
-    },
+    Csv(CsvLayout),
 }
-
-/// The media type of CSV, and the part of a stored one that says the rate.
-const CSV: &str = "text/csv";
-const CSV_RATE: &str = ";rate=";
 
 /// What the sender says of a record beside its bytes; what the bytes say themselves counts first.
 #[derive(Debug, Clone, Default)]
@@ -59,8 +52,7 @@ impl RecordFormat {
             Self::Protobuf => "application/x-protobuf".to_string(),
             Self::Json => "application/json".to_string(),
             Self::Raw(layout) => layout.to_string(),
-            Self::Csv { sample_rate_hz: None } => CSV.to_string(),
-            Self::Csv { sample_rate_hz: Some(rate_hz) } => format!("{CSV}{CSV_RATE}{rate_hz}"),
+            Self::Csv(layout) => layout.to_string(),
         }
     }
 
@@ -72,11 +64,9 @@ impl RecordFormat {
             "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => Some(Self::Wav),
             "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
             "application/json" => Some(Self::Json),
-            CSV => Some(Self::Csv { sample_rate_hz: None }),
-            _ => match media_type.strip_prefix(CSV).and_then(|rest| rest.strip_prefix(CSV_RATE)) {
-                Some(rate_hz) => Some(Self::Csv { sample_rate_hz: Some(rate_hz.parse().ok()?) }),
-                None => RawLayout::from_media_type(media_type).map(Self::Raw),
-            },
+            _ => CsvLayout::from_media_type(media_type)
+                .map(Self::Csv)
+                .or_else(|| RawLayout::from_media_type(media_type).map(Self::Raw)),
         }
     }
 
@@ -98,13 +88,7 @@ impl RecordFormat {
             Self::Protobuf => Ok(vec![decode_block(bytes, BlockEncoding::Protobuf, defaults)?]),
             Self::Json => Ok(vec![decode_block(bytes, BlockEncoding::Json, defaults)?]),
             Self::Raw(layout) => decode_raw(bytes, layout, defaults),
-            Self::Csv { sample_rate_hz } => decode_csv(
-                bytes,
-                &RecordDefaults {
-                    sample_rate_hz: sample_rate_hz.or(defaults.sample_rate_hz),
-                    ..defaults.clone()
-                },
-            ),
+            Self::Csv(layout) => decode_csv(bytes, layout, defaults),
         }
     }
 }

@@ -6,6 +6,8 @@ use std::sync::{Mutex, PoisonError};
 
 use tokio::sync::watch;
 
+use super::feed::LiveFeed;
+use super::frame::{Latest, frames_of};
 use super::state::PendingCut;
 use super::stored::StoredStream;
 use crate::asset::AssetId;
@@ -24,6 +26,9 @@ pub(crate) struct LiveStream {
     owner: watch::Sender<u64>,
     /// Records that are still to be made.
     pending: watch::Sender<usize>,
+    /// Index after the last sample; None where it was not read yet or there is none.
+    next: watch::Sender<Option<u64>>,
+    pub(super) feed: LiveFeed,
     is_cutting: AtomicBool,
     /// Nothing is written any more: another process may go on with it.
     is_closed: AtomicBool,
@@ -38,6 +43,8 @@ impl LiveStream {
             stored: Mutex::default(),
             owner: watch::Sender::new(0),
             pending: watch::Sender::new(0),
+            next: watch::Sender::new(None),
+            feed: LiveFeed::default(),
             is_cutting: AtomicBool::default(),
             is_closed: AtomicBool::default(),
         }
@@ -62,6 +69,35 @@ impl LiveStream {
         self.pending.subscribe()
     }
 
+    /// Tells how far the samples are.
+    pub(super) fn follow_next(&self) -> watch::Receiver<Option<u64>> {
+        self.next.subscribe()
+    }
+
+    /// The latest samples, which are held in memory from now on.
+    pub(super) fn latest(&self) -> Result<Latest, ServiceError> {
+        self.with_stored(|stored| {
+            let (first, bytes) = stored.recent(frames_of(&stored.state().format))?;
+            let state = stored.state();
+            let end = first + (bytes.len() / state.format.frame_bytes()) as u64;
+            Ok(Latest {
+                format: state.format.clone(),
+                first,
+                bytes,
+                time: end.checked_sub(1).and_then(|last| state.time(last)),
+                operating_point: state.operating_point(),
+            })
+        })
+    }
+
+    /// Nobody watches any more.
+    pub(super) fn forget_latest(&self) {
+        let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(stored) = stored.as_mut() {
+            stored.forget_recent();
+        }
+    }
+
     /// Works on what is stored, which is read where it is not yet, on the thread that asks. Where files
     /// cannot be written it is read again the next time: nothing in memory is ahead of the disk.
     pub(super) fn with<T>(
@@ -81,6 +117,8 @@ impl LiveStream {
         }
         let pending = stored.as_ref().map_or(0, |stored| stored.state().pending.len());
         self.pending.send_replace(pending);
+        let next = stored.as_ref().and_then(|stored| stored.state().next);
+        self.next.send_if_modified(|known| std::mem::replace(known, next) != next);
         done
     }
 
@@ -109,6 +147,7 @@ impl LiveStream {
     /// Removes everything that is kept of it.
     pub(super) fn remove(&self) -> Result<(), ServiceError> {
         self.take_over();
+        self.feed.end();
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         *stored = None;
         self.pending.send_replace(0);

@@ -4,7 +4,10 @@
 //! What is answered as kept is on the disk. A process that is killed goes on with the journal at its next
 //! start: a record that was cut is the same record then, with the same identifier, and is stored once.
 
+mod feed;
+mod frame;
 mod live;
+mod recent;
 mod sender;
 mod state;
 mod stored;
@@ -27,6 +30,8 @@ use crate::asset::{AssetId, StreamSpec};
 use crate::recording::RecordingError;
 use crate::recording::stream::{CutPolicy, StreamFormat};
 use crate::store::{Store, StoreError, TimedLevel};
+pub use feed::{LiveUpdate, StreamViewer};
+pub use frame::{LiveChannel, LiveFrame, LiveSpeedSource};
 use live::{CutRecord, LiveStream};
 pub use sender::StreamSender;
 use stored::{StoredStream, folder_of};

@@ -113,7 +113,10 @@ impl StreamState {
                 self.pending.push_back(pending);
             }
             Note::Done { first, is_refused } => {
-                self.pending.retain(|pending| pending.cut.first != first);
+                // Another record may begin with the same sample; they are stored in this order.
+                if let Some(done) = self.pending.iter().position(|pending| pending.cut.first == first) {
+                    self.pending.remove(done);
+                }
                 self.records += u64::from(!is_refused);
                 self.refused += u64::from(is_refused);
             }
@@ -129,6 +132,11 @@ impl StreamState {
     /// The time of a sample; none before the first one.
     pub(crate) fn time(&self, index: u64) -> Option<Timestamp> {
         Timestamp::from_nanosecond(self.clock.time_ns(index)?.into()).ok()
+    }
+
+    /// What the machine does, as the sender said it last.
+    pub(super) fn operating_point(&self) -> OperatingPoint {
+        self.operating_point
     }
 
     /// The first sample that is still needed.
@@ -167,6 +175,9 @@ impl Draft {
 
     /// Decides on the records that are whole.
     pub(super) fn cut_whole(&mut self, policy: &CutPolicy) {
+        if policy.takes_none() {
+            self.state.cutter.skip();
+        }
         while let Some(cut) = self.state.cutter.next_cut(policy) {
             self.cut(cut);
         }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 use jiff::Timestamp;
 
+use super::recent::Recent;
 use super::state::{Draft, Note, PendingCut, StreamState};
 use crate::recording::RecordingError;
 use crate::recording::stream::{Assembler, Chunk, CutPolicy, Piece, StreamCut, StreamFormat};
@@ -40,6 +41,8 @@ pub(crate) struct StoredStream {
     levels: StreamLevels,
     assembler: Assembler,
     state: StreamState,
+    /// The latest samples, while somebody watches.
+    recent: Option<Recent>,
 }
 
 impl StoredStream {
@@ -76,6 +79,7 @@ impl StoredStream {
             levels: StreamLevels::open(folder, format.channels())?,
             assembler: Assembler::new(format, state.next, format.frames_in(REORDER_S)),
             state,
+            recent: None,
         })
     }
 
@@ -161,6 +165,27 @@ impl StoredStream {
         Ok(self.journal.frames(cut.first, cut.frames)?)
     }
 
+    /// Up to so many frames without a gap before the next one, with the index of the first. They are held in
+    /// memory from then on.
+    pub(crate) fn recent(&mut self, most: u64) -> Result<(u64, Bytes), ServiceError> {
+        if let Some(recent) = &self.recent {
+            return Ok(recent.frames());
+        }
+        let end = self.state.next.unwrap_or(0);
+        let first = end.saturating_sub(most).max(self.state.cutter.run_first()).min(end);
+        let mut recent = Recent::new(self.state.format.frame_bytes(), most);
+        if first < end {
+            // Those of a stream that was restored from a backup may be gone.
+            recent.push(first, &self.journal.frames(first, end - first)?.unwrap_or_default());
+        }
+        Ok(self.recent.insert(recent).frames())
+    }
+
+    /// Holds no samples in memory any more.
+    pub(crate) fn forget_recent(&mut self) {
+        self.recent = None;
+    }
+
     /// Levels of the seconds from one time to another.
     pub(crate) fn levels(&self, from_ns: i64, to_ns: i64) -> Result<Vec<TimedLevel>, ServiceError> {
         Ok(self.levels.read(from_ns, to_ns)?)
@@ -203,6 +228,13 @@ impl StoredStream {
         }
         self.journal.append(&draft.entries)?;
         self.state = draft.state;
+        if let Some(recent) = &mut self.recent {
+            for entry in &draft.entries {
+                if let JournalEntry::Frames { first, bytes, .. } = entry {
+                    recent.push(*first, bytes);
+                }
+            }
+        }
         // They are made again from the journal where this fails.
         if let Err(error) = self.levels.append(&draft.levels) {
             tracing::warn!(%error, "failed to keep the levels of a stream");

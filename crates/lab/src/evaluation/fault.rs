@@ -17,6 +17,8 @@ pub enum Fault {
     Misalignment,
     /// The sensor's sensitivity doubles.
     GainJump,
+    /// The sensor's sensitivity halves.
+    GainDrop,
     /// The converter's range ends at half of the last peak before it.
     Clipping,
     /// The sensor gives a constant.
@@ -27,11 +29,12 @@ pub enum Fault {
 
 impl Fault {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::CrackedTooth,
         Self::BearingLines,
         Self::Misalignment,
         Self::GainJump,
+        Self::GainDrop,
         Self::Clipping,
         Self::Dead,
         Self::LooseMount,
@@ -44,6 +47,7 @@ impl Fault {
             Self::BearingLines => "bearing lines",
             Self::Misalignment => "misalignment",
             Self::GainJump => "gain jump",
+            Self::GainDrop => "gain drop",
             Self::Clipping => "clipping",
             Self::Dead => "dead sensor",
             Self::LooseMount => "loose mount",
@@ -65,7 +69,7 @@ const LOOSE_HZ: f64 = 1500.0;
 const LOOSE_DAMPING: f64 = 0.2;
 /// Where the converter's range ends, as a part of the last peak before.
 const CLIPPED_PART: f64 = 0.5;
-/// What the sensitivity is multiplied by.
+/// What the sensitivity is multiplied or divided by.
 const GAIN: f64 = 2.0;
 
 /// Adds what a fault puts into the vibration before the transmission path; `healthy_rms` that of the
@@ -122,6 +126,7 @@ pub(super) fn excite(
 pub(super) fn distort(fault: Fault, seen: &mut [f64], rate_hz: f64, peak: f64) {
     match fault {
         Fault::GainJump => seen.iter_mut().for_each(|x| *x *= GAIN),
+        Fault::GainDrop => seen.iter_mut().for_each(|x| *x /= GAIN),
         Fault::Clipping => {
             seen.iter_mut().for_each(|x| *x = x.clamp(-CLIPPED_PART * peak, CLIPPED_PART * peak))
         }

@@ -8,7 +8,8 @@ use serde::Serialize;
 use super::run::Observation;
 use super::score::rank_correlation;
 use flankwatch_wear::estimate::{
-    EstimatorSettings, Inspection, MaintenanceEvent, MaintenanceKind, Tracker, WearEstimate, WearStatus,
+    EstimatorSettings, Inspection, LifeStep, MaintenanceEvent, MaintenanceKind, Tracker, WearEstimate,
+    WearStatus,
 };
 use flankwatch_wear::library::{Ensemble, FlankPlace};
 
@@ -81,6 +82,58 @@ pub struct RunScore {
     pub error_after_um: Option<f64>,
     /// Mean width in µm from the inspection on.
     pub width_after_um: Option<f64>,
+    /// The records before the inspection, looked back at from it.
+    pub in_hindsight: Option<HindsightScore>,
+}
+
+/// What an inspection makes of the records before it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HindsightScore {
+    /// Mean absolute error of the median in µm: as it was told, and looked back at.
+    pub error_um: [f64; 2],
+    /// Mean width of the interval in µm: as it was told, and looked back at.
+    pub width_um: [f64; 2],
+    /// Part of the intervals that hold the truth: as they were told, and looked back at.
+    pub coverage: [f64; 2],
+}
+
+/// What the inspection at half of a run makes of the records before it; none without an inspection.
+pub fn look_back(
+    run: &RecordedRun,
+    ensemble: &Arc<Ensemble>,
+    baseline: u32,
+    trial: Trial,
+) -> Option<HindsightScore> {
+    let error_um = trial.inspection_um?;
+    let tracker = Tracker::new(
+        EstimatorSettings { baseline_records: baseline, limit_um: None },
+        Some(Arc::clone(ensemble)),
+    );
+    let at = |record: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
+    let half = run.records.len() / 2;
+    let event = inspected(at(half), run.records.get(half)?.wear_um, error_um);
+    let before = || run.records[..half].iter().enumerate();
+    let mut steps: Vec<LifeStep<'_>> =
+        before().map(|(record, observation)| LifeStep::Record(at(record), &observation.features)).collect();
+    steps.push(LifeStep::Event(&event));
+    let looked_back = tracker.in_hindsight(&steps);
+    let mut state = tracker.start();
+    let mut both = Vec::new();
+    for ((record, observation), back) in before().zip(looked_back) {
+        let told = median_and_interval(&tracker.update(&mut state, at(record), &observation.features));
+        if let (Some(told), Some(back)) = (told, back.as_ref().and_then(median_and_interval)) {
+            both.push((observation.wear_um, [told, back]));
+        }
+    }
+    let count = both.len().max(1) as f64;
+    let mean = |value: &dyn Fn(f64, [f64; 3]) -> f64| {
+        [0, 1].map(|which| both.iter().map(|(truth, told)| value(*truth, told[which])).sum::<f64>() / count)
+    };
+    Some(HindsightScore {
+        error_um: mean(&|truth, [median, ..]| (median - truth).abs()),
+        width_um: mean(&|_, [_, low, high]| high - low),
+        coverage: mean(&|truth, [_, low, high]| f64::from(u8::from(low <= truth && truth <= high))),
+    })
 }
 
 /// Follows a run, one record an hour, with the first `baseline` records as the baseline.
@@ -152,6 +205,7 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
         error_after_um: inspected_at
             .map(|from| mean(&|(_, truth, [median, ..])| (median - truth).abs(), from)),
         width_after_um: inspected_at.map(|from| mean(&|(.., [_, low, high])| high - low, from)),
+        in_hindsight: None,
     }
 }
 

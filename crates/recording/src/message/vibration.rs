@@ -125,7 +125,7 @@ pub struct AlarmState {
     /// Nanoseconds UTC of the record or action that changed it.
     #[prost(int64, tag = "1")]
     pub start_time_ns: i64,
-    /// What it watches: "wear_um", "wear_above_limit", "novelty", "sensor_fault", "stale_s", "indicator:" and a name, or "rate_per_day:" and one
+    /// What it watches: "wear_um", "wear_above_limit", "novelty", "joint_novelty", "sensor_fault", "stale_s", "indicator:" and a name, or "rate_per_day:" and one
     /// of "wear_um", "novelty", "indicator:" and a name.
     #[prost(string, tag = "2")]
     pub name: ::prost::alloc::string::String,

@@ -5,19 +5,20 @@ use serde::{Deserialize, Serialize};
 use super::super::RecordingError;
 use flankwatch_signal::MAX_RECORD_SAMPLES;
 
-/// How records are cut: one of a length in every interval, or one after the other.
+/// How records are cut: one of a length in every interval, one after the other, or none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CutPolicy {
     record_frames: u64,
+    /// 0 where none is cut.
     interval_frames: u64,
 }
 
 impl CutPolicy {
     /// Records of `record_s` seconds, one every `interval_s` seconds. Where both are the same, all samples
-    /// become records.
+    /// become records; where the interval is 0, none do.
     ///
     /// # Errors
-    /// A length that no record can have, or an interval shorter than it.
+    /// A length that no record can have, or another interval that is shorter than it.
     pub fn new(record_s: f64, interval_s: f64, sample_rate_hz: f64) -> Result<Self, RecordingError> {
         let frames = (record_s * sample_rate_hz).round();
         if !(1.0..=MAX_RECORD_SAMPLES as f64).contains(&frames) {
@@ -25,8 +26,8 @@ impl CutPolicy {
             return Err(RecordingError::field("record_s", record_s, expected));
         }
         let interval = (interval_s * sample_rate_hz).round();
-        if !(frames..=super::MAX_INDEX as f64).contains(&interval) {
-            let expected = "at least the length of a record";
+        if interval != 0.0 && !(frames..=super::MAX_INDEX as f64).contains(&interval) {
+            let expected = "0, or at least the length of a record";
             return Err(RecordingError::field("interval_s", interval_s, expected));
         }
         Ok(Self { record_frames: frames as u64, interval_frames: interval as u64 })
@@ -35,6 +36,11 @@ impl CutPolicy {
     /// Length of a record.
     pub fn record_frames(&self) -> u64 {
         self.record_frames
+    }
+
+    /// Whether no record is cut.
+    pub fn takes_none(&self) -> bool {
+        self.interval_frames == 0
     }
 
     fn takes_all(&self) -> bool {
@@ -90,6 +96,9 @@ impl StreamCutter {
 
     /// The next record that is whole; it is to be [`taken`](Self::taken).
     pub fn next_cut(&self, policy: &CutPolicy) -> Option<StreamCut> {
+        if policy.takes_none() {
+            return None;
+        }
         let first = self.run_first.max(self.from);
         let end = first.checked_add(policy.record_frames)?;
         (end <= self.end).then(|| self.cut(first, policy.record_frames, policy))
@@ -106,6 +115,11 @@ impl StreamCutter {
     /// A record is cut.
     pub fn taken(&mut self, cut: StreamCut) {
         self.from = self.from.max(cut.next_from);
+    }
+
+    /// No record is cut of what has come so far.
+    pub fn skip(&mut self) {
+        self.from = self.from.max(self.end);
     }
 
     /// Since where there is no gap.
@@ -172,6 +186,20 @@ mod tests {
         let with_rest = [(3, 10), (13, 10), (23, 5), (40, 10)];
         assert_eq!(cuts(&policy, &[(3, 25), (40, 10)]), with_rest);
         assert_eq!(cuts(&policy, &[(3, 24), (40, 10)]), [(3, 10), (13, 10), (40, 10)]);
+    }
+
+    #[test]
+    fn an_interval_of_0_makes_no_records_and_needs_no_samples() {
+        let policy = CutPolicy::new(1.0, 0.0, 10.0).unwrap();
+        assert_eq!(cuts(&policy, &[(0, 100), (120, 100)]), []);
+        let mut cutter = StreamCutter::default();
+        cutter.extend(0, 100);
+        cutter.skip();
+        assert_eq!(cutter.needs_from(), 100);
+        // Records begin where it is changed.
+        cutter.extend(100, 30);
+        let policy = CutPolicy::new(1.0, 1.0, 10.0).unwrap();
+        assert_eq!(cutter.next_cut(&policy).map(|cut| cut.first), Some(100));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::alarm::{AlarmPanel, AlarmRule, PanelAction, PanelChange};
 use super::event::MaintenanceEvent;
-use super::tracker::{EstimatorSettings, Tracker, TrackerState};
+use super::tracker::{EstimatorSettings, LifeStep, Tracker, TrackerState};
 use super::wear::{LibraryLack, WearEstimate};
 use crate::library::Ensemble;
 
@@ -84,6 +84,11 @@ impl ChannelEstimator {
         of_run.extend(wear.indicators());
         let changes = state.alarms.reading(&self.rules, time, &wear, [indicators, &of_run]);
         RecordResult { indicators: of_run, wear, changes }
+    }
+
+    /// The estimates of records before the last inspection of the same teeth, with what it taught; by step.
+    pub fn in_hindsight(&self, steps: &[LifeStep<'_>]) -> Vec<Option<WearEstimate>> {
+        self.tracker.in_hindsight(steps)
     }
 
     /// What is said of a record that people excluded; the state stays as it is.

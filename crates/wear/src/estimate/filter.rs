@@ -20,7 +20,7 @@ use crate::library::DEPTHS;
 
 /// Weight of a record's likelihood in what is carried on, a unit of growth since the record before: records
 /// that come more often say no more. The most is for the first record after a long interval.
-const CARRIED: f32 = 0.03;
+const CARRIED: f32 = 0.032;
 
 /// Weight of the newest record's likelihood in the answer.
 const ADDED: f32 = 0.12;
@@ -58,6 +58,26 @@ pub(super) struct Believed {
 }
 
 impl Believed {
+    /// The same where, with this probability, there is no wear at all.
+    pub(super) fn or_no_wear(mut self, probability: f32) -> Self {
+        let groups = (self.joint.len() / DEPTHS).max(1) as f32;
+        self.joint.iter_mut().chain(&mut self.by_rate).for_each(|p| *p *= 1.0 - probability);
+        self.joint.iter_mut().step_by(DEPTHS).for_each(|p| *p += probability / groups);
+        // The first rate is that of no growth.
+        self.by_rate[0] += probability;
+        self
+    }
+
+    /// The same where each group of members has a given probability.
+    pub(super) fn with_groups(mut self, groups: &[f32]) -> Self {
+        for (row, group) in self.joint.chunks_exact_mut(DEPTHS).zip(groups) {
+            let scale = group / sum(row).max(f32::MIN_POSITIVE);
+            row.iter_mut().for_each(|p| *p *= scale);
+        }
+        normalise(&mut self.joint);
+        self
+    }
+
     /// By depth.
     pub(super) fn by_depth(&self) -> Vec<f64> {
         let mut total = vec![0.0; DEPTHS];
@@ -146,6 +166,13 @@ impl Filter {
     fn pack(&mut self, cells: &[f32], parts: &[f32]) {
         self.cells = Packed::of(cells);
         self.parts = Packed::of(parts);
+    }
+
+    /// The probability of each group of members; the sum is 1.
+    pub(super) fn groups(&self) -> Vec<f32> {
+        let mut groups: Vec<f32> = self.cells.unpacked().chunks_exact(BLOCK).map(sum).collect();
+        normalise(&mut groups);
+        groups
     }
 
     /// The index of the mean depth of each member.
@@ -360,6 +387,18 @@ mod tests {
         assert_eq!(Packed::of(&packed.unpacked()), packed);
         let text = serde_json::to_string(&packed).unwrap();
         assert_eq!(serde_json::from_str::<Packed>(&text).unwrap(), packed);
+    }
+
+    #[test]
+    fn no_wear_at_all_takes_its_part_of_what_is_believed() {
+        let mut joint = vec![0.0; 3 * DEPTHS];
+        joint[DEPTHS + 7] = 1.0;
+        let mut by_rate = vec![0.0; BLOCK];
+        by_rate[2 * DEPTHS + 7] = 1.0;
+        let less = Believed { joint, by_rate }.or_no_wear(0.25);
+        let depths = less.by_depth();
+        assert!((depths[0] - 0.25).abs() < 1e-6 && (depths[7] - 0.75).abs() < 1e-6);
+        assert_eq!((less.by_rate[0], less.by_rate[2 * DEPTHS + 7]), (0.25, 0.75));
     }
 
     #[test]

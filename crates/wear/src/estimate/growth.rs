@@ -23,7 +23,7 @@ pub(super) const RATES: usize = 5;
 pub(super) const PRIOR: [f32; RATES] = [0.3, 0.2, 0.2, 0.2, 0.1];
 
 /// Probability within a unit that the rate is drawn anew.
-const CHANGES: f64 = 0.06;
+const CHANGES: f64 = 0.05;
 
 /// Probability within a unit that wear is anywhere above where it was: a tooth was damaged, or the oil was
 /// lost.

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::baseline::{Baseline, HealthyFeature, KURTOSIS};
 use super::comparability::Comparability;
+use super::deviation::Deviation;
 use super::healthy::SpeedKernels;
-use super::novelty::Deviation;
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 

@@ -4,10 +4,14 @@
 //! lies near. It is learnt from the baseline alone ([`SpeedKernels`]); outside the baseline's speeds it is as
 //! unsure as the fit says. Later records do not move it: what they could teach of the path cannot be
 //! distinguished from wear.
+//!
+//! Where records have their torque, a line goes with it in proportion, times a power that the baseline's
+//! torques teach ([`TorquePower`]).
 
 use super::baseline::{Baseline, HealthyFeature};
+use super::common_movement::CommonMovement;
+use super::deviation::Deviation;
 use super::healthy::SpeedKernels;
-use super::novelty::Deviation;
 use crate::library::{MESH_LINES, line_name};
 use flankwatch_signal::Features;
 
@@ -21,6 +25,15 @@ const NOISE_VARIANCE: f64 = 0.6;
 /// Largest part of a healthy line's power that is taken for noise.
 const MAX_NOISE: f64 = 0.5;
 
+/// How far an unworn line goes with another power of the torque than the first: the standard deviation of that
+/// power. Simulated unworn pairs give 0.5 by the threshold rule and 1.5 under load, whose contact ratio grows
+/// with the torque.
+const TORQUE_POWER: f64 = 1.0;
+
+/// Variance of the lines beside the baseline's where wear is told from them: a healthy machine changes by more
+/// over its life than it did while the baseline was recorded, most of all with a load that nobody gives.
+const AFTER_BASELINE: f64 = 0.02;
+
 /// Greatest distance of the lines from each other that counts.
 const MAX_APART: f64 = 1.5;
 
@@ -33,9 +46,41 @@ struct Line {
     variance: f64,
     constant: f64,
     weights: Vec<f64>,
+    torque: TorquePower,
     background: Option<f64>,
     /// Logarithm of amplitude over the healthy one at which the line has sunk into its noise.
     floor: f64,
+}
+
+/// How one healthy line goes with the torque, beyond in proportion.
+#[derive(Debug, Clone, Copy)]
+struct TorquePower {
+    mean_log_torque: f64,
+    power: f64,
+    variance: f64,
+}
+
+impl TorquePower {
+    /// The least-squares power over the baseline's torques, drawn to 0 as its prior is. Where the torque does
+    /// not vary, or is not known, nothing is learnt.
+    fn fit(log_torques: &[f64], values: &[f64]) -> Self {
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let (mean_log_torque, mean_value) = (mean(log_torques), mean(values));
+        let pairs = log_torques.iter().zip(values).map(|(x, y)| (x - mean_log_torque, y - mean_value));
+        let (square, product, scatter) =
+            pairs.fold((0.0, 0.0, 0.0), |(xx, xy, yy), (x, y)| (xx + x * x, xy + x * y, yy + y * y));
+        let scatter = (scatter / values.len().max(1) as f64).max(LEAST_SCATTER * LEAST_SCATTER);
+        let precision = square + scatter / (TORQUE_POWER * TORQUE_POWER);
+        Self { mean_log_torque, power: product / precision, variance: scatter / precision }
+    }
+
+    fn at(&self, log_torque: f64) -> f64 {
+        self.power * (log_torque - self.mean_log_torque)
+    }
+
+    fn variance_at(&self, log_torque: f64) -> f64 {
+        self.variance * (log_torque - self.mean_log_torque).powi(2)
+    }
 }
 
 /// The lines of one baseline.
@@ -43,6 +88,8 @@ struct Line {
 pub(super) struct HealthyLines {
     kernels: SpeedKernels,
     lines: Vec<Line>,
+    /// Where no record has its torque.
+    together: Option<CommonMovement>,
     nominal_speed_hz: f64,
     nominal_torque_nm: f64,
 }
@@ -58,6 +105,13 @@ pub(super) struct MeasuredLine {
     pub(super) variance: f64,
     /// Least change that can be seen above the noise.
     pub(super) floor: f64,
+}
+
+impl MeasuredLine {
+    /// Variance where wear is told from it.
+    pub(super) fn variance_after_baseline(&self) -> f64 {
+        AFTER_BASELINE + self.variance
+    }
 }
 
 /// The lines of a record and its torque.
@@ -104,8 +158,10 @@ impl HealthyLines {
         let log_loads: Vec<f64> =
             baseline.points.iter().map(|point| relative(point[1], nominal_torque_nm).ln()).collect();
         let fit = |(index, feature): (usize, &HealthyFeature)| {
-            let values: Vec<f64> =
+            let mut values: Vec<f64> =
                 feature.values.iter().zip(&log_loads).map(|(value, load)| f64::from(*value) - load).collect();
+            let torque = TorquePower::fit(&log_loads, &values);
+            values.iter_mut().zip(&log_loads).for_each(|(value, load)| *value -= torque.at(*load));
             let evidence: Vec<f64> =
                 (0..kernels.len()).map(|kernel| kernels.log_evidence(kernel, &values)).collect();
             let kernel =
@@ -120,6 +176,7 @@ impl HealthyLines {
                 variance: kernels.variance(kernel, &values).max(LEAST_SCATTER * LEAST_SCATTER),
                 constant,
                 weights,
+                torque,
                 background: feature.background,
                 floor: 0.5 * noise.ln(),
             }
@@ -128,8 +185,19 @@ impl HealthyLines {
             let name = line_name(index);
             baseline.lines.iter().find(|line| line.name == name).map(|line| (index, line))
         });
-        let lines = named.map(fit).collect();
-        Self { kernels, lines, nominal_speed_hz, nominal_torque_nm }
+        let lines: Vec<Line> = named.map(fit).collect();
+        let has_torque = baseline.points.iter().any(|[_, torque]| torque.is_some());
+        // The weights are what is left of each record beside the fit.
+        let left: Vec<(usize, &[f64])> =
+            lines.iter().map(|line| (line.index, line.weights.as_slice())).collect();
+        let together = if has_torque { None } else { CommonMovement::of(&left) };
+        Self { kernels, lines, together, nominal_speed_hz, nominal_torque_nm }
+    }
+
+    /// Whether a record without its torque has lines that moved as load moves them.
+    pub(super) fn moved_like_load(&self, record: &Features, measured: &Measured) -> bool {
+        let together = self.together.as_ref().filter(|_| record.operating_point.torque_nm.is_none());
+        together.is_some_and(|together| together.explains(measured))
     }
 
     /// Lines that are compared.
@@ -158,13 +226,20 @@ impl HealthyLines {
     pub(super) fn measured(&self, record: &Features, scatter: f64) -> Measured {
         let at = self.kernels.weights(self.log_speed(record));
         let load = relative(record.operating_point.torque_nm, self.nominal_torque_nm);
+        let log_torque = load.ln();
         let line = |line: &Line| {
             let value = *record.values.get(&line_name(line.index))?;
             let noise = line.background.map_or(0.0, |background| (2.0 * (background - value)).exp().min(1.0));
             Some(MeasuredLine {
                 index: line.index,
-                change: value - load.ln() - line.constant - at.path(line.kernel, &line.weights),
-                variance: line.variance * (scatter + at.variance(line.kernel)) + NOISE_VARIANCE * noise,
+                change: value
+                    - log_torque
+                    - line.torque.at(log_torque)
+                    - line.constant
+                    - at.path(line.kernel, &line.weights),
+                variance: line.variance * (scatter + at.variance(line.kernel))
+                    + line.torque.variance_at(log_torque)
+                    + NOISE_VARIANCE * noise,
                 floor: line.floor,
             })
         };
@@ -177,5 +252,28 @@ fn relative(value: Option<f64>, nominal: f64) -> f64 {
     match value {
         Some(value) if value > 0.0 && nominal > 0.0 => value / nominal,
         _ => 1.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_baseline_of_many_torques_teaches_how_a_line_goes_with_it() {
+        let log_torques: Vec<f64> = (0..20).map(|n| 0.05 * f64::from(n % 7) - 0.15).collect();
+        let values: Vec<f64> = log_torques.iter().map(|x| 3.0 + 1.2 * x).collect();
+        let learnt = TorquePower::fit(&log_torques, &values);
+        let beside = learnt.at(0.2) - learnt.at(0.0);
+        assert!((beside - 0.24).abs() < 0.03, "{beside}");
+        assert!(learnt.variance < 0.1 * TORQUE_POWER * TORQUE_POWER);
+    }
+
+    #[test]
+    fn one_torque_teaches_nothing_and_leaves_the_prior_doubt() {
+        let learnt = TorquePower::fit(&[0.1; 20], &[3.0; 20]);
+        assert_eq!(learnt.at(0.5), 0.0);
+        assert!((learnt.variance_at(0.3) - (TORQUE_POWER * 0.2).powi(2)).abs() < 1e-12);
+        assert!(learnt.variance_at(0.1) < 1e-12);
     }
 }

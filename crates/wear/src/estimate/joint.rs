@@ -4,10 +4,12 @@
 //! their records came. Each channel's novelty already pools its own records (`chart`); here the channels'
 //! evidence is pooled, and the depths of those that wear explains are mixed.
 
+use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 
 use super::depth_grid::DepthGrid;
-use super::novelty::{LEAST_P_VALUE, Novelty, normal_tail};
+use super::deviation::normal_tail;
+use super::novelty::{LEAST_P_VALUE, Novelty};
 use super::wear::{Interval, WearEstimate, WearStatus};
 
 /// Correlation that is assumed between what channels of one machine deviate by: load and temperature move
@@ -16,6 +18,9 @@ const CORRELATION: f64 = 0.7;
 
 /// From this p-value on a channel is named as one that contributes.
 const CONTRIBUTES: f64 = 0.05;
+
+/// A channel is silent where it has missed so many of its records while another one went on.
+const MISSED_RECORDS: i32 = 10;
 
 /// A mixture wider than this part of the library says that the channels do not tell.
 const WIDEST_MIXTURE: f64 = 0.6;
@@ -42,6 +47,42 @@ pub struct ChannelContribution {
     /// Its own 95 % quantile in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p95_um: Option<f64>,
+    /// Start of its latest record, where it is silent and so takes no part in the answer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub silent_since: Option<Timestamp>,
+}
+
+/// When a channel's records began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RecordTimes {
+    /// Start of the earliest one.
+    pub first: Timestamp,
+    /// Start of the latest one.
+    pub latest: Timestamp,
+    /// How many there are.
+    pub count: u64,
+}
+
+impl RecordTimes {
+    /// Mean time from one record to the next; none of a single record.
+    fn interval(&self) -> Option<SignedDuration> {
+        let intervals = i32::try_from(self.count).unwrap_or(i32::MAX) - 1;
+        (intervals > 0).then(|| self.latest.duration_since(self.first) / intervals)
+    }
+
+    /// Whether this channel has ended while others went on: `newest` is the latest record of them all. A
+    /// channel with a single record is measured by the `usual` interval.
+    fn is_silent(&self, newest: Timestamp, usual: SignedDuration) -> bool {
+        newest.duration_since(self.latest) > self.interval().unwrap_or(usual) * MISSED_RECORDS
+    }
+
+    /// Which of an asset's channels are silent. Never all of them: the one with the newest record is not.
+    pub fn silent(channels: &[Self]) -> Vec<bool> {
+        let newest = channels.iter().map(|times| times.latest).max().unwrap_or_default();
+        let usual =
+            channels.iter().filter_map(Self::interval).max().unwrap_or(SignedDuration::MAX / MISSED_RECORDS);
+        channels.iter().map(|times| times.is_silent(newest, usual)).collect()
+    }
 }
 
 /// The answer of an asset.
@@ -96,6 +137,15 @@ impl JointEstimate {
         }
         Some(Self { leading, wear, channels })
     }
+
+    /// Names a channel that took no part, since it is silent.
+    pub fn name_silent(&mut self, channel: &str, wear: &WearEstimate, since: Timestamp) {
+        self.wear.reason =
+            format!("{}; channel {channel} takes no part: no record since {since:.0}", self.wear.reason);
+        let silent =
+            ChannelContribution { silent_since: Some(since), ..ChannelContribution::of(channel, wear) };
+        self.channels.push(silent);
+    }
 }
 
 impl ChannelContribution {
@@ -108,6 +158,7 @@ impl ChannelContribution {
             median_um: wear.median_um,
             p05_um: wear.p05_um,
             p95_um: wear.p95_um,
+            silent_since: None,
         }
     }
 }

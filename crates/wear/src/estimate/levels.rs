@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::novelty::{Deviation, chi_square_score, normal_score, octave_hz};
+use super::deviation::{Deviation, chi_square_score};
+use super::novelty::octave_hz;
 
 /// Part of the newest record in a level, and what that leaves of a record's variance.
 const NEWEST_PART: f64 = 0.15;
@@ -91,7 +92,7 @@ impl Levels {
             moved.iter().map(|d| weight(d) * d.residual).sum::<f64>() / moved.iter().map(weight).sum::<f64>();
         let squares = |by: f64| -> f64 {
             let left = |d: &Deviation| Deviation { residual: d.residual - by, ..d.clone() };
-            moved.iter().map(|d| normal_score(&left(d), freedom).powi(2)).sum()
+            moved.iter().map(|d| left(d).normal_score(freedom).powi(2)).sum()
         };
         let left = squares(gain);
         let alike = left < GAIN_LEAVES * squares(0.0);

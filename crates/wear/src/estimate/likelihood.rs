@@ -1,12 +1,14 @@
 //! How likely each member of the ensemble, at each depth, makes a record.
 
 use pulp::{Arch, Simd, WithSimd};
-use serde::{Deserialize, Serialize};
 
+use super::anchor::{Anchor, anchor_reach};
+use super::deviation::Deviation;
 use super::exponential::ln;
+use super::extrapolation::Extrapolation;
 use super::healthy_lines::{Measured, MeasuredLine};
-use super::novelty::Deviation;
-use crate::library::{DEPTHS, Ensemble, FlankPlace, MESH_LINES, line_name};
+use super::load::Load;
+use crate::library::{DEPTHS, Ensemble, MESH_LINES, line_name};
 
 /// Degrees of freedom of a line's Student t distribution: a line that a member has wrong by far does not
 /// decide.
@@ -29,33 +31,26 @@ const DISCREPANCY_DESCRIBED: f64 = 0.25;
 /// over this root mean square of the member's changes.
 const DISCREPANCY_OVER: f64 = 0.65;
 
-/// What the scaling with the torque may be wrong by, as a part of it.
-const LOAD_DISCREPANCY: f32 = 0.35;
-
-/// Depth over which what a member is wrong by at an inspection is forgotten, in parts of the greatest.
-const ANCHOR_REACH: f32 = 0.4;
-
-/// Depths and lines known from an inspection.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Anchor {
-    /// By member: the index of the depth that the inspection means.
-    pub(super) depths: Vec<u8>,
-    /// Mean change of each line at that time.
-    pub(super) changes: Vec<Option<f32>>,
-}
+/// What the scaling with the torque may be wrong by, as a part of it: pairs that are simulated at 0.5 to 2 of
+/// their torque give 0.3 to 1, most of it where wear is shallow.
+const LOAD_DISCREPANCY: f32 = 0.6;
 
 /// What the lines of a record are held against besides the baseline.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Reference<'a> {
     /// By member, the index of the depth at which the baseline was taken; none for a new machine.
     pub(super) depths: Option<&'a [u8]>,
     /// What the last inspection says.
     pub(super) anchor: Option<&'a Anchor>,
+    /// How far the record's operating point is from the simulated one.
+    pub(super) extrapolation: Extrapolation,
 }
 
 /// What follows from an ensemble alone.
 #[derive(Debug, Clone)]
 pub(super) struct Discrepancy {
+    /// Its standard deviation far from no wear.
+    most: f64,
     /// By member and depth: variance of what a line's change may be wrong by.
     variance: Vec<f32>,
 }
@@ -102,7 +97,7 @@ impl Discrepancy {
                 variance.push((most * most * (1.0 - (-square).exp())) as f32);
             }
         }
-        Self { variance }
+        Self { most, variance }
     }
 
     /// Compares a record with every member at every depth.
@@ -123,8 +118,8 @@ impl Discrepancy {
         (member, depth): (usize, usize),
         reference: Reference<'_>,
     ) -> Vec<Deviation> {
-        let mut row = Row::new(ensemble, measured.load);
-        row.variance.copy_from_slice(self.variance_of(member));
+        let mut row = self.row(ensemble, measured, reference);
+        row.take_variance(self.variance_of(member));
         let deviation = |line: &MeasuredLine| {
             self.expect(&mut row, ensemble, member, line, reference);
             let residual = line.change - f64::from(row.expected[depth]);
@@ -135,6 +130,12 @@ impl Discrepancy {
             })
         };
         measured.lines.iter().filter_map(deviation).collect()
+    }
+
+    /// A row for a record.
+    fn row(&self, ensemble: &Ensemble, measured: &Measured, reference: Reference<'_>) -> Row {
+        let doubt = reference.extrapolation.variance_factor(self.most);
+        Row::new(ensemble, measured.load, doubt as f32)
     }
 
     /// By depth: variance of what a member may have wrong.
@@ -157,25 +158,24 @@ impl Discrepancy {
         let changes = ensemble.members()[member].change(index);
         let from = reference.depths.map_or(0.0, |depths| changes[usize::from(depths[member])]);
         if row.load.is_some() || reference.anchor.is_some() {
-            row.variance.copy_from_slice(self.variance_of(member));
+            row.take_variance(self.variance_of(member));
         }
         for (expected, change) in row.expected.iter_mut().zip(changes) {
             *expected = (change - from).max(floor);
         }
-        if let Some(load) = &row.load {
-            for depth in 0..DEPTHS {
-                let (before, part) = load[depth];
-                let after = (before + 1).min(DEPTHS - 1);
-                let shift = changes[before] + part * (changes[after] - changes[before]) - changes[depth];
-                row.expected[depth] += shift;
-                row.variance[depth] += (LOAD_DISCREPANCY * shift).powi(2);
+        if let Some(load) = &mut row.load {
+            let shifts = load.shifts(changes);
+            for ((expected, variance), shift) in row.expected.iter_mut().zip(&mut row.variance).zip(shifts) {
+                *expected += shift;
+                *variance += (LOAD_DISCREPANCY * shift).powi(2);
             }
         }
         if let Some(anchor) = reference.anchor
             && let Some(seen) = anchor.changes[index]
         {
             let at = usize::from(anchor.depths[member]);
-            let reach_um = ANCHOR_REACH * row.depths_um[DEPTHS - 1];
+            let contact = ensemble.members()[member].contact;
+            let reach_um = anchor_reach(contact) * row.depths_um[DEPTHS - 1];
             let wrong = seen - (changes[at] - from).max(floor);
             if wrong.is_finite() {
                 for depth in 0..DEPTHS {
@@ -190,14 +190,16 @@ impl Discrepancy {
 
 /// A factor on a line's variances that keeps the product over all lines within what single precision holds.
 struct Scaling {
+    /// The line's own variance.
+    variance: f32,
     factor: f32,
     half_log: f32,
 }
 
 impl Scaling {
-    fn of(line: &MeasuredLine) -> Self {
-        let factor = 0.1 / (0.1 + line.variance as f32);
-        Self { factor, half_log: 0.5 * factor.ln() }
+    fn of(variance: f32) -> Self {
+        let factor = 0.1 / (0.1 + variance);
+        Self { variance, factor, half_log: 0.5 * factor.ln() }
     }
 }
 
@@ -215,8 +217,10 @@ impl WithSimd for Comparison<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Likelihood {
-        let mut row = Row::new(self.ensemble, self.measured.load);
-        let scaling: Vec<Scaling> = self.measured.lines.iter().map(Scaling::of).collect();
+        let mut row = self.discrepancy.row(self.ensemble, self.measured, self.reference);
+        let lines = &self.measured.lines;
+        let scaling = lines.iter().map(|line| Scaling::of(line.variance_after_baseline() as f32));
+        let scaling: Vec<Scaling> = scaling.collect();
         let mut log = vec![0.0; self.ensemble.members().len() * DEPTHS];
         let (mut best, mut highest) = ((0, 0), f32::NEG_INFINITY);
         for (member, log) in log.as_chunks_mut::<DEPTHS>().0.iter_mut().enumerate() {
@@ -238,14 +242,14 @@ impl Comparison<'_> {
     fn log_likelihood(&self, row: &mut Row, scaling: &[Scaling], member: usize) -> [f32; DEPTHS] {
         let Self { discrepancy, ensemble, measured, reference } = *self;
         let (mut tails, mut spreads, mut scale) = ([1.0_f32; DEPTHS], [1.0_f32; DEPTHS], 0.0);
-        row.variance.copy_from_slice(discrepancy.variance_of(member));
+        row.take_variance(discrepancy.variance_of(member));
         for (line, scaling) in measured.lines.iter().zip(scaling) {
             // A line that this member does not have says nothing of it.
             if ensemble.members()[member].change(line.index)[0].is_nan() {
                 continue;
             }
             discrepancy.expect(row, ensemble, member, line, reference);
-            let (change, scatter) = (line.change as f32, line.variance as f32);
+            let (change, scatter) = (line.change as f32, scaling.variance);
             scale += scaling.half_log;
             let of_square = scaling.factor / FREEDOM;
             for depth in 0..DEPTHS {
@@ -266,41 +270,26 @@ impl Comparison<'_> {
 /// One member's line over the depths.
 struct Row {
     depths_um: Vec<f32>,
-    /// By depth, where the line stands at this torque: loads and depths that grow in proportion give
-    /// responses that do.
-    load: Option<Vec<(usize, f32)>>,
+    /// Where a line stands at this torque.
+    load: Option<Load>,
+    /// Factor on the variance at this speed.
+    doubt: f32,
     expected: [f32; DEPTHS],
     variance: [f32; DEPTHS],
 }
 
 impl Row {
-    fn new(ensemble: &Ensemble, load: f64) -> Self {
+    fn new(ensemble: &Ensemble, load: f64, doubt: f32) -> Self {
         let depths_um: Vec<f32> = ensemble.depths_um().iter().map(|um| *um as f32).collect();
-        let place = |um: &f32| {
-            let um = um / load as f32;
-            let upper = depths_um.partition_point(|depth| *depth <= um).clamp(1, DEPTHS - 1);
-            let part = (um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
-            (upper - 1, part.clamp(0.0, 1.0))
-        };
-        let scaled = ((load - 1.0).abs() > 1e-3).then(|| depths_um.iter().map(place).collect());
-        Self { depths_um, load: scaled, expected: [0.0; DEPTHS], variance: [0.0; DEPTHS] }
+        let scaled = ((load - 1.0).abs() > 1e-3).then(|| Load::of(load as f32, &depths_um));
+        Self { depths_um, load: scaled, doubt, expected: [0.0; DEPTHS], variance: [0.0; DEPTHS] }
     }
-}
 
-impl Anchor {
-    /// What an inspection that found `depth_um` at a place means for each member.
-    pub(super) fn depths_at(
-        ensemble: &Ensemble,
-        depth_um: f64,
-        gear: Option<usize>,
-        place: FlankPlace,
-    ) -> Vec<u8> {
-        let nearest = |member: &crate::library::Member| {
-            let parts = member.at_place(gear, place);
-            let off =
-                |depth: &usize| (ensemble.depths_um()[*depth] * f64::from(parts[*depth]) - depth_um).abs();
-            (0..DEPTHS).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0) as u8
-        };
-        ensemble.members().iter().map(nearest).collect()
+    /// Begins with what a member may have wrong by itself.
+    #[inline(always)]
+    fn take_variance(&mut self, own: &[f32]) {
+        for (variance, own) in self.variance.iter_mut().zip(own) {
+            *variance = self.doubt * own;
+        }
     }
 }

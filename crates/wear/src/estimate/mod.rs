@@ -6,13 +6,17 @@
 //! linear transmission path cancels.
 
 mod alarm;
+mod anchor;
 mod baseline;
 mod channel;
 mod chart;
+mod common_movement;
 mod comparability;
 mod depth_grid;
+mod deviation;
 mod event;
 mod exponential;
+mod extrapolation;
 mod filter;
 mod growth;
 mod healthy;
@@ -21,6 +25,7 @@ mod healthy_lines;
 mod joint;
 mod levels;
 mod likelihood;
+mod load;
 mod novelty;
 mod prognosis;
 mod tracker;
@@ -32,10 +37,10 @@ pub use alarm::{
 };
 pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
-pub use joint::{ChannelContribution, JointEstimate};
+pub use joint::{ChannelContribution, JointEstimate, RecordTimes};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
-pub use tracker::{EstimatorSettings, Tracker, TrackerState};
+pub use tracker::{EstimatorSettings, LifeStep, Tracker, TrackerState};
 pub use wear::{
     BaselineProgress, BestState, Interval, LibraryLack, METHOD, Posterior, WearEstimate, WearStatus,
 };

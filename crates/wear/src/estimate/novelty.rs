@@ -1,10 +1,15 @@
 //! Whether wear explains a record at all, and if not, whether the sensor or the machine is the reason.
 
+mod signs;
+
 use std::f64::consts::SQRT_2;
 
 use serde::{Deserialize, Serialize};
 
+use self::signs::TEETH;
+pub use self::signs::{MachineSign, SensorFault};
 use super::chart::Charts;
+use super::deviation::{Deviation, chi_square_score, normal_tail};
 use flankwatch_signal::{Absence, EnvelopeLine, Features};
 
 /// Below this p-value a record is not explained.
@@ -18,11 +23,11 @@ const INFLATION_CHECKS: f64 = 1.6;
 /// while wear, load and speed may take some away. What a sensor loses is judged at full weight.
 const FALLEN: f64 = 0.5;
 
+/// The same where no mesh lines are compared: nothing else then tells a fault from a machine that runs down.
+const FALLEN_WITHOUT_LINES: f64 = 0.25;
+
 /// Checks that are followed over records: faults of one tooth and of the shaft raise them, and wear does not.
 const CHARTED: [&str; 2] = [TEETH, "ln_shaft_"];
-
-/// What the checks of the teeth begin with.
-const TEETH: &str = "ln_tooth_";
 
 /// Their scatter is larger than the baseline's by this factor: they are no normal deviates.
 const CHARTED_SCATTER: f64 = 1.25;
@@ -35,6 +40,9 @@ const WHOLE: [&str; 2] = ["lines", "checks"];
 /// are flagged without these two charts, 2.8 % with 0.8, 8 % with 0.5; a broken tooth that moves the lines
 /// alone is seen after 3 to 6 records with 0.8, hardly at all with 1.
 const WHOLE_ALLOWANCE: f64 = 0.8;
+
+/// The same where no library is compared that could be wrong.
+const WHOLE_ALLOWANCE_WITHOUT_LINES: f64 = 0.5;
 
 /// A dead sensor's noise floors lie this logarithm below the baseline's (a factor of 50).
 const DEAD: f64 = -3.9;
@@ -55,105 +63,6 @@ const TOOTH_STANDS_OUT: f64 = 4.0;
 /// What has grown by fewer standard deviations is no sign of anything where the record does not deviate by
 /// itself.
 const LEAST_GROWN: f64 = 3.0;
-
-/// What is wrong with the sensor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum SensorFault {
-    /// No vibration comes through.
-    Dead,
-    /// The signal is cut off at the converter's limit.
-    Clipped,
-    /// Stretches of the record are missing.
-    Gaps,
-    /// From one record to the next, all lines and all noise have moved by one factor that stays, and the
-    /// kurtosis has not: sensitivity or gain has changed.
-    GainChanged,
-    /// High frequencies are lost, low ones are not: the sensor is loose.
-    LooseMount,
-}
-
-impl SensorFault {
-    /// In words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Dead => "the sensor gives no signal",
-            Self::Clipped => "the signal is clipped",
-            Self::Gaps => "samples are missing",
-            Self::GainChanged => {
-                "all lines and all noise moved by one factor at once: the sensor's gain has changed"
-            }
-            Self::LooseMount => "high frequencies are lost: the sensor's mount is loose",
-        }
-    }
-}
-
-/// What a record that wear does not explain looks like, where the sensor is not the reason.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum MachineSign {
-    /// One tooth of the shaft has more between the mesh harmonics than the others.
-    OneTooth,
-    /// The shaft's own lines have grown.
-    ShaftLines,
-    /// Energy that belongs to no mesh harmonic has grown, and the record is more impulsive than the healthy
-    /// ones.
-    ImpulsiveEnergy,
-    /// Energy that belongs to no mesh harmonic has grown, and the record is no more impulsive.
-    BandEnergy,
-}
-
-impl MachineSign {
-    /// In words, of a machine without a gear mesh.
-    pub fn words_without_mesh(self) -> &'static str {
-        match self {
-            Self::OneTooth | Self::ShaftLines => {
-                "the shaft's own lines have grown: misalignment or unbalance"
-            }
-            Self::ImpulsiveEnergy => "impulses have grown: a bearing or looseness",
-            Self::BandEnergy => "energy has grown: a bearing, looseness or another machine",
-        }
-    }
-
-    /// In words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::OneTooth => "one tooth differs from the others: a crack or chip, not wear",
-            Self::ShaftLines => "the shaft's own lines have grown: misalignment or unbalance, not wear",
-            Self::ImpulsiveEnergy => {
-                "impulses beside the mesh lines have grown: a bearing or looseness, not wear"
-            }
-            Self::BandEnergy => {
-                "energy beside the mesh lines has grown: a bearing, looseness or another machine, not wear"
-            }
-        }
-    }
-
-    /// In few words.
-    pub fn short(self) -> &'static str {
-        match self {
-            Self::OneTooth => "one tooth that differs",
-            Self::ShaftLines => "misalignment or unbalance",
-            Self::ImpulsiveEnergy => "a bearing or looseness",
-            Self::BandEnergy => "a bearing, looseness or another machine",
-        }
-    }
-
-    /// What a check that has grown is a sign of.
-    fn of(check: &str, impulsive: bool) -> Option<Self> {
-        let energy = if impulsive { Self::ImpulsiveEnergy } else { Self::BandEnergy };
-        let signs = [
-            (TEETH, Self::OneTooth),
-            ("ln_shaft_", Self::ShaftLines),
-            ("ln_rest_", energy),
-            ("ln_band_", energy),
-            ("ln_floor_", energy),
-        ];
-        signs.into_iter().find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
-    }
-}
 
 /// How one feature deviates from what the best state expects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -208,16 +117,6 @@ impl Novelty {
     }
 }
 
-/// One feature of a record against what was expected.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Deviation {
-    pub(super) name: String,
-    /// Measured less expected, in logarithms.
-    pub(super) residual: f64,
-    /// Standard deviation of what was expected.
-    pub(super) deviation: f64,
-}
-
 /// What a record shows beside its deviations from the best state.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Circumstances {
@@ -240,18 +139,25 @@ pub(super) fn judge(
 ) -> Novelty {
     let squares = |deviations: &[Deviation], fallen: f64| -> f64 {
         let weight = |d: &Deviation| if d.residual < 0.0 { fallen } else { 1.0 };
-        deviations.iter().map(|d| (weight(d) * normal_score(d, freedom)).powi(2)).sum()
+        deviations.iter().map(|d| (weight(d) * d.normal_score(freedom)).powi(2)).sum()
     };
     let z_lines = chi_square_score(squares(lines, 1.0) / INFLATION_LINES, lines.len());
     let of_checks = |fallen| chi_square_score(squares(checks, fallen) / INFLATION_CHECKS, checks.len());
-    let z_checks = of_checks(FALLEN);
+    let (fallen, allowance) = if lines.is_empty() {
+        (FALLEN_WITHOUT_LINES, WHOLE_ALLOWANCE_WITHOUT_LINES)
+    } else {
+        (FALLEN, WHOLE_ALLOWANCE)
+    };
+    let z_checks = of_checks(fallen);
     let (p_lines, p_checks) = (normal_tail(z_lines), normal_tail(z_checks));
     let twice = |p: f64| (2.0 * p).min(1.0);
     let p_record = twice(p_lines.min(p_checks));
     let p_with_falls = twice(p_lines.min(normal_tail(of_checks(1.0))));
+    // What has been unlike the healthy records and now reaches the end of the range is no fault of the sensor.
+    let has_lasted = charts.highest().is_some_and(|(_, p)| p < LEAST_P_VALUE);
     let sensor_fault = match record.fault {
         Some(Absence::Constant) => Some(SensorFault::Dead),
-        Some(Absence::Clipped) => Some(SensorFault::Clipped),
+        Some(Absence::Clipped) if !has_lasted => Some(SensorFault::Clipped),
         Some(Absence::Gaps) => Some(SensorFault::Gaps),
         _ if p_with_falls < LEAST_P_VALUE => sensor_fault(checks, circumstances.lines_fell)
             .or(circumstances.gain.map(|_| SensorFault::GainChanged)),
@@ -261,8 +167,8 @@ pub(super) fn judge(
     if sensor_fault.is_none() {
         let charted = checks.iter().filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
         let charted = charted
-            .map(|d| (d.name.as_str(), normal_score(d, freedom).copysign(d.residual) / CHARTED_SCATTER));
-        let whole = WHOLE.into_iter().zip([z_lines, z_checks].map(|z| z - WHOLE_ALLOWANCE));
+            .map(|d| (d.name.as_str(), d.normal_score(freedom).copysign(d.residual) / CHARTED_SCATTER));
+        let whole = WHOLE.into_iter().zip([z_lines, z_checks].map(|z| z - allowance));
         charts.update(charted.chain(whole));
     }
     let lasting = charts.highest().filter(|_| sensor_fault.is_none());
@@ -311,13 +217,6 @@ pub(super) fn judge(
                 deviations: d.score(),
             })
             .collect(),
-    }
-}
-
-impl Deviation {
-    /// In standard deviations.
-    fn score(&self) -> f64 {
-        self.residual / self.deviation
     }
 }
 
@@ -377,74 +276,9 @@ fn sensor_fault(checks: &[Deviation], lines_fell: Option<bool>) -> Option<Sensor
         .then_some(SensorFault::LooseMount)
 }
 
-/// The size of a deviation of Student's t distribution as that of one of the normal distribution with about
-/// the same tail (Wallace 1959).
-pub(super) fn normal_score(deviation: &Deviation, freedom: f64) -> f64 {
-    let t = deviation.residual / deviation.deviation;
-    let z = (freedom * (t * t / freedom).ln_1p()).sqrt();
-    z * (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)
-}
-
-/// The normal deviate with the tail of χ² of this many degrees of freedom above a value, after Wilson and
-/// Hilferty (1931).
-pub(super) fn chi_square_score(value: f64, freedom: usize) -> f64 {
-    if freedom == 0 {
-        return f64::NEG_INFINITY;
-    }
-    let part = 2.0 / (9.0 * freedom as f64);
-    ((value / freedom as f64).cbrt() - (1.0 - part)) / part.sqrt()
-}
-
-/// The probability that a standard normal deviate is above `z`: ½ erfc(z/√2) by the continued fraction of
-/// Mills' ratio beyond 2, by the series of Φ within.
-pub(super) fn normal_tail(z: f64) -> f64 {
-    let density = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
-    if z > 2.0 {
-        let fraction = (1..=60).rev().fold(0.0, |rest, k| f64::from(k) / (z + rest));
-        return density / (z + fraction);
-    }
-    if z < -2.0 {
-        return 1.0 - normal_tail(-z);
-    }
-    let (mut term, mut sum) = (z, z);
-    for k in 1..60 {
-        term *= z * z / f64::from(2 * k + 1);
-        sum += term;
-    }
-    0.5 - density * sum
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// SciPy: norm.sf.
-    #[test]
-    fn normal_tails_are_those_of_scipy() {
-        for (z, expected) in [
-            (-3.0, 0.9986501019683699),
-            (-1.0, 0.8413447460685429),
-            (0.0, 0.5),
-            (1.96, 0.024997895148220435),
-            (3.0, 0.0013498980316300933),
-            (8.0, 6.220960574271785e-16),
-        ] {
-            assert!((normal_tail(z) / expected - 1.0).abs() < 1e-9, "{z}: {}", normal_tail(z));
-        }
-    }
-
-    /// SciPy: chi2.sf(30, 10) = 8.5664e-4, chi2.sf(10, 10) = 0.44049, chi2.sf(40, 20) = 4.995e-3; Wilson and
-    /// Hilferty's is within a tenth.
-    #[test]
-    fn chi_square_tails_are_near_those_of_scipy() {
-        for (value, freedom, expected) in
-            [(30.0, 10, 8.566412e-4), (10.0, 10, 0.440493), (40.0, 20, 4.995e-3)]
-        {
-            let got = normal_tail(chi_square_score(value, freedom));
-            assert!((got / expected - 1.0).abs() < 0.1, "{value} {freedom}: {got}");
-        }
-        assert_eq!(normal_tail(chi_square_score(5.0, 0)), 1.0);
-    }
 
     fn deviations(kind: &str, residuals: &[f64]) -> Vec<Deviation> {
         let name = |i: usize| format!("{kind}_{}hz", 250 << i);
@@ -542,5 +376,20 @@ mod tests {
         let judged =
             judge(&record, &[Vec::new(), Vec::new()], 20.0, Circumstances::default(), &mut Charts::default());
         assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
+    }
+
+    /// A record of a failing bearing that reaches the end of the converter's range.
+    #[test]
+    fn a_machine_that_has_become_too_loud_for_its_sensor_is_no_fault_of_the_sensor() {
+        let mut charts = Charts::default();
+        let mut take = |rest: f64, fault: Option<Absence>| {
+            let record = Features { fault, ..Features::default() };
+            let checks = deviations("ln_rest", &[rest; 8]);
+            judge(&record, &[Vec::new(), checks], 20.0, Circumstances::default(), &mut charts).sensor_fault
+        };
+        assert_eq!(take(0.0, Some(Absence::Clipped)), Some(SensorFault::Clipped));
+        assert!((0..5).all(|_| take(1.0, None).is_none()));
+        assert_eq!(take(1.2, Some(Absence::Clipped)), None);
+        assert_eq!(take(1.2, Some(Absence::Gaps)), Some(SensorFault::Gaps));
     }
 }

@@ -47,7 +47,7 @@ impl AlarmState {
 }
 
 /// What a person does.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum AlarmAction {
@@ -71,13 +71,31 @@ pub enum AlarmAction {
         /// Seconds without a record.
         silent_s: u64,
     },
+    /// Nobody: all channels together call for another severity.
+    Joint {
+        /// The severity that they call for.
+        severity: Option<Severity>,
+        /// Their latest reading.
+        value: f64,
+    },
+}
+
+impl AlarmAction {
+    /// The severity and the reading of what nobody did: of silence, or of all channels together.
+    pub fn told(&self) -> Option<(Option<Severity>, f64)> {
+        match *self {
+            Self::Stale { severity, silent_s } => Some((severity, silent_s as f64)),
+            Self::Joint { severity, value } => Some((severity, value)),
+            _ => None,
+        }
+    }
 }
 
 /// What a person did, with its place among the readings.
 ///
 /// The place is after the latest record there was, and not the time of the clock: of a recording that is
 /// replayed, people acknowledge what it has shown so far, not what it will show.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ActionTaken {
     /// When, by the clock.
     pub time: Timestamp,

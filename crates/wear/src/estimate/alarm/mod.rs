@@ -125,6 +125,16 @@ impl Alarm {
         Some(self.changed(reading.time, |change| change.value = Some(value)))
     }
 
+    /// The severity that these latest readings of a rule call for, in order, as it stands before them; the
+    /// alarm stays as it is.
+    pub fn severity_by(&self, rule: &AlarmRule, readings: &[AlarmReading]) -> Option<Severity> {
+        let mut alarm = Self { raised: self.raised, ..Self::default() };
+        for reading in readings {
+            alarm.reading(rule, *reading);
+        }
+        alarm.raised
+    }
+
     /// Takes that a record came, where its absence is what is watched; the change where that was raised.
     pub fn record_came(&mut self, time: Timestamp) -> Option<AlarmChange> {
         self.raised?;
@@ -162,19 +172,16 @@ impl Alarm {
                 }
                 AlarmAction::Shelve { until } => self.shelved_until = Some(until),
                 AlarmAction::Unshelve | AlarmAction::ShelvingOver => self.shelved_until = None,
-                AlarmAction::Stale { severity, silent_s } => {
-                    self.stands_at(severity, taken.time);
-                    self.value = Some(silent_s as f64);
+                AlarmAction::Stale { .. } | AlarmAction::Joint { .. } => {
+                    let (severity, value) = taken.action.told().unzip();
+                    self.stands_at(severity.flatten(), taken.time);
+                    self.value = value;
                 }
                 AlarmAction::Acknowledge | AlarmAction::Comment => {}
             }
         }
-        let value = match taken.action {
-            AlarmAction::Stale { silent_s, .. } => Some(silent_s as f64),
-            _ => None,
-        };
         self.changed(taken.time, |change| {
-            change.value = value;
+            change.value = taken.action.told().map(|(_, value)| value);
             change.action = Some(taken.action.clone());
             change.by.clone_from(&taken.by);
             change.comment.clone_from(&taken.comment);
@@ -202,7 +209,9 @@ impl Alarm {
             AlarmAction::ShelvingOver if self.shelved_until.is_none_or(|until| until > time) => {
                 Err(AlarmError::State { state, expected: "a shelving that is over" })
             }
-            AlarmAction::Stale { severity, .. } if *severity == self.raised => {
+            AlarmAction::Stale { severity, .. } | AlarmAction::Joint { severity, .. }
+                if *severity == self.raised =>
+            {
                 Err(AlarmError::State { state, expected: "another severity" })
             }
             _ => Ok(()),

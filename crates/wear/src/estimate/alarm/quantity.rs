@@ -18,6 +18,8 @@ pub enum AlarmQuantity {
     WearAboveLimit,
     /// The novelty score: −log₁₀ of the p-value.
     Novelty,
+    /// The same of all channels of the asset together, told by whoever knows them all.
+    JointNovelty,
     /// Whether the sensor is at fault: 1 where it is, 0 where it is not.
     SensorFault,
     /// Seconds without a record, by the clock of whoever waits for it. A record is its end.
@@ -51,6 +53,7 @@ impl AlarmQuantity {
             Self::WearUm | Self::RatePerDay(RatedQuantity::WearUm) => wear.median_um,
             Self::WearAboveLimit => wear.above_limit,
             Self::Novelty | Self::RatePerDay(RatedQuantity::Novelty) => novelty(),
+            Self::JointNovelty => None,
             Self::SensorFault => sensor_fault(wear),
             Self::StaleS => Some(0.0),
             Self::Indicator(name) | Self::RatePerDay(RatedQuantity::Indicator(name)) => indicator(name),
@@ -94,6 +97,7 @@ impl fmt::Display for AlarmQuantity {
             Self::WearUm => f.write_str("wear_um"),
             Self::WearAboveLimit => f.write_str("wear_above_limit"),
             Self::Novelty => f.write_str("novelty"),
+            Self::JointNovelty => f.write_str("joint_novelty"),
             Self::SensorFault => f.write_str("sensor_fault"),
             Self::StaleS => f.write_str("stale_s"),
             Self::Indicator(name) => write!(f, "indicator:{name}"),

@@ -176,3 +176,31 @@ fn a_sensor_fault_is_told_beside_what_the_others_say() {
     assert_eq!((all.leading, all.wear.status), (0, WearStatus::SensorFault));
     assert!(JointEstimate::of(&[]).is_none());
 }
+
+fn times(first_s: i64, latest_s: i64, count: u64) -> RecordTimes {
+    let at = |s| Timestamp::from_second(s).unwrap();
+    RecordTimes { first: at(first_s), latest: at(latest_s), count }
+}
+
+#[test]
+fn a_channel_that_missed_more_than_ten_of_its_records_is_silent() {
+    let every_minute = times(0, 6000, 101);
+    let slower = times(0, 5400, 10);
+    assert_eq!(RecordTimes::silent(&[every_minute, times(0, 5400, 91), slower]), [false, false, false]);
+    assert_eq!(RecordTimes::silent(&[every_minute, times(0, 5399, 91)]), [false, true]);
+    // One record says nothing of an interval: that of the slowest other channel counts.
+    assert_eq!(RecordTimes::silent(&[every_minute, times(0, 0, 1)]), [false, true]);
+    assert_eq!(RecordTimes::silent(&[every_minute, times(0, 0, 1), slower]), [false, false, false]);
+    assert_eq!(RecordTimes::silent(&[times(0, 0, 1), times(90_000, 90_000, 1)]), [false, false]);
+}
+
+#[test]
+fn a_silent_channel_is_named_and_takes_no_part() {
+    let (near, far) = (estimated(10.0, 20.0), estimated(40.0, 60.0));
+    let mut joint = JointEstimate::of(&[("near", &near)]).unwrap();
+    joint.name_silent("far", &far, Timestamp::from_second(0).unwrap());
+    assert_eq!((joint.wear.p05_um, joint.wear.p95_um), (near.p05_um, near.p95_um));
+    assert!(joint.wear.reason.ends_with("channel far takes no part: no record since 1970-01-01T00:00:00Z"));
+    assert_eq!(joint.channels[1].silent_since, Timestamp::from_second(0).ok());
+    assert_eq!(joint.channels[0].silent_since, None);
+}

@@ -3,10 +3,10 @@
 use super::Tracker;
 use crate::estimate::filter::Believed;
 use crate::estimate::likelihood::Likelihood;
-use crate::estimate::novelty::Novelty;
+use crate::estimate::novelty::{Novelty, SensorFault};
 use crate::estimate::wear::{BaselineProgress, BestState, Interval, LibraryLack, WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, Library};
-use flankwatch_signal::Features;
+use flankwatch_signal::{Absence, Features};
 
 /// An interval of the tracked depth wider than this part of the library says that the records do not tell.
 const WIDEST_INTERVAL: f64 = 0.6;
@@ -15,8 +15,8 @@ const WIDEST_INTERVAL: f64 = 0.6;
 const ERROR_PLACES: usize = 2048;
 
 impl Tracker {
-    /// Puts a record's novelty into an answer without a number.
-    pub(super) fn tell_novelty(&self, answer: &mut WearEstimate, novelty: Novelty) {
+    /// Puts the novelty of a record with these features into an answer without a number.
+    pub(super) fn tell_novelty(&self, answer: &mut WearEstimate, novelty: Novelty, features: &Features) {
         if let Some(fault) = novelty.sensor_fault {
             answer.status = WearStatus::SensorFault;
             answer.reason = fault.words().to_owned();
@@ -50,6 +50,9 @@ impl Tracker {
                 None => "this record is unlike the healthy ones",
             };
             answer.reason = format!("{what}: off are {}", most_deviating(&novelty));
+        }
+        if novelty.outside && novelty.sensor_fault.is_none() && features.fault == Some(Absence::Clipped) {
+            answer.reason = format!("{}; {}", answer.reason, SensorFault::Clipped.words());
         }
         answer.novelty = Some(novelty);
     }

@@ -7,6 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
+use super::super::event::Inspection;
 use super::super::novelty::MachineSign;
 use super::*;
 use crate::library::Library;
@@ -134,6 +135,32 @@ fn without_a_library_the_answer_says_so() {
         tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng)).status,
         WearStatus::NoLibrary
     );
+}
+
+#[test]
+fn a_speed_in_doubt_is_told_without_a_library_too_and_kept_out_of_the_baseline() {
+    let tracker = Tracker::new(settings(), None);
+    let normal = Normal::new(0.0, 0.02).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let mut state = tracker.start();
+    let mut take = |doubt: Option<&str>, level: f64| {
+        let octaves = [1000, 2000, 4000, 8000];
+        let checks = octaves.map(|hz| (format!("ln_floor_{hz}hz"), level + normal.sample(&mut rng)));
+        let speed_doubt = doubt.map(str::to_owned);
+        let features = Features { checks: checks.into(), speed_doubt, ..Features::default() };
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features)
+    };
+    let doubted = take(Some("the lines fit another mesh"), 0.0);
+    assert_eq!((doubted.status, doubted.baseline.have), (WearStatus::SpeedInDoubt, 0));
+    assert_eq!(doubted.reason, "the lines fit another mesh");
+    for have in 1..=NEED {
+        assert_eq!(take(None, 0.0).baseline.have, have);
+    }
+    assert_eq!(take(None, 0.0).status, WearStatus::NoLibrary);
+    let doubted = take(Some("the lines fit another mesh"), 0.0);
+    assert_eq!(doubted.status, WearStatus::SpeedInDoubt);
+    assert!(doubted.novelty.is_some_and(|novelty| !novelty.outside));
+    assert_eq!(take(Some("the lines fit another mesh"), 1.0).status, WearStatus::OutsideLibrary);
 }
 
 #[test]
@@ -319,21 +346,28 @@ fn too_few_chosen_records_are_no_baseline() {
 }
 
 #[test]
-fn lines_in_the_noise_give_no_number() {
+fn lines_in_the_noise_give_no_number_and_novelty_all_the_same() {
     let library = Arc::new(made_up_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut state = tracker.start();
-    let drowned = |rng: &mut ChaCha8Rng| {
+    let normal = Normal::new(0.0, 0.02).unwrap();
+    let drowned = |level: f64, rng: &mut ChaCha8Rng| {
         let mut features = seen(&library, 0.0, 0.05, rng);
         features.background = features.values.clone();
+        let octaves = [1000, 2000, 4000, 8000];
+        features.checks =
+            octaves.map(|hz| (format!("ln_floor_{hz}hz"), level + normal.sample(rng))).into_iter().collect();
         features
     };
     for _ in 0..NEED {
-        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(&mut rng));
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(0.0, &mut rng));
     }
-    let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(&mut rng));
+    let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(0.0, &mut rng));
     assert_eq!((wear.status, wear.median_um), (WearStatus::NotIdentifiable, None));
+    assert!(wear.reason.contains("cannot show wear"), "{}", wear.reason);
+    let failing = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(1.0, &mut rng));
+    assert_eq!(failing.status, WearStatus::OutsideLibrary, "{}", failing.reason);
 }
 
 #[test]
@@ -441,6 +475,50 @@ fn an_inspection_narrows_the_interval_and_is_believed() {
     assert!((after.median_um.unwrap() - 60.0).abs() < 6.0, "{}", after.reason);
 }
 
+#[test]
+fn hindsight_reaches_from_the_teeth_to_their_last_inspection() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(23);
+    let at = |record: u32| Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(record));
+    let depth = |record: u32| f64::from(record.saturating_sub(NEED));
+    let features: Vec<Features> =
+        (0..NEED + 60).map(|record| seen(&library, depth(record), 0.05, &mut rng)).collect();
+    let event = |record: u32, kind: MaintenanceKind, depth_um: Option<f64>| MaintenanceEvent {
+        time: at(record),
+        kind,
+        by: String::new(),
+        comment: String::new(),
+        inspection: depth_um.map(|depth_um| Inspection {
+            depth_um,
+            error_um: 3.0,
+            gear: None,
+            place: crate::library::FlankPlace::Greatest,
+        }),
+        until: None,
+    };
+    let inspected =
+        [20, 40].map(|record| event(NEED + record, MaintenanceKind::Inspected, Some(f64::from(record))));
+    let replaced = event(NEED + 50, MaintenanceKind::GearReplaced, None);
+    let mut steps: Vec<LifeStep<'_>> =
+        features.iter().zip(0..).map(|(features, record)| LifeStep::Record(at(record), features)).collect();
+    for (place, event) in [(NEED + 50, &replaced), (NEED + 40, &inspected[1]), (NEED + 20, &inspected[0])] {
+        steps.insert(place as usize, LifeStep::Event(event));
+    }
+    let looked_back = tracker.in_hindsight(&steps);
+    assert_eq!(looked_back.len(), steps.len());
+    // Records after the last inspection, and those of the new teeth, are not looked back at.
+    let last =
+        steps.iter().rposition(|step| matches!(step, LifeStep::Event(event) if event.inspection.is_some()));
+    assert!(looked_back[last.unwrap()..].iter().all(Option::is_none));
+    let told = looked_back[NEED as usize + 30].as_ref().unwrap();
+    assert!((told.median_um.unwrap() - 29.0).abs() < 8.0, "{}", told.reason);
+    // Without an inspection there is nothing to look back from.
+    let records: Vec<LifeStep<'_>> =
+        steps.iter().filter(|step| matches!(step, LifeStep::Record(..))).copied().collect();
+    assert!(tracker.in_hindsight(&records).iter().all(Option::is_none));
+}
+
 /// The depth is the library's last one for a long time.
 #[test]
 fn the_end_of_the_library_is_said_as_such() {
@@ -456,4 +534,44 @@ fn the_end_of_the_library_is_said_as_such() {
     }
     let wear = last.unwrap();
     assert!(wear.at_least_um.is_some_and(|least| least > 150.0), "{}", wear.reason);
+}
+
+#[test]
+fn far_from_the_described_speed_less_is_told_and_beyond_half_of_it_nothing() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let described = library.pair().operation.shaft_speed_hz;
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let at = |part: f64, wear_um: f64, rng: &mut ChaCha8Rng| {
+        let mut features = seen(&library, wear_um, 0.05, rng);
+        features.operating_point.shaft_speed_hz = Some(part * described);
+        features
+    };
+    let mut state = tracker.start();
+    let idling = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &at(0.3, 0.0, &mut rng));
+    assert_eq!((idling.status, idling.baseline.have), (WearStatus::NotComparable, 0));
+    for record in 0..NEED {
+        // The path is known at all of these speeds.
+        let part = [0.8, 1.0, 1.25][record as usize % 3];
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &at(part, 0.0, &mut rng));
+    }
+    let worn: Vec<WearEstimate> = [1.0, 0.8]
+        .map(|part| {
+            let mut state = state.clone();
+            (0..40).for_each(|n| {
+                let features = at(part, 3.0 * f64::from(n), &mut rng);
+                tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features);
+            });
+            tracker.update(&mut state, Timestamp::UNIX_EPOCH, &at(part, 120.0, &mut rng))
+        })
+        .into();
+    let width = |wear: &WearEstimate| wear.p95_um.unwrap() - wear.p05_um.unwrap();
+    assert!(width(&worn[1]) > 1.1 * width(&worn[0]), "{} and {}", worn[0].reason, worn[1].reason);
+    let told = "; less certain, as the shaft speed is 0.80 of the described one";
+    assert!(worn[1].reason.ends_with(told) && !worn[0].reason.contains("less certain"), "{}", worn[1].reason);
+    let mut copy = state.clone();
+    let refused = tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &at(2.5, 0.0, &mut rng));
+    assert_eq!(refused.status, WearStatus::NotComparable);
+    assert!(refused.reason.contains("shaft speed is 2.50 of the described one, expected 0.5 to 2"));
+    assert!(copy == state, "such a record moves nothing");
 }

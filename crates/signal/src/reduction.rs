@@ -8,7 +8,7 @@ use std::ops::Range;
 ///
 /// NaN stands for no value; a stretch without any value keeps its first position. At least two positions for
 /// each column are kept.
-pub(super) fn extremes(columns: &[&[f64]], length: usize, most: usize) -> Vec<usize> {
+pub fn extremes(columns: &[&[f64]], length: usize, most: usize) -> Vec<usize> {
     if length <= most {
         return (0..length).collect();
     }
@@ -33,7 +33,7 @@ pub(super) fn extremes(columns: &[&[f64]], length: usize, most: usize) -> Vec<us
 
 /// Positions of at most `most` entries: the greatest in each of equal stretches. All positions where there
 /// are no more.
-pub(super) fn peaks(values: &[f64], most: usize) -> Vec<usize> {
+pub fn peaks(values: &[f64], most: usize) -> Vec<usize> {
     if values.len() <= most {
         return (0..values.len()).collect();
     }

@@ -1,0 +1,131 @@
+//! What a person says of a CSV file's columns, where the file is not to say it itself.
+
+use std::fmt;
+
+use super::RecordingError;
+use super::csv_head::MAX_COLUMNS;
+
+/// The media type of CSV.
+const MEDIA_TYPE: &str = "text/csv";
+
+/// What the columns of a CSV file are. The default leaves everything to the file.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct CsvLayout {
+    /// Sampling rate in hertz; has to agree with the time column where there is one.
+    pub sample_rate_hz: Option<f64>,
+    /// Number of the column that holds the time, from 1; 0 where none does.
+    time_column: Option<u16>,
+    /// One bit for each column that is a channel; none where all are that do not hold the time.
+    channels: [u64; MAX_COLUMNS / 64],
+}
+
+impl CsvLayout {
+    /// Checks the parts: numbers of columns count from 1, and no `channels` are all that do not hold the
+    /// time. `time_column` is 0 where no column does.
+    ///
+    /// # Errors
+    /// [`RecordingError::Field`]: a number is none of a column.
+    pub fn new(
+        sample_rate_hz: Option<f64>,
+        time_column: Option<u16>,
+        channels: &[u16],
+    ) -> Result<Self, RecordingError> {
+        let most = MAX_COLUMNS as u16;
+        if let Some(column) = time_column.filter(|column| *column > most) {
+            return Err(RecordingError::field("time_column", column, "a number from 0 to 256"));
+        }
+        let mut layout = Self { sample_rate_hz, time_column, ..Self::default() };
+        for &column in channels {
+            if !(1..=most).contains(&column) {
+                return Err(RecordingError::field("columns", column, "numbers from 1 to 256"));
+            }
+            let at = usize::from(column - 1);
+            layout.channels[at / 64] |= 1 << (at % 64);
+        }
+        Ok(layout)
+    }
+
+    /// Reads what [`Display`](fmt::Display) wrote; none where it is another media type.
+    pub fn from_media_type(media_type: &str) -> Option<Self> {
+        let mut parts = media_type.split(';');
+        if parts.next()? != MEDIA_TYPE {
+            return None;
+        }
+        let (mut rate, mut time, mut channels) = (None, None, Vec::new());
+        for part in parts {
+            let (name, value) = part.split_once('=')?;
+            match name {
+                "rate" => rate = Some(value.parse().ok()?),
+                "time" => time = Some(value.parse().ok()?),
+                "columns" => channels = numbers(value)?,
+                _ => return None,
+            }
+        }
+        Self::new(rate, time, &channels).ok()
+    }
+
+    /// The place of the time column from 0, where it is said; none within where no column holds the time.
+    pub(super) fn time_at(self) -> Option<Option<usize>> {
+        self.time_column.map(|column| usize::from(column).checked_sub(1))
+    }
+
+    /// Whether it says anything of the columns.
+    pub(super) fn says_columns(self) -> bool {
+        self.time_column.is_some() || self.channels.iter().any(|bits| *bits != 0)
+    }
+
+    /// Places of the columns that are channels, from 0; none where it is not said.
+    pub(super) fn channels_at(self) -> Vec<usize> {
+        (0..MAX_COLUMNS).filter(|at| self.channels[at / 64] >> (at % 64) & 1 == 1).collect()
+    }
+}
+
+/// Numbers with commas between them; none where one of them is no number.
+fn numbers(text: &str) -> Option<Vec<u16>> {
+    text.split(',').map(|number| number.trim().parse().ok()).collect()
+}
+
+impl fmt::Display for CsvLayout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(MEDIA_TYPE)?;
+        if let Some(rate_hz) = self.sample_rate_hz {
+            write!(f, ";rate={rate_hz}")?;
+        }
+        if let Some(column) = self.time_column {
+            write!(f, ";time={column}")?;
+        }
+        for (index, at) in self.channels_at().into_iter().enumerate() {
+            write!(f, "{}{}", if index == 0 { ";columns=" } else { "," }, at + 1)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_media_type_says_the_whole_layout() {
+        for (layout, text) in [
+            (CsvLayout::default(), "text/csv"),
+            (CsvLayout::new(Some(2560.5), None, &[]).unwrap(), "text/csv;rate=2560.5"),
+            (CsvLayout::new(None, Some(0), &[256, 2, 2]).unwrap(), "text/csv;time=0;columns=2,256"),
+            (CsvLayout::new(Some(1.0), Some(3), &[1]).unwrap(), "text/csv;rate=1;time=3;columns=1"),
+        ] {
+            assert_eq!(layout.to_string(), text);
+            assert_eq!(CsvLayout::from_media_type(text), Some(layout));
+        }
+        for text in ["text/html", "text/csv;rate=x", "text/csv;columns=0", "text/csv;more=1", "text/csv;"] {
+            assert_eq!(CsvLayout::from_media_type(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn columns_that_cannot_be_are_refused() {
+        let error = CsvLayout::new(None, Some(300), &[]).unwrap_err().to_string();
+        assert!(error.contains("time_column is 300, expected a number from 0 to 256"), "{error}");
+        let error = CsvLayout::new(None, None, &[1, 0]).unwrap_err().to_string();
+        assert!(error.contains("columns is 0, expected numbers from 1 to 256"), "{error}");
+    }
+}

@@ -1,0 +1,139 @@
+//! What a CSV file holds, by itself or by its beginning, before it is taken.
+
+use jiff::Timestamp;
+
+use super::{CsvFrames, CsvLayout, CsvTiming, RecordingError};
+
+/// What a column is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ColumnRole {
+    /// Samples.
+    Channel,
+    /// The time of each line.
+    Time,
+    /// Neither.
+    LeftOut,
+}
+
+/// A column of a CSV file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CsvColumn {
+    /// As in the header, with its unit; the column's number where there is no header.
+    pub label: String,
+    /// The label without its unit.
+    pub name: String,
+    /// The unit that the header says.
+    pub unit: Option<&'static str>,
+    /// What it is.
+    pub role: ColumnRole,
+}
+
+/// What the lines of a CSV file hold.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CsvContents {
+    /// Lines of samples, and what they say of the time.
+    pub timing: CsvTiming,
+    /// Sampling rate in hertz; none where neither the file nor the layout says it.
+    pub sample_rate_hz: Option<f64>,
+    /// By channel, in the order of the columns: lowest and highest sample of stretches of equal length.
+    pub envelopes: Vec<Vec<[f32; 2]>>,
+}
+
+/// A CSV file as it would be taken.
+#[derive(Debug)]
+pub struct CsvPreview {
+    /// Its columns.
+    pub columns: Vec<CsvColumn>,
+    /// Its samples, or why it cannot be taken.
+    pub contents: Result<CsvContents, RecordingError>,
+}
+
+impl CsvPreview {
+    /// Looks at whole lines of a file, whose columns are what `layout` says. An envelope has at most
+    /// `stretches`.
+    ///
+    /// # Errors
+    /// Those of [`CsvFrames`] where the columns cannot be told.
+    pub fn of(lines: &[u8], layout: CsvLayout, stretches: usize) -> Result<Self, RecordingError> {
+        let frames = CsvFrames::with_layout(lines, layout)?;
+        let columns = frames.columns().map(|(column, role)| CsvColumn {
+            label: column.label.clone(),
+            name: column.name.clone(),
+            unit: column.unit,
+            role,
+        });
+        Ok(Self { columns: columns.collect(), contents: contents(lines, layout, stretches) })
+    }
+}
+
+fn contents(lines: &[u8], layout: CsvLayout, stretches: usize) -> Result<CsvContents, RecordingError> {
+    let timing = CsvTiming::scan(CsvFrames::with_layout(lines, layout)?)?;
+    let says_rate = [layout.sample_rate_hz, timing.stated_rate_hz, timing.clock_rate_hz];
+    let sample_rate_hz = match says_rate.iter().any(Option::is_some) {
+        true => Some(timing.sample_rate_hz(layout.sample_rate_hz)?),
+        false => None,
+    };
+    let mut frames = CsvFrames::with_layout(lines, layout)?;
+    let mut frame = vec![0.0; frames.channels().len()];
+    let stretches = (stretches as u64).clamp(1, timing.frames.max(1));
+    let none = [f32::INFINITY, f32::NEG_INFINITY];
+    let mut envelopes = vec![vec![none; stretches as usize]; frame.len()];
+    for line in 0..timing.frames {
+        if !frames.next_frame(&mut frame)? {
+            break;
+        }
+        let stretch = (line * stretches / timing.frames) as usize;
+        for (envelope, sample) in envelopes.iter_mut().zip(&frame) {
+            let [low, high] = envelope[stretch];
+            envelope[stretch] = [low.min(*sample), high.max(*sample)];
+        }
+    }
+    envelopes.iter_mut().for_each(|envelope| envelope.retain(|range| range[0] <= range[1]));
+    Ok(CsvContents { timing, sample_rate_hz, envelopes })
+}
+
+impl CsvContents {
+    /// The time of the first sample, where a column holds dates.
+    pub fn start_time(&self) -> Option<Timestamp> {
+        self.timing.start_time
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_preview_says_columns_rate_start_and_shape() {
+        let lines = "at;in [g];count\n2026-03-01T08:00:00Z;1;7\n2026-03-01T08:00:00.5Z;-2;7\n\
+                     2026-03-01T08:00:01Z;4;7\n2026-03-01T08:00:01.5Z;3;7\n";
+        let layout = CsvLayout::new(None, None, &[2]).unwrap();
+        let preview = CsvPreview::of(lines.as_bytes(), layout, 2).unwrap();
+        let columns: Vec<_> = preview.columns.iter().map(|c| (c.name.as_str(), c.unit, c.role)).collect();
+        assert_eq!(
+            columns,
+            [
+                ("at", None, ColumnRole::Time),
+                ("in", Some("g"), ColumnRole::Channel),
+                ("count", None, ColumnRole::LeftOut)
+            ]
+        );
+        let contents = preview.contents.unwrap();
+        assert_eq!((contents.sample_rate_hz, contents.timing.frames), (Some(2.0), 4));
+        assert_eq!(contents.start_time().unwrap().to_string(), "2026-03-01T08:00:00Z");
+        assert_eq!(contents.envelopes, [[[-2.0, 1.0], [3.0, 4.0]]]);
+    }
+
+    #[test]
+    fn columns_are_told_where_the_samples_cannot_be_taken() {
+        let text = b"t,a1\n0,1\n1,none\n";
+        let preview = CsvPreview::of(text, CsvLayout::default(), 10).unwrap();
+        assert_eq!(preview.columns.len(), 2);
+        let fault = preview.contents.unwrap_err().to_string();
+        assert!(fault.contains("line 3") && fault.contains("\"none\""), "{fault}");
+        // Without a rate there is all but the length.
+        let preview = CsvPreview::of(b"a1\n1\n3\n", CsvLayout::default(), 10).unwrap();
+        assert_eq!(preview.contents.unwrap().sample_rate_hz, None);
+        assert!(CsvPreview::of(b"", CsvLayout::default(), 10).is_err());
+    }
+}

@@ -1,0 +1,121 @@
+//! How the healthy lines move together from record to record.
+//!
+//! Load is the main disturbance of a healthy machine: it moves all mesh lines at once, always in the same
+//! proportions. Where records do not have their torque, those proportions show in the baseline as one
+//! direction that holds most of the lines' scatter. Early wear under load moves the lines nearly alike, so
+//! what lies along this direction is not taken off: the answer leaves open that there is no wear at all.
+
+use nalgebra::{DMatrix, SymmetricEigen};
+
+use super::healthy_lines::Measured;
+
+/// Fewest lines and records that a direction is told from.
+const LEAST_LINES: usize = 6;
+const LEAST_RECORDS: usize = 12;
+
+/// Part of the lines' scatter that the direction has to hold. Six independent lines of 20 records have 0.3.
+const LEAST_PART: f64 = 0.5;
+
+/// A record has moved along it by more than this many standard deviations of the healthy ones, ...
+const MOVED: f64 = 3.0;
+
+/// ... and this part of its squared change lies along it.
+const ALONG: f64 = 0.6;
+
+/// The direction that holds most of the healthy lines' scatter.
+#[derive(Debug, Clone)]
+pub(super) struct CommonMovement {
+    /// By line (0 is the first mesh harmonic): what it moves by while the direction moves by 1.
+    lines: Vec<(usize, f64)>,
+    /// Standard deviation of the healthy records along it.
+    deviation: f64,
+}
+
+impl CommonMovement {
+    /// That of lines with what is left of each healthy record beside the fit over the speed; none where no
+    /// direction stands out.
+    pub(super) fn of(lines: &[(usize, &[f64])]) -> Option<Self> {
+        let records = lines.iter().map(|(_, values)| values.len()).min().unwrap_or(0);
+        if lines.len() < LEAST_LINES || records < LEAST_RECORDS {
+            return None;
+        }
+        let values = DMatrix::from_fn(records, lines.len(), |record, line| lines[line].1[record]);
+        let eigen = SymmetricEigen::new(values.tr_mul(&values) / records as f64);
+        let most = eigen.eigenvalues.imax();
+        let variance = eigen.eigenvalues[most];
+        if variance < LEAST_PART * eigen.eigenvalues.sum() {
+            return None;
+        }
+        let direction = eigen.eigenvectors.column(most);
+        let lines = lines.iter().zip(direction.iter()).map(|((line, _), part)| (*line, *part));
+        Some(Self { lines: lines.collect(), deviation: variance.sqrt() })
+    }
+
+    /// Whether a record's lines have moved as they move together in the baseline, and much further.
+    pub(super) fn explains(&self, record: &Measured) -> bool {
+        let (mut along, mut square, mut change) = (0.0, 0.0, 0.0);
+        for line in &record.lines {
+            if let Some((_, part)) = self.lines.iter().find(|(index, _)| *index == line.index) {
+                along += part * line.change;
+                square += part * part;
+                change += line.change * line.change;
+            }
+        }
+        // The distance along it that fits best, and what of the squared change that explains.
+        let moved = along / f64::max(square, f64::MIN_POSITIVE);
+        square > LEAST_PART && moved.abs() > MOVED * self.deviation && along * moved > ALONG * change
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+    use crate::estimate::healthy_lines::MeasuredLine;
+
+    const LINES: usize = 8;
+
+    /// What load does to each line.
+    fn direction(line: usize) -> f64 {
+        1.0 + (1.3 * line as f64).sin()
+    }
+
+    fn baseline(load: f64, own: f64, seed: u64) -> Vec<Vec<f64>> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        let mut lines = vec![Vec::new(); LINES];
+        for _ in 0..20 {
+            let torque = load * normal();
+            for (line, values) in lines.iter_mut().enumerate() {
+                values.push(torque * direction(line) + own * normal());
+            }
+        }
+        lines
+    }
+
+    fn movement(lines: &[Vec<f64>]) -> Option<CommonMovement> {
+        CommonMovement::of(&lines.iter().map(Vec::as_slice).enumerate().collect::<Vec<_>>())
+    }
+
+    fn record(change: impl Fn(usize) -> f64) -> Measured {
+        let line = |index| MeasuredLine { index, change: change(index), variance: 0.01, floor: -9.0 };
+        Measured { lines: (0..LINES).map(line).collect(), load: 1.0 }
+    }
+
+    #[test]
+    fn a_load_beyond_the_baselines_is_told_and_other_movements_are_not() {
+        let movement = movement(&baseline(0.1, 0.05, 1)).unwrap();
+        assert!(movement.explains(&record(|line| 0.5 * direction(line))));
+        assert!(movement.explains(&record(|line| -0.5 * direction(line))));
+        assert!(!movement.explains(&record(|line| 0.15 * direction(line))), "the baseline has that too");
+        assert!(!movement.explains(&record(|line| 0.5 * if line % 2 == 0 { 1.0 } else { -1.0 })));
+    }
+
+    #[test]
+    fn lines_that_scatter_by_themselves_have_no_common_movement() {
+        assert!((0..50).all(|seed| movement(&baseline(0.0, 0.1, seed)).is_none()));
+    }
+}

@@ -1,0 +1,74 @@
+//! What the machine's lines and checks are while it is healthy.
+
+use std::sync::Arc;
+
+use super::Tracker;
+use crate::estimate::baseline::Baseline;
+use crate::estimate::deviation::Deviation;
+use crate::estimate::healthy_checks::{Drifting, HealthyChecks};
+use crate::estimate::healthy_lines::HealthyLines;
+use crate::estimate::levels::is_impulsive;
+use flankwatch_signal::Features;
+
+/// What follows from a baseline.
+#[derive(Debug)]
+pub(super) struct Healthy {
+    pub(super) lines: HealthyLines,
+    pub(super) checks: HealthyChecks,
+}
+
+/// The same, worked out again where a state was read.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Prepared(Option<Arc<Healthy>>);
+
+impl PartialEq for Prepared {
+    /// It says nothing that the baseline does not say.
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Prepared {
+    /// What follows from a baseline, worked out the first time.
+    pub(super) fn get(&mut self, work_out: impl FnOnce() -> Healthy) -> Arc<Healthy> {
+        Arc::clone(self.0.get_or_insert_with(|| Arc::new(work_out())))
+    }
+}
+
+impl Tracker {
+    /// What follows from a baseline.
+    pub(super) fn healthy(&self, baseline: &Baseline) -> Healthy {
+        let nominal = match self.ensemble.as_deref() {
+            Some(ensemble) => {
+                let operation = &ensemble.described().pair().operation;
+                [operation.shaft_speed_hz, operation.torque_nm]
+            }
+            None => [0, 1].map(|i| baseline.points.iter().find_map(|point| point[i]).unwrap_or(1.0)),
+        };
+        let lines = HealthyLines::new(baseline, nominal);
+        let log_speeds = lines.log_speeds(baseline);
+        Healthy {
+            checks: HealthyChecks::new(baseline, log_speeds, self.ensemble.as_deref(), self.grid.depths_um()),
+            lines,
+        }
+    }
+}
+
+impl Healthy {
+    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid and a
+    /// drift.
+    pub(super) fn checks_at(
+        &self,
+        record: &Features,
+        depth: usize,
+        drifting: Drifting<'_>,
+    ) -> Vec<Deviation> {
+        self.checks.deviations(record, self.lines.log_speed(record), depth, drifting)
+    }
+
+    /// Whether a record is more impulsive than the healthy ones.
+    pub(super) fn is_impulsive(&self, record: &Features) -> bool {
+        let kurtosis = self.checks.kurtosis(record, self.lines.log_speed(record));
+        kurtosis.is_some_and(|kurtosis| is_impulsive(&kurtosis))
+    }
+}

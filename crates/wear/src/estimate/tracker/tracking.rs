@@ -1,0 +1,352 @@
+//! The wear after the baseline, record by record.
+
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::Tracker;
+use super::healthy::{Healthy, Prepared};
+use crate::estimate::anchor::Anchor;
+use crate::estimate::baseline::Baseline;
+use crate::estimate::chart::Charts;
+use crate::estimate::comparability::sampled_too_slowly;
+use crate::estimate::deviation::Deviation;
+use crate::estimate::event::Inspection;
+use crate::estimate::extrapolation::Extrapolation;
+use crate::estimate::filter::{Believed, Filter};
+use crate::estimate::healthy_checks::Drift;
+use crate::estimate::healthy_lines::Measured;
+use crate::estimate::levels::{Levels, is_impulsive};
+use crate::estimate::likelihood::{Likelihood, Reference};
+use crate::estimate::novelty::{Circumstances, Novelty, SensorFault, judge};
+use crate::estimate::prognosis::prognosis;
+use crate::estimate::wear::{WearEstimate, WearStatus};
+use crate::library::{DEPTHS, Ensemble, MESH_LINES};
+use flankwatch_signal::Features;
+
+/// Fewest lines that a comparison is made on.
+const LEAST_LINES: usize = 3;
+
+/// Longest interval between two records in units of growth: what a machine does while nobody records is not
+/// known.
+const MAX_UNITS: f64 = 100.0;
+
+/// Part of the newest record in the mean of the lines that an inspection is compared with.
+const NEWEST_PART: f32 = 0.3;
+
+/// Records in a row whose own best depth lies outside the interval before the search begins anew.
+const MAX_DISAGREEING: u8 = 10;
+
+/// Probability that lines that moved as load moves them show no wear at all.
+const LOAD_INSTEAD: f32 = 0.2;
+
+/// What is said of lines that moved as load moves them.
+const LIKE_LOAD: &str = "it may be load instead: the lines moved as they do together in the baseline, so give each record its torque";
+
+/// What is known of a machine after its baseline.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Tracking {
+    baseline: Baseline,
+    /// Seconds between two records of the baseline on the mean, and the time of the newest record.
+    unit_s: f64,
+    pub(super) newest: Timestamp,
+    /// Time of the newest record of all.
+    seen: Timestamp,
+    drift: Drift,
+    pub(super) filter: Option<Filter>,
+    /// By member, the depth at which the baseline was taken; none for a new machine.
+    reference: Option<Vec<u8>>,
+    anchor: Option<Anchor>,
+    /// Mean change of each line over the last records.
+    recent: Vec<Option<f32>>,
+    disagreeing: u8,
+    #[serde(default)]
+    charts: Charts,
+    #[serde(default)]
+    levels: Levels,
+    #[serde(skip)]
+    prepared: Prepared,
+    /// Probability of each group of members in place of what is believed, for looking back.
+    #[serde(skip)]
+    pub(super) hindsight: Option<Arc<[f32]>>,
+}
+
+impl Tracking {
+    /// Units of growth from one time to another.
+    fn units(&self, from: Timestamp, to: Timestamp) -> f64 {
+        if self.unit_s > 0.0 {
+            (to.duration_since(from).as_secs_f64() / self.unit_s).clamp(0.0, MAX_UNITS)
+        } else {
+            1.0
+        }
+    }
+
+    /// Judges a record by its deviations of lines and checks; `gained` are those that a change of the gain
+    /// would show in.
+    fn judge(
+        &mut self,
+        healthy: &Healthy,
+        features: &Features,
+        deviations: [Vec<Deviation>; 2],
+        gained: &[Deviation],
+        lines_fell: Option<bool>,
+    ) -> Novelty {
+        let freedom = healthy.checks.freedom();
+        let kurtosis = healthy.checks.kurtosis(features, healthy.lines.log_speed(features));
+        let gain = self.levels.gain(gained, kurtosis.as_ref(), freedom);
+        let impulsive = kurtosis.as_ref().is_some_and(is_impulsive);
+        let circumstances = Circumstances { gain, impulsive, lines_fell };
+        let novelty = judge(features, &deviations, freedom, circumstances, &mut self.charts);
+        if novelty.outside {
+            let named = novelty.sensor_fault == Some(SensorFault::GainChanged);
+            self.levels.unexplained(gain.filter(|_| named));
+        } else {
+            self.levels.explained(gained.iter().chain(&kurtosis));
+        }
+        novelty
+    }
+}
+
+impl Tracker {
+    /// The tracking after a baseline of these records, which began at `began` and ended at `ended`.
+    pub(super) fn begin(
+        &self,
+        records: &[Features],
+        began: Timestamp,
+        ended: Timestamp,
+        carried: Option<Filter>,
+    ) -> Tracking {
+        let intervals = records.len().saturating_sub(1).max(1) as f64;
+        let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
+        let filter = carried.filter(|filter| filter.fits(members, self.variants()));
+        Tracking {
+            baseline: Baseline::of(records),
+            unit_s: ended.duration_since(began).as_secs_f64().max(0.0) / intervals,
+            newest: ended,
+            seen: ended,
+            drift: Drift::default(),
+            reference: filter.as_ref().map(Filter::mean_depths),
+            filter,
+            anchor: None,
+            recent: vec![None; MESH_LINES],
+            disagreeing: 0,
+            charts: Charts::default(),
+            levels: Levels::default(),
+            prepared: Prepared::default(),
+            hindsight: None,
+        }
+    }
+
+    /// Takes a depth that was measured on the teeth.
+    pub(super) fn inspect(&self, tracking: &mut Tracking, inspection: &Inspection) {
+        let Some(ensemble) = self.ensemble.as_deref() else {
+            return;
+        };
+        let members = ensemble.members().len();
+        let filter = self.fitting(tracking.filter.take(), members);
+        let filter = tracking.filter.insert(filter);
+        let gear = inspection.gear.map(|gear| usize::from(gear.saturating_sub(1)));
+        let at_place = |member: &crate::library::Member| member.at_place(gear, inspection.place);
+        let likelihood: Vec<f32> = ensemble
+            .members()
+            .iter()
+            .flat_map(|member| {
+                let parts = at_place(member);
+                let deviates = self.grid.cells().zip(parts).map(|([low, high], part)| {
+                    // The error of a cell is the measured one's and the cell's own width.
+                    let (middle, width) =
+                        (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
+                    let variance = inspection.error_um * inspection.error_um + width * width / 12.0;
+                    (-0.5 * (inspection.depth_um - middle).powi(2) / variance).exp().max(1e-30) as f32
+                });
+                deviates.collect::<Vec<_>>()
+            })
+            .collect();
+        filter.inspect(&likelihood);
+        tracking.anchor = Some(Anchor {
+            depths: Anchor::depths_at(ensemble, inspection.depth_um, gear, inspection.place),
+            changes: tracking.recent.clone(),
+        });
+        tracking.disagreeing = 0;
+    }
+
+    /// Takes one record.
+    pub(super) fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
+        let need = self.settings.baseline_records;
+        let Tracking { baseline, prepared, .. } = &mut *tracking;
+        let healthy = prepared.get(|| self.healthy(baseline));
+        if let Some(reason) = tracking.baseline.comparability.refuses(features) {
+            return self.no_number(WearStatus::NotComparable, need, &reason);
+        }
+        let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
+            let reason = "no gear pair is described for this asset, so there is no library to compare with";
+            let answer = match &features.speed_doubt {
+                Some(doubt) => self.no_number(WearStatus::SpeedInDoubt, need, doubt),
+                None => self.no_number(WearStatus::NoLibrary, need, reason),
+            };
+            return self.track_by_checks(tracking, &healthy, features, answer);
+        };
+        if healthy.lines.len() < LEAST_LINES {
+            let reason = format!(
+                "{} lines stand above the noise in the baseline, expected at least {LEAST_LINES}: this channel cannot show wear",
+                healthy.lines.len()
+            );
+            let answer = self.no_number(WearStatus::NotIdentifiable, need, &reason);
+            return self.track_by_checks(tracking, &healthy, features, answer);
+        }
+        let extrapolation = Extrapolation::of(ensemble, features);
+        if let Some(reason) = extrapolation.refuses() {
+            return self.no_number(WearStatus::NotComparable, need, &reason);
+        }
+        let scatter = tracking.baseline.comparability.scatter(features);
+        let measured = healthy.lines.measured(features, scatter);
+        if let Some(reason) = sampling_refuses(&healthy, ensemble, &measured, features) {
+            return self.no_number(WearStatus::NotComparable, need, &reason);
+        }
+        if measured.lines.is_empty() {
+            return self.track_without_lines(tracking, &healthy, features);
+        }
+        let reference = Reference {
+            depths: tracking.reference.as_deref(),
+            anchor: tracking.anchor.as_ref(),
+            extrapolation,
+        };
+        let likelihood = discrepancy.compare(ensemble, &measured, reference);
+        let lines = discrepancy.deviations(ensemble, &measured, likelihood.best, reference);
+        let apart = measured.apart();
+        let unseen = tracking.units(tracking.seen, at).max(1.0);
+        tracking.seen = at.max(tracking.seen);
+        let checks = healthy.checks_at(features, likelihood.best.1, tracking.drift.at(apart, unseen));
+        let drift = tracking.drift.after(apart, unseen, &checks);
+        let mesh_hz = f64::from(ensemble.described().pair().geometry.teeth[0])
+            * features.operating_point.shaft_speed_hz.unwrap_or(0.0);
+        let mut gained = healthy.checks.gained(features, healthy.lines.log_speed(features));
+        gained.extend(measured.deviations());
+        let lines_fell = tracking.levels.lines_fell(&gained, &measured.frequencies_hz(mesh_hz));
+        let novelty = tracking.judge(&healthy, features, [lines, checks], &gained, lines_fell);
+        if novelty.outside {
+            // What is not wear does not move the estimate of wear.
+            let mut answer = self.no_number(WearStatus::OutsideLibrary, need, "");
+            self.tell_novelty(&mut answer, novelty, features);
+            return answer;
+        }
+        tracking.drift = drift;
+        let mut believed = self.take(tracking, at, &measured, &likelihood);
+        if let Some(groups) = &tracking.hindsight {
+            believed = believed.with_groups(groups);
+        }
+        let like_load = healthy.lines.moved_like_load(features, &measured);
+        if like_load {
+            believed = believed.or_no_wear(LOAD_INSTEAD);
+        }
+        let mut answer = self.answer(ensemble, &believed, &likelihood);
+        let disagrees = self.disagrees(&answer, &likelihood);
+        tracking.disagreeing = if disagrees { tracking.disagreeing.saturating_add(1) } else { 0 };
+        let is_disputed = tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated;
+        if is_disputed {
+            answer.status = WearStatus::NotIdentifiable;
+        }
+        let doubts = [
+            is_disputed.then(|| ": the last records say otherwise than those before".to_owned()),
+            extrapolation.words().map(|words| format!("; {words}")),
+            like_load.then(|| format!("; {LIKE_LOAD}")),
+        ];
+        answer.reason.extend(doubts.into_iter().flatten());
+        if let Some(limit_um) = self.settings.limit_um {
+            answer.prognosis =
+                prognosis(&believed.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
+            answer.above_limit = Some(self.grid.probability_above(&believed.by_depth(), limit_um));
+        }
+        answer.novelty = Some(novelty);
+        answer
+    }
+
+    /// Takes a record whose mesh lines are compared with nothing: its novelty is put into the `answer` that
+    /// says why.
+    fn track_by_checks(
+        &self,
+        tracking: &mut Tracking,
+        healthy: &Healthy,
+        features: &Features,
+        mut answer: WearEstimate,
+    ) -> WearEstimate {
+        let need = self.settings.baseline_records;
+        let [healthy_checks, shared] = healthy.checks.shared(features);
+        if features.fault.is_none() && 2 * shared < healthy_checks {
+            if features.speed_doubt.is_some() {
+                return self.no_mesh(features, need, "");
+            }
+            let reason = format!(
+                "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines, as another sampling rate or length gives"
+            );
+            return self.no_number(WearStatus::NotComparable, need, &reason);
+        }
+        let gained = healthy.checks.gained(features, healthy.lines.log_speed(features));
+        let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
+        let novelty = tracking.judge(healthy, features, [Vec::new(), checks], &gained, None);
+        self.tell_novelty(&mut answer, novelty, features);
+        answer
+    }
+
+    /// Takes a record that has none of the baseline's lines: less than usual is then a machine that stands
+    /// still.
+    fn track_without_lines(
+        &self,
+        tracking: &mut Tracking,
+        healthy: &Healthy,
+        features: &Features,
+    ) -> WearEstimate {
+        let need = self.settings.baseline_records;
+        let mut answer = self.no_mesh(features, need, "this record has none of the baseline's lines");
+        let mut checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
+        checks.retain(|deviation| deviation.residual > 0.0);
+        let circumstances =
+            Circumstances { impulsive: healthy.is_impulsive(features), ..Circumstances::default() };
+        let freedom = healthy.checks.freedom();
+        let novelty = judge(features, &[Vec::new(), checks], freedom, circumstances, &mut tracking.charts);
+        self.tell_novelty(&mut answer, novelty, features);
+        answer
+    }
+
+    /// Whether the depth that explains a record best by itself lies outside the interval.
+    fn disagrees(&self, answer: &WearEstimate, likelihood: &Likelihood) -> bool {
+        let best_um = self.grid.depths_um()[likelihood.best.1];
+        match (answer.p05_um, answer.p95_um) {
+            (Some(low), Some(high)) => !(low..=high).contains(&best_um),
+            _ => false,
+        }
+    }
+
+    /// Lets wear grow up to a record, and takes it.
+    fn take(
+        &self,
+        tracking: &mut Tracking,
+        at: Timestamp,
+        measured: &Measured,
+        likelihood: &Likelihood,
+    ) -> Believed {
+        let members = likelihood.log.len() / DEPTHS;
+        let units = tracking.units(tracking.newest, at);
+        tracking.newest = at.max(tracking.newest);
+        for line in &measured.lines {
+            let recent = &mut tracking.recent[line.index];
+            let change = line.change as f32;
+            *recent = Some(recent.map_or(change, |mean| mean + NEWEST_PART * (change - mean)));
+        }
+        let filter = self.fitting(tracking.filter.take(), members);
+        tracking.filter.insert(filter).update(&self.growth, units * measured.load, likelihood)
+    }
+}
+
+/// Why a record has too few of the baseline's lines, where its sampling rate is the reason.
+fn sampling_refuses(
+    healthy: &Healthy,
+    ensemble: &Ensemble,
+    measured: &Measured,
+    features: &Features,
+) -> Option<String> {
+    let speed_hz = features.operating_point.shaft_speed_hz.filter(|_| measured.lines.len() < LEAST_LINES)?;
+    let teeth = f64::from(ensemble.described().pair().geometry.teeth[0]);
+    sampled_too_slowly(features, healthy.lines.rate_needed_hz(LEAST_LINES, teeth * speed_hz))
+}

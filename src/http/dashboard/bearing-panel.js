@@ -1,0 +1,136 @@
+// Which bearing's lines are marked on the bench: one of the assets', a known one, or any by its geometry.
+
+import {
+  BEARING_LINES,
+  formatGeometry,
+  formatOrders,
+  geometryFault,
+  KNOWN_BEARINGS,
+  parseBearing,
+} from "./bearing-geometry.js";
+import { h, setChildren, setText } from "./dom.js";
+import { hertz, number } from "./format.js";
+import { change, parse } from "./route.js";
+
+const FIELDS = [
+  ["elements", "Rolling elements", "1"],
+  ["roller", "Their diameter, mm", "any"],
+  ["pitch", "Pitch diameter, mm", "any"],
+  ["contact", "Contact angle, °", "any"],
+];
+const FIRST = { elements: 9, roller: 7.94, pitch: 39.04, contact: 0 };
+
+const option = (value, text) => h("option", { value }, text);
+
+/** The choice of a bearing and of its shaft's speed; everything chosen is in the address. */
+export class BearingPanel {
+  #bearing = h("select", { id: "bench-bearing", onchange: () => this.#choose(this.#bearing.value) });
+  #speed = h("input", {
+    id: "bench-speed",
+    type: "number",
+    min: 0,
+    step: "any",
+    onchange: () =>
+      change({ speed: Number(this.#speed.value) > 0 ? this.#speed.value : null }, { quiet: true }),
+  });
+  #inputs = new Map(
+    FIELDS.map(([key, , step]) => [
+      key,
+      h("input", { id: `bench-${key}`, type: "number", min: 0, step, onchange: () => this.#describe() }),
+    ]),
+  );
+  #geometry = h("div", { class: "bench-geometry", hidden: true });
+  #fault = h("p", { class: "result", "data-kind": "bad", role: "status" });
+  #orders = h("p", { class: "muted" });
+  #options = "";
+  element;
+
+  constructor() {
+    const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
+    this.#geometry.append(...FIELDS.map(([key, text]) => field(this.#inputs.get(key), text)));
+    this.element = h(
+      "div",
+      { class: "bench-bearing" },
+      h(
+        "div",
+        { class: "bench-fields" },
+        field(this.#bearing, "Bearing"),
+        field(this.#speed, "Shaft speed, Hz"),
+        this.#geometry,
+      ),
+      this.#fault,
+      this.#orders,
+    );
+  }
+
+  /** A bearing is chosen to see its lines: they are shown where no other cursor is. */
+  #choose(value) {
+    const bearing = value === "g" ? formatGeometry(FIRST) : value;
+    const { cursor, ecursor } = parse(location.hash).query;
+    const shown = (kind) => (bearing ? kind || "b" : kind === "b" ? null : kind);
+    change({ bearing, cursor: shown(cursor), ecursor: shown(ecursor) }, { quiet: true });
+  }
+
+  #describe() {
+    const geometry = Object.fromEntries(
+      [...this.#inputs].map(([key, { value }]) => [key, value === "" ? NaN : Number(value)]),
+    );
+    const fault = geometryFault(/** @type {any} */ (geometry));
+    setText(this.#fault, fault);
+    if (!fault) change({ bearing: formatGeometry(/** @type {any} */ (geometry)) }, { quiet: true });
+  }
+
+  #offer(assets, chosen) {
+    const own = assets.flatMap((asset) =>
+      Object.entries(asset.summary?.bearing_orders ?? {}).map(([name, orders]) => [
+        formatOrders(`${asset.id} ${name}`, orders),
+        `${asset.id}: ${name}`,
+      ]),
+    );
+    const kept = parseBearing(chosen);
+    // of a link whose asset has changed or is not on the bench
+    if (kept?.key.startsWith("o~") && !own.some(([value]) => value === chosen)) own.push([chosen, kept.name]);
+    const options = JSON.stringify(own);
+    if (options === this.#options) return;
+    this.#options = options;
+    setChildren(
+      this.#bearing,
+      option("", "None"),
+      own.length
+        ? h(
+            "optgroup",
+            { label: "Of the assets" },
+            own.map(([value, text]) => option(value, text)),
+          )
+        : null,
+      h(
+        "optgroup",
+        { label: "By their geometry" },
+        KNOWN_BEARINGS.map(({ key, name }) => option(key, name)),
+      ),
+      option("g", "Own geometry…"),
+    );
+  }
+
+  /** Follows the address; `assets` are those of the records, `shaft` the first record's speed in hertz. */
+  show(query, assets, shaft) {
+    this.#offer(assets, query.bearing);
+    const bearing = parseBearing(query.bearing);
+    this.#bearing.value = bearing?.key ?? "";
+    this.#geometry.hidden = bearing?.key !== "g";
+    if (document.activeElement !== this.#speed) this.#speed.value = query.speed ?? "";
+    this.#speed.placeholder = shaft ? number(shaft, 5) : "not known";
+    if (bearing?.geometry)
+      for (const [key, input] of this.#inputs)
+        if (document.activeElement !== input) input.value = String(bearing.geometry[key]);
+    const speed = Number(query.speed) || shaft;
+    const line = ([key, name]) =>
+      `${name} ${number(bearing.orders[key], 5)} ×${speed ? ` = ${hertz(bearing.orders[key] * speed)}` : ""}`;
+    setText(
+      this.#orders,
+      bearing
+        ? `${BEARING_LINES.map(line).join(", ")}. The outer race stands, nothing slips.${speed ? "" : " Type in the shaft speed: no record says it."}`
+        : "",
+    );
+  }
+}

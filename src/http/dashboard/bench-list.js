@@ -1,0 +1,212 @@
+// The records on the bench as a list: colour, asset, channel, time, and what can be done with each; and the
+// choice of further ones.
+
+import * as api from "./api.js";
+import { formatRecords, MOST_RECORDS, recordsOf } from "./bench-records.js";
+import { h, setChildren, setText } from "./dom.js";
+import { assetName } from "./fleet-row.js";
+import { clock, number, unit } from "./format.js";
+import { legend } from "./plots.js";
+import { recordWords } from "./record-facts.js";
+import { change, format, parse } from "./route.js";
+
+const OFFERED = 1000; // of the newest records, as the server gives them at once
+
+const option = (value, text) => h("option", { value }, text);
+
+/** The list of records, with `onListen(id)` when one is to be heard. */
+export class BenchList {
+  #onListen;
+  #onError;
+  #list = h("ul", { class: "bench-records" });
+  #none = h(
+    "p",
+    { class: "notice" },
+    "No record is on the bench yet. Choose one below, or “Compare…” on a record's page.",
+  );
+  #asset = h("select", { id: "bench-asset", onchange: () => this.#offerRecords() }, option("", "Choose…"));
+  #channel = h("select", { id: "bench-channel", onchange: () => this.#offerRecords(this.#channel.value) });
+  #record = h("select", { id: "bench-record" });
+  #add = h("button", { type: "submit", class: "primary", disabled: true }, "Add");
+  #clear = h(
+    "button",
+    { type: "button", class: "quiet", hidden: true, onclick: () => change({ records: null }) },
+    "Remove all",
+  );
+  #result = h("p", { class: "result", role: "status" });
+  #offered;
+  element;
+
+  constructor(onListen) {
+    this.#onListen = onListen;
+    const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
+    for (const select of [this.#channel, this.#record]) select.disabled = true;
+    const form = h(
+      "form",
+      { class: "bench-add", onsubmit: (event) => this.#addRecord(event) },
+      field(this.#asset, "Asset"),
+      field(this.#channel, "Channel"),
+      field(this.#record, "Record"),
+      this.#add,
+      this.#clear,
+    );
+    this.element = h(
+      "section",
+      { class: "card bench-list", "aria-label": "Records on the bench" },
+      this.#none,
+      this.#list,
+      form,
+      this.#result,
+    );
+  }
+
+  /** Says what went wrong, or how something went. */
+  say(words, kind = "bad") {
+    this.#result.dataset.kind = kind;
+    setText(this.#result, words);
+  }
+
+  /** Offers assets to choose records of. */
+  offerAssets(assets) {
+    if (assets === this.#offered) return;
+    this.#offered = assets;
+    const chosen = this.#asset.value;
+    setChildren(
+      this.#asset,
+      option("", "Choose…"),
+      assets.map((asset) => option(asset.id, assetName(asset))),
+    );
+    this.#asset.value = chosen;
+  }
+
+  async #offerRecords(channel = "") {
+    const id = this.#asset.value;
+    for (const control of [this.#channel, this.#record, this.#add]) control.disabled = true;
+    if (!id) return;
+    try {
+      const asset = this.#offered.find((each) => each.id === id);
+      const { channels } = asset.summary;
+      setChildren(
+        this.#channel,
+        option("", "All"),
+        channels.map((name) => option(name, name)),
+      );
+      this.#channel.value = channel;
+      this.#channel.disabled = false;
+      const { items } = await api.recordsPage(id, { channel, limit: OFFERED, order: "desc" });
+      if (this.#asset.value !== id || this.#channel.value !== channel) return; // another choice came meanwhile
+      setChildren(
+        this.#record,
+        items.map((record) => {
+          const { rms } = record.indicators ?? {};
+          const strength = rms == null ? "" : `, RMS ${number(rms, 3)} ${unit(record.unit)}`;
+          return option(record.id, `${clock(record.start_time)} · ${record.channel}${strength}`);
+        }),
+      );
+      this.#record.disabled = this.#add.disabled = items.length === 0;
+      this.say(items.length ? "" : "This asset has no records.");
+    } catch (error) {
+      this.say(`The records of “${id}” cannot be listed: ${error.message}.`);
+    }
+  }
+
+  #addRecord(event) {
+    event.preventDefault();
+    const ids = recordsOf(parse(location.hash).query);
+    if (ids.includes(this.#record.value)) return this.say("This record is on the bench already.");
+    if (ids.length >= MOST_RECORDS)
+      return this.say(`${MOST_RECORDS} records are on the bench, which is the most: remove one first.`);
+    this.say("");
+    change({ records: formatRecords([...ids, this.#record.value]) });
+  }
+
+  #take(id) {
+    const ids = recordsOf(parse(location.hash).query).filter((other) => other !== id);
+    change({ records: formatRecords(ids) });
+  }
+
+  #makeFirst(id) {
+    const ids = recordsOf(parse(location.hash).query).filter((other) => other !== id);
+    change({ records: formatRecords([id, ...ids]) });
+  }
+
+  /** Shows the records, `{ id, segment, asset, colour, name }` each; those without a segment are still being fetched. `heard` is the one that sounds. */
+  show(records, heard) {
+    this.#none.hidden = records.length > 0;
+    this.#clear.hidden = records.length < 2;
+    const focused = document.activeElement?.getAttribute("aria-label");
+    setChildren(
+      this.#list,
+      records.map((record, place) => this.#row(record, place, heard)),
+    );
+    if (focused)
+      [...this.#list.querySelectorAll("button")]
+        .find((button) => button.getAttribute("aria-label") === focused)
+        ?.focus();
+  }
+
+  #row({ id, segment, colour, name }, place, heard) {
+    const button = (text, what, onclick, pressed) =>
+      h(
+        "button",
+        {
+          type: "button",
+          class: "quiet",
+          "aria-label": `${what}: ${name}`,
+          "aria-pressed": pressed,
+          onclick,
+        },
+        text,
+      );
+    const missing = !segment || segment instanceof Error;
+    const isHeard = id === heard;
+    const swatch = legend([["line", colour, ""]])[0].firstChild;
+    return h(
+      "li",
+      { "data-record": id },
+      swatch,
+      h(
+        "div",
+        { class: "bench-record" },
+        missing
+          ? h("strong", {}, name)
+          : h(
+              "a",
+              {
+                href: format({
+                  page: "asset",
+                  id: segment.asset_id,
+                  query: { channel: segment.channel, segment: id },
+                }),
+              },
+              name,
+            ),
+        h(
+          "span",
+          { class: "muted" },
+          missing ? (segment ? `${segment.message}.` : "Loading…") : recordWords(segment),
+          place === 0 ? ". The others are compared with this one." : "",
+        ),
+      ),
+      h(
+        "div",
+        { class: "bench-buttons" },
+        missing
+          ? null
+          : button(
+              isHeard ? "Stop" : "Listen",
+              isHeard ? "Stop" : "Listen to",
+              () => this.#onListen(id),
+              String(isHeard),
+            ),
+        place ? button("Make first", "Make first", () => this.#makeFirst(id)) : null,
+        button("Remove", "Remove", () => this.#take(id)),
+      ),
+    );
+  }
+}
+
+/** What a record is called on the bench: its asset, channel and time. */
+export function recordName(segment, asset) {
+  return `${assetName(asset)} · ${segment.channel} · ${clock(segment.start_time)}`;
+}

@@ -1,0 +1,36 @@
+// Wear before an inspection, looked back at from it.
+
+import * as api from "./api.js";
+
+let known = { key: "", items: [] };
+
+/** The records before the last inspection with what it has taught; none without one. The service works them out when it is asked, so it is asked once. */
+export async function hindsightOf(id, channel, maintenance, signal) {
+  const inspections =
+    maintenance instanceof Error ? [] : maintenance.items.filter(({ inspection }) => inspection);
+  if (inspections.length === 0) return [];
+  const key = JSON.stringify([id, channel, inspections.map(({ time, inspection }) => [time, inspection])]);
+  if (known.key !== key) {
+    const answer = await api.answer(api.wearHindsight(id, channel, signal));
+    if (answer instanceof Error || answer.items.length === 0) return [];
+    known = { key, items: answer.items };
+  }
+  return known.items;
+}
+
+/** The interval that is looked back at, as two lines: `{ traces, entries }`. */
+export function hindsightLines(items, colour) {
+  if (!items?.length) return { traces: [], entries: [] };
+  const line = { color: colour.reference, width: 1, dash: "dash" };
+  const edge = (key) => ({
+    x: items.map(({ start_time: time }) => time),
+    y: items.map((item) => item[key]),
+    mode: "lines",
+    line,
+    hoverinfo: "skip",
+  });
+  return {
+    traces: [edge("p05_um"), edge("p95_um")],
+    entries: [["dash", colour.reference, "5 to 95 %, looked back at from the inspection"]],
+  };
+}

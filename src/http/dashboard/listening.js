@@ -1,0 +1,101 @@
+// A record as sound: its samples brought to one height, so that the level says nothing.
+
+import * as api from "./api.js";
+
+const MOST_SECONDS = 30;
+const PIECE = 190_000; // samples of one answer
+const PEAK = 0.9;
+const RATES = [3000, 768_000]; // that browsers take for a buffer
+
+/** The speeds of playback that can be chosen. */
+export const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
+
+/** The samples of a record, of a long one its begin. */
+async function samplesOf({ id, samples, sample_rate_hz: rate }, signal) {
+  const count = Math.min(samples, Math.floor(MOST_SECONDS * rate));
+  const values = new Float32Array(count);
+  for (let first = 0; first < count; first += PIECE) {
+    const last = Math.min(first + PIECE, count);
+    const piece = await api.samples(id, (first + 0.5) / rate, (last - 0.5) / rate, signal);
+    const from = Math.round(piece.time_s[0] * rate);
+    piece.value.forEach((value, n) => {
+      if (from + n < count) values[from + n] = value;
+    });
+  }
+  return values;
+}
+
+/** Samples without their mean, the greatest at a set height. */
+export function normalised(values) {
+  const mean = values.reduce((sum, value) => sum + value, 0) / (values.length || 1);
+  const peak = values.reduce((most, value) => Math.max(most, Math.abs(value - mean)), 0) || 1;
+  return values.map((value) => ((value - mean) * PEAK) / peak);
+}
+
+/** Plays one record at a time, over and over; `onChange(id)` says which one sounds, null for none. */
+export class Listening {
+  #context;
+  #source;
+  #asked = null;
+  #speed = 1;
+  #onChange;
+
+  constructor(onChange) {
+    this.#onChange = onChange;
+  }
+
+  /** The record that sounds. */
+  get id() {
+    return this.#asked?.id ?? null;
+  }
+
+  /** Another speed of playback. */
+  set speed(times) {
+    this.#speed = times;
+    if (this.#source) this.#source.playbackRate.value = times * this.#source.stretch;
+  }
+
+  /** Plays a record. */
+  async play(segment) {
+    this.stop();
+    const asked = { id: segment.id, control: new AbortController() };
+    this.#asked = asked;
+    this.#onChange(segment.id);
+    this.#context ??= new AudioContext();
+    await this.#context.resume();
+    try {
+      const values = normalised(await samplesOf(segment, asked.control.signal));
+      if (this.#asked !== asked) return;
+      const own = segment.sample_rate_hz;
+      const rate = Math.min(Math.max(own, RATES[0]), RATES[1]);
+      const buffer = this.#context.createBuffer(1, Math.max(1, values.length), rate);
+      buffer.copyToChannel(values, 0);
+      const source = this.#context.createBufferSource();
+      const stretch = own / rate; // a rate that browsers do not take is made up for by the speed
+      this.#source = Object.assign(source, { buffer, loop: true, stretch });
+      source.playbackRate.value = this.#speed * stretch;
+      source.connect(this.#context.destination);
+      source.start();
+    } catch (error) {
+      if (this.#asked === asked) this.stop();
+      if (error.name !== "AbortError") throw error;
+    }
+  }
+
+  /** Falls silent. */
+  stop() {
+    this.#source?.stop();
+    this.#source = undefined;
+    this.#asked?.control.abort();
+    if (this.#asked) {
+      this.#asked = null;
+      this.#onChange(null);
+    }
+  }
+
+  /** Frees what the browser holds for sound. */
+  dispose() {
+    this.stop();
+    this.#context?.close();
+  }
+}

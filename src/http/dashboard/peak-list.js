@@ -1,0 +1,132 @@
+// The largest lines of each record in the part of a spectrum that is shown.
+
+import { amplitudeAt, greatestPeaks } from "./fine-lines.js";
+import { decibels, number, unit } from "./format.js";
+import { h, setChildren, setText } from "./dom.js";
+import { legend } from "./plots.js";
+import { change } from "./route.js";
+import { saveCsv } from "./csv.js";
+
+const COUNTS = [5, 10, 20, 50];
+const COUNT = 10;
+
+/** How many lines an address asks for. */
+export const peakCount = ({ peaks }) => (COUNTS.includes(Number(peaks)) ? Number(peaks) : COUNT);
+
+/**
+ * The peaks of every record in a part, `{ layer, x, amplitude, level_db }`, the level against the first record's line there; null where not all lines are known.
+ * @param {import("./layers.js").Layer[]} layers
+ * @param {number[]} part
+ * @param {number} count
+ */
+export function peaksOf(layers, part, count) {
+  const rows = layers.map((layer) => {
+    const peaks = greatestPeaks(layer.data, part, count);
+    return peaks?.map(({ x, amplitude }) => {
+      const first = amplitudeAt(layers[0].data, x);
+      const level = first > 0 && layer !== layers[0] ? 20 * Math.log10(amplitude / first) : null;
+      return { layer, x, amplitude, level_db: level };
+    });
+  });
+  return rows.some((each) => !each) ? null : rows.flat();
+}
+
+/** The list under a spectrum. */
+export class PeakList {
+  #count = h(
+    "select",
+    {
+      "aria-label": "Lines of each record",
+      id: "bench-peaks",
+      onchange: () => change({ peaks: this.#count.value }, { quiet: true }),
+    },
+    COUNTS.map((count) => h("option", { value: count }, `${count} lines`)),
+  );
+  #save = h("button", { type: "button", class: "quiet peaks-save", onclick: () => this.#saveRows() }, "CSV");
+  #head = h("tr");
+  #body = h("tbody");
+  #note = h("p", { class: "muted" });
+  #columns = [];
+  #filename = "peaks";
+  #table = h(
+    "div",
+    { class: "lines-scroll", tabindex: "0", role: "group", "aria-label": "Largest lines" },
+    h("table", {}, h("thead", {}, this.#head), this.#body),
+  );
+  element = h(
+    "section",
+    { class: "lines peak-list", hidden: true, "aria-label": "Largest lines" },
+    h("div", { class: "plot-head" }, h("h3", {}, "Largest lines"), this.#count, this.#save),
+    this.#note,
+    this.#table,
+  );
+
+  constructor() {
+    this.#save.setAttribute("aria-label", "Largest lines: save as CSV");
+  }
+
+  #saveRows() {
+    saveCsv(
+      this.#columns.map(([name, values]) => [name, values]),
+      this.#filename,
+    );
+  }
+
+  /**
+   * Shows the peaks of spectra in a part; nothing without any.
+   * @param {import("./layers.js").Layer[]} layers
+   */
+  show(layers, part, query, filename) {
+    this.element.hidden = layers.length === 0;
+    if (layers.length === 0) return;
+    this.#filename = filename;
+    this.#count.value = String(peakCount(query));
+    const peaks = peaksOf(layers, part, peakCount(query));
+    this.#table.hidden = this.#save.hidden = !peaks;
+    if (!peaks)
+      return setText(this.#note, "The spectrum has too many lines to list all of them: zoom in on a part.");
+    const [{ data: first }] = layers;
+    const shownUnit = first.unit ? ` (${first.unit})` : "";
+    const toHertz = ({ layer: { data }, x }) => x * (data.hertz_per_unit ?? 1);
+    const inOrders = ({ layer: { data }, x }) => (data.shaft_speed_hz ? x / data.shaft_speed_hz : null);
+    setText(
+      this.#note,
+      `Of every line from ${number(part[0], 5)} to ${number(part[1], 5)}${first.axis ? " orders" : " Hz"}${layers.length > 1 ? "; dB against the first record's line at the same place" : ""}.`,
+    );
+    this.#columns = [
+      ["record", peaks.map(({ layer }) => layer.name)],
+      ["frequency_hz", peaks.map((row) => (first.axis && !first.hertz_per_unit ? null : toHertz(row)))],
+      ["order", peaks.map(inOrders)],
+      [`amplitude_peak${shownUnit}`, peaks.map(({ amplitude }) => amplitude)],
+      ["level against the first record (dB)", peaks.map(({ level_db: level }) => level)],
+    ];
+    const [, hertzOf, orders, amplitudes, levels] = this.#columns.map(([, values]) => values);
+    setChildren(
+      this.#head,
+      ["Record", "Frequency, Hz", "Order", `Amplitude${first.unit ? `, ${unit(first.unit)}` : ""}`, "dB"].map(
+        (name) => h("th", { scope: "col" }, name),
+      ),
+    );
+    setChildren(
+      this.#body,
+      peaks.map(({ layer }, row) =>
+        h(
+          "tr",
+          {},
+          h(
+            "th",
+            { scope: "row", title: layer.name },
+            legend([["line", layer.colour, ""]])[0].firstChild,
+            h("span", { class: "spoken" }, layer.name),
+          ),
+          [
+            number(hertzOf[row], 6),
+            number(orders[row], 5),
+            number(amplitudes[row], 4),
+            decibels(levels[row]),
+          ].map((text) => h("td", {}, text)),
+        ),
+      ),
+    );
+  }
+}

@@ -1,0 +1,60 @@
+// The live view of a stream as the server sends it, for as long as somebody looks: a page in the background
+// is sent nothing.
+
+import { address, ApiError } from "./api.js";
+import { readEvents } from "./server-events.js";
+
+const AGAIN_MS = 1500;
+
+/**
+ * Follows a stream until it is closed: `onFrame(frame)` for each, `onState({ state, seconds?, error? })` with
+ * "live", "waiting", "lost" or "refused".
+ */
+export class StreamFeed {
+  #href;
+  #onFrame;
+  #onState;
+  #abort = null;
+  #closed = false;
+  #again;
+  #visible = () => (document.hidden ? this.#abort?.abort() : this.#follow());
+
+  constructor(id, name, onFrame, onState) {
+    this.#href = address(["assets", id, "stream", "live"], { name });
+    this.#onFrame = onFrame;
+    this.#onState = onState;
+    document.addEventListener("visibilitychange", this.#visible);
+    this.#follow();
+  }
+
+  async #follow() {
+    clearTimeout(this.#again);
+    this.#abort?.abort();
+    if (this.#closed || document.hidden) return;
+    const abort = (this.#abort = new AbortController());
+    let lost = { state: "lost" };
+    try {
+      await readEvents(this.#href, { signal: abort.signal, onEvent: (event) => this.#take(event, abort) });
+    } catch (error) {
+      if (error instanceof ApiError) lost = { state: "refused", error };
+    }
+    if (this.#abort !== abort || abort.signal.aborted) return;
+    this.#onState(lost);
+    this.#again = setTimeout(() => this.#follow(), AGAIN_MS);
+  }
+
+  #take({ kind, data }, abort) {
+    if (abort.signal.aborted) return;
+    const told = JSON.parse(data);
+    if (kind === "frame") this.#onFrame(told);
+    if (kind === "waiting") this.#onState({ state: "waiting", seconds: told.seconds });
+  }
+
+  /** Ends it. */
+  close() {
+    this.#closed = true;
+    clearTimeout(this.#again);
+    document.removeEventListener("visibilitychange", this.#visible);
+    this.#abort?.abort();
+  }
+}

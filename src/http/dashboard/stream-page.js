@@ -1,0 +1,480 @@
+// The live streams of an asset: scope, spectrum and level as they come.
+
+import * as api from "./api.js";
+import { AssetFrame, refusal } from "./asset-frame.js";
+import { h, setChildren, setText } from "./dom.js";
+import { assetName } from "./fleet-row.js";
+import { clock, hertz, number, span, unit } from "./format.js";
+import { HeldRange } from "./held-range.js";
+import { PlotCard } from "./plot-card.js";
+import { replaceLine } from "./plots.js";
+import { change, format } from "./route.js";
+import { StreamFeed } from "./stream-feed.js";
+import {
+  LevelTrend,
+  liveSpectrumDrawing,
+  recordLine,
+  scopeDrawing,
+  scopeLine,
+  spectrumLine,
+} from "./stream-plots.js";
+
+const TREND_S = 60;
+const KEPT_S = ["5", "10", "30", "60"];
+const FIND_MS = 500; // between two looks for a record that was kept
+const FIND_TIMES = 40;
+
+function choice(id, label, options, onchange) {
+  const select = h("select", { id, onchange: () => onchange(select.value) });
+  fillChoice(select, options);
+  return { select, element: h("label", { class: "check", for: id }, label, select) };
+}
+
+/** Offers options, `[value, text]` each, where they are not offered yet. */
+function fillChoice(select, options) {
+  if (select.dataset.options === JSON.stringify(options)) return;
+  select.dataset.options = JSON.stringify(options);
+  setChildren(
+    select,
+    options.map(([value, text]) => h("option", { value }, text)),
+  );
+}
+
+/** The live view of one asset. */
+export class StreamPage {
+  #id;
+  #root;
+  #query;
+  #head;
+  #feed = null;
+  #frame = null;
+  #channel = null;
+  #status = { state: "connecting" };
+  #frozen = false;
+  #frames = 0;
+  #drawing = false;
+  #levels = [];
+  #names = [];
+  #record = null;
+  #scopeRange = new HeldRange();
+  #spectrumRange = new HeldRange();
+  #drawnAs = { scope: "", spectrum: "" };
+  #scope = new PlotCard("scope", "Scope");
+  #spectrum = new PlotCard("live-spectrum", "Spectrum");
+  #trend = new LevelTrend(TREND_S);
+  #state = h("p", { class: "stream-state", "data-state": "connecting" }, "Connecting…");
+  #values = h("dl", { class: "stream-values" });
+  #stream = choice("stream-name", "Stream", [], (name) => this.#go({ stream: name }));
+  #chooseChannel = choice("stream-channel", "Channel", [], (channel) => this.#go({ channel }));
+  #freeze = h(
+    "button",
+    {
+      type: "button",
+      id: "stream-freeze",
+      "aria-pressed": "false",
+      onclick: () => this.#setFrozen(!this.#frozen),
+    },
+    "Freeze",
+  );
+  #seconds = choice(
+    "stream-seconds",
+    "Last",
+    KEPT_S.map((seconds) => [seconds, `${seconds} s`]),
+    (seconds) => this.#go({ keep: seconds === "10" ? null : seconds }),
+  );
+  #keep = h("button", { type: "button", id: "stream-keep", onclick: () => this.#keepNow() }, "Keep this now");
+  #kept = h("p", { class: "stream-kept", role: "status" });
+  #axis = choice(
+    "stream-axis",
+    "Axis",
+    [
+      ["", "Hz"],
+      ["orders", "Orders"],
+    ],
+    (axis) => this.#go({ axis }),
+  );
+  #log = this.#check("stream-log", "Log", "slog");
+  #compare = this.#check("stream-compare", "Last stored record", "compare");
+  #body;
+
+  constructor(root, route) {
+    this.#root = root;
+    this.#id = route.id;
+    this.#query = route.query;
+    this.#head = new AssetFrame(route.id, "live");
+    this.#spectrum.tools.append(this.#axis.element, this.#log.element, this.#compare.element);
+    this.#body = h(
+      "div",
+      { class: "stream-page" },
+      h(
+        "section",
+        { class: "card stream-bar", "aria-label": "Stream" },
+        h(
+          "div",
+          { class: "stream-controls" },
+          this.#state,
+          this.#stream.element,
+          this.#chooseChannel.element,
+          this.#freeze,
+          h("span", { class: "stream-keep" }, this.#keep, this.#seconds.element),
+        ),
+        this.#kept,
+        h(
+          "div",
+          { class: "stream-levels" },
+          this.#values,
+          h(
+            "figure",
+            { class: "stream-trend" },
+            this.#trend.element,
+            h("figcaption", {}, `RMS (line) and peak (dashes) over the last ${TREND_S} s`),
+          ),
+        ),
+      ),
+      this.#scope.element,
+      this.#spectrum.element,
+    );
+    setChildren(root, this.#head.element, this.#body);
+    this.#head.update(route.id, route.query);
+  }
+
+  #check(id, label, parameter) {
+    const input = h("input", {
+      type: "checkbox",
+      id,
+      onchange: () => this.#go({ [parameter]: input.checked ? "1" : null }),
+    });
+    return { input, element: h("label", { class: "check", for: id }, input, label) };
+  }
+
+  #go(parameters) {
+    change(parameters, { quiet: true });
+  }
+
+  /** Follows a changed address. */
+  update(route) {
+    const before = this.#query;
+    this.#query = route.query;
+    if (before.stream !== route.query.stream) this.#forget();
+    if (before.channel !== route.query.channel) {
+      this.#levels = [];
+      for (const range of [this.#scopeRange, this.#spectrumRange]) range.forget();
+    }
+    if (before.slog !== route.query.slog || before.axis !== route.query.axis) this.#spectrumRange.forget();
+    this.#showChoices();
+    this.redraw();
+    return true;
+  }
+
+  /** Asks which streams there are, and for the record to compare with. */
+  async refresh(signal) {
+    const asset = await api.answer(api.asset(this.#id, signal));
+    if (asset instanceof Error) {
+      this.#forget();
+      return refusal(this.#root, this.#id, asset);
+    }
+    this.#head.update(assetName(asset), this.#query);
+    const streams = await api.answer(api.streams(this.#id, signal));
+    if (streams instanceof Error) return this.#say({ state: "refused", error: streams });
+    this.#names = streams.items.map(({ name }) => name);
+    this.#showChoices();
+    if (this.#names.length === 0) return this.#say({ state: "none" });
+    if (!this.#feed && !this.#frozen) this.#follow();
+    await this.#compareWith(signal);
+  }
+
+  get #name() {
+    const { stream } = this.#query;
+    return stream ?? (this.#names.includes("main") ? "main" : this.#names[0]);
+  }
+
+  #forget() {
+    this.#feed?.close();
+    [this.#feed, this.#frame, this.#record, this.#levels] = [null, null, null, []];
+    for (const range of [this.#scopeRange, this.#spectrumRange]) range.forget();
+    this.#setFrozen(false, true);
+  }
+
+  #follow() {
+    this.#feed?.close();
+    this.#feed = new StreamFeed(
+      this.#id,
+      this.#name,
+      (frame) => this.#take(frame),
+      (status) => this.#say(status),
+    );
+  }
+
+  /** A frozen view is sent nothing. */
+  #setFrozen(is, silent = false) {
+    this.#frozen = is;
+    this.#freeze.setAttribute("aria-pressed", String(is));
+    setText(this.#freeze, is ? "Go on" : "Freeze");
+    if (silent) return;
+    if (is) {
+      this.#feed?.close();
+      this.#feed = null;
+      this.#say({ state: "frozen" });
+      this.redraw(); // what is held can be pointed at and saved
+    } else {
+      this.#say({ state: "connecting" });
+      this.#follow();
+    }
+  }
+
+  #say(status) {
+    this.#status = status;
+    const { state, seconds, error } = status;
+    const words = {
+      connecting: () => "Connecting…",
+      live: () => "Live",
+      frozen: () => `Frozen at ${clock(this.#frame?.time)}`,
+      waiting: () => `No samples for ${span(seconds)}`,
+      lost: () => "Connection lost, trying again…",
+      refused: () => error.message,
+      none: () =>
+        "This asset has no live streams. The page “Live streams” of the documentation says how they are sent.",
+    }[state]();
+    this.#state.dataset.state = state;
+    this.#body.dataset.state = state;
+    setText(this.#state, words);
+    this.#freeze.disabled = this.#keep.disabled = ["none", "refused"].includes(state);
+    if (!this.#frame && state !== "connecting") {
+      this.#scope.say(words);
+      this.#spectrum.say(words);
+    }
+  }
+
+  #take(frame) {
+    // the record to compare with is that of a channel, whose name came just now
+    if (!this.#frame && this.#query.compare === "1") document.dispatchEvent(new CustomEvent("recordschange"));
+    this.#frame = frame;
+    const before = this.#channel?.name;
+    this.#channel = this.#chosen(frame);
+    if (this.#levels.length === 0 || before !== this.#channel.name) this.#recall(frame);
+    const { rms, peak } = this.#channel;
+    const now = Date.now();
+    this.#levels.push({ at: now, rms, peak });
+    while (this.#levels[0].at < now - 1000 * TREND_S) this.#levels.shift();
+    if (this.#status.state !== "live") this.#say({ state: "live" });
+    this.#showChoices();
+    if (!this.#drawing) this.#draw();
+  }
+
+  /** Begins the trend with the levels of the seconds before, which the service keeps of every stream. */
+  async #recall(frame) {
+    const [channel, name] = [frame.channels.indexOf(this.#channel), this.#name];
+    const [last, now] = [Date.parse(frame.time), Date.now()];
+    if (!Number.isFinite(last)) return;
+    try {
+      const from = new Date(last - 1000 * TREND_S).toISOString();
+      const { items } = await api.streamLevels(this.#id, name, from);
+      if (name !== this.#name || frame.channels[channel].name !== this.#channel?.name) return;
+      const recalled = items
+        .map(({ time, rms, peak }) => ({
+          at: now - (last - Date.parse(time)) + 1000, // the end of the second, as that of a frame
+          rms: rms[channel] ?? NaN,
+          peak: peak[channel] ?? NaN,
+        }))
+        .filter(({ at }) => at < now);
+      this.#levels = [...recalled, ...this.#levels.filter(({ at }) => at >= now)];
+    } catch {
+      // the trend then begins here
+    }
+  }
+
+  #chosen({ channels }) {
+    return channels.find(({ name }) => name === this.#query.channel) ?? channels[0];
+  }
+
+  #showChoices() {
+    const { axis, slog, compare, keep } = this.#query;
+    fillChoice(
+      this.#stream.select,
+      this.#names.map((name) => [name, name]),
+    );
+    this.#stream.select.value = this.#name ?? "";
+    this.#stream.element.hidden = this.#names.length < 2;
+    const channels = this.#frame?.channels ?? [];
+    fillChoice(
+      this.#chooseChannel.select,
+      channels.map(({ name }) => [name, name]),
+    );
+    this.#chooseChannel.select.value = this.#channel?.name ?? "";
+    this.#chooseChannel.element.hidden = channels.length < 2;
+    this.#axis.select.value = axis === "orders" ? axis : "";
+    this.#axis.select.disabled = Boolean(this.#frame) && !this.#frame.shaft_speed_hz;
+    this.#log.input.checked = slog === "1";
+    this.#compare.input.checked = compare === "1";
+    this.#seconds.select.value = KEPT_S.includes(keep) ? keep : "10";
+  }
+
+  /** The spectrum of the latest record, where it is wanted and may have changed. */
+  async #compareWith(signal) {
+    if (this.#query.compare !== "1") {
+      this.#record = null;
+      return;
+    }
+    const channel = this.#channel?.name;
+    if (!channel) return;
+    const page = await api.answer(api.recordsPage(this.#id, { channel, limit: 1, order: "desc" }, signal));
+    const [segment] = page instanceof Error ? [] : page.items;
+    if (!segment) {
+      this.#record = null;
+      return;
+    }
+    if (this.#record?.segment.id === segment.id) return;
+    const spectrum = await api.answer(api.spectrum(segment.id, null, null, 2000, signal));
+    this.#record = spectrum instanceof Error ? null : { segment, spectrum };
+    await this.redraw();
+  }
+
+  /** Draws again from what is known, for a changed address or theme. */
+  async redraw() {
+    this.#drawnAs = { scope: "", spectrum: "" };
+    if (!this.#frame) return;
+    this.#channel = this.#chosen(this.#frame);
+    await this.#draw();
+  }
+
+  async #draw() {
+    this.#drawing = true;
+    try {
+      const [frame, channel] = [this.#frame, this.#channel];
+      this.#showValues(frame, channel);
+      this.#trend.update(this.#levels);
+      await Promise.all([this.#drawScope(frame, channel), this.#drawSpectrum(frame, channel)]);
+      this.#frames += 1;
+      this.#body.dataset.frames = String(this.#frames);
+    } finally {
+      this.#drawing = false;
+    }
+  }
+
+  /** Draws a plot anew where more than its last line has changed; `drawing(frame, channel)` is that of a frame. */
+  async #show(which, card, key, line, drawing) {
+    const drawn = JSON.stringify(key);
+    if (this.#drawnAs[which] === drawn) return replaceLine(card.plot, line);
+    const latest = () => drawing(this.#frame, this.#channel);
+    await card.show({ ...latest(), table: () => latest().table() }, `${this.#id}-live-${which}`);
+    this.#drawnAs[which] = drawn;
+  }
+
+  #drawScope(frame, channel) {
+    const numbers = channel.scope.filter(Number.isFinite);
+    const range = this.#scopeRange.fit(Math.min(...numbers), Math.max(...numbers));
+    const key = [channel.name, frame.unit, frame.scope_samples, frame.sample_rate_hz, range];
+    return this.#show("scope", this.#scope, key, scopeLine(frame, channel), (latest, shown) =>
+      scopeDrawing(latest, shown, range),
+    );
+  }
+
+  #drawSpectrum(frame, channel) {
+    if (channel.bin.length === 0) {
+      this.#drawnAs.spectrum = "";
+      return this.#spectrum.say(
+        channel.invalid_samples
+          ? `No spectrum: ${channel.invalid_samples} of the last samples are no numbers.`
+          : "Too few samples for a spectrum yet.",
+      );
+    }
+    const inOrders = this.#query.axis === "orders" && Boolean(frame.shaft_speed_hz);
+    const logarithmic = this.#query.slog === "1";
+    const record = this.#record?.spectrum.unit === frame.unit ? this.#record : null;
+    const range = this.#amplitudes(channel, record, logarithmic);
+    const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, sample_rate_hz: rate, samples } = frame;
+    const key = [channel.name, frame.unit, shaft, mesh, rate, samples, inOrders, logarithmic, range];
+    key.push(record?.segment.id, record && Boolean(recordLine(record.spectrum, inOrders)));
+    return this.#show(
+      "spectrum",
+      this.#spectrum,
+      key,
+      spectrumLine(frame, channel, inOrders),
+      (latest, shown) => liveSpectrumDrawing(latest, shown, record, { inOrders, logarithmic, range }),
+    );
+  }
+
+  /** The range of the amplitudes; on a log scale from below the median, so that noise stays in sight. */
+  #amplitudes(channel, record, logarithmic) {
+    const seen = record ? [...channel.amplitude, ...record.spectrum.amplitude] : [...channel.amplitude];
+    const top = seen.reduce((most, value) => Math.max(most, value), 0) || 1;
+    if (!logarithmic) return this.#spectrumRange.fit(0, top, { isFloor: true });
+    const sorted = seen.sort((a, b) => a - b);
+    const low = Math.max(sorted[sorted.length >> 1] / 5, top * 1e-8);
+    return this.#spectrumRange.fit(Math.log10(low), Math.log10(top));
+  }
+
+  #showValues(frame, channel) {
+    const inUnit = (value) => `${number(value, 3)} ${unit(frame.unit)}`.trim();
+    const from = { stream: "said by the stream", asset: "nominal, of the asset" }[frame.shaft_speed_source];
+    const values = [
+      ["RMS", inUnit(channel.rms), "rms"],
+      ["Peak", inUnit(channel.peak), "peak"],
+      ["Shaft speed", frame.shaft_speed_hz ? hertz(frame.shaft_speed_hz) : "not known", "speed", from],
+      ["Mesh frequency", frame.mesh_frequency_hz ? hertz(frame.mesh_frequency_hz) : "–", "mesh"],
+      [
+        "Last sample",
+        clock(frame.time).slice(11),
+        "time",
+        `${clock(frame.time).slice(0, 10)}, index ${frame.next - 1}`,
+      ],
+    ];
+    if (this.#values.children.length !== values.length)
+      setChildren(
+        this.#values,
+        values.map(([label, , key]) =>
+          h("div", {}, h("dt", {}, label), h("dd", { "data-value": key }), h("dd", { class: "muted" })),
+        ),
+      );
+    values.forEach(([, text, , small], index) => {
+      const [, value, note] = this.#values.children[index].children;
+      setText(value, text);
+      setText(note, small ?? "");
+    });
+  }
+
+  /** Makes a record of the last seconds, and leads to it once it is stored. */
+  async #keepNow() {
+    const seconds = Number(this.#seconds.select.value);
+    const channel = this.#channel?.name;
+    this.#keep.disabled = true;
+    setText(this.#kept, "Keeping…");
+    try {
+      const kept = await api.answer(api.keepStream(this.#id, this.#name, seconds));
+      if (kept instanceof Error) return setText(this.#kept, `Nothing was kept: ${kept.message}`);
+      const rate = this.#frame?.sample_rate_hz;
+      const length = rate ? `${number(kept.samples / rate, 3)} s` : `${kept.samples} samples`;
+      const what = `Kept ${length} from ${clock(kept.start_time)} as a record`;
+      setText(this.#kept, `${what}, which is being stored…`);
+      const segment = await this.#find(kept, channel);
+      if (!segment) return setText(this.#kept, `${what}. It is not stored yet; the records will list it.`);
+      const href = format({ page: "asset", id: this.#id, query: { channel, segment: segment.id } });
+      setChildren(this.#kept, `${what}. `, h("a", { href }, "Open the record"));
+    } catch (error) {
+      setText(this.#kept, `Nothing was kept: ${error.message}`);
+    } finally {
+      this.#keep.disabled = false;
+    }
+  }
+
+  /** The record that was kept; another may begin at the same time. */
+  async #find({ start_time: time, samples }, channel) {
+    for (let look = 0; look < FIND_TIMES; look++) {
+      await new Promise((resolve) => setTimeout(resolve, look ? FIND_MS : 150));
+      const page = await api.answer(api.recordsPage(this.#id, { channel, from: time, limit: 10 }));
+      if (page instanceof Error) continue;
+      const found = page.items.find((item) => item.start_time === time && item.samples === samples);
+      if (found) return found;
+    }
+    return null;
+  }
+
+  tick() {}
+
+  /** Ends the connection and frees the plots. */
+  dispose() {
+    this.#feed?.close();
+    this.#scope.dispose();
+    this.#spectrum.dispose();
+  }
+}

@@ -1,0 +1,89 @@
+//! `/v1/assets/{asset}/wear/hindsight`: records looked back at from an inspection.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, Uri, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::app::App;
+use super::problem::Problem;
+use super::query::{AssetInPath, Parameters};
+use super::{assets, etag};
+use crate::asset::{AssetId, SegmentId};
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct HindsightParameters {
+    /// The channel; the one that speaks for the asset where not given.
+    channel: Option<String>,
+}
+
+/// Wear before the last inspection, with what that has taught.
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
+#[schema(as = WearHindsight)]
+pub(super) struct HindsightView {
+    /// The channel; none where the asset has no records.
+    channel: Option<String>,
+    /// Records with a depth in the order of time; none without an inspection.
+    items: Vec<HindsightRow>,
+}
+
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = WearHindsightRow)]
+struct HindsightRow {
+    /// Time of the record's first sample.
+    start_time: Timestamp,
+    /// The record.
+    segment_id: SegmentId,
+    /// Median wear depth in µm.
+    median_um: f64,
+    /// 5 % quantile of wear depth in µm.
+    p05_um: f64,
+    /// 95 % quantile of wear depth in µm.
+    p95_um: f64,
+}
+
+/// Look back from an inspection
+///
+/// An inspection tells which of the simulated pairs are like the machine. With that the records before it are
+/// followed once more, which takes some milliseconds a record; at most 5000 are looked back at. The history
+/// itself stays what was told at the time.
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/wear/hindsight",
+    tag = "trends",
+    params(("asset" = AssetId, Path, description = "The asset"), HindsightParameters),
+    responses((status = 200, body = HindsightView), (status = 304, description = "As the client has it")),
+)]
+pub(super) async fn hindsight(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<HindsightParameters>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
+    if etag::is_known(&headers, &tag) {
+        return Ok(etag::not_modified(tag));
+    }
+    let Some(channel) = channel else {
+        return Ok(([(header::ETAG, tag)], Json(HindsightView::default())).into_response());
+    };
+    let _ticket = app.service.workers.admit_answer()?;
+    let estimates = app.service.history.in_hindsight(&channel).await?;
+    let rows = estimates.into_iter().filter_map(|(key, wear)| {
+        Some(HindsightRow {
+            start_time: key.start_time,
+            segment_id: key.id,
+            median_um: wear.median_um?,
+            p05_um: wear.p05_um?,
+            p95_um: wear.p95_um?,
+        })
+    });
+    let view = HindsightView { channel: Some(channel.channel.clone()), items: rows.collect() };
+    Ok(([(header::ETAG, tag)], Json(view)).into_response())
+}

@@ -1,0 +1,79 @@
+//! A channel's records looked back at from its last inspection.
+
+use super::History;
+use super::fold::FoldInput;
+use crate::estimate::{LifeStep, MaintenanceEvent, WearEstimate};
+use crate::service::error::ServiceError;
+use crate::service::sensor_group::described;
+use crate::store::{ChannelSummary, SegmentKey};
+
+/// Most records that are looked back at: each takes some milliseconds, and its features are held meanwhile.
+const MAX_RECORDS: usize = 5000;
+
+/// Records read from the store at once.
+const READ_AT_ONCE: u32 = 500;
+
+impl History {
+    /// The estimates of a channel's records before its last inspection with what that has taught, in the order
+    /// of time; none without an inspection. They are worked out on demand; what is stored stays as it is.
+    ///
+    /// Error: [`ServiceError::Field`] where too many records lie before it.
+    pub async fn in_hindsight(
+        &self,
+        channel: &ChannelSummary,
+    ) -> Result<Vec<(SegmentKey, WearEstimate)>, ServiceError> {
+        let store = &self.folding.store;
+        let asset = described(store, &channel.asset_id).await?;
+        let events = store.maintenance(&channel.asset_id).await?;
+        let inspected = events.iter().filter(|event| event.inspection.is_some());
+        let Some(last) = inspected.map(|event| event.time).max() else {
+            return Ok(Vec::new());
+        };
+        let estimator = self.simulations.estimator(&asset.spec);
+        let mut inputs: Vec<FoldInput> = Vec::new();
+        loop {
+            let after = inputs.last().map(|input| &input.key);
+            let read = store.features(channel, after, READ_AT_ONCE).await?;
+            let is_last = read.len() < READ_AT_ONCE as usize;
+            let before = read.into_iter().take_while(|stored| stored.key.start_time < last);
+            let count = inputs.len();
+            inputs.extend(before.map(|stored| FoldInput::of(stored, &estimator.feature_key)));
+            if inputs.len() > MAX_RECORDS {
+                return Err(ServiceError::Field {
+                    field: "records before the inspection",
+                    value: format!("more than {MAX_RECORDS}"),
+                    expected: "at most 5000 to look back at",
+                });
+            }
+            if is_last || inputs.len() - count < READ_AT_ONCE as usize {
+                break;
+            }
+        }
+        let look_back = move || {
+            let steps = steps(&inputs, &events);
+            let (keys, steps): (Vec<_>, Vec<_>) = steps.into_iter().unzip();
+            let estimates = estimator.estimator.in_hindsight(&steps);
+            let keyed = keys.into_iter().zip(estimates);
+            keyed.filter_map(|(key, estimate)| Some((key?.clone(), estimate?))).collect()
+        };
+        self.folding.workers.run("look back from an inspection", look_back).await
+    }
+}
+
+/// Records and events in the order of time, an event before the records of its time, and records with their
+/// keys. Excluded ones take no part.
+fn steps<'a>(
+    inputs: &'a [FoldInput],
+    events: &'a [MaintenanceEvent],
+) -> Vec<(Option<&'a SegmentKey>, LifeStep<'a>)> {
+    let records = inputs.iter().filter(|input| !input.excluded);
+    let records = records.map(|input| {
+        let step = LifeStep::Record(input.key.start_time, &input.features);
+        (input.key.start_time, (Some(&input.key), step))
+    });
+    let events = events.iter().map(|event| (event.time, (None, LifeStep::Event(event))));
+    let mut all: Vec<_> = events.chain(records).collect();
+    // Stable: at one time events stay before records.
+    all.sort_by_key(|(time, _)| *time);
+    all.into_iter().map(|(_, step)| step).collect()
+}

@@ -1,0 +1,97 @@
+//! What an asset's channels say together, from the records of those that are not silent.
+
+use jiff::Timestamp;
+
+use crate::asset::Segment;
+use crate::estimate::{AlarmReading, ChannelContribution, JointEstimate, RecordTimes, WearEstimate};
+use crate::store::{Asset, ChannelSummary, Order, SegmentFilter, Store, StoreError};
+
+/// The answer of an asset that has records.
+pub struct JointWear {
+    /// The channel that says most.
+    pub leading: ChannelSummary,
+    /// Its latest record that is not excluded.
+    pub segment: Segment,
+    /// The one answer.
+    pub wear: WearEstimate,
+    /// What each channel adds; empty where one speaks alone.
+    pub contributions: Vec<ChannelContribution>,
+}
+
+impl JointWear {
+    /// The channels that speak for an asset: the one that its description names alone, else all.
+    pub fn speakers<'a>(asset: &Asset, channels: &'a [ChannelSummary]) -> Vec<&'a ChannelSummary> {
+        let named = asset.spec.sensor.channel.as_deref();
+        let named = named.and_then(|name| channels.iter().find(|channel| channel.channel == name));
+        named.map_or_else(|| channels.iter().collect(), |named| vec![named])
+    }
+
+    /// What these channels say together; none without records.
+    pub async fn of(store: &Store, speakers: &[&ChannelSummary]) -> Result<Option<Self>, StoreError> {
+        let mut latest = Vec::with_capacity(speakers.len());
+        for channel in speakers {
+            if let Some(segment) = store.latest_counted(channel).await? {
+                latest.push((*channel, segment));
+            }
+        }
+        let times = latest.iter().map(|(channel, segment)| times_of(channel, segment));
+        let mut is_silent = RecordTimes::silent(&times.collect::<Vec<_>>()).into_iter();
+        let (silent, mut speaking): (Vec<_>, Vec<_>) =
+            latest.into_iter().partition(|_| is_silent.next().unwrap_or(false));
+        let told: Vec<(&str, &WearEstimate)> =
+            speaking.iter().map(|(channel, segment)| (channel.channel.as_str(), &segment.wear)).collect();
+        let Some(mut joint) = JointEstimate::of(&told) else {
+            return Ok(None);
+        };
+        for (channel, segment) in &silent {
+            joint.name_silent(&channel.channel, &segment.wear, segment.start_time);
+        }
+        let (leading, segment) = speaking.swap_remove(joint.leading);
+        let contributions = if speakers.len() > 1 { joint.channels } else { Vec::new() };
+        Ok(Some(Self { leading: leading.clone(), segment, wear: joint.wear, contributions }))
+    }
+
+    /// The novelty of these channels together, of up to `count` records of each from a time on: the last
+    /// reading is of the latest record of each, the one before it of those before.
+    pub(super) async fn novelty(
+        store: &Store,
+        speakers: &[&ChannelSummary],
+        from: Option<Timestamp>,
+        count: u32,
+    ) -> Result<Vec<AlarmReading>, StoreError> {
+        let mut latest = Vec::with_capacity(speakers.len());
+        for channel in speakers {
+            let name = Some(channel.channel.clone());
+            let filter =
+                SegmentFilter { channel: name, from, order: Order::Desc, ..SegmentFilter::default() };
+            let mut segments = store.segments(&channel.asset_id, &filter, count).await?;
+            segments.retain(|segment| !segment.excluded);
+            if !segments.is_empty() {
+                latest.push((*channel, segments));
+            }
+        }
+        let times = latest.iter().map(|(channel, segments)| times_of(channel, &segments[0]));
+        let mut is_silent = RecordTimes::silent(&times.collect::<Vec<_>>()).into_iter();
+        latest.retain(|_| !is_silent.next().unwrap_or(false));
+        let reading = |back: usize| {
+            let records =
+                latest.iter().filter_map(|(channel, segments)| Some((channel, segments.get(back)?)));
+            let time = records.clone().map(|(_, segment)| segment.start_time).max()?;
+            let told: Vec<(&str, &WearEstimate)> =
+                records.map(|(channel, segment)| (channel.channel.as_str(), &segment.wear)).collect();
+            // One channel by itself has an alarm of its own.
+            let joint = JointEstimate::of(&told).filter(|_| told.len() > 1)?;
+            let novelty = joint.wear.novelty.filter(|novelty| novelty.sensor_fault.is_none());
+            Some(AlarmReading { time, value: novelty.map(|novelty| novelty.score) })
+        };
+        Ok((0..count as usize).rev().filter_map(reading).collect())
+    }
+}
+
+fn times_of(channel: &ChannelSummary, latest: &Segment) -> RecordTimes {
+    RecordTimes {
+        first: channel.first_start_time.unwrap_or(latest.start_time),
+        latest: latest.start_time,
+        count: channel.segments,
+    }
+}

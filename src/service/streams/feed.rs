@@ -1,0 +1,269 @@
+//! The live view of a stream: a frame several times a second, made once however many watch, and only while
+//! somebody does. Who is slow gets fewer frames.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use tokio::sync::watch;
+use tokio::time::{Instant, MissedTickBehavior};
+
+use super::Streams;
+use super::live::LiveStream;
+use crate::asset::{AssetId, AssetSpec};
+use crate::service::error::ServiceError;
+use crate::service::workers::blocking;
+use crate::store::StoreError;
+
+/// Time between two frames.
+const INTERVAL: Duration = Duration::from_millis(125);
+
+/// How often the asset's description is read again.
+const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+
+/// Without samples for so long they are said to be missing, and again each second.
+const WAITING_AFTER: Duration = Duration::from_secs(2);
+
+/// The latest of a stream that somebody watches.
+#[derive(Debug, Clone, Default)]
+struct Latest {
+    /// Counts frames.
+    number: u64,
+    frame: Option<Arc<str>>,
+    /// Whole seconds for which no samples came, where they are missed.
+    waiting_s: Option<u64>,
+    is_over: bool,
+}
+
+/// What those who watch a stream are told.
+#[derive(Debug, Default)]
+pub(super) struct LiveFeed {
+    latest: watch::Sender<Latest>,
+    is_running: AtomicBool,
+}
+
+/// Something new in a stream that is watched.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LiveUpdate {
+    /// A [`LiveFrame`](super::LiveFrame) as JSON.
+    Frame(Arc<str>),
+    /// No samples came for so many seconds.
+    Waiting(u64),
+}
+
+/// Who watches a stream.
+#[derive(Debug)]
+pub struct StreamViewer {
+    latest: watch::Receiver<Latest>,
+    /// What was told last.
+    seen: u64,
+    waiting_s: Option<u64>,
+}
+
+impl StreamViewer {
+    /// What is new, without what was passed over meanwhile; none where the stream is gone or the service
+    /// ends. Nothing is lost where the caller stops waiting.
+    pub async fn next(&mut self) -> Option<LiveUpdate> {
+        loop {
+            let latest = self.latest.borrow_and_update().clone();
+            if latest.is_over {
+                return None;
+            }
+            if latest.number != self.seen {
+                (self.seen, self.waiting_s) = (latest.number, None);
+                if let Some(frame) = latest.frame {
+                    return Some(LiveUpdate::Frame(frame));
+                }
+            }
+            if latest.waiting_s != self.waiting_s {
+                self.waiting_s = latest.waiting_s;
+                if let Some(seconds) = latest.waiting_s {
+                    return Some(LiveUpdate::Waiting(seconds));
+                }
+            }
+            self.latest.changed().await.ok()?;
+        }
+    }
+}
+
+impl LiveFeed {
+    /// Nobody is told anything more: the stream is gone.
+    pub(super) fn end(&self) {
+        self.latest.send_if_modified(|latest| {
+            let changes = !latest.is_over && self.is_running.load(Ordering::SeqCst);
+            latest.is_over |= changes;
+            changes
+        });
+    }
+
+    fn tell(&self, change: impl FnOnce(&mut Latest)) {
+        self.latest.send_modify(change);
+    }
+
+    /// Whether the caller is the one to make frames now.
+    fn begin(&self) -> bool {
+        !self.is_running.swap(true, Ordering::SeqCst)
+    }
+
+    /// Whether nobody watches, and the caller makes no frames any more.
+    fn is_ended_without_viewers(&self) -> bool {
+        if self.latest.receiver_count() > 0 {
+            return false;
+        }
+        self.is_running.store(false, Ordering::SeqCst);
+        // One may have come since the last look.
+        self.latest.receiver_count() == 0 || !self.begin()
+    }
+}
+
+impl Streams {
+    /// Begins to watch a stream.
+    ///
+    /// Errors: the asset is not known; [`ServiceError::StreamUnknown`]; [`ServiceError::StreamsShared`].
+    pub async fn watch(self: &Arc<Self>, asset: &AssetId, name: &str) -> Result<StreamViewer, ServiceError> {
+        self.status(asset, name).await?;
+        let stream = self.find(asset, name, false)?;
+        let latest = stream.feed.latest.subscribe();
+        if stream.feed.begin() {
+            stream.feed.tell(|latest| *latest = Latest { number: latest.number + 1, ..Latest::default() });
+            tokio::spawn(Feeding::new(Arc::clone(self), stream).run());
+        }
+        Ok(StreamViewer { latest, seen: 0, waiting_s: None })
+    }
+}
+
+/// Makes the frames of one stream.
+struct Feeding {
+    streams: Arc<Streams>,
+    stream: Arc<LiveStream>,
+    /// The asset's description, and when it was read.
+    asset: Option<(Arc<AssetSpec>, Instant)>,
+    /// When the last samples were seen to come.
+    heard_at: Option<Instant>,
+    /// What the last frame was made for, and up to which sample it is.
+    seen_next: Option<u64>,
+    shown_end: Option<u64>,
+    shown_time: Option<Timestamp>,
+}
+
+impl Feeding {
+    fn new(streams: Arc<Streams>, stream: Arc<LiveStream>) -> Self {
+        Self {
+            streams,
+            stream,
+            asset: None,
+            heard_at: None,
+            seen_next: None,
+            shown_end: None,
+            shown_time: None,
+        }
+    }
+
+    async fn run(mut self) {
+        let (mut over, mut next) = (self.streams.follow_end(), self.stream.follow_next());
+        let mut ticks = tokio::time::interval(INTERVAL);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                _ = over.wait_for(|over| *over) => break,
+                _ = ticks.tick() => {}
+            }
+            if self.stream.feed.is_ended_without_viewers() {
+                self.forget().await;
+                return;
+            }
+            if self.stream.feed.latest.borrow().is_over {
+                break;
+            }
+            let now = *next.borrow_and_update();
+            if now.is_some() && now == self.seen_next {
+                self.wait();
+                continue;
+            }
+            match self.show().await {
+                Ok(()) => self.seen_next = now,
+                Err(
+                    ServiceError::StreamUnknown { .. } | ServiceError::Store(StoreError::AssetUnknown(_)),
+                ) => {
+                    break;
+                }
+                // It may be back the next time.
+                Err(error) => {
+                    let (asset, name) = (&self.stream.asset, &self.stream.name);
+                    tracing::debug!(%asset, name, %error, "a live view has to wait");
+                    self.wait();
+                }
+            }
+        }
+        self.stream.feed.tell(|latest| latest.is_over = true);
+        self.stream.feed.is_running.store(false, Ordering::SeqCst);
+        self.forget().await;
+    }
+
+    /// Makes a frame of the latest samples.
+    async fn show(&mut self) -> Result<(), ServiceError> {
+        let asset = self.asset().await?;
+        let stream = Arc::clone(&self.stream);
+        let latest = blocking("read a stream", move || stream.latest()).await??;
+        let end = Some(latest.end());
+        if latest.bytes.is_empty() || end == self.shown_end {
+            self.wait();
+            return Ok(());
+        }
+        // The first one shows what was there already.
+        if self.shown_end.is_some() {
+            self.heard_at = Some(Instant::now());
+        }
+        (self.shown_end, self.shown_time) = (end, latest.time);
+        let make = move || serde_json::to_string(&latest.frame(&asset));
+        // Numbers and names: it always serialises.
+        let frame = self.streams.workers.run_first("make a live view", make).await?.unwrap_or_default();
+        self.stream.feed.tell(|latest| {
+            latest.number += 1;
+            latest.frame = Some(frame.into());
+            latest.waiting_s = None;
+        });
+        Ok(())
+    }
+
+    async fn asset(&mut self) -> Result<Arc<AssetSpec>, ServiceError> {
+        if let Some((asset, read_at)) = &self.asset
+            && read_at.elapsed() < LOOK_INTERVAL
+        {
+            return Ok(Arc::clone(asset));
+        }
+        let asset = match (self.streams.store.asset(&self.stream.asset).await, &self.asset) {
+            (Ok(asset), _) => Arc::new(asset.spec.clone()),
+            // The database may be away: the view goes on without it.
+            (Err(error), Some((asset, _))) if error.is_unavailable() => Arc::clone(asset),
+            (Err(error), _) => return Err(error.into()),
+        };
+        self.asset = Some((Arc::clone(&asset), Instant::now()));
+        Ok(asset)
+    }
+
+    /// Says for how long no samples came.
+    fn wait(&self) {
+        let waited = match self.heard_at {
+            Some(heard_at) => heard_at.elapsed(),
+            // Not since somebody watches: by the time of the last one.
+            None => self.since_last_sample().unwrap_or_default(),
+        };
+        let waiting_s = (waited >= WAITING_AFTER).then_some(waited.as_secs());
+        self.stream
+            .feed
+            .latest
+            .send_if_modified(|latest| std::mem::replace(&mut latest.waiting_s, waiting_s) != waiting_s);
+    }
+
+    fn since_last_sample(&self) -> Option<Duration> {
+        Duration::try_from(self.streams.clock.now().duration_since(self.shown_time?)).ok()
+    }
+
+    /// Holds no samples any more.
+    async fn forget(self) {
+        let stream = self.stream;
+        let _ = blocking("look at a stream", move || stream.forget_latest()).await;
+    }
+}

@@ -1,0 +1,286 @@
+//! What is shown of a stream at one moment: its last samples, their spectrum and their level.
+
+use bytes::Bytes;
+use jiff::Timestamp;
+use serde::Serialize;
+
+use crate::asset::AssetSpec;
+use crate::recording::stream::StreamFormat;
+use crate::service::workers::with_analyzer;
+use crate::signal::{OperatingPoint, Record, reduction};
+
+/// Seconds of samples that a spectrum is made of, and the fewest and most samples of a channel.
+const SPECTRUM_S: f64 = 1.0;
+const SPECTRUM_FRAMES: std::ops::RangeInclusive<u64> = 256..=32_768;
+
+/// Samples of all channels that one frame is made of.
+const MAX_SAMPLES: u64 = 1 << 19;
+
+/// The part of them that the scope shows, from the end.
+const SCOPE_PART: usize = 4;
+
+/// Points of all scopes and of all spectra of a frame, and those of one channel.
+const ALL_POINTS: usize = 8000;
+const SCOPE_POINTS: std::ops::RangeInclusive<usize> = 32..=600;
+const SPECTRUM_POINTS: std::ops::RangeInclusive<usize> = 32..=1000;
+
+/// A stream at one moment.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct LiveFrame {
+    /// Index after the last sample.
+    pub next: u64,
+    /// Time of the last sample.
+    pub time: Option<Timestamp>,
+    /// Samples of each channel that spectrum and level are of, up to the last one.
+    pub samples: u64,
+    /// Sampling rate in hertz.
+    pub sample_rate_hz: f64,
+    /// Unit of the samples; `1` where it is not known.
+    pub unit: String,
+    /// Distance of the spectrum's bins in hertz; none where there are too few samples.
+    pub resolution_hz: Option<f64>,
+    /// Samples of each channel that the scope shows, up to the last one.
+    pub scope_samples: u64,
+    /// Speed of the mesh's driving shaft, where it is known.
+    pub shaft_speed_hz: Option<f64>,
+    /// Who says it.
+    pub shaft_speed_source: Option<LiveSpeedSource>,
+    /// Mesh frequency at that speed.
+    pub mesh_frequency_hz: Option<f64>,
+    /// The channels in their order.
+    pub channels: Vec<LiveChannel>,
+}
+
+/// Who says how fast the shaft turns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LiveSpeedSource {
+    /// The sender of the stream.
+    Stream,
+    /// The asset's description: its nominal speed.
+    Asset,
+}
+
+/// One channel of a stream at one moment.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct LiveChannel {
+    /// Its name.
+    pub name: String,
+    /// Root mean square, with the mean in it; null where no sample is a number.
+    pub rms: f32,
+    /// Greatest magnitude.
+    pub peak: f32,
+    /// Samples that are no number. With any of them there is no spectrum.
+    pub invalid_samples: u64,
+    /// Which samples of the scope are drawn, from 0 on: the lowest and the highest of each stretch.
+    pub scope_index: Vec<u32>,
+    /// Their values.
+    pub scope: Vec<f32>,
+    /// Which bins of the spectrum are drawn: the greatest of each stretch. Bin k is at k × `resolution_hz`.
+    pub bin: Vec<u32>,
+    /// Their peak amplitudes under a Hann window, the mean removed.
+    pub amplitude: Vec<f32>,
+}
+
+/// The samples of each channel that a frame of a stream is made of.
+pub(super) fn frames_of(format: &StreamFormat) -> u64 {
+    let most = (MAX_SAMPLES / format.channels().max(1) as u64).max(1);
+    format.frames_in(SPECTRUM_S).clamp(*SPECTRUM_FRAMES.start(), *SPECTRUM_FRAMES.end()).min(most)
+}
+
+/// What a frame is made of.
+pub(super) struct Latest {
+    pub(super) format: StreamFormat,
+    pub(super) first: u64,
+    pub(super) bytes: Bytes,
+    pub(super) time: Option<Timestamp>,
+    pub(super) operating_point: OperatingPoint,
+}
+
+impl Latest {
+    /// Index after the last sample.
+    pub(super) fn end(&self) -> u64 {
+        self.first + (self.bytes.len() / self.format.frame_bytes()) as u64
+    }
+
+    pub(super) fn frame(&self, asset: &AssetSpec) -> LiveFrame {
+        let channels = self.format.channels();
+        let samples = self.bytes.len() / self.format.frame_bytes();
+        let unit = self.format.unit.clone().or_else(|| asset.sensor.unit.clone());
+        let unit = unit.unwrap_or_else(|| "1".to_owned());
+        let (speed_hz, source) = self.speed(asset);
+        let teeth = asset.gear.as_ref().map(|gear| f64::from(gear.teeth[0]));
+        let mut frame = LiveFrame {
+            next: self.end(),
+            time: self.time,
+            samples: samples as u64,
+            sample_rate_hz: self.format.sample_rate_hz(),
+            unit,
+            resolution_hz: None,
+            scope_samples: samples.div_ceil(SCOPE_PART) as u64,
+            shaft_speed_hz: speed_hz,
+            shaft_speed_source: source,
+            mesh_frequency_hz: speed_hz.zip(teeth).map(|(speed_hz, teeth)| speed_hz * teeth),
+            channels: Vec::with_capacity(channels),
+        };
+        let all: Vec<f32> = self.format.values(&self.bytes).collect();
+        for n in 0..channels {
+            let values: Vec<f32> = all.iter().skip(n).step_by(channels).copied().collect();
+            let name = self.format.channel_names.get(n).cloned().unwrap_or_else(|| (n + 1).to_string());
+            let channel = self.channel(name, values, &mut frame);
+            frame.channels.push(channel);
+        }
+        frame
+    }
+
+    fn channel(&self, name: String, values: Vec<f32>, frame: &mut LiveFrame) -> LiveChannel {
+        let (mut squares, mut valid, mut peak) = (0.0, 0_usize, 0.0_f32);
+        for value in values.iter().filter(|value| value.is_finite()) {
+            squares += f64::from(*value) * f64::from(*value);
+            valid += 1;
+            peak = peak.max(value.abs());
+        }
+        let points = |range: &std::ops::RangeInclusive<usize>| {
+            (ALL_POINTS / self.format.channels().max(1)).clamp(*range.start(), *range.end())
+        };
+        let begin = values.len() - frame.scope_samples as usize;
+        let scope: Vec<f64> = values[begin..].iter().map(|value| f64::from(*value)).collect();
+        let shown = reduction::extremes(&[&scope], scope.len(), points(&SCOPE_POINTS));
+        let mut channel = LiveChannel {
+            name,
+            rms: rounded((squares / valid as f64).sqrt()),
+            peak: rounded(f64::from(peak)),
+            invalid_samples: (values.len() - valid) as u64,
+            scope: shown.iter().map(|n| rounded(scope[*n])).collect(),
+            scope_index: shown.into_iter().map(|n| n as u32).collect(),
+            bin: Vec::new(),
+            amplitude: Vec::new(),
+        };
+        let samples = values.len();
+        let record = Record::new(
+            channel.name.as_str(),
+            self.time.unwrap_or_default(),
+            frame.sample_rate_hz,
+            frame.unit.as_str(),
+            values,
+        );
+        // Not where a sample is no number.
+        if let Ok(record) = record {
+            let spectrum = with_analyzer(samples, |analyzer| analyzer.amplitude_spectrum(&record));
+            frame.resolution_hz = Some(spectrum.resolution_hz);
+            let kept = reduction::peaks(&spectrum.amplitude, points(&SPECTRUM_POINTS));
+            channel.amplitude = kept.iter().map(|bin| rounded(spectrum.amplitude[*bin])).collect();
+            channel.bin = kept.into_iter().map(|bin| bin as u32).collect();
+        }
+        channel
+    }
+
+    /// The speed of the shaft that drives the mesh.
+    fn speed(&self, asset: &AssetSpec) -> (Option<f64>, Option<LiveSpeedSource>) {
+        let turns = asset.gear.as_ref().map_or(1.0, |gear| gear.driving_shaft_turns());
+        let nominal_hz = asset.mesh_context().nominal_shaft_speed_hz;
+        match self.operating_point.shaft_speed_hz {
+            Some(speed_hz) => (Some(speed_hz * turns), Some(LiveSpeedSource::Stream)),
+            None if nominal_hz > 0.0 => (Some(nominal_hz), Some(LiveSpeedSource::Asset)),
+            None => (None, None),
+        }
+    }
+}
+
+/// Four significant digits: more are not seen, and cost their way over the network.
+fn rounded(value: f64) -> f32 {
+    if value == 0.0 || !value.is_finite() {
+        return value as f32;
+    }
+    let scale = 10_f64.powi(3 - value.abs().log10().floor() as i32);
+    if scale.is_finite() && scale > 0.0 { ((value * scale).round() / scale) as f32 } else { value as f32 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::RawSample;
+
+    fn asset() -> AssetSpec {
+        let text = "id = 'pump'\ngear = { teeth = [20, 40], shaft_speed_hz = 15.0 }";
+        AssetSpec::from_toml(text).unwrap()
+    }
+
+    fn latest(channels: u32, values: impl IntoIterator<Item = f32>) -> Latest {
+        Latest {
+            format: StreamFormat::new(RawSample::F32, 20_000.0, channels, None).unwrap(),
+            first: 100,
+            bytes: values.into_iter().flat_map(f32::to_le_bytes).collect(),
+            time: Some(Timestamp::UNIX_EPOCH),
+            operating_point: OperatingPoint::default(),
+        }
+    }
+
+    fn sine(n: usize, hz: f64, amplitude: f64) -> f32 {
+        (amplitude * (std::f64::consts::TAU * hz * n as f64 / 20_000.0).sin()) as f32
+    }
+
+    #[test]
+    fn tones_are_at_their_frequencies_with_their_amplitudes_in_every_channel() {
+        let values = (0..20_000).flat_map(|n| [sine(n, 1234.0, 3.0), sine(n, 7007.0, 0.02)]);
+        let frame = latest(2, values).frame(&asset());
+        assert_eq!((frame.next, frame.samples, frame.scope_samples), (20_100, 20_000, 5000));
+        assert_eq!((frame.shaft_speed_hz, frame.mesh_frequency_hz), (Some(15.0), Some(300.0)));
+        let resolution_hz = frame.resolution_hz.unwrap();
+        for (channel, (hz, amplitude)) in frame.channels.iter().zip([(1234.0, 3.0_f32), (7007.0, 0.02)]) {
+            assert!(channel.bin.len() <= 1000 && channel.scope.len() <= 600);
+            let top = (0..channel.bin.len())
+                .max_by(|a, b| channel.amplitude[*a].total_cmp(&channel.amplitude[*b]))
+                .unwrap();
+            assert!((f64::from(channel.bin[top]) * resolution_hz - hz).abs() <= resolution_hz);
+            assert!((channel.amplitude[top] / amplitude - 1.0).abs() < 0.01, "{}", channel.amplitude[top]);
+            assert!((channel.rms / amplitude * 2_f32.sqrt() - 1.0).abs() < 1e-3);
+            assert!((channel.peak / amplitude - 1.0).abs() < 1e-3);
+        }
+        assert_eq!(frame.channels[1].name, "2");
+    }
+
+    #[test]
+    fn a_sample_that_is_no_number_and_too_few_of_them_cost_the_spectrum_only() {
+        let mut values: Vec<f32> = (0..1000).map(|n| sine(n, 500.0, 1.0)).collect();
+        values[900] = f32::NAN;
+        let frame = latest(1, values).frame(&asset());
+        let [channel] = frame.channels.as_slice() else { panic!("one channel") };
+        assert_eq!((channel.invalid_samples, channel.bin.len(), frame.resolution_hz), (1, 0, None));
+        assert!((channel.rms - std::f32::consts::FRAC_1_SQRT_2).abs() < 0.01 && !channel.scope.is_empty());
+        for few in 0..5 {
+            let frame = latest(1, (0..few).map(|n| n as f32)).frame(&asset());
+            assert_eq!(frame.samples, few as u64);
+            assert!(serde_json::to_string(&frame).is_ok());
+        }
+    }
+
+    #[test]
+    fn the_senders_speed_goes_before_that_of_the_description() {
+        let mut latest = latest(1, [0.0; 256]);
+        latest.operating_point.shaft_speed_hz = Some(12.5);
+        let frame = latest.frame(&asset());
+        assert_eq!(frame.shaft_speed_source, Some(LiveSpeedSource::Stream));
+        assert_eq!(frame.mesh_frequency_hz, Some(250.0));
+    }
+
+    #[test]
+    fn a_frame_is_bounded_whatever_the_stream() {
+        for (rate_hz, channels) in [(1.0, 1), (1e7, 1), (51_200.0, 256), (1e6, 64)] {
+            let format = StreamFormat::new(RawSample::F32, rate_hz, channels, None).unwrap();
+            let frames = frames_of(&format);
+            assert!(frames * u64::from(channels) <= MAX_SAMPLES && frames >= 256, "{frames}");
+            let values = (0..frames * u64::from(channels)).map(|n| (n % 977) as f32);
+            let latest = Latest { format, ..latest(1, values) };
+            let text = serde_json::to_string(&latest.frame(&asset())).unwrap();
+            assert!(text.len() < 400_000, "{channels}: {}", text.len());
+        }
+    }
+
+    #[test]
+    fn numbers_have_four_digits() {
+        assert_eq!([1.0, 0.123_456, -98_765.4, 0.0].map(rounded), [1.0, 0.1235, -98_770.0, 0.0]);
+        assert!(rounded(f64::NAN).is_nan());
+        assert_eq!(rounded(1e-310), 0.0);
+    }
+}

@@ -1,0 +1,76 @@
+// Times in UTC, or by the browser's clock: in words, on axes, and in fields.
+
+import assert from "node:assert/strict";
+import { asset, close, drawn, json, open, parameters, shownTime } from "./page.mjs";
+
+const BERLIN = { timezoneId: "Europe/Berlin" };
+
+/** A time as a clock in Berlin shows it. */
+const inBerlin = (time) => new Date(time).toLocaleString("sv-SE", { timeZone: "Europe/Berlin" });
+
+export const CHECKS = {
+  "times are shown by the browser's clock where that is chosen": async (name) => {
+    const opened = await open(`#/assets/${asset}`, BERLIN);
+    const { page } = opened;
+    await drawn(page, "wear");
+    const { start_time: start } = await json(`assets/${asset}/wear`);
+    const heading = page.locator(".record-bar h2");
+    await heading.getByText(shownTime(start)).waitFor();
+    await page.getByLabel("Times in").selectOption("local");
+    await heading.getByText(new RegExp(`${inBerlin(start)} \\+0[12]:00`)).waitFor();
+    await drawn(page, "wear");
+    const { items } = await json(`assets/${asset}/wear/history?max_points=2000`);
+    const axis = await page.evaluate(() => {
+      const { data, _fullLayout: layout } = document.querySelector('[data-plot="wear"] .plot');
+      const times = data.map(({ x }) => String(x?.[0])).filter((time) => time.startsWith("20"));
+      return { title: layout.xaxis.title.text, times };
+    });
+    assert.equal(axis.title, "Start of record (local time)");
+    const first = inBerlin(items[0].start_time).replace(" ", "T");
+    assert.ok(
+      axis.times.some((time) => time.startsWith(first)),
+      `${first} in ${axis.times}`,
+    );
+    // the choice is kept
+    await page.reload();
+    await heading.getByText(inBerlin(start)).waitFor();
+    assert.equal(await page.getByLabel("Times in").inputValue(), "local");
+    await page.getByLabel("Times in").selectOption("utc");
+    await heading.getByText(shownTime(start)).waitFor();
+    await close(opened, name);
+  },
+
+  "a range that is dragged out by the browser's clock is in the address in UTC": async (name) => {
+    const opened = await open(`#/assets/${asset}`, BERLIN);
+    const { page } = opened;
+    await page.getByLabel("Times in").selectOption("local");
+    await drawn(page, "wear");
+    const area = await page.locator('[data-plot="wear"] .nsewdrag').first().boundingBox();
+    await page.mouse.move(area.x + 0.3 * area.width, area.y + 0.5 * area.height);
+    await page.mouse.down();
+    await page.mouse.move(area.x + 0.6 * area.width, area.y + 0.5 * area.height, { steps: 6 });
+    await page.mouse.up();
+    await page.waitForFunction(() => location.hash.includes("time="));
+    const [from, to] = parameters(page)
+      .get("time")
+      .split("~")
+      .map((time) => Date.parse(time));
+    const { items } = await json(`assets/${asset}/wear/history?max_points=2000`);
+    const [begin, end] = [items[0], items.at(-1)].map((item) => Date.parse(item.start_time));
+    assert.ok(from > begin && from < to && to < end + (end - begin), new Date(from).toISOString());
+    await close(opened, name);
+  },
+
+  "a time that is typed is meant by the clock that is chosen": async (name) => {
+    const opened = await open(`#/assets/${asset}/records`, BERLIN);
+    const { page } = opened;
+    await page.getByLabel("Times in").selectOption("local");
+    const from = page.getByLabel("From, local time");
+    await from.fill("2026-07-01T12:00:00");
+    await from.press("Enter");
+    await page.waitForFunction(() => location.hash.includes("from="));
+    assert.equal(parameters(page).get("from"), "2026-07-01T10:00:00.000Z");
+    assert.ok((await from.inputValue()).startsWith("2026-07-01T12:00"));
+    await close(opened, name);
+  },
+};
