@@ -12,7 +12,7 @@ export const CHECKS = {
     await row.waitFor({ timeout: 25_000 });
     await row.getByText("No records").first().waitFor();
     await row.getByRole("link").click();
-    await page.getByText("Waiting for the first record").waitFor();
+    await page.getByRole("heading", { name: "Waiting for the first record" }).waitFor();
     await sendNoise(id, 0);
     await drawn(page, "trends");
     await sendNoise(id, 1);
@@ -25,7 +25,7 @@ export const CHECKS = {
   "records that come without a pause do not keep the page from following them": async () => {
     const id = await createAsset("busy", {});
     const { page } = await open(`#/assets/${id}`);
-    await page.getByText("Waiting for the first record").waitFor();
+    await page.getByRole("heading", { name: "Waiting for the first record" }).waitFor();
     let sending = true;
     const stream = (async () => {
       for (let minute = 0; sending && minute < 60; minute++) {

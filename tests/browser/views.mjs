@@ -124,7 +124,7 @@ export const CHECKS = {
     const { alarms, operating_bins: bins } = await json(`assets/${id}`);
     assert.deepEqual(
       alarms.map(({ quantity }) => quantity),
-      ["wear_um", "novelty", { indicator: "kurtosis" }],
+      ["wear_um", "novelty", "joint_novelty", { indicator: "kurtosis" }],
     );
     assert.deepEqual(bins, [{ name: "full load", torque_nm: [80, 120] }]);
     assert.deepEqual(opened.faults, []);
