@@ -3,6 +3,7 @@
 
 mod architecture;
 mod command_line;
+mod documents;
 mod evaluation;
 mod figures;
 mod hostile_bytes;
