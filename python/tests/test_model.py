@@ -112,9 +112,14 @@ def test_an_exception_of_the_callback_stops_the_build(pair):
 
 
 def test_ctrl_c_stops_the_build(pair):
-    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-    with pytest.raises(KeyboardInterrupt):
-        flankwatch.Library.build(pair, states=500, seconds=10.0)
+    # Python takes over that the signal is ignored, as it is for a shell's background jobs.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            flankwatch.Library.build(pair, states=500, seconds=10.0)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_a_tracker_learns_and_goes_on_from_its_state(pair, library, tmp_path):

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::CliError;
 
 /// How the names of recordings end.
-const ENDINGS: [&str; 5] = [".wav", ".mcap", ".csv", ".csv.gz", ".npy"];
+const ENDINGS: [&str; 6] = [".wav", ".mcap", ".csv", ".csv.gz", ".mat", ".npy"];
 
 /// The files in their order; a folder stands for the recordings in it, in the order of their names.
 pub(super) fn recording_files(named: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {

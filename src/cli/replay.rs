@@ -29,8 +29,8 @@ const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
 /// Arguments of `flankwatch replay`.
 #[derive(Args)]
 pub(super) struct ReplayArgs {
-    /// MCAP, WAV, CSV (.csv.gz too) or NumPy (.npy) recordings in time order, or folders of them, which are taken in the
-    /// order of names
+    /// MCAP, WAV, CSV (.csv.gz too), MATLAB (.mat, v5) or NumPy (.npy) recordings in time order, or folders of
+    /// them, which are taken in the order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// The asset that they belong to
@@ -48,7 +48,7 @@ pub(super) struct ReplayArgs {
     /// How fast: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
-    /// Sampling rate in hertz of CSV that does not say it, and of NumPy arrays
+    /// Sampling rate in hertz of CSV and MATLAB files that do not say it, and of NumPy arrays
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     #[command(flatten)]

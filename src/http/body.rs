@@ -212,6 +212,10 @@ fn check_mcap(beginning: &[u8]) -> Result<(), Problem> {
             StatusCode::UNPROCESSABLE_ENTITY,
             "the recording is a NumPy array, expected MCAP as content-type says",
         )),
+        Format::Mat => Err(Problem::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "the recording is a MATLAB file, expected MCAP as content-type says",
+        )),
     }
 }
 

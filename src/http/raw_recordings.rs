@@ -19,7 +19,7 @@ use crate::asset::Segment;
     tag = "records",
     params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, description = "The recording, of the media type that it came with", content(
-        (Vec<u8> = "audio/wav"), (Vec<u8> = "application/x-protobuf"), (Vec<u8> = "application/octet-stream"), (Vec<u8> = "text/csv"),
+        (Vec<u8> = "audio/wav"), (Vec<u8> = "application/x-protobuf"), (Vec<u8> = "application/octet-stream"), (Vec<u8> = "text/csv"), (Vec<u8> = "application/x-matlab-data"),
         (serde_json::Value = "application/json")
     ))),
 )]
@@ -45,6 +45,7 @@ fn form_of(media_type: &str) -> (&'static str, &'static str) {
     match media_type.split(';').next().unwrap_or_default().trim() {
         "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => ("audio/wav", "wav"),
         "text/csv" => ("text/csv", "csv"),
+        "application/x-matlab-data" => ("application/x-matlab-data", "mat"),
         "application/json" => ("application/json", "json"),
         "application/x-protobuf" | "application/protobuf" => ("application/x-protobuf", "pb"),
         _ => ("application/octet-stream", "raw"),

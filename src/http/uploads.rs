@@ -28,7 +28,7 @@ use crate::store::KeyedUpload;
 
 const MCAP: &str = "application/mcap";
 const BARE: &str = "application/octet-stream";
-const EXPECTED: &str = "audio/wav, text/csv, application/x-protobuf, application/json, application/mcap or application/octet-stream";
+const EXPECTED: &str = "audio/wav, text/csv, application/x-matlab-data, application/x-protobuf, application/json, application/mcap or application/octet-stream";
 
 /// Longest Idempotency-Key in bytes.
 const MAX_KEY_BYTES: usize = 255;
@@ -71,7 +71,8 @@ pub(super) struct UploadParameters {
     /// interleaved.
     #[serde(skip_serializing_if = "Option::is_none")]
     sample: Option<String>,
-    /// For `application/octet-stream`, and for `text/csv` without a column of times: sampling rate in hertz.
+    /// For `application/octet-stream`, and for `text/csv` and `application/x-matlab-data` that do not say it:
+    /// sampling rate in hertz.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 12800.0)]
     sample_rate_hz: Option<f64>,
@@ -172,6 +173,7 @@ pub(super) struct RecordingAnswer {
         content(
             (Vec<u8> = "audio/wav"),
             (String = "text/csv"),
+            (Vec<u8> = "application/x-matlab-data"),
             (JsonBlock = "application/json"),
             (Vec<u8> = "application/x-protobuf"),
             (Vec<u8> = "application/mcap"),
@@ -345,6 +347,7 @@ impl Upload<'_> {
                     let said = CsvParameters::new(asked.sample_rate_hz, asked.time_column, columns);
                     Ok(RecordFormat::Csv(said.layout()?))
                 }
+                Some(RecordFormat::Mat(_)) => Ok(RecordFormat::Mat(asked.sample_rate_hz)),
                 Some(format) => Ok(format),
                 None => Err(body::unsupported(media_type, EXPECTED)),
             };

@@ -173,8 +173,8 @@ export const CHECKS = {
     assert.equal(await file.getByLabel("Unit of in of").inputValue(), "g");
     await file.getByLabel("Name of out of").fill("gear-side");
     await page.locator("summary", { hasText: "sampling rate" }).click();
-    await page.getByLabel("Sampling rate of a CSV file, Hz").fill("2560.5");
-    await page.getByLabel("Sampling rate of a CSV file, Hz").blur();
+    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("2560.5");
+    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
     await file.getByText("CSV · 2 channels · 2560.5 Hz (typed in)").waitFor();
     await shoot(page, `${name} mapped`);
     await send(page);
@@ -271,7 +271,7 @@ export const CHECKS = {
   "files dropped on the page of the desk are listed there": async (name) => {
     const opened = await desk();
     const { page } = opened;
-    await page.getByText("Drop WAV, MCAP or CSV files here").waitFor();
+    await page.getByText("Drop WAV, MCAP, CSV or MATLAB files here").waitFor();
     await drop(page, { "dropped.wav": wav(1000) });
     await card(page, "dropped.wav").getByText("4000 Hz").waitFor();
     assert.equal(await page.locator("dialog[open]").count(), 0);

@@ -146,7 +146,7 @@ export const CHECKS = {
     await refused("Zeit [s];a1\n0;1\n0,1;2\n0,2;3\n0,9;4\n1;5", "csv line 5: 0.7 s after the line above");
     await refused("n;a1\n1;0,1\n2;0,5\n3;0,2\n4;0,1", /column "n" rises by the same step from line to line/);
     await page.locator("summary", { hasText: "sampling rate" }).click();
-    await page.getByLabel("Sampling rate of a CSV file, Hz").fill("900");
+    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("900");
     await refused(
       "Zeit [s];a1\n0;1\n0,001;2\n0,002;3\n0,003;4",
       "the sampling rate is 900 Hz, expected 1000 Hz",

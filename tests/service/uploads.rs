@@ -168,6 +168,29 @@ fn an_upload_under_a_key_happens_once() {
 }
 
 #[test]
+fn a_matlab_file_is_taken_with_its_variables_as_channels() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let path = &format!("{SEGMENTS}?start_time=2026-01-05T08:00:00Z&unit=m/s2");
+    let file = include_bytes!("../../fixtures/matlab/bearing-two-channels.mat");
+    let matlab = "application/x-matlab-data";
+    service.post(path, matlab, file).expect_problem(422, &["the sampling rate", "fs or t"]);
+    let answer = service.post(&format!("{path}&sample_rate_hz=12000"), matlab, file).expect(201).json();
+    let channels: Vec<&str> =
+        answer["segments"].as_array().unwrap().iter().map(|one| one["channel"].as_str().unwrap()).collect();
+    assert_eq!(channels, ["X097_DE_time", "X097_FE_time"]);
+    assert_eq!(answer["segments"][0]["sample_rate_hz"], 12_000.0);
+    // It is kept as it came, with all that is needed to read it again.
+    let id = answer["segments"][1]["id"].as_str().unwrap();
+    let raw = service.get(&format!("/v1/segments/{id}/raw")).expect(200);
+    assert_eq!(raw.header("content-type"), matlab);
+    assert_eq!(raw.bytes, file);
+    let count = |k: usize| (((37 * k + 11) % 201) as f32 - 100.0) / 8.0;
+    assert_eq!(waveform(&service, &answer["segments"][1]), (0..100).map(count).collect::<Vec<_>>());
+    service.post(path, matlab, b"MATLAB 5.0 MAT-file").expect_problem(422, &["mat: header"]);
+}
+
+#[test]
 fn a_csv_file_is_previewed_as_it_would_be_taken() {
     let service = Service::start();
     let preview = |query: &str, text: &str| {

@@ -167,7 +167,7 @@ impl CsvTiming {
         let said = given_hz.or(self.stated_rate_hz);
         match (said, self.clock_rate_hz) {
             (Some(said), Some(clock)) if (said / clock - 1.0).abs() > RATE_TOLERANCE + self.uncertainty => {
-                Err(RecordingError::CsvRate { said, clock })
+                Err(RecordingError::Rate { said, clock })
             }
             (Some(rate), _) | (None, Some(rate)) => Ok(rate),
             (None, None) => Err(RecordingError::field(

@@ -34,10 +34,10 @@ pub enum RecordingError {
     #[error("cannot read or write the recording: {0}")]
     Io(#[from] std::io::Error),
     /// Not a single byte.
-    #[error("the recording is empty (0 bytes), expected a WAV, MCAP, CSV or NumPy recording")]
+    #[error("the recording is empty (0 bytes), expected a WAV, MCAP, CSV, MATLAB or NumPy recording")]
     NoBytes,
     /// A format that is known, and not read here.
-    #[error("the recording is {name}, expected WAV, MCAP, CSV or .npy: {hint}")]
+    #[error("the recording is {name}, expected WAV, MCAP, CSV, .mat (v5) or .npy: {hint}")]
     Foreign {
         /// The format's name.
         name: &'static str,
@@ -46,7 +46,7 @@ pub enum RecordingError {
     },
     /// No format that is known.
     #[error(
-        "the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP, CSV or NumPy recording"
+        "the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP, CSV, MATLAB or NumPy recording"
     )]
     UnknownFormat {
         /// Its first bytes in hexadecimal.
@@ -62,10 +62,12 @@ pub enum RecordingError {
         /// What would have been right.
         expected: &'static str,
     },
-    /// A field of a NumPy array's description that cannot be used.
-    #[error("npy: {field} is {value}, expected {expected}")]
-    Npy {
-        /// Which field.
+    /// A part of a NumPy array or a MATLAB file that cannot be used.
+    #[error("{format}: {field} is {value}, expected {expected}")]
+    Content {
+        /// The file's format.
+        format: &'static str,
+        /// Which part.
         field: &'static str,
         /// Its value.
         value: String,
@@ -168,14 +170,14 @@ pub enum RecordingError {
         /// What would have been right.
         expected: &'static str,
     },
-    /// A sampling rate that contradicts the time column of a CSV file.
+    /// A sampling rate that contradicts the times in the file.
     #[error(
-        "the sampling rate is {said} Hz, expected {clock} Hz as in the column of times (at most 0.1 % apart)"
+        "the sampling rate is {said} Hz, expected {clock} Hz as the times in the file say (at most 0.1 % apart)"
     )]
-    CsvRate {
-        /// The rate that was given, or that a line before the header says.
+    Rate {
+        /// The rate that was given, or that the file says beside its times.
         said: f64,
-        /// The rate by the column of times.
+        /// The rate by the times.
         clock: f64,
     },
     /// A line of a CSV file that cannot be used.

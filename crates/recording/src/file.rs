@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use flate2::read::MultiGzDecoder;
 
+use super::mat::{MAX_BYTES, MatBlocks, MatFrames};
 use super::npy::NpyBlocks;
 use super::wav::WavBlocks;
 use super::{
@@ -18,12 +19,12 @@ use super::{
 /// How a file that is compressed with gzip begins.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// The records of a WAV, MCAP, CSV or NumPy file, read as they are asked for. CSV may be compressed with gzip; it is
-/// read twice, first for its time.
+/// The records of a WAV, MCAP, CSV, MATLAB (v5) or NumPy file, read as they are asked for. CSV may be
+/// compressed with gzip; it is read twice, first for its time. A MATLAB file is held in memory.
 ///
-/// A WAV, CSV or NumPy file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut
-/// into records of 10 s, or as `cut` says, where a rest of less than half a record is left out. MCAP records
-/// come as they were recorded.
+/// A file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records
+/// of 10 s, or as `cut` says, where a rest of less than half a record is left out. MCAP records come as they
+/// were recorded.
 pub struct RecordingFile {
     records: Records,
     read: Arc<AtomicU64>,
@@ -34,6 +35,7 @@ enum Records {
     Mcap(Box<McapReader>),
     Csv(Box<CsvBlocks<Box<dyn Read + Send>>>),
     Npy(Box<NpyBlocks<CountedFile>>),
+    Mat(Box<MatBlocks>),
 }
 
 /// A file that says how far it has been read.
@@ -82,6 +84,7 @@ impl RecordingFile {
                 Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?))
             }
             Format::Npy => Records::Npy(Box::new(NpyBlocks::new(reader, &defaults, cut)?)),
+            Format::Mat => Records::Mat(Box::new(MatBlocks::new(mat_frames(reader)?, &defaults, cut)?)),
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(reader, defaults))),
         };
         Ok(Self { records, read })
@@ -99,19 +102,28 @@ impl RecordingFile {
             Records::Mcap(_) => Format::Mcap,
             Records::Csv(_) => Format::Csv,
             Records::Npy(_) => Format::Npy,
+            Records::Mat(_) => Format::Mat,
         }
     }
 
-    /// Length in seconds of the records into which a long WAV, CSV or NumPy file is cut without having been asked
-    /// to; none where it is not.
+    /// Length in seconds of the records into which a long file is cut without having been asked to; none where
+    /// it is not.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         match &self.records {
             Records::Wav(blocks) => blocks.default_cut_seconds(),
             Records::Csv(blocks) => blocks.default_cut_seconds(),
             Records::Npy(blocks) => blocks.default_cut_seconds(),
+            Records::Mat(blocks) => blocks.default_cut_seconds(),
             Records::Mcap(_) => None,
         }
     }
+}
+
+/// A MATLAB file, read whole.
+fn mat_frames(reader: CountedFile) -> Result<MatFrames, RecordingError> {
+    let mut bytes = Vec::new();
+    reader.take(MAX_BYTES).read_to_end(&mut bytes)?;
+    MatFrames::new(&bytes)
 }
 
 /// Whether a file is CSV, compressed (true) or not; it stands at its beginning again.
@@ -139,6 +151,7 @@ impl Iterator for RecordingFile {
             Records::Wav(blocks) => blocks.next()?,
             Records::Csv(blocks) => blocks.next()?,
             Records::Npy(blocks) => blocks.next()?,
+            Records::Mat(blocks) => blocks.next()?,
         };
         Some(record.map(|record| Recorded {
             raw: encode_block(&record, BlockEncoding::Protobuf),

@@ -13,6 +13,8 @@ pub enum Format {
     Csv,
     /// A NumPy array.
     Npy,
+    /// MATLAB, version 5.
+    Mat,
 }
 
 /// What the Python package reads.
@@ -20,10 +22,9 @@ const BY_PYTHON: &str = "`flankwatch.read` of the Python package reads it, and `
 
 /// Formats that recordings come in and that are not read here: how they begin, their names, and what reads
 /// them.
-const FOREIGN: [(&[u8], &str, &str); 11] = [
+const FOREIGN: [(&[u8], &str, &str); 10] = [
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", BY_PYTHON),
     (b"MATLAB 7.3 MAT-f", "an HDF5 file (MATLAB v7.3)", BY_PYTHON),
-    (b"MATLAB 5.0 MAT-f", "a MATLAB file (v5)", BY_PYTHON),
     (b"TDSm", "a TDMS file", BY_PYTHON),
     (b"PAR1", "a Parquet file", BY_PYTHON),
     (b"fLaC", "a FLAC file", BY_PYTHON),
@@ -48,6 +49,9 @@ impl Format {
         }
         if beginning.starts_with(super::npy::MAGIC) {
             return Ok(Self::Npy);
+        }
+        if beginning.starts_with(super::mat::MAGIC) {
+            return Ok(Self::Mat);
         }
         if let Some((_, name, hint)) = FOREIGN.iter().find(|(magic, ..)| beginning.starts_with(magic)) {
             return Err(RecordingError::Foreign { name, hint });
@@ -75,6 +79,7 @@ mod tests {
         assert_eq!(Format::detect(b"\xef\xbb\xbfa;b\n").unwrap(), Format::Csv);
         assert!(matches!(Format::detect(b"\x7fELF\x02"), Err(RecordingError::UnknownFormat { .. })));
         assert_eq!(Format::detect(b"\x93NUMPY\x01\0v").unwrap(), Format::Npy);
+        assert_eq!(Format::detect(b"MATLAB 5.0 MAT-file, Plat").unwrap(), Format::Mat);
         assert!(matches!(Format::detect(b""), Err(RecordingError::NoBytes)));
     }
 
@@ -83,7 +88,6 @@ mod tests {
         for (beginning, name) in [
             (&b"\x89HDF\r\n\x1a\n\0\0"[..], "an HDF5 file"),
             (b"MATLAB 7.3 MAT-file, Plat", "(MATLAB v7.3)"),
-            (b"MATLAB 5.0 MAT-file, Plat", "a MATLAB file (v5)"),
             (b"TDSm\x0e\0\0\0", "a TDMS file"),
             (b"    -1\r\n    58\r\n", "a universal file"),
         ] {

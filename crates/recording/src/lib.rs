@@ -1,10 +1,11 @@
-//! Bytes to records and back: WAV, MCAP, CSV, NumPy arrays, protobuf and JSON.
+//! Bytes to records and back: WAV, MCAP, CSV, MATLAB, NumPy arrays, protobuf and JSON.
 //!
 //! - [`decode_wav`] and [`WavBlocks`], [`WavWriter`]: WAV whole, in stretches, and written;
 //! - [`McapReader`], [`McapWriter`]: MCAP with the messages of [`message`];
 //! - [`decode_block`], [`encode_block`]: one message in protobuf or JSON ([`BlockEncoding`]);
 //! - [`decode_csv`] and [`CsvBlocks`]: CSV whole and in stretches, its rate and time by [`CsvTiming`];
 //! - [`NpyBlocks`]: a NumPy array in stretches;
+//! - [`decode_mat`] and [`MatBlocks`]: MATLAB files of version 5, whole and in stretches;
 //! - [`CsvFrames`] and [`WavFrames`], which a [`Cutter`] makes records of;
 //! - [`stream`]: samples without end, in chunks by their index.
 //!
@@ -57,6 +58,8 @@ mod error;
 mod file;
 mod format;
 mod json;
+mod mat;
+mod mat_variables;
 mod mcap_frames;
 mod mcap_history;
 mod mcap_reader;
@@ -65,6 +68,7 @@ mod mcap_topic;
 mod mcap_writer;
 pub mod message;
 mod npy;
+mod number;
 mod packed_samples;
 mod pulse_count;
 mod pulses;
@@ -87,6 +91,7 @@ pub use file::RecordingFile;
 pub use format::Format;
 #[cfg(feature = "openapi")]
 pub use json::JsonBlock;
+pub use mat::{MatBlocks, MatFrames, decode_mat};
 pub use mcap_history::{HistoryKind, HistoryWriter};
 pub use mcap_reader::{McapReader, REFERENCE_WEAR, Recorded};
 pub use mcap_writer::{McapCompression, McapOptions, McapWriter};

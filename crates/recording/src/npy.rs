@@ -7,6 +7,7 @@ use std::io::Read;
 
 use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
 use super::error::shortened;
+use super::number::Number;
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
@@ -21,47 +22,6 @@ const MAX_CHANNELS: u64 = 256;
 
 /// Most frames read at once.
 const FRAMES_AT_ONCE: u64 = 4096;
-
-/// How a value stands in the file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Number {
-    F32,
-    F64,
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-}
-
-impl Number {
-    fn bytes(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::F32 | Self::I32 | Self::U32 => 4,
-            Self::F64 => 8,
-        }
-    }
-
-    /// The value of so many bytes, the least significant one first.
-    fn value(self, bytes: &[u8]) -> f32 {
-        let mut word = [0; 8];
-        word[..bytes.len()].copy_from_slice(bytes);
-        let word = u64::from_le_bytes(word);
-        match self {
-            Self::F32 => f32::from_bits(word as u32),
-            Self::F64 => f64::from_bits(word) as f32,
-            Self::I8 => f32::from(word as u8 as i8),
-            Self::U8 => f32::from(word as u8),
-            Self::I16 => f32::from(word as u16 as i16),
-            Self::U16 => f32::from(word as u16),
-            Self::I32 => word as u32 as i32 as f32,
-            Self::U32 => word as u32 as f32,
-        }
-    }
-}
 
 /// The frames of a NumPy array, read as they are asked for.
 #[derive(Debug)]
@@ -142,7 +102,7 @@ impl<R: Read> Frames for NpyFrames<R> {
             if self.big_endian {
                 bytes.reverse();
             }
-            *sample = self.number.value(bytes);
+            *sample = self.number.value(bytes) as f32;
         }
         self.next = end;
         Ok(true)
@@ -183,7 +143,7 @@ impl<R: Read> Iterator for NpyBlocks<R> {
 }
 
 fn npy(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
-    RecordingError::Npy { field, value: value.to_string(), expected }
+    RecordingError::Content { format: "npy", field, value: value.to_string(), expected }
 }
 
 /// The description of an array, a dictionary in Python's notation.

@@ -94,6 +94,10 @@ impl Source {
                 let expected = "CSV or WAV: it is a NumPy array, which `analyze` and `replay` read";
                 Err(argument("IN", path.display(), expected))
             }
+            Ok(Format::Mat) => {
+                let expected = "CSV or WAV: it is a MATLAB file, which `analyze` and `replay` read";
+                Err(argument("IN", path.display(), expected))
+            }
             Err(error) => Err(input(error)),
         }
     }

@@ -25,18 +25,18 @@ export class ImportDesk {
     type: "file",
     id: "upload-file",
     multiple: true,
-    accept: ".wav,.mcap,.csv,.json,.pb",
+    accept: ".wav,.mcap,.csv,.mat,.json,.pb",
     onchange: () => this.take([...this.#file.files]),
   });
   #unit = field("upload-unit", "Unit", { placeholder: "m/s2", size: 6 });
   #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
   #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
   #temperature = field("upload-temperature", "Temperature, °C", { type: "number", step: "any" });
-  #rate = field("upload-rate", "Sampling rate of a CSV file, Hz", {
+  #rate = field("upload-rate", "Sampling rate of a CSV or MATLAB file, Hz", {
     type: "number",
     min: 0,
     step: "any",
-    placeholder: "from its time column",
+    placeholder: "from the file",
     onchange: () => this.#lookAgain(),
   });
   #list = h("ul", { class: "files" });
@@ -53,7 +53,7 @@ export class ImportDesk {
     const drop = h(
       "label",
       { class: "drop", for: "upload-file" },
-      h("strong", {}, "Drop WAV, MCAP or CSV files here, or anywhere on the page"),
+      h("strong", {}, "Drop WAV, MCAP, CSV or MATLAB files here, or anywhere on the page"),
       h("span", {}, "or choose some:"),
       this.#file,
     );
@@ -66,7 +66,7 @@ export class ImportDesk {
     const optional = h(
       "details",
       {},
-      h("summary", {}, "For WAV and CSV files: unit, operating point, sampling rate"),
+      h("summary", {}, "For WAV, CSV and MATLAB files: unit, operating point, sampling rate"),
       h("div", { class: "fields" }, fields),
     );
     this.element = h(

@@ -9,6 +9,7 @@ import { envelopeOf, wavHead, wavSketch } from "./wav-head.js";
 export const TYPES = {
   wav: "audio/wav",
   csv: "text/csv",
+  mat: "application/x-matlab-data",
   mcap: "application/mcap",
   json: "application/json",
   pb: "application/x-protobuf",
@@ -93,6 +94,14 @@ async function ofMcap(file) {
   };
 }
 
+/** Of a MATLAB file nothing is known before the service has read it. */
+const ofMat = () => ({
+  channels: [],
+  form: "MATLAB",
+  words:
+    "the service reads it: its longest variables are the channels. Type the rate in above unless it has one, as fs",
+});
+
 async function ofJson(file) {
   if (file.size > MOST_JSON) return { channels: [], form: "JSON", words: "too large to be looked at here" };
   const {
@@ -117,13 +126,18 @@ const READERS = {
   "text/csv": ofCsv,
   "application/mcap": ofMcap,
   "application/json": ofJson,
+  "application/x-matlab-data": ofMat,
 };
 
 /** What is known of a file before it is sent; `fault` says what is wrong with it. Nothing of it is thrown. */
 export async function preview(file, rate, roles) {
   const type = typeOf(file);
   if (!type)
-    return { type, channels: [], fault: "expected a file that ends in .wav, .mcap, .csv, .json or .pb" };
+    return {
+      type,
+      channels: [],
+      fault: "expected a file that ends in .wav, .mcap, .csv, .mat, .json or .pb",
+    };
   const start = (told) => (OWN_TIMES.includes(type) ? null : startOfFile(file, told));
   try {
     const seen = (await READERS[type]?.(file, rate, roles)) ?? { channels: [], form: "protobuf" };

@@ -67,6 +67,8 @@ async function requestsOf(file, { type, head }, entry, common) {
       },
     }));
   }
+  if (type === "application/x-matlab-data")
+    return [{ body: file, type, parameters: { ...parameters, unit, sample_rate_hz: rate } }];
   if (type !== "audio/wav") return [{ body: file, type, parameters: {} }];
   const names = named(entry.channels);
   if (entry.fullScale && head?.format === PCM && head.bits === 16) {

@@ -6,10 +6,13 @@ use super::channel_units::ChannelUnits;
 use crate::asset::AssetSpec;
 use crate::recording::{
     BlockEncoding, CsvLayout, RawLayout, RecordDefaults, RecordingError, decode_block, decode_csv,
-    decode_raw, decode_wav,
+    decode_mat, decode_raw, decode_wav,
 };
 use crate::service::error::ServiceError;
 use crate::signal::{OperatingPoint, Record};
+
+/// The media type of MATLAB files.
+const MATLAB: &str = "application/x-matlab-data";
 
 /// How the bytes of one record are written.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +27,8 @@ pub enum RecordFormat {
     Raw(RawLayout),
     /// CSV.
     Csv(CsvLayout),
+    /// A MATLAB file of version 5, with the sampling rate in hertz where it does not say it.
+    Mat(Option<f64>),
 }
 
 /// What the sender says of a record beside its bytes; what the bytes say themselves counts first.
@@ -53,6 +58,8 @@ impl RecordFormat {
             Self::Json => "application/json".to_string(),
             Self::Raw(layout) => layout.to_string(),
             Self::Csv(layout) => layout.to_string(),
+            Self::Mat(None) => MATLAB.to_string(),
+            Self::Mat(Some(rate_hz)) => format!("{MATLAB};rate={rate_hz}"),
         }
     }
 
@@ -64,6 +71,11 @@ impl RecordFormat {
             "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => Some(Self::Wav),
             "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
             "application/json" => Some(Self::Json),
+            MATLAB => Some(Self::Mat(None)),
+            _ if media_type.starts_with(MATLAB) => {
+                let rate = media_type.strip_prefix(MATLAB)?.strip_prefix(";rate=")?;
+                Some(Self::Mat(Some(rate.parse().ok()?)))
+            }
             _ => CsvLayout::from_media_type(media_type)
                 .map(Self::Csv)
                 .or_else(|| RawLayout::from_media_type(media_type).map(Self::Raw)),
@@ -89,6 +101,10 @@ impl RecordFormat {
             Self::Json => Ok(vec![decode_block(bytes, BlockEncoding::Json, defaults)?]),
             Self::Raw(layout) => decode_raw(bytes, layout, defaults),
             Self::Csv(layout) => decode_csv(bytes, layout, defaults),
+            Self::Mat(rate_hz) => {
+                let sample_rate_hz = rate_hz.or(defaults.sample_rate_hz);
+                decode_mat(bytes, &RecordDefaults { sample_rate_hz, ..defaults.clone() })
+            }
         }
     }
 }

@@ -2,6 +2,7 @@
 //! the data folder.
 
 mod fixtures;
+mod matlab;
 mod memory;
 mod real_data;
 mod round_trip;

@@ -1,0 +1,247 @@
+//! The variables of a MATLAB file of version 5: arrays of real numbers, also within structs.
+//!
+//! The format: MathWorks, *MAT-File Format*, chapter 1. What is no array of real numbers in two dimensions
+//! (text, cells, sparse and complex arrays, objects, arrays of structs) is passed over.
+
+use std::borrow::Cow;
+use std::io::Read;
+
+use flate2::read::ZlibDecoder;
+
+use super::RecordingError;
+use super::error::shortened;
+use super::number::Number;
+
+/// Bytes before the first variable.
+const HEADER: usize = 128;
+
+/// Structs within structs that are looked into.
+const MAX_DEPTH: usize = 8;
+
+/// Most variables and fields of a file.
+const MAX_VARIABLES: usize = 4096;
+
+/// Types of elements.
+const COMPRESSED: u32 = 15;
+const MATRIX: u32 = 14;
+
+/// Classes of arrays.
+const STRUCT: u8 = 2;
+const NUMERIC: std::ops::RangeInclusive<u8> = 6..=15;
+const COMPLEX: u32 = 0x800;
+
+/// An array of real numbers, column after column.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Variable {
+    /// Its name, behind the names of the structs that it is in.
+    pub(crate) name: String,
+    /// Numbers of a column, and columns.
+    pub(crate) shape: [usize; 2],
+    number: Number,
+    big_endian: bool,
+    bytes: Vec<u8>,
+}
+
+impl Variable {
+    /// How many numbers it has.
+    pub(crate) fn len(&self) -> usize {
+        self.bytes.len() / self.number.bytes()
+    }
+
+    /// One of its numbers; NaN behind the end.
+    pub(crate) fn value(&self, at: usize) -> f64 {
+        let width = self.number.bytes();
+        let mut word = [0; 8];
+        let Some(bytes) = self.bytes.get(at * width..(at + 1) * width) else { return f64::NAN };
+        word[..width].copy_from_slice(bytes);
+        if self.big_endian {
+            word[..width].reverse();
+        }
+        self.number.value(&word[..width])
+    }
+}
+
+/// The arrays of real numbers in a file, which may take `most_bytes` once they are inflated.
+///
+/// # Errors
+/// The file is damaged, cut off or too large.
+pub(crate) fn variables(bytes: &[u8], most_bytes: u64) -> Result<Vec<Variable>, RecordingError> {
+    let big_endian = match bytes.get(HEADER - 2..HEADER) {
+        Some(b"IM") => false,
+        Some(b"MI") => true,
+        Some(other) => return Err(damaged("order of bytes", format!("{other:02x?}"), "IM or MI")),
+        None => return Err(damaged("header", format!("{} bytes long", bytes.len()), "128 bytes")),
+    };
+    let mut reader = Variables { big_endian, left: most_bytes, found: Vec::new(), seen: 0 };
+    let mut elements = Elements { bytes: &bytes[HEADER..], big_endian };
+    while let Some((kind, data)) = elements.next()? {
+        match kind {
+            COMPRESSED => {
+                let data = reader.inflate(data)?;
+                let mut inner = Elements { bytes: &data, big_endian };
+                if let Some((MATRIX, data)) = inner.next()? {
+                    reader.add(data, "", 0)?;
+                }
+            }
+            MATRIX => reader.add(data, "", 0)?,
+            _ => {}
+        }
+    }
+    Ok(reader.found)
+}
+
+struct Variables {
+    big_endian: bool,
+    /// Bytes that may still be taken.
+    left: u64,
+    found: Vec<Variable>,
+    seen: usize,
+}
+
+impl Variables {
+    fn inflate<'a>(&mut self, data: &'a [u8]) -> Result<Cow<'a, [u8]>, RecordingError> {
+        let mut inflated = Vec::new();
+        let read = ZlibDecoder::new(data).take(self.left + 1).read_to_end(&mut inflated);
+        read.map_err(|error| damaged("compressed variable", error, "whole zlib data"))?;
+        self.take(inflated.len())?;
+        Ok(Cow::Owned(inflated))
+    }
+
+    fn take(&mut self, bytes: usize) -> Result<(), RecordingError> {
+        let left = self.left.checked_sub(bytes as u64);
+        self.left = left.ok_or_else(|| {
+            damaged("size", "more than can be held in memory", "a file that is saved in parts")
+        })?;
+        Ok(())
+    }
+
+    /// Puts down the variable of a matrix element, or the fields of a struct.
+    fn add(&mut self, data: &[u8], within: &str, depth: usize) -> Result<(), RecordingError> {
+        self.seen += 1;
+        if self.seen > MAX_VARIABLES || depth > MAX_DEPTH {
+            return Err(damaged("variables", "too many, or structs in structs", "at most 4096, 8 deep"));
+        }
+        let mut parts = Elements { bytes: data, big_endian: self.big_endian };
+        // An array without anything in it, as a field may be.
+        let Some((_, flags)) = parts.next()? else { return Ok(()) };
+        let flags = self.words(flags).next().ok_or_else(|| damaged("flags", "missing", "8 bytes"))?;
+        let class = flags as u8;
+        if class != STRUCT && !NUMERIC.contains(&class) || flags & COMPLEX != 0 {
+            return Ok(());
+        }
+        let shape: Vec<usize> = self.words(parts.part("dimensions")?.1).map(|word| word as usize).collect();
+        let own = String::from_utf8_lossy(parts.part("name")?.1).into_owned();
+        let name = if within.is_empty() { own } else { within.to_owned() };
+        let [rows, columns] = shape[..] else { return Ok(()) };
+        if class == STRUCT {
+            return if (rows, columns) == (1, 1) { self.add_fields(parts, &name, depth) } else { Ok(()) };
+        }
+        let (kind, data) = parts.part("numbers")?;
+        let number = number(kind).ok_or_else(|| damaged("type of numbers", kind, "one of 1 to 13"))?;
+        let bytes = rows.checked_mul(columns).and_then(|count| count.checked_mul(number.bytes()));
+        if bytes != Some(data.len()) {
+            let value = format!("{rows} × {columns} in {} bytes", data.len());
+            return Err(damaged("shape", format!("{value} of {:?}", shortened(&name)), "as many numbers"));
+        }
+        self.take(data.len())?;
+        let big_endian = self.big_endian;
+        self.found.push(Variable { name, shape: [rows, columns], number, big_endian, bytes: data.to_vec() });
+        Ok(())
+    }
+
+    fn add_fields(
+        &mut self,
+        mut parts: Elements<'_>,
+        name: &str,
+        depth: usize,
+    ) -> Result<(), RecordingError> {
+        let length = self.words(parts.part("length of field names")?.1).next().unwrap_or_default() as usize;
+        let names = parts.part("field names")?.1;
+        if length == 0 {
+            return Ok(());
+        }
+        for field in names.chunks_exact(length) {
+            let end = field.iter().position(|byte| *byte == 0).unwrap_or(length);
+            let field = String::from_utf8_lossy(&field[..end]);
+            let (kind, data) = parts.part("field")?;
+            if kind == MATRIX {
+                self.add(data, &format!("{name}.{field}"), depth + 1)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn words<'a>(&self, bytes: &'a [u8]) -> impl Iterator<Item = u32> + use<'a> {
+        let big_endian = self.big_endian;
+        bytes.chunks_exact(4).map(move |word| word_of(word, big_endian))
+    }
+}
+
+fn word_of(bytes: &[u8], big_endian: bool) -> u32 {
+    let bytes = bytes.try_into().unwrap_or_default();
+    if big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
+}
+
+/// Elements one after the other: a type, a length, data, and padding to 8 bytes.
+struct Elements<'a> {
+    bytes: &'a [u8],
+    big_endian: bool,
+}
+
+impl<'a> Elements<'a> {
+    /// Type and data of the next one, none at the end.
+    fn next(&mut self) -> Result<Option<(u32, &'a [u8])>, RecordingError> {
+        let Some((tag, rest)) = self.bytes.split_at_checked(8) else {
+            let rest = std::mem::take(&mut self.bytes);
+            if rest.iter().any(|byte| *byte != 0) {
+                return Err(damaged(
+                    "end",
+                    format!("{} bytes of a variable", rest.len()),
+                    "a whole variable",
+                ));
+            }
+            return Ok(None);
+        };
+        let first = word_of(&tag[..4], self.big_endian);
+        // Up to 4 bytes stand within the tag.
+        if first >> 16 != 0 {
+            let length = (first >> 16) as usize;
+            let data = tag.get(4..4 + length).ok_or_else(|| damaged("length", length, "at most 4"))?;
+            self.bytes = rest;
+            return Ok(Some((first & 0xffff, data)));
+        }
+        let length = word_of(&tag[4..], self.big_endian) as usize;
+        let (data, rest) = rest.split_at_checked(length).ok_or_else(|| {
+            let expected = "as many bytes as the file holds";
+            damaged("length", format!("{length}, of which {} are there", rest.len()), expected)
+        })?;
+        let padding = if first == COMPRESSED { 0 } else { length.next_multiple_of(8) - length };
+        self.bytes = rest.get(padding..).unwrap_or_default();
+        Ok(Some((first, data)))
+    }
+
+    /// Type and data of the next one, which has to be there.
+    fn part(&mut self, what: &'static str) -> Result<(u32, &'a [u8]), RecordingError> {
+        self.next()?.ok_or_else(|| damaged(what, "missing", "a part of every variable"))
+    }
+}
+
+fn number(kind: u32) -> Option<Number> {
+    Some(match kind {
+        1 => Number::I8,
+        2 => Number::U8,
+        3 => Number::I16,
+        4 => Number::U16,
+        5 => Number::I32,
+        6 => Number::U32,
+        7 => Number::F32,
+        9 => Number::F64,
+        12 => Number::I64,
+        13 => Number::U64,
+        _ => return None,
+    })
+}
+
+fn damaged(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
+    RecordingError::Content { format: "mat", field, value: value.to_string(), expected }
+}
