@@ -200,6 +200,25 @@ export const CHECKS = {
     await end(opened, name);
   },
 
+  "a MATLAB file is sent with the rate that it lacks": async () => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const buffer = await readFile(new URL("../../fixtures/matlab/bearing-two-channels.mat", import.meta.url));
+    const name = "m_20260401_080000.mat";
+    await page.setInputFiles("#upload-file", [{ name, mimeType: "application/octet-stream", buffer }]);
+    await card(page, "m_20260401").getByText("the service reads it").waitFor();
+    await page.locator("summary", { hasText: "sampling rate" }).click();
+    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
+    await send(page);
+    await page.getByRole("button", { name: "Undo this import: delete 2 records…" }).waitFor();
+    const { items } = await json(`assets/${id}/segments`);
+    assert.deepEqual(items.map(({ channel, sample_rate_hz: rate }) => [channel, rate]).sort(), [
+      ["X097_DE_time", 12000],
+      ["X097_FE_time", 12000],
+    ]);
+    await end(opened, "matlab");
+  },
+
   "the full scale of a 16-bit WAV file is taken": async () => {
     const opened = await desk();
     const { id, page } = opened;

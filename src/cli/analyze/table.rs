@@ -92,9 +92,10 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
         })
         .collect();
     let mut text = format!(
-        "channel {channel} ({}): {} records, {} to {}\n",
+        "channel {channel} ({}): {} {}, {} to {}\n",
         unit_words(&first.unit),
         records.len(),
+        if records.len() == 1 { "record" } else { "records" },
         first.start_time.strftime("%Y-%m-%d %H:%M"),
         last.start_time.strftime("%Y-%m-%d %H:%M UTC"),
     );
