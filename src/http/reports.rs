@@ -12,7 +12,7 @@ use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
 use super::waterfall::evenly;
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
-use crate::report::{Report, ReportedAlarm, ReportedRecord};
+use crate::report::{Contents, Cover, INDICATORS, Report, ReportedAlarm, ReportedRecord};
 use crate::store::AlarmFilter;
 
 /// Records that a report draws; of more, some evenly over the life.
@@ -31,6 +31,72 @@ const LATEST_ENTRIES: u32 = 200;
 pub(super) struct ReportParameters {
     /// The channel; the one that speaks for the asset where not given.
     channel: Option<String>,
+    /// Whom the report is for.
+    prepared_for: Option<String>,
+    /// Who has written it: the report ends with a line for the signature then.
+    prepared_by: Option<String>,
+    /// What should be done; empty lines separate paragraphs.
+    recommendation: Option<String>,
+    /// Whether wear over time is drawn; it is where not given.
+    wear: Option<bool>,
+    /// Names of the indicators that are drawn over time, with commas between them: `rms`, `kurtosis`, `omx`,
+    /// `omx_tracked`, `fm0`, `fm4`, `na4`; all of them where not given, none where empty.
+    #[param(example = "rms,omx")]
+    indicators: Option<String>,
+    /// Whether the spectrum of the last record is drawn; it is where not given.
+    spectrum: Option<bool>,
+    /// Whether alarms and maintenance are listed; they are where not given.
+    events: Option<bool>,
+    /// Whether the latest records are listed; they are where not given.
+    records: Option<bool>,
+}
+
+/// Longest text that a sender says in a report, in characters.
+const MAX_TEXT: usize = 4000;
+
+impl ReportParameters {
+    fn cover(&self) -> Result<Cover, Problem> {
+        let text = |name: &str, text: &Option<String>| {
+            let text = text.as_deref().unwrap_or_default().replace("\r\n", "\n");
+            match text.chars().count() {
+                0..=MAX_TEXT => Ok(text.trim().to_owned()),
+                count => {
+                    Err(Problem::query(name, format!("{count} characters long"), "at most 4000 characters"))
+                }
+            }
+        };
+        Ok(Cover {
+            prepared_for: text("prepared_for", &self.prepared_for)?,
+            prepared_by: text("prepared_by", &self.prepared_by)?,
+            recommendation: text("recommendation", &self.recommendation)?,
+        })
+    }
+
+    fn contents(&self) -> Result<Contents, Problem> {
+        let all = Contents::default();
+        let indicators = match &self.indicators {
+            None => all.indicators,
+            Some(names) => names
+                .split(',')
+                .map(str::trim)
+                .filter(|name| !name.is_empty())
+                .map(|name| {
+                    let known = INDICATORS.iter().find(|(known, ..)| *known == name);
+                    known.map(|(known, ..)| *known).ok_or_else(|| {
+                        let expected = INDICATORS.map(|(known, ..)| known).join(", ");
+                        Problem::query("indicators", name, &format!("some of {expected}"))
+                    })
+                })
+                .collect::<Result<_, _>>()?,
+        };
+        Ok(Contents {
+            wear: self.wear.unwrap_or(all.wear),
+            indicators,
+            spectrum: self.spectrum.unwrap_or(all.spectrum),
+            events: self.events.unwrap_or(all.events),
+            records: self.records.unwrap_or(all.records),
+        })
+    }
 }
 
 /// Report of an asset as a printable page
@@ -51,6 +117,9 @@ pub(super) async fn show(
         asset: Some(asset.spec.name_or_id().to_string()),
         facts: facts(&asset.spec),
         limits: asset.spec.limits,
+        cover: asked.cover()?,
+        contents: asked.contents()?,
+        form: Some(asked.channel.clone()),
         ..Report::default()
     };
     report.maintenance = app.service.store.maintenance(&id).await?;

@@ -5,6 +5,7 @@
 //! a server.
 
 mod chart;
+mod cover;
 mod occurrences;
 mod page;
 mod ticks;
@@ -15,7 +16,9 @@ use crate::asset::WearLimits;
 use crate::estimate::{MaintenanceEvent, WearEstimate};
 use crate::signal::{AngleSource, AngleUsed, Indicators, Spectrum};
 
+pub use cover::{Contents, Cover};
 pub use occurrences::{ReportedAlarm, quantity_words};
+pub use page::INDICATORS;
 
 /// What a report tells of.
 #[derive(Debug, Default)]
@@ -36,6 +39,12 @@ pub struct Report {
     pub all_records: Option<usize>,
     /// The spectrum of the last record.
     pub last_spectrum: Option<Spectrum>,
+    /// What the sender says.
+    pub cover: Cover,
+    /// Its parts.
+    pub contents: Contents,
+    /// A form for both, which asks for the page again with the channel that was asked for; none in a file.
+    pub form: Option<Option<String>>,
 }
 
 /// One record of a report.

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::chart::{Chart, Horizontal, Level, Series};
-use super::{Report, ReportedRecord, angle_words, occurrences};
-use crate::estimate::{Interval, WearEstimate, WearStatus};
+use super::{Report, ReportedRecord, angle_words, cover, occurrences};
+use crate::estimate::{Interval, Prognosis, WearEstimate, WearStatus};
 
-/// Indicators that are drawn: name, heading and caption.
-const INDICATORS: [(&str, &str, &str); 7] = [
+/// Indicators that can be drawn: name, heading and caption.
+pub const INDICATORS: [(&str, &str, &str); 7] = [
     ("rms", "RMS", "Root mean square of each record, mean not removed."),
     ("kurtosis", "Kurtosis", "Gaussian noise has 3, a sine 1.5."),
     ("omx", "OMX", "Peak amplitude of the first mesh order."),
@@ -48,22 +48,37 @@ pub(super) fn html(report: &Report) -> String {
         format!(", {} to {}", first.start_time.strftime(MINUTES), last.start_time.strftime(MINUTES))
     });
     let count = report.all_records.unwrap_or(report.records.len());
-    let mut body = format!("<h1>{title}</h1><p>{count} records{span}.</p>");
+    let records = if count == 1 { "record" } else { "records" };
+    let mut body = format!("<h1>{title}</h1>");
+    report.cover.addressee(&mut body);
+    let _ = write!(body, "<p>{count} {records}{span}.</p>");
+    if let Some(channel) = &report.form {
+        cover::form(&report.cover, &report.contents, channel.as_deref(), &mut body);
+    }
     verdict(report, &mut body);
+    report.cover.recommendation(&mut body);
+    let contents = &report.contents;
     let channels: BTreeMap<&str, Vec<&ReportedRecord>> =
         report.records.iter().fold(BTreeMap::new(), |mut channels, record| {
             channels.entry(record.channel.as_str()).or_insert_with(Vec::new).push(record);
             channels
         });
-    for (channel, records) in &channels {
+    for (channel, records) in channels.iter().filter(|_| contents.wear) {
         wear_section(report, channel, records, &mut body);
     }
-    for indicator in INDICATORS {
-        indicator_section(indicator, &channels, &mut body);
+    for indicator in INDICATORS.iter().filter(|(name, ..)| contents.indicators.contains(name)) {
+        indicator_section(*indicator, &channels, &mut body);
     }
-    spectrum_section(report, &mut body);
-    occurrences::sections(report, &mut body);
-    table(report, &mut body);
+    if contents.spectrum {
+        spectrum_section(report, &mut body);
+    }
+    if contents.events {
+        occurrences::sections(report, &mut body);
+    }
+    if contents.records {
+        table(report, &mut body);
+    }
+    report.cover.signature(&mut body);
     format!(
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
          <title>{title}</title><link rel=\"icon\" href=\"data:,\"><style>{STYLE}</style></head><body>{body}</body></html>"
@@ -81,6 +96,8 @@ fn verdict(report: &Report, body: &mut String) {
     let mut facts: Vec<(&str, &str)> =
         latest.iter().map(|record| ("Wear", record.wear_words.as_str())).collect();
     facts.extend(error.iter().map(|words| ("Transmission error due to wear", words.as_str())));
+    let forecast = latest.and_then(|record| record.wear.as_ref()?.prognosis.as_ref().map(forecast_words));
+    facts.extend(forecast.iter().map(|words| ("Forecast", words.as_str())));
     facts.extend(report.facts.iter().map(|(term, words)| (term.as_str(), words.as_str())));
     if facts.is_empty() {
         return;
@@ -90,6 +107,20 @@ fn verdict(report: &Report, body: &mut String) {
         .map(|(term, words)| format!("<div><dt>{}</dt><dd>{}</dd></div>", escape(term), escape(words)))
         .collect();
     let _ = write!(body, "<dl>{facts}</dl>");
+}
+
+/// When the next limit is passed.
+fn forecast_words(forecast: &Prognosis) -> String {
+    let day = |time: &jiff::Timestamp| time.strftime("%Y-%m-%d").to_string();
+    let Prognosis { limit_um, rate_um_per_day, median, p05, p95 } = forecast;
+    let interval = p95.as_ref().map_or_else(
+        || format!("not before {} with 95 % probability", day(p05)),
+        |p95| format!("between {} and {} with 90 % probability", day(p05), day(p95)),
+    );
+    format!(
+        "{limit_um} µm around {}, {interval}, at {rate_um_per_day:.2} µm a day of running time",
+        day(median)
+    )
 }
 
 /// Peak to peak along the line of action, with its interval.

@@ -164,6 +164,44 @@ fn a_report_is_one_page_without_scripts() {
 }
 
 #[test]
+fn a_report_says_what_its_sender_says_and_has_the_parts_that_were_chosen() {
+    let service = Service::start();
+    fed(&service, false);
+    let page = |query: &str| {
+        let answer = service.get(&format!("/v1/assets/gearbox/report{query}")).expect(200);
+        String::from_utf8(answer.bytes).unwrap()
+    };
+    let all = page("");
+    for heading in ["RMS", "Kurtosis", "Spectrum", "Records"] {
+        assert!(all.contains(&format!("<h2>{heading}</h2>")), "{heading}");
+    }
+    assert!(!all.contains("<h2>Recommendation</h2>") && !all.contains("class=\"signature\""));
+    let chosen = page(
+        "?prepared_for=Mill%203&prepared_by=A.%20Engineer&recommendation=Change%20the%20oil.%0D%0A%0D%0A%3Cb%3E\
+         &indicators=kurtosis&spectrum=false&records=false&events=false&wear=true",
+    );
+    for words in [
+        "<p>Prepared for Mill 3.</p>",
+        "<h2>Recommendation</h2><p>Change the oil.</p><p>&lt;b&gt;</p>",
+        "</span>A. Engineer</p>",
+        "<h2>Kurtosis</h2>",
+        "name=\"indicators\" value=\"kurtosis\"",
+    ] {
+        assert!(chosen.contains(words), "{words}");
+    }
+    for heading in ["RMS", "Spectrum", "Records"] {
+        assert!(!chosen.contains(&format!("<h2>{heading}</h2>")), "{heading}");
+    }
+    let report = "/v1/assets/gearbox/report";
+    service.get(&format!("{report}?indicators=rsm")).expect_problem(400, &["indicators", "rsm", "kurtosis"]);
+    service.get(&format!("{report}?spectrum=perhaps")).expect_problem(400, &["spectrum"]);
+    let long = "a".repeat(4001);
+    service
+        .get(&format!("{report}?recommendation={long}"))
+        .expect_problem(400, &["recommendation", "4001 characters long"]);
+}
+
+#[test]
 fn a_match_is_of_the_same_features_as_the_library() {
     let service = Service::start();
     let id = fed(&service, true);

@@ -1,0 +1,132 @@
+//! What the person who sends a report says in it, and which parts it has.
+
+use std::fmt::Write;
+
+use super::page::escape;
+
+/// What the sender says.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Cover {
+    /// Whom it is for.
+    pub prepared_for: String,
+    /// Who has written it: with it goes a line for the signature.
+    pub prepared_by: String,
+    /// What should be done; empty lines separate paragraphs.
+    pub recommendation: String,
+}
+
+/// Which parts a report has.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Contents {
+    /// Wear over time.
+    pub wear: bool,
+    /// The indicators that are drawn over time, of [`INDICATORS`](super::INDICATORS).
+    pub indicators: Vec<&'static str>,
+    /// The spectrum of the last record.
+    pub spectrum: bool,
+    /// Alarms and maintenance.
+    pub events: bool,
+    /// The table of records.
+    pub records: bool,
+}
+
+impl Default for Contents {
+    fn default() -> Self {
+        let indicators = super::INDICATORS.iter().map(|(name, ..)| *name).collect();
+        Self { wear: true, indicators, spectrum: true, events: true, records: true }
+    }
+}
+
+impl Cover {
+    /// Whom it is for, below the title.
+    pub(super) fn addressee(&self, body: &mut String) {
+        if !self.prepared_for.is_empty() {
+            let _ = write!(body, "<p>Prepared for {}.</p>", escape(&self.prepared_for));
+        }
+    }
+
+    /// The recommendation, behind the verdict.
+    pub(super) fn recommendation(&self, body: &mut String) {
+        let paragraphs = self.recommendation.split("\n\n").map(str::trim).filter(|text| !text.is_empty());
+        let paragraphs: String = paragraphs.map(|text| format!("<p>{}</p>", escape(text))).collect();
+        if !paragraphs.is_empty() {
+            let _ = write!(
+                body,
+                "<section class=\"recommendation\"><h2>Recommendation</h2>{paragraphs}</section>"
+            );
+        }
+    }
+
+    /// Place, date and signature, at the end.
+    pub(super) fn signature(&self, body: &mut String) {
+        if !self.prepared_by.is_empty() {
+            let _ = write!(
+                body,
+                "<section class=\"signature\"><p><span></span>Place, date</p><p><span></span>{}</p></section>",
+                escape(&self.prepared_by)
+            );
+        }
+    }
+}
+
+/// A form for what the sender says and for the parts; it is on no paper.
+pub(super) fn form(cover: &Cover, contents: &Contents, channel: Option<&str>, body: &mut String) {
+    let text = |name: &str, label: &str, value: &str| {
+        format!("<label>{label}<input name=\"{name}\" value=\"{}\"></label>", escape(value))
+    };
+    let part = |name: &str, label: &str, is_shown: bool| {
+        let [shown, out] = if is_shown { [" selected", ""] } else { ["", " selected"] };
+        format!(
+            "<label>{label}<select name=\"{name}\"><option value=\"true\"{shown}>shown</option>\
+             <option value=\"false\"{out}>left out</option></select></label>"
+        )
+    };
+    let channel = channel.map_or_else(String::new, |channel| {
+        format!("<input type=\"hidden\" name=\"channel\" value=\"{}\">", escape(channel))
+    });
+    let _ = write!(
+        body,
+        "<details class=\"form\"><summary>Complete this report before you print or send it</summary><form>{channel}{}{}\
+         <label class=\"wide\">Recommendation<textarea name=\"recommendation\" rows=\"4\">{}</textarea></label>{}{}{}{}{}\
+         <button>Show</button></form></details>",
+        text("prepared_for", "Prepared for", &cover.prepared_for),
+        text("prepared_by", "Prepared by", &cover.prepared_by),
+        escape(&cover.recommendation),
+        part("wear", "Wear", contents.wear),
+        text("indicators", "Indicators", &contents.indicators.join(", ")),
+        part("spectrum", "Spectrum", contents.spectrum),
+        part("events", "Alarms and maintenance", contents.events),
+        part("records", "Table of records", contents.records),
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_sender_says_is_text() {
+        let cover = Cover {
+            prepared_for: "Mill <3>".to_owned(),
+            prepared_by: "A. Engineer".to_owned(),
+            recommendation: "Change the oil.\n\nInspect the pinion & the wheel.".to_owned(),
+        };
+        let mut body = String::new();
+        cover.addressee(&mut body);
+        cover.recommendation(&mut body);
+        cover.signature(&mut body);
+        for words in [
+            "<p>Prepared for Mill &lt;3&gt;.</p>",
+            "<p>Change the oil.</p><p>Inspect the pinion &amp; the wheel.</p>",
+            "<span></span>A. Engineer</p>",
+        ] {
+            assert!(body.contains(words), "{words}: {body}");
+        }
+        let mut nothing = String::new();
+        let silent = Cover::default();
+        silent.addressee(&mut nothing);
+        silent.recommendation(&mut nothing);
+        silent.signature(&mut nothing);
+        assert_eq!(nothing, "");
+    }
+}
