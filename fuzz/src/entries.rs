@@ -7,8 +7,8 @@ use flankwatch::asset::AssetSpec;
 use flankwatch::estimate::MaintenanceEvent;
 use flankwatch::gear::PairSpec;
 use flankwatch::recording::{
-    BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, Format, McapReader, RawLayout, RawSample,
-    RecordDefaults, WavBlocks, decode_block, decode_csv, decode_raw, decode_wav,
+    BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, Format, McapReader, NpyBlocks, RawLayout,
+    RawSample, RecordDefaults, WavBlocks, decode_block, decode_csv, decode_mat, decode_raw, decode_wav,
 };
 use flankwatch::service::ReplayRequest;
 use flankwatch::signal::Record;
@@ -17,10 +17,12 @@ use flankwatch::signal::Record;
 pub type Entry = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const ALL: [Entry; 8] = [
+pub const ALL: [Entry; 10] = [
     ("wav", wav),
     ("mcap", mcap),
     ("csv", csv),
+    ("mat", mat),
+    ("npy", npy),
     ("raw", raw),
     ("protobuf_block", protobuf_block),
     ("json_block", json_block),
@@ -50,6 +52,24 @@ pub fn mcap(bytes: &[u8]) {
     let _ = Format::detect(bytes);
     for recorded in McapReader::new(Cursor::new(bytes.to_vec())).take(MOST).flatten() {
         check(&recorded.record);
+    }
+}
+
+/// A MATLAB file.
+pub fn mat(bytes: &[u8]) {
+    let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
+    for record in decode_mat(bytes, &defaults).into_iter().flatten() {
+        check(&record);
+    }
+}
+
+/// A NumPy array, cut into short records.
+pub fn npy(bytes: &[u8]) {
+    let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
+    if let Ok(blocks) = NpyBlocks::new(bytes, &defaults, Some(Cut::Samples(16))) {
+        for record in blocks.take(MOST).flatten() {
+            check(&record);
+        }
     }
 }
 

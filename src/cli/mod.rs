@@ -78,6 +78,8 @@ enum Command {
     Exclude(records::RecordsArgs),
     /// Have excluded records of an asset on a server count again
     Include(records::RecordsArgs),
+    /// Make the records of a range the healthy baseline of an asset on a server
+    Baseline(records::BaselineArgs),
     /// Simulate a run to failure with the true wear known
     Simulate(simulate::SimulateArgs),
     /// What the wear estimate is worth on simulated runs whose true wear is known
@@ -135,6 +137,7 @@ pub fn run() -> ExitCode {
         Command::Delete(args) => records::run(args, records::Change::Delete),
         Command::Exclude(args) => records::run(args, records::Change::Exclude),
         Command::Include(args) => records::run(args, records::Change::Include),
+        Command::Baseline(args) => records::choose_baseline(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Model(args) => model::run(args),

@@ -1,5 +1,5 @@
-//! `flankwatch delete`, `exclude`, `include`: records of an asset that a server is to forget, to leave out,
-//! or to count again.
+//! `flankwatch delete`, `exclude`, `include`, `baseline`: records of an asset that a server is to forget, to
+//! leave out, to count again, or to take for healthy.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -31,6 +31,32 @@ pub(super) struct RecordsArgs {
     /// Only records that start before this time
     #[arg(long)]
     to: Option<Timestamp>,
+    #[command(flatten)]
+    server: ServerArgs,
+}
+
+/// The records of a range that are the healthy baseline.
+#[derive(Args)]
+pub(super) struct BaselineArgs {
+    /// The asset
+    #[arg(long)]
+    asset: String,
+    /// The first record starts at this time or later
+    #[arg(long)]
+    from: Timestamp,
+    /// The last record starts before this time
+    #[arg(long)]
+    to: Timestamp,
+    /// Who has chosen it
+    #[arg(long, default_value = "")]
+    by: String,
+    #[command(flatten)]
+    server: ServerArgs,
+}
+
+/// Which server, and how it is spoken to.
+#[derive(Args)]
+struct ServerArgs {
     /// The server
     #[arg(long, default_value = "http://127.0.0.1:8600")]
     url: String,
@@ -40,6 +66,61 @@ pub(super) struct RecordsArgs {
     /// Token to show to the server, to delete with the scope admin [default: the variable FLANKWATCH_TOKEN]
     #[arg(long)]
     token: Option<String>,
+}
+
+impl ServerArgs {
+    fn agent(&self) -> Result<ureq::Agent, CliError> {
+        Ok(ureq::Agent::config_builder()
+            .http_status_as_error(false)
+            .timeout_global(Some(Duration::from_secs(600)))
+            .tls_config(TlsConfig::builder().root_certs(trusted(self.ca.as_deref())?).build())
+            .build()
+            .into())
+    }
+
+    fn address(&self, path: &str) -> String {
+        format!("{}/v1/{path}", self.url.trim_end_matches('/'))
+    }
+
+    /// A request with the token.
+    fn authorized<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
+        match self.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()) {
+            Some(token) => request.header("authorization", format!("Bearer {token}")),
+            None => request,
+        }
+    }
+}
+
+/// The body of an answer that says that all went well.
+fn answer(
+    url: &str,
+    asked: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
+) -> Result<String, CliError> {
+    let failed = |reason: String| CliError::Server { url: url.to_owned(), reason };
+    let mut response = asked.map_err(|error| failed(error.to_string()))?;
+    let (status, body) = (response.status(), response.body_mut().read_to_string().unwrap_or_default());
+    if !status.is_success() {
+        return Err(failed(format!("the server answered {}: {body}", status.as_u16())));
+    }
+    Ok(body)
+}
+
+fn asset_id(text: &str) -> Result<AssetId, CliError> {
+    AssetId::new(text.to_owned()).map_err(|error| CliError::Argument(error.to_string()))
+}
+
+pub(super) fn choose_baseline(args: &BaselineArgs) -> Result<(), CliError> {
+    let agent = args.server.agent()?;
+    let url = args.server.address(&format!("assets/{}/maintenance", asset_id(&args.asset)?));
+    let event = serde_json::json!({
+        "time": args.from, "until": args.to, "kind": "baseline_chosen", "by": args.by,
+    });
+    let request = args.server.authorized(agent.post(&url)).content_type("application/json");
+    answer(&url, request.send(event.to_string()))?;
+    output::print(&format!(
+        "the records from {} to {} are the baseline; the history is folded again\n",
+        args.from, args.to
+    ))
 }
 
 /// What becomes of the records.
@@ -54,13 +135,7 @@ pub(super) enum Change {
 }
 
 pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
-    let agent: ureq::Agent = ureq::Agent::config_builder()
-        .http_status_as_error(false)
-        .timeout_global(Some(Duration::from_secs(600)))
-        .tls_config(TlsConfig::builder().root_certs(trusted(args.ca.as_deref())?).build())
-        .build()
-        .into();
-    let server = args.url.trim_end_matches('/');
+    let agent = args.server.agent()?;
     let url = match (&args.segment, &args.asset) {
         (Some(segment), _) => {
             if !segment.bytes().all(|byte| byte.is_ascii_alphanumeric()) {
@@ -68,12 +143,11 @@ pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
                     "--segment is {segment:?}, expected the identifier of a segment"
                 )));
             }
-            format!("{server}/v1/segments/{segment}")
+            args.server.address(&format!("segments/{segment}"))
         }
         (None, asset) => {
-            let asset = AssetId::new(asset.clone().unwrap_or_default())
-                .map_err(|error| CliError::Argument(error.to_string()))?;
-            format!("{server}/v1/assets/{asset}/segments")
+            let asset = asset_id(asset.as_deref().unwrap_or_default())?;
+            args.server.address(&format!("assets/{asset}/segments"))
         }
     };
     let asked = match change {
@@ -81,12 +155,7 @@ pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
         Change::Exclude => args.complete(agent.post(format!("{url}/exclude"))).send_empty(),
         Change::Include => args.complete(agent.post(format!("{url}/include"))).send_empty(),
     };
-    let failed = |reason: String| CliError::Server { url: url.clone(), reason };
-    let mut response = asked.map_err(|error| failed(error.to_string()))?;
-    let (status, body) = (response.status(), response.body_mut().read_to_string().unwrap_or_default());
-    if !status.is_success() {
-        return Err(failed(format!("the server answered {}: {body}", status.as_u16())));
-    }
+    let body = answer(&url, asked)?;
     let answer: Option<serde_json::Value> = serde_json::from_str(&body).ok();
     let (name, done) = match change {
         Change::Delete => ("deleted", "deleted"),
@@ -94,7 +163,8 @@ pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
         Change::Include => ("changed", "included"),
     };
     let count = answer.and_then(|answer| answer[name].as_u64()).unwrap_or(1);
-    output::print(&format!("{count} records {done}\n"))
+    let records = if count == 1 { "record" } else { "records" };
+    output::print(&format!("{count} {records} {done}\n"))
 }
 
 impl RecordsArgs {
@@ -109,9 +179,6 @@ impl RecordsArgs {
                 request = request.query(name, value);
             }
         }
-        match self.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()) {
-            Some(token) => request.header("authorization", format!("Bearer {token}")),
-            None => request,
-        }
+        self.server.authorized(request)
     }
 }

@@ -52,6 +52,13 @@ fn of_itself(segment: &Value) -> Value {
     indicators
 }
 
+/// What `flankwatch verify` says of a data folder.
+fn verified(folder: &Path) -> String {
+    let mut verify = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
+    let said = verify.arg("verify").arg("--data-dir").arg(folder).output().unwrap();
+    String::from_utf8(said.stdout).unwrap() + &String::from_utf8_lossy(&said.stderr)
+}
+
 fn asset_with_pair(id: &str) -> Value {
     let mut asset = plain_asset(id);
     asset["gear"]["pair"] = json!({
@@ -102,6 +109,10 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
             gone.store(true, Ordering::Relaxed);
         });
         running.kill();
+        // Before anything is put away: what the database names is there and whole.
+        let said = verified(folder.path());
+        let lacks = said.lines().find(|line| line.contains("missing") || line.contains("damaged"));
+        assert!(lacks.is_none(), "round {round}: {said}");
         let after = Program::start(folder.path());
         let stored = after.segments("killed");
         let known = acknowledged.lock().unwrap();
@@ -163,4 +174,9 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
          {repaired} starts that put something away"
     );
     program.kill();
+    assert!(
+        verified(folder.path()).starts_with(&format!("{} records", 2 * sent)),
+        "{}",
+        verified(folder.path())
+    );
 }

@@ -3,22 +3,51 @@
 use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// Folders whose documents are read.
 const FOLDERS: [&str; 3] = [".", "docs", "benches"];
 
 #[test]
 fn every_link_of_a_document_leads_somewhere() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let documents: Vec<PathBuf> = FOLDERS
-        .iter()
-        .flat_map(|folder| fs::read_dir(root.join(folder)).unwrap())
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| path.extension().is_some_and(|extension| extension == "md"))
-        .collect();
+    let documents = documents();
     assert!(documents.len() > 10, "{documents:?}");
     let broken: Vec<String> = documents.iter().flat_map(|document| broken_links(document)).collect();
     assert!(broken.is_empty(), "{broken:#?}");
+}
+
+/// Each line of a block of shell commands that runs the program names a command and options that it has.
+#[test]
+fn commands_of_the_documents_exist() {
+    let mut checked = 0;
+    for document in documents() {
+        let text = fs::read_to_string(&document).unwrap();
+        for line in commands(&text) {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let names: Vec<&str> = words
+                .iter()
+                .copied()
+                .take_while(|word| word.chars().all(|c| c.is_ascii_lowercase() || c == '-'))
+                .take(2)
+                .collect();
+            let Some((help, _)) = names.iter().enumerate().rev().find_map(|(n, _)| {
+                let said = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+                    .args(&names[..=n])
+                    .arg("--help")
+                    .output()
+                    .unwrap();
+                said.status.success().then(|| (String::from_utf8(said.stdout).unwrap(), n))
+            }) else {
+                panic!("{}: no such command: flankwatch {line}", document.display());
+            };
+            for option in words.iter().filter(|word| word.starts_with("--") && word.len() > 2) {
+                let option = option.split('=').next().unwrap();
+                assert!(help.contains(option), "{}: {option} of flankwatch {line}", document.display());
+            }
+            checked += 1;
+        }
+    }
+    assert!(checked >= 30, "{checked} commands");
 }
 
 #[test]
@@ -26,6 +55,37 @@ fn a_heading_is_linked_as_github_does() {
     assert_eq!(anchor("What is `not` wear, ± 5 %"), "what-is-not-wear--5-");
     let text = "see [a](b.md#c) and [d](#e-f)";
     assert_eq!(links(text), ["b.md#c", "#e-f"]);
+}
+
+fn documents() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let entries = FOLDERS.iter().flat_map(|folder| fs::read_dir(root.join(folder)).unwrap());
+    let paths = entries.map(|entry| entry.unwrap().path());
+    paths.filter(|path| path.extension().is_some_and(|extension| extension == "md")).collect()
+}
+
+/// What follows `flankwatch` in the lines of blocks of shell commands; a line that ends in a backslash goes
+/// on.
+fn commands(text: &str) -> Vec<String> {
+    let text = text.replace("\\\n", " ");
+    let mut is_shell = false;
+    let mut found = Vec::new();
+    for line in text.lines() {
+        if let Some(fence) = line.trim_start().strip_prefix("```") {
+            is_shell = !is_shell && (fence.starts_with("sh") || fence == "bash");
+            continue;
+        }
+        let line = line.split(" #").next().unwrap_or_default();
+        let calls = line.split('|').filter(|_| is_shell);
+        found.extend(calls.filter_map(|call| {
+            let call = call.trim().trim_start_matches("cargo run --release -- ");
+            let rest = call.strip_prefix("flankwatch ").or_else(|| {
+                line.trim().strip_prefix("cargo run --release -- ").filter(|_| line.contains("cargo run"))
+            })?;
+            Some(rest.to_owned())
+        }));
+    }
+    found
 }
 
 /// Links within the project whose file or heading is not there.

@@ -93,6 +93,14 @@ fn whole(name: &str) -> Vec<Vec<u8>> {
             writer.write("/pump/in/waveform", &record()).unwrap();
             vec![writer.finish().unwrap().into_inner()]
         }
+        "mat" => ["int16", "struct-in-struct", "compressed"]
+            .map(|name| fs::read(fuzz().join(format!("../fixtures/matlab/{name}.mat"))).unwrap())
+            .to_vec(),
+        "npy" => {
+            let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (4, 2), }\n";
+            let length = (text.len() as u16).to_le_bytes();
+            vec![[b"\x93NUMPY\x01\0", &length[..], text.as_bytes(), &[1; 32]].concat()]
+        }
         "csv" => vec![b"time;x\n0,1;-2,5e3\n0,2;1\n".to_vec(), b"1.0,2.0\n3.0,4.0\n".to_vec()],
         "raw" => vec![[&[0, 2][..], &[1; 64]].concat(), [&[1, 3][..], &[7; 60]].concat()],
         "protobuf_block" => vec![encode_block(&record(), BlockEncoding::Protobuf)],

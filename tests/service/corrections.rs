@@ -341,8 +341,26 @@ fn the_baseline_is_the_records_that_people_choose() {
         assert_eq!(is_chosen, (4..14).contains(&n), "{n}: {item}");
         assert_eq!(item["status"] == "collecting_baseline", n < 14, "{n}: {item}");
     }
-    service.delete(&format!("/v1/assets/pump/maintenance/{}", event["id"].as_str().unwrap())).expect(204);
+    let take_back = |event: &Value| {
+        let path = format!("/v1/assets/pump/maintenance/{}", event["id"].as_str().unwrap());
+        service.delete(&path).expect(204);
+        service.wait_for("/v1/assets/pump/wear/history", |history| {
+            history["items"][12]["status"] != "collecting_baseline"
+        });
+    };
+    take_back(&event);
+    let url = service.url("");
+    let choose = |until: &str| {
+        flankwatch(&[
+            "baseline", "--url", &url, "--asset", "pump", "--from", from, "--to", until, "--by", "Ada",
+        ])
+    };
+    choose(from).expect_refusal(&["until", from]);
+    assert!(choose(until).expect_success().out().contains("the records from 2026-01-01T00:04:00Z"));
     service.wait_for("/v1/assets/pump/wear/history", |history| {
-        history["items"][12]["status"] != "collecting_baseline"
+        history["items"][12]["status"] == "collecting_baseline"
     });
+    let events = service.get("/v1/assets/pump/maintenance").expect(200).json();
+    assert_eq!(events["items"].as_array().unwrap().len(), 1, "{events}");
+    take_back(&events["items"][0]);
 }
