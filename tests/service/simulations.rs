@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use flankwatch::gear::PairSpec;
-use flankwatch::library::{GridSettings, library_id};
+use flankwatch::library::{EnsembleSettings, GridSettings, library_id};
 use serde_json::{Value, json};
 
 use crate::running::{Service, plain_asset, record};
@@ -180,4 +180,25 @@ fn a_history_goes_on_with_the_library_that_is_kept() {
     let segment = service.upload("pump", &record("1", 10));
     assert!(segment["wear"]["library_id"].is_string(), "{segment}");
     assert_eq!(service.get("/v1/recomputations").expect(200).json()["items"], json!([]));
+}
+
+/// 1280 pairs around the first machine take most of a minute; the second one's library comes between.
+#[test]
+fn a_library_does_not_wait_for_all_that_another_asset_is_compared_with() {
+    let service = Service::start_with(|config| config.work.neighbours = EnsembleSettings::default());
+    let simulation = |asset: &str| {
+        let summary = service.get(&format!("/v1/assets/{asset}")).expect(200).json()["summary"].clone();
+        summary["simulation"].clone()
+    };
+    service.post_json("/v1/assets", &asset_with_pair("first", 27.0)).expect(201);
+    service.wait_for("/v1/assets/first", |asset| asset["summary"]["simulation"]["stage"] == "members");
+    service.post_json("/v1/assets", &asset_with_pair("second", 28.0)).expect(201);
+    wait_for_library(&service, "second", "ready");
+    let first = simulation("first");
+    assert_eq!(first["stage"], "members", "{first}");
+    // How far it is, and how long it still takes, is of all its turns.
+    let seen = service.wait_for("/v1/assets/first", |asset| {
+        asset["summary"]["simulation"]["fraction"].as_f64().is_some_and(|fraction| fraction > 0.15)
+    });
+    assert!(seen["summary"]["simulation"]["remaining_s"].as_f64().is_some_and(|left| left > 0.0), "{seen}");
 }

@@ -11,15 +11,15 @@ use tokio::sync::watch;
 
 use super::source::LibrarySource;
 use super::status::{Readiness, Simulation, SimulationProgress, SimulationStage};
+use super::turns::Turns;
 use crate::gear::PairSpec;
-use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError};
+use crate::library::{
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, VARIANTS,
+};
 
-/// Who does what one after the other: each simulation uses every core by itself.
-#[derive(Debug, Default)]
-pub(super) struct Turns {
-    loading: Mutex<()>,
-    simulating: Mutex<()>,
-}
+/// Pairs that are simulated in one turn, some seconds on two cores: an asset that waits for its library comes
+/// between.
+const MEMBERS_A_TURN: usize = 32 * VARIANTS;
 
 /// By the id of the library that they are around.
 pub(super) type Ensembles = Mutex<HashMap<String, Arc<Ensemble>>>;
@@ -31,6 +31,8 @@ pub(super) struct Job {
     pub(super) grid: GridSettings,
     pub(super) neighbours: EnsembleSettings,
     pub(super) source: LibrarySource,
+    /// Libraries are loaded one after the other.
+    pub(super) loading: Arc<Mutex<()>>,
     pub(super) turns: Arc<Turns>,
     pub(super) ensembles: Arc<Ensembles>,
     pub(super) simulation: watch::Sender<Simulation>,
@@ -66,9 +68,11 @@ impl Job {
         } else {
             self.begin(SimulationStage::Waiting);
         }
-        let _turn = lock(&self.turns.simulating);
-        self.begin(SimulationStage::Library);
-        let library = self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?;
+        let library = {
+            let _turn = self.turns.wait(SimulationStage::Library);
+            self.begin(SimulationStage::Library);
+            self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?
+        };
         let alone = Ensemble::of(Arc::clone(&library));
         if self.neighbours.members == 0 {
             self.ready(library, alone, None);
@@ -76,8 +80,12 @@ impl Job {
         }
         // Estimates wait for the first members alone: when the rest are there, histories are folded again
         // with them.
-        self.begin(SimulationStage::FirstMembers);
-        let first = match self.members(&alone, &self.neighbours.first()) {
+        let first = {
+            let _turn = self.turns.wait(SimulationStage::FirstMembers);
+            self.begin(SimulationStage::FirstMembers);
+            self.members(&alone, &self.neighbours.first(), &self.progress())
+        };
+        let first = match first {
             Ok(first) => first,
             Err(LibraryError::Cancelled) => return Err(LibraryError::Cancelled),
             Err(error) => {
@@ -87,14 +95,33 @@ impl Job {
         };
         self.ready(Arc::clone(&library), first.clone(), Some(SimulationStage::Members));
         (self.tell)();
-        let whole = self.members(&first, &self.neighbours)?;
+        let whole = self.remaining(first)?;
         self.ready(library, whole, None);
         Ok(())
     }
 
+    /// All members, some more in each turn.
+    fn remaining(&self, first: Ensemble) -> Result<Ensemble, LibraryError> {
+        let (begin, all) = (self.neighbours.first().members, self.neighbours.members);
+        let progress = self.progress();
+        let mut so_far = first;
+        for done in (begin..all).step_by(MEMBERS_A_TURN) {
+            let before = (done - begin) / VARIANTS;
+            let of_all = |more: usize, _: usize| progress(before + more, (all - begin).div_ceil(VARIANTS));
+            let _turn = self.turns.wait(SimulationStage::Members);
+            let settings = EnsembleSettings { members: done + MEMBERS_A_TURN };
+            if settings.members >= all {
+                return self.members(&so_far, &self.neighbours, &of_all);
+            }
+            let control = BuildControl::with_progress(&of_all).cancelled_by(&self.cancel);
+            so_far = so_far.extended(&settings, &control)?;
+        }
+        Ok(so_far)
+    }
+
     /// Takes what was kept from before, the first members where not all are; returns whether that is all.
     fn load(&self) -> bool {
-        let _turn = lock(&self.turns.loading);
+        let _turn = lock(&self.loading);
         let Some(library) = self.source.kept(&self.pair, &self.grid) else {
             return false;
         };
@@ -112,9 +139,13 @@ impl Job {
         false
     }
 
-    fn members(&self, smaller: &Ensemble, settings: &EnsembleSettings) -> Result<Ensemble, LibraryError> {
-        let progress = self.progress();
-        let control = BuildControl::with_progress(&progress).cancelled_by(&self.cancel);
+    fn members(
+        &self,
+        smaller: &Ensemble,
+        settings: &EnsembleSettings,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Ensemble, LibraryError> {
+        let control = BuildControl::with_progress(progress).cancelled_by(&self.cancel);
         self.source.ensemble(smaller, settings, &control)
     }
 

@@ -4,6 +4,7 @@
 mod job;
 mod source;
 mod status;
+mod turns;
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,9 +17,10 @@ use super::keys::{analysis_keys, fold_key};
 use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::{ChannelEstimator, EstimatorSettings, LibraryLack};
 use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryShelf, library_id};
-use job::{Ensembles, Job, Turns, lock};
+use job::{Ensembles, Job, lock};
 pub(crate) use source::LibrarySource;
 pub use status::{Readiness, Simulation, SimulationProgress, SimulationStage};
+use turns::Turns;
 
 /// How long a record waits until it is known whether its library is kept from before: where it is, a history
 /// that was folded with it goes on.
@@ -82,6 +84,8 @@ pub struct Simulations {
     ensembles: Arc<Ensembles>,
     /// Told the assets whose library has come, has got more members, or will not come.
     changed: mpsc::UnboundedSender<Vec<AssetId>>,
+    /// One library is loaded at a time.
+    loading: Arc<Mutex<()>>,
     turns: Arc<Turns>,
 }
 
@@ -101,6 +105,7 @@ impl Simulations {
             estimators: Mutex::default(),
             neighbours,
             ensembles: Arc::default(),
+            loading: Arc::default(),
             turns: Arc::default(),
         }
     }
@@ -185,6 +190,7 @@ impl Simulations {
             grid,
             neighbours: self.neighbours,
             source: self.source.clone(),
+            loading: Arc::clone(&self.loading),
             turns: Arc::clone(&self.turns),
             ensembles: Arc::clone(&self.ensembles),
             simulation: sender,

@@ -31,7 +31,7 @@ impl Readiness {
 }
 
 /// What of an asset's library is being simulated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SimulationStage {
     /// Nothing yet: another asset's is.

@@ -1,0 +1,78 @@
+//! Whose simulation comes next. Each uses every core by itself, so they are made one after the other; what
+//! an asset waits for goes before what makes its answers finer.
+
+use std::collections::BTreeSet;
+use std::sync::{Condvar, Mutex};
+
+use super::job::lock;
+use super::status::SimulationStage;
+
+/// Turns at simulating: the earlier stage first, and of one stage who has waited longest.
+#[derive(Debug, Default)]
+pub(super) struct Turns {
+    queue: Mutex<Queue>,
+    freed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    is_taken: bool,
+    tickets: u64,
+    waiting: BTreeSet<(SimulationStage, u64)>,
+}
+
+/// A turn, which ends when it is dropped.
+pub(super) struct Turn<'a>(&'a Turns);
+
+impl Turns {
+    /// Waits for a turn at a stage.
+    pub(super) fn wait(&self, stage: SimulationStage) -> Turn<'_> {
+        let mut queue = lock(&self.queue);
+        let mine = (stage, queue.tickets);
+        queue.tickets += 1;
+        queue.waiting.insert(mine);
+        let mut queue = self
+            .freed
+            .wait_while(queue, |queue| queue.is_taken || queue.waiting.first() != Some(&mine))
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        queue.waiting.remove(&mine);
+        queue.is_taken = true;
+        Turn(self)
+    }
+}
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        lock(&self.0.queue).is_taken = false;
+        self.0.freed.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_waited_for_goes_first() {
+        use SimulationStage::{FirstMembers, Library, Members};
+        let turns = Turns::default();
+        let order = Mutex::new(Vec::new());
+        let held = turns.wait(Members);
+        std::thread::scope(|scope| {
+            for (count, stage) in [Members, FirstMembers, Members, Library, Library].into_iter().enumerate() {
+                let (turns, order) = (&turns, &order);
+                scope.spawn(move || {
+                    let _turn = turns.wait(stage);
+                    lock(order).push((stage, count));
+                });
+                // In this order they begin to wait.
+                while lock(&turns.queue).waiting.len() <= count {
+                    std::thread::yield_now();
+                }
+            }
+            drop(held);
+        });
+        let expected = [(Library, 3), (Library, 4), (FirstMembers, 1), (Members, 0), (Members, 2)];
+        assert_eq!(*lock(&order), expected);
+    }
+}
