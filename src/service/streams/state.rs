@@ -6,7 +6,9 @@ use bytes::Bytes;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use crate::recording::stream::{CutPolicy, LevelMeter, StreamClock, StreamCut, StreamCutter, StreamFormat};
+use super::cutting::{Cutting, Decision};
+use super::steadiness::Steadiness;
+use crate::recording::stream::{LevelMeter, StreamClock, StreamCut, StreamCutter, StreamFormat};
 use crate::signal::OperatingPoint;
 use crate::store::{JournalEntry, TimedLevel};
 
@@ -30,6 +32,8 @@ pub(crate) struct StreamState {
     pub(super) cutter: StreamCutter,
     meter: LevelMeter,
     operating_point: OperatingPoint,
+    #[serde(default)]
+    pub(super) steadiness: Steadiness,
 }
 
 /// A record that is decided on and is not stored yet. It stays as it is, so that it is the same record
@@ -46,8 +50,20 @@ pub(crate) struct PendingCut {
 #[serde(rename_all = "snake_case")]
 pub(super) enum Note {
     Cut(PendingCut),
-    Done { first: u64, is_refused: bool },
+    /// A record of a steady machine; no other of its operating bin begins before `next_from`.
+    SteadyCut {
+        pending: PendingCut,
+        bin: String,
+        next_from: u64,
+    },
+    Done {
+        first: u64,
+        is_refused: bool,
+    },
+    /// The machine is as steady as before.
     OperatingPoint(OperatingPoint),
+    /// The machine does something else from here on.
+    Moved(OperatingPoint),
 }
 
 impl StreamState {
@@ -65,6 +81,7 @@ impl StreamState {
             cutter: StreamCutter::default(),
             meter: LevelMeter::default(),
             operating_point: OperatingPoint::default(),
+            steadiness: Steadiness::default(),
         }
     }
 
@@ -108,9 +125,10 @@ impl StreamState {
 
     fn take_note(&mut self, note: Note) {
         match note {
-            Note::Cut(pending) => {
-                self.cutter.taken(pending.cut);
-                self.pending.push_back(pending);
+            Note::Cut(pending) => self.take_cut(pending),
+            Note::SteadyCut { pending, bin, next_from } => {
+                self.steadiness.taken(bin, next_from);
+                self.take_cut(pending);
             }
             Note::Done { first, is_refused } => {
                 // Another record may begin with the same sample; they are stored in this order.
@@ -121,7 +139,16 @@ impl StreamState {
                 self.refused += u64::from(is_refused);
             }
             Note::OperatingPoint(point) => self.operating_point = point,
+            Note::Moved(point) => {
+                self.operating_point = point;
+                self.steadiness.begin(point, self.next.unwrap_or(0));
+            }
         }
+    }
+
+    fn take_cut(&mut self, pending: PendingCut) {
+        self.cutter.taken(pending.cut);
+        self.pending.push_back(pending);
     }
 
     fn pending(&self, cut: StreamCut) -> PendingCut {
@@ -174,11 +201,22 @@ impl Draft {
     }
 
     /// Decides on the records that are whole.
-    pub(super) fn cut_whole(&mut self, policy: &CutPolicy) {
-        if policy.takes_none() {
-            self.state.cutter.skip();
+    pub(super) fn cut_whole(&mut self, cutting: &Cutting) {
+        while let Some(decision) = cutting.next_cut(&self.state) {
+            match decision {
+                Decision::Clocked(cut) => self.cut(cut),
+                Decision::Steady { cut, bin, next_from } => {
+                    let pending = self.state.pending(cut);
+                    self.note(&Note::SteadyCut { pending, bin, next_from });
+                }
+            }
         }
-        while let Some(cut) = self.state.cutter.next_cut(policy) {
+        cutting.pass_over(&mut self.state.cutter);
+    }
+
+    /// Decides on what is left before a gap.
+    pub(super) fn cut_rest(&mut self, cutting: &Cutting) {
+        if let Some(cut) = cutting.last_cut(&self.state) {
             self.cut(cut);
         }
     }

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 use jiff::Timestamp;
 
+use super::cutting::Cutting;
 use super::recent::Recent;
 use super::state::{Draft, Note, PendingCut, StreamState};
 use crate::recording::RecordingError;
-use crate::recording::stream::{Assembler, Chunk, CutPolicy, Piece, StreamCut, StreamFormat};
+use crate::recording::stream::{Assembler, Chunk, Piece, StreamCut, StreamFormat};
 use crate::service::error::ServiceError;
 use crate::signal::OperatingPoint;
 use crate::store::{JournalEntry, StoreError, StreamJournal, StreamLevels, TimedLevel};
@@ -100,7 +101,7 @@ impl StoredStream {
     pub(crate) fn take(
         &mut self,
         chunks: Vec<Chunk>,
-        policy: &CutPolicy,
+        cutting: &Cutting,
     ) -> Result<StreamProgress, ServiceError> {
         let mut pieces = Vec::new();
         let mut fault: Option<RecordingError> = None;
@@ -113,7 +114,7 @@ impl StoredStream {
                 }
             }
         }
-        let progress = self.write(pieces, policy)?;
+        let progress = self.write(pieces, cutting)?;
         fault.map_or(Ok(progress), |fault| Err(fault.into()))
     }
 
@@ -121,16 +122,21 @@ impl StoredStream {
     pub(crate) fn give_up_before(
         &mut self,
         index: u64,
-        policy: &CutPolicy,
+        cutting: &Cutting,
     ) -> Result<StreamProgress, ServiceError> {
         let pieces = self.assembler.give_up_before(index)?;
-        self.write(pieces, policy)
+        self.write(pieces, cutting)
     }
 
     /// What the machine does from now on.
-    pub(crate) fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
+    pub(crate) fn set_operating_point(
+        &mut self,
+        point: OperatingPoint,
+        cutting: &Cutting,
+    ) -> Result<(), ServiceError> {
         let mut draft = self.draft()?;
-        draft.note(&Note::OperatingPoint(point));
+        let is_steady = cutting.is_steady(&draft.state, &point);
+        draft.note(&if is_steady { Note::OperatingPoint(point) } else { Note::Moved(point) });
         self.keep(draft)
     }
 
@@ -156,8 +162,8 @@ impl StoredStream {
     }
 
     /// Decides on records that were whole when the process before ended.
-    pub(crate) fn plan(&mut self, policy: &CutPolicy) -> Result<(), ServiceError> {
-        self.write(Vec::new(), policy).map(|_| ())
+    pub(crate) fn plan(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
+        self.write(Vec::new(), cutting).map(|_| ())
     }
 
     /// The bytes of a record; none where they are not there.
@@ -191,25 +197,23 @@ impl StoredStream {
         Ok(self.levels.read(from_ns, to_ns)?)
     }
 
-    fn write(&mut self, pieces: Vec<Piece>, policy: &CutPolicy) -> Result<StreamProgress, ServiceError> {
+    fn write(&mut self, pieces: Vec<Piece>, cutting: &Cutting) -> Result<StreamProgress, ServiceError> {
         let mut draft = self.draft()?;
         let mut gaps = Vec::new();
         for piece in pieces {
             match piece {
                 Piece::Gap { first, frames } => {
-                    if let Some(cut) = draft.state.cutter.last_cut(policy) {
-                        draft.cut(cut);
-                    }
+                    draft.cut_rest(cutting);
                     draft.add(JournalEntry::Gap { first, frames });
                     gaps.push(StreamGap { first, samples: frames });
                 }
                 Piece::Frames(Chunk { first, time_ns, bytes }) => {
                     draft.add(JournalEntry::Frames { first, time_ns, bytes });
-                    draft.cut_whole(policy);
+                    draft.cut_whole(cutting);
                 }
             }
         }
-        draft.cut_whole(policy);
+        draft.cut_whole(cutting);
         self.keep(draft)?;
         Ok(StreamProgress { next: self.state.next, gaps })
     }
@@ -252,6 +256,7 @@ pub(crate) fn folder_of(streams: &Path, asset: &str, name: &str) -> PathBuf {
 mod tests {
     use super::*;
     use crate::recording::RawSample;
+    use crate::recording::stream::CutPolicy;
 
     const RATE_HZ: f64 = 100.0;
 
@@ -259,8 +264,8 @@ mod tests {
         StreamFormat::new(RawSample::I16, RATE_HZ, 1, None).unwrap()
     }
 
-    fn policy() -> CutPolicy {
-        CutPolicy::new(2.0, 10.0, RATE_HZ).unwrap()
+    fn policy() -> Cutting {
+        CutPolicy::new(2.0, 10.0, RATE_HZ).unwrap().into()
     }
 
     fn chunk(first: u64, frames: u64) -> Chunk {
@@ -318,7 +323,7 @@ mod tests {
     fn what_no_record_needs_is_removed_and_what_one_needs_stays() {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
-        let policy = CutPolicy::new(1.0, 30.0, 10_000.0).unwrap();
+        let policy = Cutting::from(CutPolicy::new(1.0, 30.0, 10_000.0).unwrap());
         let mut stream = StoredStream::create(folder.path(), Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
         let second = |k: u64| Chunk {
             first: k * 10_000,
