@@ -4,10 +4,13 @@ use super::state::StreamState;
 use crate::asset::{AssetSpec, OperatingBin, SteadySpec};
 use crate::recording::RecordingError;
 use crate::recording::stream::{CutPolicy, StreamCut, StreamCutter, StreamFormat};
-use crate::signal::OperatingPoint;
+use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint};
 
 /// Bytes of one record that is cut.
 const MAX_RECORD_BYTES: u64 = 64 << 20;
+
+/// Seconds of the shortest records of a time that is kept whole.
+const CAPTURED_S: f64 = 1.0;
 
 /// How records are cut.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,6 +19,10 @@ pub(crate) struct Cutting {
     /// In place of the interval.
     steady: Option<SteadyCutting>,
     bins: Vec<OperatingBin>,
+    /// Samples before and after an alarm that become records.
+    around_alarm: Option<(u64, u64)>,
+    /// Length of records of a time that is kept whole.
+    captured_frames: u64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,7 +50,37 @@ impl Cutting {
             for_frames: format.frames_in(bounds.for_s),
             apart_frames: format.frames_in(bounds.at_most_every_s),
         });
-        Ok(Self { clocked, steady, bins: spec.operating_bins.clone() })
+        let on_alarm = spec.stream.on_alarm;
+        let around_alarm =
+            on_alarm.map(|around| (format.frames_in(around.before_s), format.frames_in(around.after_s)));
+        // Not so short that many are cut at once.
+        let most = MAX_RECORD_BYTES / format.frame_bytes() as u64;
+        let captured_frames = clocked
+            .record_frames()
+            .max(format.frames_in(CAPTURED_S))
+            .min(MAX_RECORD_SAMPLES as u64)
+            .min(most);
+        Ok(Self { clocked, steady, bins: spec.operating_bins.clone(), around_alarm, captured_frames })
+    }
+
+    /// Samples before and after an alarm that become records; none where all do anyway.
+    pub(super) fn around_alarm(&self) -> Option<(u64, u64)> {
+        self.around_alarm.filter(|_| !self.takes_all())
+    }
+
+    /// Length of records of a time that is kept whole.
+    pub(super) fn captured_frames(&self) -> u64 {
+        self.captured_frames
+    }
+
+    /// Whether all samples become records.
+    pub(super) fn takes_all(&self) -> bool {
+        self.steady.is_none() && self.clocked.takes_all()
+    }
+
+    /// Where the next record begins at the earliest after one.
+    pub(super) fn after(&self, cut: StreamCut) -> u64 {
+        if self.steady.is_some() { cut.end() } else { self.clocked.after(cut) }
     }
 
     /// Whether the machine still does what it did, within the bounds and in the same operating bin. Without
@@ -68,8 +105,11 @@ impl Cutting {
         }
     }
 
-    /// The next record that is whole.
+    /// The next record that is whole; none while a capture runs.
     pub(super) fn next_cut(&self, state: &StreamState) -> Option<Decision> {
+        if state.capture.is_some() {
+            return None;
+        }
         match self.steady {
             Some(steady) => self.steady_cut(&steady, state),
             None => state.cutter.next_cut(&self.clocked).map(Decision::Clocked),
@@ -109,7 +149,13 @@ impl Cutting {
 #[cfg(test)]
 impl From<CutPolicy> for Cutting {
     fn from(clocked: CutPolicy) -> Self {
-        Self { clocked, steady: None, bins: Vec::new() }
+        Self {
+            clocked,
+            steady: None,
+            bins: Vec::new(),
+            around_alarm: None,
+            captured_frames: clocked.record_frames(),
+        }
     }
 }
 
@@ -159,6 +205,8 @@ mod tests {
             clocked: CutPolicy::new(2.0, 60.0, 10.0).unwrap(),
             steady: Some(SteadyCutting { bounds, for_frames: 50, apart_frames: 1000 }),
             bins: vec![bin("slow", [5.0, 15.0]), bin("fast", [15.0, 30.0])],
+            around_alarm: None,
+            captured_frames: 20,
         }
     }
 

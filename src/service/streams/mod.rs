@@ -4,10 +4,13 @@
 //! What is answered as kept is on the disk. A process that is killed goes on with the journal at its next
 //! start: a record that was cut is the same record then, with the same identifier, and is stored once.
 
+mod campaigns;
+mod capture;
 mod cutting;
 mod feed;
 mod frame;
 mod live;
+mod on_alarm;
 mod recent;
 mod sender;
 mod state;
@@ -24,12 +27,14 @@ use tokio::sync::watch;
 
 use super::clock::Clock;
 use super::error::ServiceError;
+use super::events::Announcer;
 use super::pipeline::Pipeline;
 use super::sensor_group::SensorGroup;
 use super::workers::{Workers, blocking};
 use crate::asset::AssetId;
 use crate::recording::stream::{CutPolicy, StreamFormat};
 use crate::store::{Store, StoreError, TimedLevel};
+pub use campaigns::CampaignStatus;
 use cutting::{Cutting, check_bytes};
 pub use feed::{LiveUpdate, StreamViewer};
 pub use frame::{LiveChannel, LiveFrame, LiveSpeedSource};
@@ -52,6 +57,7 @@ pub struct Streams {
     clock: Arc<dyn Clock>,
     /// None where processes share a store: a journal is in the folder of one.
     folder: Option<PathBuf>,
+    events: Announcer,
     all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
     is_over: watch::Sender<bool>,
 }
@@ -83,6 +89,8 @@ pub struct StreamStatus {
     pub records_waiting: u64,
     /// Bytes of samples on the disk.
     pub journal_bytes: u64,
+    /// The measuring campaign that runs, or else the last one.
+    pub campaign: Option<CampaignStatus>,
 }
 
 impl Streams {
@@ -91,11 +99,12 @@ impl Streams {
         workers: Arc<Workers>,
         pipeline: Arc<Pipeline>,
         clock: Arc<dyn Clock>,
+        events: Announcer,
         folder: PathBuf,
     ) -> Arc<Self> {
         let folder = (!store.is_shared()).then_some(folder);
         let is_over = watch::Sender::new(false);
-        Arc::new(Self { store, workers, pipeline, clock, folder, all: Mutex::default(), is_over })
+        Arc::new(Self { store, workers, pipeline, clock, folder, events, all: Mutex::default(), is_over })
     }
 
     /// Begins to send a stream, or goes on with it. Whoever sent it before is told that it does no more.
@@ -150,10 +159,7 @@ impl Streams {
     /// How the streams of an asset stand, by their names.
     pub async fn list(&self, asset: &AssetId) -> Result<Vec<StreamStatus>, ServiceError> {
         self.store.asset(asset).await?;
-        let streams: Vec<Arc<LiveStream>> = {
-            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
-            all.values().filter(|stream| stream.asset == *asset).cloned().collect()
-        };
+        let streams = self.of_asset(asset);
         let list = move || {
             let known = streams
                 .iter()
@@ -245,6 +251,7 @@ impl Streams {
     /// Goes on with what the process before left.
     pub(crate) async fn resume(self: &Arc<Self>) -> Result<(), ServiceError> {
         let Some(folder) = self.folder.clone() else { return Ok(()) };
+        self.follow_alarms_in_background();
         for (asset, name) in blocking("list streams", move || names_in(&folder)).await? {
             let stream = self.find(&asset, &name, true)?;
             let described = match self.store.asset(&asset).await {
@@ -272,6 +279,11 @@ impl Streams {
             }
         }
         Ok(())
+    }
+
+    fn of_asset(&self, asset: &AssetId) -> Vec<Arc<LiveStream>> {
+        let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+        all.values().filter(|stream| stream.asset == *asset).cloned().collect()
     }
 
     async fn of_stream<T: Send + 'static>(
@@ -322,6 +334,7 @@ fn status(stream: &LiveStream, stored: &StoredStream) -> StreamStatus {
         records_refused: state.refused,
         records_waiting: state.pending.len() as u64,
         journal_bytes: stored.journal_bytes(),
+        campaign: CampaignStatus::of(state),
     }
 }
 

@@ -6,6 +6,7 @@ use bytes::Bytes;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::capture::{Campaign, Capture};
 use super::cutting::{Cutting, Decision};
 use super::steadiness::Steadiness;
 use crate::recording::stream::{LevelMeter, StreamClock, StreamCut, StreamCutter, StreamFormat};
@@ -34,6 +35,13 @@ pub(crate) struct StreamState {
     operating_point: OperatingPoint,
     #[serde(default)]
     pub(super) steadiness: Steadiness,
+    #[serde(default)]
+    pub(super) capture: Option<Capture>,
+    /// Index after the last sample of the captures before.
+    #[serde(default)]
+    captured_to: u64,
+    #[serde(default)]
+    pub(crate) campaign: Option<Campaign>,
 }
 
 /// A record that is decided on and is not stored yet. It stays as it is, so that it is the same record
@@ -64,6 +72,14 @@ pub(super) enum Note {
     OperatingPoint(OperatingPoint),
     /// The machine does something else from here on.
     Moved(OperatingPoint),
+    /// All samples become records for a time.
+    Capture(Capture),
+    /// The same for a campaign, or another end of the one that runs.
+    Campaign(Capture, Campaign),
+    /// A record of that time.
+    Captured(PendingCut),
+    /// It ends before its time.
+    CaptureEnd,
 }
 
 impl StreamState {
@@ -82,6 +98,9 @@ impl StreamState {
             meter: LevelMeter::default(),
             operating_point: OperatingPoint::default(),
             steadiness: Steadiness::default(),
+            capture: None,
+            captured_to: 0,
+            campaign: None,
         }
     }
 
@@ -115,6 +134,7 @@ impl StreamState {
                 self.gaps += 1;
                 self.gap_samples += frames;
                 self.next = Some(first + frames);
+                self.captured(first + frames);
             }
             JournalEntry::Note(text) => match serde_json::from_slice(text) {
                 Ok(note) => self.take_note(note),
@@ -143,7 +163,51 @@ impl StreamState {
                 self.operating_point = point;
                 self.steadiness.begin(point, self.next.unwrap_or(0));
             }
+            Note::Capture(capture) => self.capture = Some(capture),
+            Note::Campaign(capture, campaign) => {
+                self.capture = Some(capture);
+                self.campaign = Some(campaign);
+            }
+            Note::Captured(pending) => {
+                let (end, start_time) = (pending.cut.end(), pending.start_time);
+                self.take_cut(pending);
+                if let Some(campaign) = self.campaign_that_runs() {
+                    if campaign.records == 0 {
+                        // That of its first record: the clock may be known better than in the beginning.
+                        campaign.start_time = start_time;
+                    }
+                    campaign.records += 1;
+                }
+                self.captured(end);
+            }
+            Note::CaptureEnd => {
+                if let Some(capture) = &mut self.capture {
+                    capture.until = capture.from;
+                }
+                self.captured(0);
+            }
         }
+    }
+
+    /// A capture has come to an index.
+    fn captured(&mut self, index: u64) {
+        let Some(capture) = &mut self.capture else { return };
+        capture.from = capture.from.max(index);
+        let Capture { from, until, .. } = *capture;
+        if from < until {
+            return;
+        }
+        let end_time = self.time(until);
+        if let Some(campaign) = self.campaign_that_runs() {
+            campaign.until = until;
+            campaign.end_time = end_time;
+        }
+        self.captured_to = until;
+        self.capture = None;
+    }
+
+    fn campaign_that_runs(&mut self) -> Option<&mut Campaign> {
+        self.campaign.as_mut().filter(|_| self.capture.is_some_and(|capture| capture.is_campaign))
     }
 
     fn take_cut(&mut self, pending: PendingCut) {
@@ -168,10 +232,51 @@ impl StreamState {
 
     /// The first sample that is still needed.
     pub(super) fn needed_from(&self) -> u64 {
-        let kept = self.format.frames_in(KEPT_S).min(MAX_KEPT_BYTES / self.format.frame_bytes() as u64);
-        let kept_from = self.next.unwrap_or(0).saturating_sub(kept);
+        let kept_from = self.next.unwrap_or(0).saturating_sub(self.kept_frames());
         let pending = self.pending.iter().map(|pending| pending.cut.first).min();
-        kept_from.min(self.cutter.needs_from()).min(pending.unwrap_or(u64::MAX))
+        let captured = self.capture.map(|capture| capture.from);
+        let asked = pending.into_iter().chain(captured).min().unwrap_or(u64::MAX);
+        kept_from.min(self.cutter.needs_from()).min(asked)
+    }
+
+    /// So many of the last samples are there.
+    fn kept_frames(&self) -> u64 {
+        self.format.frames_in(KEPT_S).min(MAX_KEPT_BYTES / self.format.frame_bytes() as u64)
+    }
+
+    /// The samples around an alarm that is raised now; none where there are none, or a capture runs.
+    pub(super) fn around_alarm(&self, cutting: &Cutting) -> Option<Capture> {
+        let (next, (before, after)) = (self.next?, cutting.around_alarm()?);
+        if self.capture.is_some() {
+            return None;
+        }
+        // Right after a gap there is nothing before it.
+        let before = if next == self.cutter.end() { before.min(self.kept_frames()) } else { 0 };
+        let from = next.saturating_sub(before).max(self.captured_to);
+        let from = if before > 0 { from.max(self.cutter.run_first()) } else { from };
+        let (until, record_frames) = (next + after, cutting.captured_frames());
+        (from < until).then_some(Capture { from, until, record_frames, is_campaign: false })
+    }
+
+    /// A campaign of so many samples from now on, or the one that runs with another end; none where there was
+    /// no sample yet.
+    pub(super) fn campaign_of(&self, frames: u64, cutting: &Cutting) -> Option<(Capture, Campaign)> {
+        let next = self.next?;
+        let is_whole = next == self.cutter.end();
+        let from = match &self.capture {
+            Some(capture) => capture.from,
+            // What is in no record yet would be in none.
+            None if cutting.takes_all() && is_whole => self.cutter.earliest().min(next),
+            None => next,
+        };
+        let (until, record_frames) = (next + frames, cutting.captured_frames());
+        let capture = Capture { from, until, record_frames, is_campaign: true };
+        let is_running = self.capture.is_some_and(|capture| capture.is_campaign);
+        let campaign = match &self.campaign {
+            Some(campaign) if is_running => Campaign { until, ..campaign.clone() },
+            _ => Campaign { first: from, start_time: self.time(from)?, until, end_time: None, records: 0 },
+        };
+        Some((capture, campaign))
     }
 }
 
@@ -202,6 +307,9 @@ impl Draft {
 
     /// Decides on the records that are whole.
     pub(super) fn cut_whole(&mut self, cutting: &Cutting) {
+        while let Some(cut) = self.state.capture.and_then(|capture| capture.next_cut(&self.state.cutter)) {
+            self.captured(cut, cutting);
+        }
         while let Some(decision) = cutting.next_cut(&self.state) {
             match decision {
                 Decision::Clocked(cut) => self.cut(cut),
@@ -216,8 +324,17 @@ impl Draft {
 
     /// Decides on what is left before a gap.
     pub(super) fn cut_rest(&mut self, cutting: &Cutting) {
-        if let Some(cut) = cutting.last_cut(&self.state) {
+        if let Some(capture) = self.state.capture {
+            if let Some(cut) = capture.rest(&self.state.cutter) {
+                self.captured(cut, cutting);
+            }
+        } else if let Some(cut) = cutting.last_cut(&self.state) {
             self.cut(cut);
         }
+    }
+
+    fn captured(&mut self, cut: StreamCut, cutting: &Cutting) {
+        let cut = StreamCut { next_from: cutting.after(cut), ..cut };
+        self.note(&Note::Captured(self.state.pending(cut)));
     }
 }

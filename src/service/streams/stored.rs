@@ -142,7 +142,7 @@ impl StoredStream {
 
     /// Makes a record of the last samples, as many as there are without a gap.
     pub(crate) fn keep_last(&mut self, frames: u64) -> Result<Option<PendingCut>, ServiceError> {
-        let end = self.state.next.unwrap_or(0);
+        let end = self.state.cutter.end();
         let first = end.saturating_sub(frames).max(self.state.cutter.run_first());
         if first >= end {
             return Ok(None);
@@ -152,6 +152,36 @@ impl StoredStream {
         draft.cut(StreamCut { first, frames: end - first, next_from: 0 });
         self.keep(draft)?;
         Ok(self.state.pending.back().cloned())
+    }
+
+    /// Makes records of what is around an alarm that is raised now; false where there is nothing to keep.
+    pub(crate) fn keep_around_alarm(&mut self, cutting: &Cutting) -> Result<bool, ServiceError> {
+        let Some(capture) = self.state.around_alarm(cutting) else { return Ok(false) };
+        self.begin_capture(&Note::Capture(capture), cutting).map(|()| true)
+    }
+
+    /// Makes records of all samples from now on, so many; false where there was no sample yet.
+    pub(crate) fn begin_campaign(&mut self, frames: u64, cutting: &Cutting) -> Result<bool, ServiceError> {
+        let Some((capture, campaign)) = self.state.campaign_of(frames, cutting) else { return Ok(false) };
+        self.begin_capture(&Note::Campaign(capture, campaign), cutting).map(|()| true)
+    }
+
+    fn begin_capture(&mut self, note: &Note, cutting: &Cutting) -> Result<(), ServiceError> {
+        let mut draft = self.draft()?;
+        draft.note(note);
+        draft.cut_whole(cutting);
+        self.keep(draft)
+    }
+
+    /// Ends the campaign that runs, with what has come as its last record.
+    pub(crate) fn end_campaign(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
+        if !self.state.capture.is_some_and(|capture| capture.is_campaign) {
+            return Ok(());
+        }
+        let mut draft = self.draft()?;
+        draft.cut_rest(cutting);
+        draft.note(&Note::CaptureEnd);
+        self.keep(draft)
     }
 
     /// A record is stored, or can never be.
