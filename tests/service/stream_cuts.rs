@@ -119,7 +119,7 @@ fn what_is_around_an_alarm_is_kept_also_over_a_restart_and_bounded() {
     assert_eq!(records(&service, 1), [(0, 2000)]);
     // The record of the next interval is loud.
     send(&mut socket, 19_000, 22_500, 18_000);
-    service.wait_for("/v1/assets/pump/alarms", |list| list["items"][0]["severity"] == "warning");
+    service.wait_for("/v1/alarms?asset=pump", |list| list["items"][0]["severity"] == "warning");
     // From 17.5 s up to 29.5 s: what is there is cut at once.
     let begun = [(0, 2000), (17_500, 2000), (19_500, 2000), (20_000, 2000)];
     assert_eq!(records(&service, 4), begun);
