@@ -36,7 +36,9 @@ impl Service {
 
     /// With these arguments and a folder; what it says first is where it listens.
     pub(crate) fn start_as(arguments: &[&str], folder: &Path) -> Self {
-        let mut child = Command::new(BINARY)
+        // Another version, to compare with.
+        let program = std::env::var_os("FLANKWATCH_BENCH_PROGRAM").unwrap_or_else(|| BINARY.into());
+        let mut child = Command::new(program)
             .args(arguments)
             .arg("--data-dir")
             .arg(folder)

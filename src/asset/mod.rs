@@ -27,6 +27,6 @@ pub use place::{Location, MeasuringPoint};
 pub use segment::{RawReference, Segment, SegmentId};
 pub use shaft::ShaftSpec;
 pub use spec::{AssetSpec, BaselineSpec, SensorSpec};
-pub use stream_spec::StreamSpec;
+pub use stream_spec::{OnAlarmSpec, SteadySpec, StreamSpec};
 pub use velocity_zones::{MachineClass, VelocityZone, VelocityZones};
 pub use wear_limits::WearLimits;

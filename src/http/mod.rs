@@ -72,6 +72,7 @@ mod server;
 mod session;
 mod shares;
 mod start_error;
+mod stream_campaigns;
 mod stream_socket;
 mod stream_views;
 mod streams;

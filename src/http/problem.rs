@@ -268,3 +268,17 @@ impl From<AssetError> for Problem {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn streams_are_refused_in_a_cluster_with_where_they_are_taken() {
+        let Problem(details) = ServiceError::StreamsShared.into();
+        assert_eq!(details.status, StatusCode::NOT_IMPLEMENTED);
+        for word in ["live streams", "cluster", "a service with a data folder of its own"] {
+            assert!(details.detail.contains(word), "{}", details.detail);
+        }
+    }
+}

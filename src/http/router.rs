@@ -19,7 +19,7 @@ use super::{
     dashboard, drain, etag, events, exclusions, export, head, health, hindsight, indicators, issued_tokens,
     libraries, library_states, live_view, maintenance, matching, metrics, notifications, openapi,
     pair_presets, preview, raw_recordings, recomputations, record_choice, replays, reports, segments,
-    session, streams, traffic, tus, uploads, waterfall, waveforms, wear,
+    session, stream_campaigns, streams, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -81,6 +81,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(streams::list))
         .routes(routes!(streams::levels))
         .routes(routes!(streams::keep))
+        .routes(routes!(stream_campaigns::begin, stream_campaigns::end))
         .routes(routes!(live_view::watch))
         .routes(routes!(events::stream))
         .routes(routes!(session::show, session::begin, session::end))

@@ -3,6 +3,7 @@
 use jiff::Timestamp;
 use serde::Serialize;
 
+use super::stream_campaigns::CampaignView;
 use crate::service::StreamStatus;
 
 /// How a stream stands.
@@ -39,6 +40,8 @@ pub(super) struct StreamView {
     records_waiting: u64,
     /// Bytes of its samples on the disk, without those of records.
     journal_bytes: u64,
+    /// The measuring campaign that runs, or else the last one.
+    campaign: Option<CampaignView>,
 }
 
 /// What became of samples.
@@ -117,6 +120,7 @@ impl From<StreamStatus> for StreamView {
             records_refused: status.records_refused,
             records_waiting: status.records_waiting,
             journal_bytes: status.journal_bytes,
+            campaign: status.campaign.map(CampaignView::from),
         }
     }
 }

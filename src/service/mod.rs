@@ -83,8 +83,8 @@ pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::Replays;
 pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
 pub use streams::{
-    LiveChannel, LiveFrame, LiveSpeedSource, LiveUpdate, StreamGap, StreamProgress, StreamSender,
-    StreamStatus, StreamViewer, Streams,
+    CampaignStatus, LiveChannel, LiveFrame, LiveSpeedSource, LiveUpdate, StreamGap, StreamProgress,
+    StreamSender, StreamStatus, StreamViewer, Streams,
 };
 pub use tally::Tally;
 pub use work_queue::{PartHealth, QueueOverview, QueuedRecord, Role, WorkQueue, WorkerOverview};

@@ -201,6 +201,7 @@ impl Service {
                 Arc::clone(&workers),
                 Arc::clone(&pipeline),
                 Arc::clone(&clock),
+                events.clone(),
                 folders.streams,
             ),
             uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),

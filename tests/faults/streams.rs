@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
@@ -58,13 +59,13 @@ fn stored(program: &Program, records: u64) -> Vec<u8> {
 }
 
 #[test]
-fn a_service_killed_at_random_moments_keeps_every_acknowledged_sample_once() {
+fn every_acknowledged_sample_is_kept_once_whoever_is_killed_and_however_chunks_come() {
     let folder = tempfile::tempdir().unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(2_121);
     let mut program = Program::start(folder.path());
     program.make(&asset());
-    let mut acknowledged = 0;
-    for _ in 0..rounds() {
+    let (mut acknowledged, mut half_open) = (0, Vec::new());
+    for round in 0..rounds() {
         let mut socket = open(&program);
         let next = socket.next.unwrap();
         assert!(next >= acknowledged, "{next} is before {acknowledged}, which was acknowledged");
@@ -72,16 +73,27 @@ fn a_service_killed_at_random_moments_keeps_every_acknowledged_sample_once() {
         let mut sent = next;
         // Some are acknowledged, some are on their way.
         for _ in 0..random.random_range(1..12) {
-            let count = random.random_range(1..3000);
-            socket.send(sent, time_ns(sent), &frames(sent, count));
-            sent += count;
+            let until = sent + random.random_range(1..3000);
+            for (first, count) in shuffled(sent, until, &mut random) {
+                socket.send(first, time_ns(first), &frames(first, count));
+            }
+            sent = until;
             if random.random_bool(0.5) {
-                socket.wait_for(sent);
+                assert_eq!(socket.wait_for(sent), [[0; 2]; 0]);
                 acknowledged = sent;
             }
         }
-        program.kill();
-        program = Program::start(folder.path());
+        match round % 3 {
+            0 => {
+                program.kill();
+                program = Program::start(folder.path());
+                half_open.clear();
+            }
+            // The sender is gone without a word.
+            1 => drop(socket),
+            // Nobody knows that it is gone: the next connection takes over.
+            _ => half_open.push(socket),
+        }
     }
     let mut socket = open(&program);
     let next = socket.next.unwrap();
@@ -89,6 +101,65 @@ fn a_service_killed_at_random_moments_keeps_every_acknowledged_sample_once() {
     let end = (next / 2000 + 1) * 2000;
     socket.send(next, time_ns(next), &frames(next, end - next));
     socket.wait_for(end);
+    assert!(
+        stored(&program, end / 2000) == frames(0, end),
+        "the stored samples are not those that were sent"
+    );
+    assert_eq!(program.get("/v1/assets/pump/stream")["gaps"], 0);
+    program.kill();
+}
+
+/// Chunks of a stretch of samples in any order, some of them twice and with samples of others.
+fn shuffled(from: u64, until: u64, random: &mut ChaCha8Rng) -> Vec<(u64, u64)> {
+    let (mut chunks, mut first) = (Vec::new(), from);
+    while first < until {
+        let count = random.random_range(1..1000).min(until - first);
+        chunks.push((first, count));
+        if random.random_bool(0.3) {
+            let back = random.random_range(0..200).min(first);
+            chunks.push((first - back, count));
+        }
+        first += count;
+    }
+    chunks.shuffle(random);
+    chunks
+}
+
+#[test]
+fn a_sender_killed_at_random_moments_goes_on_with_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(2_122);
+    let program = Program::start(&folder.path().join("data"));
+    program.make(&asset());
+    let path = folder.path().join("samples.raw");
+    let mut file = std::fs::File::create(&path).unwrap();
+    let send = |more: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+            .arg("stream")
+            .arg(&path)
+            .args(["--asset", "pump", "--url", program.url(), "--sample", "f32", "--rate", "4000"])
+            .args(["--channels", "2", "--start-time", "1970-01-01T00:00:00Z"])
+            .args(more)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap()
+    };
+    let mut written = 0;
+    for _ in 0..rounds() {
+        let mut child = send(&["--follow"]);
+        for _ in 0..4 {
+            let count = random.random_range(1..8000);
+            file.write_all(&frames(written, count)).unwrap();
+            written += count;
+            std::thread::sleep(Duration::from_millis(random.random_range(0..150)));
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+    let end = (written / 2000 + 1) * 2000;
+    file.write_all(&frames(written, end - written)).unwrap();
+    assert!(send(&[]).wait().unwrap().success());
     assert!(
         stored(&program, end / 2000) == frames(0, end),
         "the stored samples are not those that were sent"

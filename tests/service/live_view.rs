@@ -2,7 +2,7 @@
 //! and it ends with the asset, the token and the service.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -135,6 +135,58 @@ fn frames_come_several_times_a_second_with_the_tones_that_are_sent_and_are_the_s
         }
     }
     assert!(waited[0] >= 2 && waited[1] == waited[0] + 1, "{waited:?}");
+}
+
+#[test]
+fn a_viewer_that_does_not_read_loses_frames_and_holds_up_nobody() {
+    let service = Service::start();
+    service.post_json("/v1/assets", &asset()).expect(201);
+    // Frames as large as they get, so that they do not all fit on their way.
+    let path =
+        format!("/v1/assets/pump/stream?sample=f32&sample_rate_hz={RATE_HZ}&channels=64&first_index=0");
+    let mut socket = StreamSocket::open(&service.url(&path), &[]).unwrap();
+    let chunk = |first: u64| -> Vec<u8> {
+        let value = |k: u64| (k.wrapping_mul(2_654_435_761) % 65_521) as f32 / 1000.0;
+        (first * 64..(first + 800) * 64).map(value).flat_map(f32::to_le_bytes).collect()
+    };
+    socket.send(0, 0, &chunk(0));
+    socket.wait_for(800);
+    let shown = Arc::new(AtomicU64::new(0));
+    let nexts = |events: &mut EventStream, shown: &AtomicU64| -> Vec<u64> {
+        let frames = std::iter::from_fn(|| events.next_or_end()).filter(|event| event.kind == "frame");
+        let frames = frames.inspect(|_| _ = shown.fetch_add(1, Ordering::Relaxed));
+        frames.map(|event| event.data["next"].as_u64().unwrap()).collect()
+    };
+    let mut slow = Some(EventStream::open_path(&service.url(""), PATH, ""));
+    let quick = std::thread::spawn({
+        let (url, shown) = (service.url(""), Arc::clone(&shown));
+        move || nexts(&mut EventStream::open_path(&url, PATH, ""), &shown)
+    });
+    let (mut sent, mut longest, mut reading, mut left) = (800, Duration::ZERO, None, 30);
+    while left > 0 {
+        // Far more than fits on the way: it reads again.
+        if shown.load(Ordering::Relaxed) >= 80
+            && let Some(mut slow) = slow.take()
+        {
+            reading = Some(std::thread::spawn(move || nexts(&mut slow, &AtomicU64::new(0))));
+        }
+        left -= usize::from(reading.is_some());
+        let began = Instant::now();
+        socket.send(sent, 0, &chunk(sent));
+        sent += 800;
+        socket.wait_for(sent);
+        longest = longest.max(began.elapsed());
+        std::thread::sleep(Duration::from_millis(100).saturating_sub(began.elapsed()));
+    }
+    assert!(longest < Duration::from_secs(30), "a chunk waited for {longest:?}");
+    let status = service.get("/v1/assets/pump/stream").expect(200).json();
+    assert_eq!((&status["next"], &status["gaps"]), (&json!(sent), &json!(0)));
+    service.delete("/v1/assets/pump").expect(204);
+    let (quick, late) = (quick.join().unwrap(), reading.unwrap().join().unwrap());
+    assert!(late.len() < quick.len(), "{} frames of {}", late.len(), quick.len());
+    assert!(late.is_sorted() && quick.is_sorted());
+    // It goes on with what is new, not with what it missed.
+    assert!(late.windows(2).any(|pair| pair[1] - pair[0] > 2 * RATE_HZ), "{late:?}");
 }
 
 #[test]

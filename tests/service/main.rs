@@ -35,6 +35,8 @@ mod resumable_uploads;
 mod segments;
 mod simulations;
 #[cfg(not(feature = "cluster"))]
+mod stream_cuts;
+#[cfg(not(feature = "cluster"))]
 mod streams;
 mod token_pages;
 mod trends;

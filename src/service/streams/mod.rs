@@ -4,35 +4,41 @@
 //! What is answered as kept is on the disk. A process that is killed goes on with the journal at its next
 //! start: a record that was cut is the same record then, with the same identifier, and is stored once.
 
+mod campaigns;
+mod capture;
+mod cutting;
 mod feed;
 mod frame;
 mod live;
+mod on_alarm;
 mod recent;
 mod sender;
 mod state;
+mod steadiness;
 mod stored;
+mod storing;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use jiff::Timestamp;
 use tokio::sync::watch;
 
 use super::clock::Clock;
 use super::error::ServiceError;
+use super::events::Announcer;
 use super::pipeline::Pipeline;
-use super::record::{RecordFormat, UploadMetadata};
 use super::sensor_group::SensorGroup;
 use super::workers::{Workers, blocking};
-use crate::asset::{AssetId, StreamSpec};
-use crate::recording::RecordingError;
+use crate::asset::AssetId;
 use crate::recording::stream::{CutPolicy, StreamFormat};
 use crate::store::{Store, StoreError, TimedLevel};
+pub use campaigns::CampaignStatus;
+use cutting::{Cutting, check_bytes};
 pub use feed::{LiveUpdate, StreamViewer};
 pub use frame::{LiveChannel, LiveFrame, LiveSpeedSource};
-use live::{CutRecord, LiveStream};
+use live::LiveStream;
 pub use sender::StreamSender;
 use stored::{StoredStream, folder_of};
 pub use stored::{StreamGap, StreamProgress};
@@ -43,13 +49,6 @@ const MAX_OF_ASSET: usize = 16;
 /// Records of a stream that wait for the pipeline; the sender waits beyond that.
 const MAX_PENDING: usize = 4;
 
-/// Bytes of one record that is cut.
-const MAX_RECORD_BYTES: u64 = 64 << 20;
-
-/// Wait before a record is tried again, and the longest one.
-const RETRY_AFTER: Duration = Duration::from_millis(200);
-const LONGEST_RETRY: Duration = Duration::from_secs(30);
-
 /// The live streams of a service.
 pub struct Streams {
     store: Store,
@@ -58,6 +57,7 @@ pub struct Streams {
     clock: Arc<dyn Clock>,
     /// None where processes share a store: a journal is in the folder of one.
     folder: Option<PathBuf>,
+    events: Announcer,
     all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
     is_over: watch::Sender<bool>,
 }
@@ -89,6 +89,8 @@ pub struct StreamStatus {
     pub records_waiting: u64,
     /// Bytes of samples on the disk.
     pub journal_bytes: u64,
+    /// The measuring campaign that runs, or else the last one.
+    pub campaign: Option<CampaignStatus>,
 }
 
 impl Streams {
@@ -97,11 +99,12 @@ impl Streams {
         workers: Arc<Workers>,
         pipeline: Arc<Pipeline>,
         clock: Arc<dyn Clock>,
+        events: Announcer,
         folder: PathBuf,
     ) -> Arc<Self> {
         let folder = (!store.is_shared()).then_some(folder);
         let is_over = watch::Sender::new(false);
-        Arc::new(Self { store, workers, pipeline, clock, folder, all: Mutex::default(), is_over })
+        Arc::new(Self { store, workers, pipeline, clock, folder, events, all: Mutex::default(), is_over })
     }
 
     /// Begins to send a stream, or goes on with it. Whoever sent it before is told that it does no more.
@@ -118,7 +121,7 @@ impl Streams {
     ) -> Result<StreamSender, ServiceError> {
         check_name(name)?;
         let described = SensorGroup::of(&self.store, asset).await?.asset;
-        let policy = policy_of(described.spec.stream, &format)?;
+        let cutting = Arc::new(Cutting::of(&described.spec, &format)?);
         let stream = self.find(asset, name, true)?;
         let (opened, created_at, wanted) = (Arc::clone(&stream), described.created_at, format.clone());
         let (next, owner) = blocking("open a stream", move || {
@@ -150,16 +153,13 @@ impl Streams {
         .await??;
         self.cut_in_background(&stream);
         let pending = stream.follow_pending();
-        Ok(StreamSender { streams: Arc::clone(self), stream, owner, policy, format, next, pending })
+        Ok(StreamSender { streams: Arc::clone(self), stream, owner, cutting, format, next, pending })
     }
 
     /// How the streams of an asset stand, by their names.
     pub async fn list(&self, asset: &AssetId) -> Result<Vec<StreamStatus>, ServiceError> {
         self.store.asset(asset).await?;
-        let streams: Vec<Arc<LiveStream>> = {
-            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
-            all.values().filter(|stream| stream.asset == *asset).cloned().collect()
-        };
+        let streams = self.of_asset(asset);
         let list = move || {
             let known = streams
                 .iter()
@@ -251,6 +251,7 @@ impl Streams {
     /// Goes on with what the process before left.
     pub(crate) async fn resume(self: &Arc<Self>) -> Result<(), ServiceError> {
         let Some(folder) = self.folder.clone() else { return Ok(()) };
+        self.follow_alarms_in_background();
         for (asset, name) in blocking("list streams", move || names_in(&folder)).await? {
             let stream = self.find(&asset, &name, true)?;
             let described = match self.store.asset(&asset).await {
@@ -265,8 +266,8 @@ impl Streams {
                     if stored.state().asset_created_at != described.created_at {
                         return Ok(false);
                     }
-                    if let Ok(policy) = policy_of(described.spec.stream, &stored.state().format) {
-                        stored.plan(&policy)?;
+                    if let Ok(cutting) = Cutting::of(&described.spec, &stored.state().format) {
+                        stored.plan(&cutting)?;
                     }
                     Ok(true)
                 })
@@ -278,6 +279,11 @@ impl Streams {
             }
         }
         Ok(())
+    }
+
+    fn of_asset(&self, asset: &AssetId) -> Vec<Arc<LiveStream>> {
+        let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+        all.values().filter(|stream| stream.asset == *asset).cloned().collect()
     }
 
     async fn of_stream<T: Send + 'static>(
@@ -311,98 +317,6 @@ impl Streams {
         all.insert(key, Arc::clone(&stream));
         Ok(stream)
     }
-
-    /// Has records that are cut stored, one after the other.
-    fn cut_in_background(self: &Arc<Self>, stream: &Arc<LiveStream>) {
-        if !stream.begin_cutting() {
-            return;
-        }
-        let (streams, stream) = (Arc::clone(self), Arc::clone(stream));
-        tokio::spawn(async move {
-            loop {
-                streams.store_cuts(&stream).await;
-                stream.end_cutting();
-                // One may have come since the last look.
-                if *streams.is_over.borrow() || !stream.begin_cutting() {
-                    return;
-                }
-            }
-        });
-    }
-
-    /// Stores records until there is none left or the service ends.
-    async fn store_cuts(&self, stream: &Arc<LiveStream>) {
-        let (mut wait, mut over) = (RETRY_AFTER, self.follow_end());
-        loop {
-            match self.store_next(stream).await {
-                Ok(true) => wait = RETRY_AFTER,
-                Ok(false) => return,
-                Err(error) => {
-                    let (asset, name) = (&stream.asset, &stream.name);
-                    tracing::warn!(%asset, name, %error, "a record of a stream has to wait");
-                    tokio::select! {
-                        _ = over.wait_for(|over| *over) => return,
-                        () = tokio::time::sleep(wait) => wait = (wait * 2).min(LONGEST_RETRY),
-                    }
-                }
-            }
-            if *over.borrow() {
-                return;
-            }
-        }
-    }
-
-    /// Stores the next record; false where there is none.
-    async fn store_next(&self, stream: &Arc<LiveStream>) -> Result<bool, ServiceError> {
-        let reader = Arc::clone(stream);
-        let Some(record) = blocking("read a stream", move || reader.next_cut()).await?? else {
-            return Ok(false);
-        };
-        let first = record.pending.cut.first;
-        let is_refused = match self.store_record(&stream.asset, record).await {
-            Ok(()) => false,
-            Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {
-                let gone = Arc::clone(stream);
-                blocking("remove a stream", move || gone.remove()).await??;
-                return Ok(false);
-            }
-            Err(
-                error @ (ServiceError::Recording(_)
-                | ServiceError::Field { .. }
-                | ServiceError::SensorOfOther { .. }),
-            ) => {
-                let (asset, name) = (&stream.asset, &stream.name);
-                tracing::warn!(%asset, name, first, %error, "a record of a stream cannot be stored");
-                true
-            }
-            Err(error) => return Err(error),
-        };
-        let writer = Arc::clone(stream);
-        let done = move || writer.with_stored(|stored| stored.done(first, is_refused));
-        match blocking("write a stream", done).await? {
-            // It was removed meanwhile.
-            Err(ServiceError::StreamUnknown { .. }) => Ok(false),
-            done => done.map(|()| true),
-        }
-    }
-
-    async fn store_record(&self, asset: &AssetId, record: CutRecord) -> Result<(), ServiceError> {
-        let CutRecord { pending, format, asset_created_at, bytes } = record;
-        if self.store.asset(asset).await?.created_at != asset_created_at {
-            return Err(StoreError::AssetUnknown(asset.clone()).into());
-        }
-        let mut ticket = self.workers.admit()?;
-        ticket.grow(bytes.len())?;
-        let metadata = UploadMetadata {
-            start_time: Some(pending.start_time),
-            channel_names: format.channel_names.clone(),
-            unit: format.unit.clone(),
-            operating_point: pending.operating_point,
-            ..UploadMetadata::default()
-        };
-        let format = RecordFormat::Raw(format.layout()?);
-        self.pipeline.accept(asset, format, bytes, metadata, ticket).await.map(|_| ())
-    }
 }
 
 fn status(stream: &LiveStream, stored: &StoredStream) -> StreamStatus {
@@ -420,21 +334,8 @@ fn status(stream: &LiveStream, stored: &StoredStream) -> StreamStatus {
         records_refused: state.refused,
         records_waiting: state.pending.len() as u64,
         journal_bytes: stored.journal_bytes(),
+        campaign: CampaignStatus::of(state),
     }
-}
-
-fn policy_of(spec: StreamSpec, format: &StreamFormat) -> Result<CutPolicy, RecordingError> {
-    let policy = CutPolicy::new(spec.record_s, spec.interval_s, format.sample_rate_hz())?;
-    check_bytes(policy.record_frames(), format)?;
-    Ok(policy)
-}
-
-fn check_bytes(frames: u64, format: &StreamFormat) -> Result<(), RecordingError> {
-    if frames.saturating_mul(format.frame_bytes() as u64) <= MAX_RECORD_BYTES {
-        return Ok(());
-    }
-    let expected = "a length of at most 64 MiB of samples of all channels";
-    Err(RecordingError::field("record_s", format.seconds(frames), expected))
 }
 
 /// A name is part of a path.

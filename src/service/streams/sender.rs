@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use tokio::sync::watch;
 
+use super::cutting::Cutting;
 use super::live::LiveStream;
 use super::stored::{StoredStream, StreamProgress};
-use super::{MAX_PENDING, Streams, policy_of};
-use crate::recording::stream::{Chunk, CutPolicy, StreamFormat};
+use super::{MAX_PENDING, Streams};
+use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::error::ServiceError;
 use crate::service::workers::blocking;
 use crate::signal::OperatingPoint;
@@ -17,7 +18,7 @@ pub struct StreamSender {
     pub(super) streams: Arc<Streams>,
     pub(super) stream: Arc<LiveStream>,
     pub(super) owner: u64,
-    pub(super) policy: CutPolicy,
+    pub(super) cutting: Arc<Cutting>,
     pub(super) format: StreamFormat,
     pub(super) next: Option<u64>,
     pub(super) pending: watch::Receiver<usize>,
@@ -55,23 +56,24 @@ impl StreamSender {
             _ = owner.wait_for(|owner| *owner != mine) => {}
             _ = over.wait_for(|over| *over) => {}
         }
-        let policy = self.policy;
-        self.write(move |stored| stored.take(chunks, &policy)).await
+        let cutting = Arc::clone(&self.cutting);
+        self.write(move |stored| stored.take(chunks, &cutting)).await
     }
 
     /// Takes that nothing before an index comes any more.
     ///
     /// Errors: as those of [`take`](Self::take).
     pub async fn give_up_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
-        let policy = self.policy;
-        self.write(move |stored| stored.give_up_before(index, &policy)).await
+        let cutting = Arc::clone(&self.cutting);
+        self.write(move |stored| stored.give_up_before(index, &cutting)).await
     }
 
     /// Takes what the machine does from now on.
     ///
     /// Errors: as those of [`take`](Self::take).
     pub async fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
-        self.write(move |stored| stored.set_operating_point(point)).await
+        let cutting = Arc::clone(&self.cutting);
+        self.write(move |stored| stored.set_operating_point(point, &cutting)).await
     }
 
     /// Waits until another connection sends the stream, or its asset is gone.
@@ -85,8 +87,8 @@ impl StreamSender {
     /// Error: the asset is gone.
     pub async fn refresh(&mut self) -> Result<(), ServiceError> {
         let described = self.streams.store.asset(&self.stream.asset).await?;
-        if let Ok(policy) = policy_of(described.spec.stream, &self.format) {
-            self.policy = policy;
+        if let Ok(cutting) = Cutting::of(&described.spec, &self.format) {
+            self.cutting = Arc::new(cutting);
         }
         Ok(())
     }

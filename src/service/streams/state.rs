@@ -6,7 +6,10 @@ use bytes::Bytes;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use crate::recording::stream::{CutPolicy, LevelMeter, StreamClock, StreamCut, StreamCutter, StreamFormat};
+use super::capture::{Campaign, Capture};
+use super::cutting::{Cutting, Decision};
+use super::steadiness::Steadiness;
+use crate::recording::stream::{LevelMeter, StreamClock, StreamCut, StreamCutter, StreamFormat};
 use crate::signal::OperatingPoint;
 use crate::store::{JournalEntry, TimedLevel};
 
@@ -30,6 +33,15 @@ pub(crate) struct StreamState {
     pub(super) cutter: StreamCutter,
     meter: LevelMeter,
     operating_point: OperatingPoint,
+    #[serde(default)]
+    pub(super) steadiness: Steadiness,
+    #[serde(default)]
+    pub(super) capture: Option<Capture>,
+    /// Index after the last sample of the captures before.
+    #[serde(default)]
+    captured_to: u64,
+    #[serde(default)]
+    pub(crate) campaign: Option<Campaign>,
 }
 
 /// A record that is decided on and is not stored yet. It stays as it is, so that it is the same record
@@ -46,8 +58,28 @@ pub(crate) struct PendingCut {
 #[serde(rename_all = "snake_case")]
 pub(super) enum Note {
     Cut(PendingCut),
-    Done { first: u64, is_refused: bool },
+    /// A record of a steady machine; no other of its operating bin begins before `next_from`.
+    SteadyCut {
+        pending: PendingCut,
+        bin: String,
+        next_from: u64,
+    },
+    Done {
+        first: u64,
+        is_refused: bool,
+    },
+    /// The machine is as steady as before.
     OperatingPoint(OperatingPoint),
+    /// The machine does something else from here on.
+    Moved(OperatingPoint),
+    /// All samples become records for a time.
+    Capture(Capture),
+    /// The same for a campaign, or another end of the one that runs.
+    Campaign(Capture, Campaign),
+    /// A record of that time.
+    Captured(PendingCut),
+    /// It ends before its time.
+    CaptureEnd,
 }
 
 impl StreamState {
@@ -65,6 +97,10 @@ impl StreamState {
             cutter: StreamCutter::default(),
             meter: LevelMeter::default(),
             operating_point: OperatingPoint::default(),
+            steadiness: Steadiness::default(),
+            capture: None,
+            captured_to: 0,
+            campaign: None,
         }
     }
 
@@ -98,6 +134,7 @@ impl StreamState {
                 self.gaps += 1;
                 self.gap_samples += frames;
                 self.next = Some(first + frames);
+                self.captured(first + frames);
             }
             JournalEntry::Note(text) => match serde_json::from_slice(text) {
                 Ok(note) => self.take_note(note),
@@ -108,9 +145,10 @@ impl StreamState {
 
     fn take_note(&mut self, note: Note) {
         match note {
-            Note::Cut(pending) => {
-                self.cutter.taken(pending.cut);
-                self.pending.push_back(pending);
+            Note::Cut(pending) => self.take_cut(pending),
+            Note::SteadyCut { pending, bin, next_from } => {
+                self.steadiness.taken(bin, next_from);
+                self.take_cut(pending);
             }
             Note::Done { first, is_refused } => {
                 // Another record may begin with the same sample; they are stored in this order.
@@ -121,7 +159,60 @@ impl StreamState {
                 self.refused += u64::from(is_refused);
             }
             Note::OperatingPoint(point) => self.operating_point = point,
+            Note::Moved(point) => {
+                self.operating_point = point;
+                self.steadiness.begin(point, self.next.unwrap_or(0));
+            }
+            Note::Capture(capture) => self.capture = Some(capture),
+            Note::Campaign(capture, campaign) => {
+                self.capture = Some(capture);
+                self.campaign = Some(campaign);
+            }
+            Note::Captured(pending) => {
+                let (end, start_time) = (pending.cut.end(), pending.start_time);
+                self.take_cut(pending);
+                if let Some(campaign) = self.campaign_that_runs() {
+                    if campaign.records == 0 {
+                        // That of its first record: the clock may be known better than in the beginning.
+                        campaign.start_time = start_time;
+                    }
+                    campaign.records += 1;
+                }
+                self.captured(end);
+            }
+            Note::CaptureEnd => {
+                if let Some(capture) = &mut self.capture {
+                    capture.until = capture.from;
+                }
+                self.captured(0);
+            }
         }
+    }
+
+    /// A capture has come to an index.
+    fn captured(&mut self, index: u64) {
+        let Some(capture) = &mut self.capture else { return };
+        capture.from = capture.from.max(index);
+        let Capture { from, until, .. } = *capture;
+        if from < until {
+            return;
+        }
+        let end_time = self.time(until);
+        if let Some(campaign) = self.campaign_that_runs() {
+            campaign.until = until;
+            campaign.end_time = end_time;
+        }
+        self.captured_to = until;
+        self.capture = None;
+    }
+
+    fn campaign_that_runs(&mut self) -> Option<&mut Campaign> {
+        self.campaign.as_mut().filter(|_| self.capture.is_some_and(|capture| capture.is_campaign))
+    }
+
+    fn take_cut(&mut self, pending: PendingCut) {
+        self.cutter.taken(pending.cut);
+        self.pending.push_back(pending);
     }
 
     fn pending(&self, cut: StreamCut) -> PendingCut {
@@ -141,10 +232,51 @@ impl StreamState {
 
     /// The first sample that is still needed.
     pub(super) fn needed_from(&self) -> u64 {
-        let kept = self.format.frames_in(KEPT_S).min(MAX_KEPT_BYTES / self.format.frame_bytes() as u64);
-        let kept_from = self.next.unwrap_or(0).saturating_sub(kept);
+        let kept_from = self.next.unwrap_or(0).saturating_sub(self.kept_frames());
         let pending = self.pending.iter().map(|pending| pending.cut.first).min();
-        kept_from.min(self.cutter.needs_from()).min(pending.unwrap_or(u64::MAX))
+        let captured = self.capture.map(|capture| capture.from);
+        let asked = pending.into_iter().chain(captured).min().unwrap_or(u64::MAX);
+        kept_from.min(self.cutter.needs_from()).min(asked)
+    }
+
+    /// So many of the last samples are there.
+    fn kept_frames(&self) -> u64 {
+        self.format.frames_in(KEPT_S).min(MAX_KEPT_BYTES / self.format.frame_bytes() as u64)
+    }
+
+    /// The samples around an alarm that is raised now; none where there are none, or a capture runs.
+    pub(super) fn around_alarm(&self, cutting: &Cutting) -> Option<Capture> {
+        let (next, (before, after)) = (self.next?, cutting.around_alarm()?);
+        if self.capture.is_some() {
+            return None;
+        }
+        // Right after a gap there is nothing before it.
+        let before = if next == self.cutter.end() { before.min(self.kept_frames()) } else { 0 };
+        let from = next.saturating_sub(before).max(self.captured_to);
+        let from = if before > 0 { from.max(self.cutter.run_first()) } else { from };
+        let (until, record_frames) = (next + after, cutting.captured_frames());
+        (from < until).then_some(Capture { from, until, record_frames, is_campaign: false })
+    }
+
+    /// A campaign of so many samples from now on, or the one that runs with another end; none where there was
+    /// no sample yet.
+    pub(super) fn campaign_of(&self, frames: u64, cutting: &Cutting) -> Option<(Capture, Campaign)> {
+        let next = self.next?;
+        let is_whole = next == self.cutter.end();
+        let from = match &self.capture {
+            Some(capture) => capture.from,
+            // What is in no record yet would be in none.
+            None if cutting.takes_all() && is_whole => self.cutter.earliest().min(next),
+            None => next,
+        };
+        let (until, record_frames) = (next + frames, cutting.captured_frames());
+        let capture = Capture { from, until, record_frames, is_campaign: true };
+        let is_running = self.capture.is_some_and(|capture| capture.is_campaign);
+        let campaign = match &self.campaign {
+            Some(campaign) if is_running => Campaign { until, ..campaign.clone() },
+            _ => Campaign { first: from, start_time: self.time(from)?, until, end_time: None, records: 0 },
+        };
+        Some((capture, campaign))
     }
 }
 
@@ -174,12 +306,35 @@ impl Draft {
     }
 
     /// Decides on the records that are whole.
-    pub(super) fn cut_whole(&mut self, policy: &CutPolicy) {
-        if policy.takes_none() {
-            self.state.cutter.skip();
+    pub(super) fn cut_whole(&mut self, cutting: &Cutting) {
+        while let Some(cut) = self.state.capture.and_then(|capture| capture.next_cut(&self.state.cutter)) {
+            self.captured(cut, cutting);
         }
-        while let Some(cut) = self.state.cutter.next_cut(policy) {
+        while let Some(decision) = cutting.next_cut(&self.state) {
+            match decision {
+                Decision::Clocked(cut) => self.cut(cut),
+                Decision::Steady { cut, bin, next_from } => {
+                    let pending = self.state.pending(cut);
+                    self.note(&Note::SteadyCut { pending, bin, next_from });
+                }
+            }
+        }
+        cutting.pass_over(&mut self.state.cutter);
+    }
+
+    /// Decides on what is left before a gap.
+    pub(super) fn cut_rest(&mut self, cutting: &Cutting) {
+        if let Some(capture) = self.state.capture {
+            if let Some(cut) = capture.rest(&self.state.cutter) {
+                self.captured(cut, cutting);
+            }
+        } else if let Some(cut) = cutting.last_cut(&self.state) {
             self.cut(cut);
         }
+    }
+
+    fn captured(&mut self, cut: StreamCut, cutting: &Cutting) {
+        let cut = StreamCut { next_from: cutting.after(cut), ..cut };
+        self.note(&Note::Captured(self.state.pending(cut)));
     }
 }

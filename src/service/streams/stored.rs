@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 use jiff::Timestamp;
 
+use super::cutting::Cutting;
 use super::recent::Recent;
 use super::state::{Draft, Note, PendingCut, StreamState};
 use crate::recording::RecordingError;
-use crate::recording::stream::{Assembler, Chunk, CutPolicy, Piece, StreamCut, StreamFormat};
+use crate::recording::stream::{Assembler, Chunk, Piece, StreamCut, StreamFormat};
 use crate::service::error::ServiceError;
 use crate::signal::OperatingPoint;
 use crate::store::{JournalEntry, StoreError, StreamJournal, StreamLevels, TimedLevel};
@@ -100,7 +101,7 @@ impl StoredStream {
     pub(crate) fn take(
         &mut self,
         chunks: Vec<Chunk>,
-        policy: &CutPolicy,
+        cutting: &Cutting,
     ) -> Result<StreamProgress, ServiceError> {
         let mut pieces = Vec::new();
         let mut fault: Option<RecordingError> = None;
@@ -113,7 +114,7 @@ impl StoredStream {
                 }
             }
         }
-        let progress = self.write(pieces, policy)?;
+        let progress = self.write(pieces, cutting)?;
         fault.map_or(Ok(progress), |fault| Err(fault.into()))
     }
 
@@ -121,22 +122,27 @@ impl StoredStream {
     pub(crate) fn give_up_before(
         &mut self,
         index: u64,
-        policy: &CutPolicy,
+        cutting: &Cutting,
     ) -> Result<StreamProgress, ServiceError> {
         let pieces = self.assembler.give_up_before(index)?;
-        self.write(pieces, policy)
+        self.write(pieces, cutting)
     }
 
     /// What the machine does from now on.
-    pub(crate) fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
+    pub(crate) fn set_operating_point(
+        &mut self,
+        point: OperatingPoint,
+        cutting: &Cutting,
+    ) -> Result<(), ServiceError> {
         let mut draft = self.draft()?;
-        draft.note(&Note::OperatingPoint(point));
+        let is_steady = cutting.is_steady(&draft.state, &point);
+        draft.note(&if is_steady { Note::OperatingPoint(point) } else { Note::Moved(point) });
         self.keep(draft)
     }
 
     /// Makes a record of the last samples, as many as there are without a gap.
     pub(crate) fn keep_last(&mut self, frames: u64) -> Result<Option<PendingCut>, ServiceError> {
-        let end = self.state.next.unwrap_or(0);
+        let end = self.state.cutter.end();
         let first = end.saturating_sub(frames).max(self.state.cutter.run_first());
         if first >= end {
             return Ok(None);
@@ -148,6 +154,36 @@ impl StoredStream {
         Ok(self.state.pending.back().cloned())
     }
 
+    /// Makes records of what is around an alarm that is raised now; false where there is nothing to keep.
+    pub(crate) fn keep_around_alarm(&mut self, cutting: &Cutting) -> Result<bool, ServiceError> {
+        let Some(capture) = self.state.around_alarm(cutting) else { return Ok(false) };
+        self.begin_capture(&Note::Capture(capture), cutting).map(|()| true)
+    }
+
+    /// Makes records of all samples from now on, so many; false where there was no sample yet.
+    pub(crate) fn begin_campaign(&mut self, frames: u64, cutting: &Cutting) -> Result<bool, ServiceError> {
+        let Some((capture, campaign)) = self.state.campaign_of(frames, cutting) else { return Ok(false) };
+        self.begin_capture(&Note::Campaign(capture, campaign), cutting).map(|()| true)
+    }
+
+    fn begin_capture(&mut self, note: &Note, cutting: &Cutting) -> Result<(), ServiceError> {
+        let mut draft = self.draft()?;
+        draft.note(note);
+        draft.cut_whole(cutting);
+        self.keep(draft)
+    }
+
+    /// Ends the campaign that runs, with what has come as its last record.
+    pub(crate) fn end_campaign(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
+        if !self.state.capture.is_some_and(|capture| capture.is_campaign) {
+            return Ok(());
+        }
+        let mut draft = self.draft()?;
+        draft.cut_rest(cutting);
+        draft.note(&Note::CaptureEnd);
+        self.keep(draft)
+    }
+
     /// A record is stored, or can never be.
     pub(crate) fn done(&mut self, first: u64, is_refused: bool) -> Result<(), ServiceError> {
         let mut draft = self.draft()?;
@@ -156,8 +192,8 @@ impl StoredStream {
     }
 
     /// Decides on records that were whole when the process before ended.
-    pub(crate) fn plan(&mut self, policy: &CutPolicy) -> Result<(), ServiceError> {
-        self.write(Vec::new(), policy).map(|_| ())
+    pub(crate) fn plan(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
+        self.write(Vec::new(), cutting).map(|_| ())
     }
 
     /// The bytes of a record; none where they are not there.
@@ -191,25 +227,23 @@ impl StoredStream {
         Ok(self.levels.read(from_ns, to_ns)?)
     }
 
-    fn write(&mut self, pieces: Vec<Piece>, policy: &CutPolicy) -> Result<StreamProgress, ServiceError> {
+    fn write(&mut self, pieces: Vec<Piece>, cutting: &Cutting) -> Result<StreamProgress, ServiceError> {
         let mut draft = self.draft()?;
         let mut gaps = Vec::new();
         for piece in pieces {
             match piece {
                 Piece::Gap { first, frames } => {
-                    if let Some(cut) = draft.state.cutter.last_cut(policy) {
-                        draft.cut(cut);
-                    }
+                    draft.cut_rest(cutting);
                     draft.add(JournalEntry::Gap { first, frames });
                     gaps.push(StreamGap { first, samples: frames });
                 }
                 Piece::Frames(Chunk { first, time_ns, bytes }) => {
                     draft.add(JournalEntry::Frames { first, time_ns, bytes });
-                    draft.cut_whole(policy);
+                    draft.cut_whole(cutting);
                 }
             }
         }
-        draft.cut_whole(policy);
+        draft.cut_whole(cutting);
         self.keep(draft)?;
         Ok(StreamProgress { next: self.state.next, gaps })
     }
@@ -252,6 +286,7 @@ pub(crate) fn folder_of(streams: &Path, asset: &str, name: &str) -> PathBuf {
 mod tests {
     use super::*;
     use crate::recording::RawSample;
+    use crate::recording::stream::CutPolicy;
 
     const RATE_HZ: f64 = 100.0;
 
@@ -259,8 +294,8 @@ mod tests {
         StreamFormat::new(RawSample::I16, RATE_HZ, 1, None).unwrap()
     }
 
-    fn policy() -> CutPolicy {
-        CutPolicy::new(2.0, 10.0, RATE_HZ).unwrap()
+    fn policy() -> Cutting {
+        CutPolicy::new(2.0, 10.0, RATE_HZ).unwrap().into()
     }
 
     fn chunk(first: u64, frames: u64) -> Chunk {
@@ -318,7 +353,7 @@ mod tests {
     fn what_no_record_needs_is_removed_and_what_one_needs_stays() {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
-        let policy = CutPolicy::new(1.0, 30.0, 10_000.0).unwrap();
+        let policy = Cutting::from(CutPolicy::new(1.0, 30.0, 10_000.0).unwrap());
         let mut stream = StoredStream::create(folder.path(), Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
         let second = |k: u64| Chunk {
             first: k * 10_000,

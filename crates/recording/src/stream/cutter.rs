@@ -43,13 +43,14 @@ impl CutPolicy {
         self.interval_frames == 0
     }
 
-    fn takes_all(&self) -> bool {
+    /// Whether all samples become records.
+    pub fn takes_all(&self) -> bool {
         self.record_frames == self.interval_frames
     }
 
     /// Where the next record begins at the earliest after one.
-    fn after(&self, cut: StreamCut) -> u64 {
-        if self.takes_all() {
+    pub fn after(&self, cut: StreamCut) -> u64 {
+        if self.takes_all() || self.takes_none() {
             return cut.end();
         }
         let next_interval = (cut.first / self.interval_frames + 1) * self.interval_frames;
@@ -99,14 +100,14 @@ impl StreamCutter {
         if policy.takes_none() {
             return None;
         }
-        let first = self.run_first.max(self.from);
+        let first = self.earliest();
         let end = first.checked_add(policy.record_frames)?;
         (end <= self.end).then(|| self.cut(first, policy.record_frames, policy))
     }
 
     /// What is left before a gap, where all samples become records and it is at least half of one.
     pub fn last_cut(&self, policy: &CutPolicy) -> Option<StreamCut> {
-        let first = self.run_first.max(self.from);
+        let first = self.earliest();
         let frames = self.end.saturating_sub(first);
         (policy.takes_all() && 2 * frames >= policy.record_frames && frames > 0)
             .then(|| self.cut(first, frames, policy))
@@ -119,7 +120,22 @@ impl StreamCutter {
 
     /// No record is cut of what has come so far.
     pub fn skip(&mut self) {
-        self.from = self.from.max(self.end);
+        self.skip_before(self.end);
+    }
+
+    /// No record is cut that begins before this index.
+    pub fn skip_before(&mut self, index: u64) {
+        self.from = self.from.max(index);
+    }
+
+    /// Where the next record begins at the earliest.
+    pub fn earliest(&self) -> u64 {
+        self.run_first.max(self.from)
+    }
+
+    /// Index after the last sample.
+    pub fn end(&self) -> u64 {
+        self.end
     }
 
     /// Since where there is no gap.
@@ -129,7 +145,7 @@ impl StreamCutter {
 
     /// The first sample that a later record may need.
     pub fn needs_from(&self) -> u64 {
-        self.run_first.max(self.from).min(self.end)
+        self.earliest().min(self.end)
     }
 
     fn cut(&self, first: u64, frames: u64, policy: &CutPolicy) -> StreamCut {

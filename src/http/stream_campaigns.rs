@@ -1,0 +1,109 @@
+//! Measuring campaigns of live streams: everything is kept for a time.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::app::App;
+use super::problem::{Details, Problem};
+use super::query::{AssetInPath, Parameters};
+use super::streams::USUAL_NAME;
+use crate::asset::AssetId;
+use crate::service::CampaignStatus;
+
+/// The longest campaign: a day.
+const LONGEST_S: f64 = 86_400.0;
+
+/// What a campaign is of.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CampaignParameters {
+    /// The stream's name: `main` where not given.
+    name: Option<String>,
+    /// For how many seconds, at most 86400: 60 where not given.
+    #[param(minimum = 1, maximum = 86400)]
+    seconds: Option<f64>,
+}
+
+/// Which stream's campaign is ended.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CampaignEndParameters {
+    /// The stream's name: `main` where not given.
+    name: Option<String>,
+}
+
+/// A measuring campaign.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct CampaignView {
+    /// It goes on.
+    is_running: bool,
+    /// Index of the first sample.
+    first: u64,
+    /// Index after the last one.
+    end: u64,
+    /// The time of the first sample: `from` of an export of its records.
+    start_time: Timestamp,
+    /// The time at which it ends or ended: `to` of an export of its records.
+    end_time: Option<Timestamp>,
+    /// Records cut for it, those of all channels counted as one.
+    records: u64,
+}
+
+impl From<CampaignStatus> for CampaignView {
+    fn from(status: CampaignStatus) -> Self {
+        let CampaignStatus { is_running, first, end, start_time, end_time, records } = status;
+        Self { is_running, first, end, start_time, end_time, records }
+    }
+}
+
+/// Keep everything of a live stream for a time
+///
+/// All samples from now on become records, back to back, whatever the asset's description says of records. A
+/// campaign that runs ends then instead.
+#[utoipa::path(
+    post,
+    path = "/v1/assets/{asset}/stream/campaign",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), CampaignParameters),
+    responses(
+        (status = 200, body = CampaignView),
+        (status = 501, body = Details, content_type = "application/problem+json", description = "A cluster takes no streams"),
+    ),
+)]
+pub(super) async fn begin(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<CampaignParameters>,
+) -> Result<Json<CampaignView>, Problem> {
+    let seconds = asked.seconds.unwrap_or(60.0);
+    if !(1.0..=LONGEST_S).contains(&seconds) {
+        return Err(Problem::query("seconds", seconds, "a number from 1 to 86400"));
+    }
+    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    Ok(Json(app.service.streams.begin_campaign(&asset, name, seconds).await?.into()))
+}
+
+/// End the campaign of a live stream
+///
+/// What has come is its last record. Nothing happens where none runs.
+#[utoipa::path(
+    delete,
+    path = "/v1/assets/{asset}/stream/campaign",
+    tag = "streams",
+    params(("asset" = AssetId, Path, description = "The asset"), CampaignEndParameters),
+    responses((status = 204, description = "None runs any more")),
+)]
+pub(super) async fn end(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<CampaignEndParameters>,
+) -> Result<StatusCode, Problem> {
+    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    app.service.streams.end_campaign(&asset, name).await?;
+    Ok(StatusCode::NO_CONTENT)
+}

@@ -1,0 +1,110 @@
+//! Records that are cut, on their way into the pipeline.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::Streams;
+use super::live::{CutRecord, LiveStream};
+use crate::asset::AssetId;
+use crate::service::error::ServiceError;
+use crate::service::record::{RecordFormat, UploadMetadata};
+use crate::service::workers::blocking;
+use crate::store::StoreError;
+
+/// Wait before a record is tried again, and the longest one.
+const RETRY_AFTER: Duration = Duration::from_millis(200);
+const LONGEST_RETRY: Duration = Duration::from_secs(30);
+
+impl Streams {
+    /// Has records that are cut stored, one after the other.
+    pub(super) fn cut_in_background(self: &Arc<Self>, stream: &Arc<LiveStream>) {
+        if !stream.begin_cutting() {
+            return;
+        }
+        let (streams, stream) = (Arc::clone(self), Arc::clone(stream));
+        tokio::spawn(async move {
+            loop {
+                streams.store_cuts(&stream).await;
+                stream.end_cutting();
+                // One may have come since the last look.
+                if *streams.is_over.borrow() || !stream.begin_cutting() {
+                    return;
+                }
+            }
+        });
+    }
+
+    /// Stores records until there is none left or the service ends.
+    async fn store_cuts(&self, stream: &Arc<LiveStream>) {
+        let (mut wait, mut over) = (RETRY_AFTER, self.follow_end());
+        loop {
+            match self.store_next(stream).await {
+                Ok(true) => wait = RETRY_AFTER,
+                Ok(false) => return,
+                Err(error) => {
+                    let (asset, name) = (&stream.asset, &stream.name);
+                    tracing::warn!(%asset, name, %error, "a record of a stream has to wait");
+                    tokio::select! {
+                        _ = over.wait_for(|over| *over) => return,
+                        () = tokio::time::sleep(wait) => wait = (wait * 2).min(LONGEST_RETRY),
+                    }
+                }
+            }
+            if *over.borrow() {
+                return;
+            }
+        }
+    }
+
+    /// Stores the next record; false where there is none.
+    async fn store_next(&self, stream: &Arc<LiveStream>) -> Result<bool, ServiceError> {
+        let reader = Arc::clone(stream);
+        let Some(record) = blocking("read a stream", move || reader.next_cut()).await?? else {
+            return Ok(false);
+        };
+        let first = record.pending.cut.first;
+        let is_refused = match self.store_record(&stream.asset, record).await {
+            Ok(()) => false,
+            Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {
+                let gone = Arc::clone(stream);
+                blocking("remove a stream", move || gone.remove()).await??;
+                return Ok(false);
+            }
+            Err(
+                error @ (ServiceError::Recording(_)
+                | ServiceError::Field { .. }
+                | ServiceError::SensorOfOther { .. }),
+            ) => {
+                let (asset, name) = (&stream.asset, &stream.name);
+                tracing::warn!(%asset, name, first, %error, "a record of a stream cannot be stored");
+                true
+            }
+            Err(error) => return Err(error),
+        };
+        let writer = Arc::clone(stream);
+        let done = move || writer.with_stored(|stored| stored.done(first, is_refused));
+        match blocking("write a stream", done).await? {
+            // It was removed meanwhile.
+            Err(ServiceError::StreamUnknown { .. }) => Ok(false),
+            done => done.map(|()| true),
+        }
+    }
+
+    async fn store_record(&self, asset: &AssetId, record: CutRecord) -> Result<(), ServiceError> {
+        let CutRecord { pending, format, asset_created_at, bytes } = record;
+        if self.store.asset(asset).await?.created_at != asset_created_at {
+            return Err(StoreError::AssetUnknown(asset.clone()).into());
+        }
+        let mut ticket = self.workers.admit()?;
+        ticket.grow(bytes.len())?;
+        let metadata = UploadMetadata {
+            start_time: Some(pending.start_time),
+            channel_names: format.channel_names.clone(),
+            unit: format.unit.clone(),
+            operating_point: pending.operating_point,
+            ..UploadMetadata::default()
+        };
+        let format = RecordFormat::Raw(format.layout()?);
+        self.pipeline.accept(asset, format, bytes, metadata, ticket).await.map(|_| ())
+    }
+}
