@@ -160,6 +160,7 @@ const FILES: &[StaticFile] = files![
     "trend-plot.js",
     "turn-plot.js",
     "views.css",
+    "waterfall-cursor.js",
     "waterfall-plot.js",
     "waterfall.js",
     "wav-head.js",

@@ -206,7 +206,7 @@ export const CHECKS = {
     const buffer = await readFile(new URL("../../fixtures/matlab/bearing-two-channels.mat", import.meta.url));
     const name = "m_20260401_080000.mat";
     await page.setInputFiles("#upload-file", [{ name, mimeType: "application/octet-stream", buffer }]);
-    await card(page, "m_20260401").getByText("the service reads it").waitFor();
+    await card(page, "m_20260401").getByText("the service reads its longest variables").waitFor();
     await page.locator("summary", { hasText: "sampling rate" }).click();
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
     await send(page);

@@ -142,8 +142,13 @@ export const CHECKS = {
       name,
       `#/assets/${asset}/waterfall`,
       (page) => drawn(page, "waterfall"),
-      [select("waterfall-axis", "orders"), max, select("waterfall-floor", "40")],
-      ["axis", "max", "floor"],
+      [
+        select("waterfall-axis", "orders"),
+        max,
+        select("waterfall-floor", "40"),
+        select("waterfall-cursor", "h"),
+      ],
+      ["axis", "max", "floor", "cursor"],
     );
   },
 

@@ -36,6 +36,32 @@ export const CHECKS = {
     await close(opened, name);
   },
 
+  "a cursor over the waterfall reads the latest record": async (name) => {
+    const opened = await open(`#/assets/${asset}/waterfall?axis=orders&max=60`);
+    const { page } = opened;
+    await drawn(page, "waterfall");
+    await page.locator("#waterfall-cursor").selectOption("h");
+    const readout = page.locator(".cursor-readout");
+    await readout.getByText("Harmonics: spacing order 24").waitFor();
+    const at = Number(new URLSearchParams(page.url().split("?")[1]).get("cursor").split("~")[1]);
+    const { items, position } = await json(
+      `assets/${asset}/waterfall?axis=orders&max=60&max_records=600&cells=500`,
+    );
+    const levels = items.findLast(({ level_db: levels }) => levels).level_db;
+    const cell = (x) => Math.round((x - position[0]) / (position[1] - position[0]));
+    const strongest = Math.max(...[1, 2].map((n) => 10 ** (levels[cell(n * at)] / 20)));
+    assert.ok(
+      (await readout.textContent()).includes(`${Number(strongest.toPrecision(3))}`),
+      await readout.textContent(),
+    );
+    const lines = page.locator('[data-plot="waterfall"] .cursor-line');
+    assert.equal(await lines.count(), 2);
+    await page.locator("#waterfall-cursor").selectOption("s");
+    await readout.getByText("Sidebands: centre order 24").waitFor();
+    await close(opened, name);
+    assert.deepEqual(opened.faults, []);
+  },
+
   "the match shows features, flank and the mesh of the best state": async (name) => {
     const opened = await open(`#/assets/${asset}/match`);
     const { page } = opened;

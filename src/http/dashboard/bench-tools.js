@@ -104,11 +104,12 @@ export class CursorChoice {
   #select;
   element;
 
-  constructor(parameter, part) {
+  /** `part` is the parameter of the part that is shown, none where a cursor does not choose it. */
+  constructor(parameter, part = null, id = `bench-${parameter}`) {
     [this.#parameter, this.#part] = [parameter, part];
     this.#select = h(
       "select",
-      { id: `bench-${parameter}`, "aria-label": "Cursor", onchange: () => this.#place(this.#select.value) },
+      { id, "aria-label": "Cursor", onchange: () => this.#place(this.#select.value) },
       [
         ["", "No cursor"],
         ["h", "Harmonics"],
@@ -127,7 +128,7 @@ export class CursorChoice {
     // around the mesh line where the whole is shown: sidebands are too close there
     const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft } = this.#spectrum;
     const near =
-      kind === "s" && !query[this.#part] && mesh && shaft
+      kind === "s" && this.#part && !query[this.#part] && mesh && shaft
         ? {
             [this.#part]: [mesh - 10 * shaft, mesh + 10 * shaft]
               .map((x) => Number(Math.max(0, x).toPrecision(6)))

@@ -24,7 +24,8 @@ export class CursorLayer {
   #layer;
   readout = h("p", { class: "cursor-readout", "aria-live": "polite", hidden: true });
 
-  constructor({ plot, frame }, onSet) {
+  /** `isAbove` draws the lines over a plot that is opaque. */
+  constructor({ plot, frame }, onSet, isAbove = false) {
     this.#plot = plot;
     this.#onSet = onSet;
     this.#handles.base = this.#handle("base");
@@ -37,7 +38,10 @@ export class CursorLayer {
       this.#handles.base,
       this.#handles.spacing,
     );
-    frame.prepend(this.#ground);
+    if (isAbove) {
+      this.#ground.classList.add("above");
+      frame.append(this.#ground);
+    } else frame.prepend(this.#ground);
     frame.append(this.#layer); // beside the plot, which is one picture to a screen reader
   }
 

@@ -14,7 +14,7 @@ function length(seconds) {
 }
 
 /** The facts of a preview in one line. */
-function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summary }) {
+function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summary, note }) {
   const topics = summary
     ? `${count(summary.messages)} messages on ${summary.topics.length} ${summary.topics.length === 1 ? "topic" : "topics"}`
     : null;
@@ -23,6 +23,7 @@ function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summar
     channels.length ? `${channels.length} ${channels.length === 1 ? "channel" : "channels"}` : topics,
     rate ? `${hertz(rate)}${rateFrom ? ` (${rateFrom})` : ""}` : null,
     seconds != null ? `${isEstimate ? "about " : ""}${length(seconds)}` : null,
+    note,
   ];
   return parts.filter(Boolean).join(" · ");
 }

@@ -98,8 +98,7 @@ async function ofMcap(file) {
 const ofMat = () => ({
   channels: [],
   form: "MATLAB",
-  words:
-    "the service reads it: its longest variables are the channels. Type the rate in above unless it has one, as fs",
+  note: "the service reads its longest variables; type the sampling rate in above unless it has one, such as fs",
 });
 
 async function ofJson(file) {

@@ -21,7 +21,7 @@ const QUANTITIES = {
 };
 
 const HERTZ = { title: "Frequency (Hz)", name: "frequency_hz", say: hertz, wide: hertz, suffix: " Hz" };
-const ORDERS = {
+export const ORDERS = {
   title: "Order of the driving shaft (–)",
   name: "order",
   say: (value) => `order ${number(value, 5)}`,

@@ -2,10 +2,14 @@
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
+import { CursorChoice } from "./bench-tools.js";
+import { CursorLayer } from "./cursor.js";
+import { cursorOf, formatCursor } from "./cursor-lines.js";
 import { assetName } from "./fleet-row.js";
 import { h, setChildren, setText } from "./dom.js";
 import { PlotCard } from "./plot-card.js";
 import { change, go } from "./route.js";
+import { latestSpectrum } from "./waterfall-cursor.js";
 import { waterfallDrawing } from "./waterfall-plot.js";
 
 const AGAIN_MS = 15_000; // spectra over a life change slowly
@@ -21,7 +25,7 @@ export class WaterfallPage {
   #card = new PlotCard("waterfall", "Spectra over the life");
   #axis = h(
     "select",
-    { id: "waterfall-axis", onchange: () => change({ axis: this.#axis.value, max: null }) },
+    { id: "waterfall-axis", onchange: () => change({ axis: this.#axis.value, max: null, cursor: null }) },
     h("option", { value: "" }, "Hz"),
     h("option", { value: "orders" }, "Orders"),
   );
@@ -43,6 +47,8 @@ export class WaterfallPage {
       ["80", "80 dB"],
     ].map(([value, text]) => h("option", { value }, text)),
   );
+  #choice = new CursorChoice("cursor", null, "waterfall-cursor");
+  #cursor;
   #shown;
   #cellAt;
   #label = h("div", { class: "cell-label", hidden: true });
@@ -61,7 +67,14 @@ export class WaterfallPage {
       field(this.#axis, "Axis"),
       field(this.#max, "Up to"),
       field(this.#floor, "Range"),
+      this.#choice.element,
     );
+    this.#cursor = new CursorLayer(
+      this.#card,
+      (cursor) => change({ cursor: formatCursor(cursor) }, { quiet: true }),
+      true,
+    );
+    this.#card.frame.before(this.#cursor.readout);
     setChildren(root, this.#frame.element, this.#card.element);
     this.#frame.update(route.id, route.query);
   }
@@ -70,8 +83,10 @@ export class WaterfallPage {
   update(route) {
     const before = this.#query;
     this.#query = route.query;
-    if (before.floor !== route.query.floor && this.#shown) {
-      this.redraw();
+    const isSame = ["axis", "max", "channel", "segment"].every((key) => before[key] === route.query[key]);
+    if (isSame && this.#shown) {
+      if (before.floor === route.query.floor) this.#showCursor();
+      else this.redraw();
       return false;
     }
     this.#card.busy(true);
@@ -116,6 +131,14 @@ export class WaterfallPage {
     await this.#card.show(drawing, `${this.#id}-waterfall`);
     this.#cellAt = drawing.cellAt;
     this.#follow();
+    this.#showCursor();
+  }
+
+  /** Puts the cursor of the address over the plot; it reads the latest record. */
+  #showCursor() {
+    const spectrum = latestSpectrum(this.#shown, this.#asset.gear?.teeth[0]);
+    this.#choice.show(this.#query, spectrum);
+    this.#cursor.show(spectrum && cursorOf(this.#query, spectrum), spectrum);
   }
 
   /** Tells the cell that is pointed at, and opens the record of a clicked one. */
