@@ -157,7 +157,7 @@ export function waterfallDrawing(
       ["segment_id", known.map((item) => item.segment_id)],
       ...position.map((x, n) => [`${number(x, 6)} ${suffix} (dB)`, known.map((item) => item.level_db[n])]),
     ],
-    sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " picked evenly over the life" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. Click a line to open its record; ${harmonics.length ? "1×, 2×… are mesh harmonics." : ""}`,
+    sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " picked evenly over the life" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. Click a line to open its record; a cursor reads the latest one.${harmonics.length ? " 1×, 2×… are mesh harmonics." : ""}`,
     summary: `Heat map of ${known.length} spectra from ${clock(known[0].start_time)} to ${clock(known.at(-1).start_time)}.`,
     layout: {
       uirevision: revision,
