@@ -24,7 +24,7 @@ use crate::estimate::Severity;
 use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
 use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
 use crate::service::{Readiness, ServiceError};
-use crate::signal::reduction;
+use crate::signal::{Record, reduction};
 use crate::store::{AlarmFilter, SegmentFilter, SegmentKey, StoredAlarmChange};
 
 /// Segments read at once: bounds memory.
@@ -54,12 +54,15 @@ pub(super) struct ExportParameters {
     /// Spectra of how many records, spread evenly over the history; 100 where not given, at most 10000.
     #[param(maximum = 10000)]
     spectra: Option<u64>,
+    /// Whether the samples of the records are written too; they are not where not given.
+    waveforms: Option<bool>,
 }
 
 /// Export an asset's history
 ///
 /// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on
-/// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`; metadata records `asset`, `sensor`,
+/// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`, with `waveforms=true` the records
+/// themselves on `…/waveform`, which every command here reads again; metadata records `asset`, `sensor`,
 /// `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment `library.json`.
 /// Records whose raw recordings are not kept any more have no spectrum. Plot `wear.median_um`,
 /// `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
@@ -127,9 +130,11 @@ async fn written(
         to: asked.to,
         ..SegmentFilter::default()
     };
+    let with_waveforms = asked.waveforms.unwrap_or(false);
+    let at_once = if with_waveforms { 1 } else { PAGE };
     let mut number = 0;
     loop {
-        let page = store.segments(asset, &filter, PAGE).await?;
+        let page = store.segments(asset, &filter, at_once).await?;
         let Some(last) = page.last() else { break };
         filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
         let mut with_spectra = Vec::with_capacity(page.len());
@@ -138,12 +143,13 @@ async fn written(
             let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
             number += 1;
             let spectrum = if is_chosen { spectrum_of(app, &segment).await? } else { None };
-            with_spectra.push((segment, spectrum));
+            let record = if with_waveforms { record_of(app, &segment).await? } else { None };
+            with_spectra.push((segment, spectrum, record));
         }
         let written = app.service.workers.run("write a history", move || {
-            with_spectra
-                .iter()
-                .try_for_each(|(segment, spectrum)| write(&mut writer, segment, spectrum.as_ref()))?;
+            with_spectra.iter().try_for_each(|(segment, spectrum, record)| {
+                write(&mut writer, segment, spectrum.as_ref(), record.as_ref())
+            })?;
             Ok::<_, RecordingError>(writer)
         });
         writer = written.await?.map_err(ServiceError::from)?;
@@ -163,6 +169,14 @@ async fn written(
     let fields =
         [(header::CONTENT_TYPE, "application/mcap".to_string()), (header::CONTENT_DISPOSITION, name)];
     Ok((fields, stream(spooled).await?).into_response())
+}
+
+/// The record itself; none where its raw bytes are not to be had any more.
+async fn record_of(app: &App, segment: &Segment) -> Result<Option<Record>, Problem> {
+    match app.service.records.recall(segment).await {
+        Err(error) if error.is_without_raw() => Ok(None),
+        record => Ok(Some(record?)),
+    }
 }
 
 /// The spectrum of a record; none where its raw bytes are not to be had any more.
@@ -222,9 +236,17 @@ async fn alarm_changes(
     Ok(changes)
 }
 
-fn write(writer: &mut Writer, segment: &Segment, spectrum: Option<&Spectrum>) -> Result<(), RecordingError> {
+fn write(
+    writer: &mut Writer,
+    segment: &Segment,
+    spectrum: Option<&Spectrum>,
+    record: Option<&Record>,
+) -> Result<(), RecordingError> {
     let base = format!("/{}/{}", segment.asset_id, segment.channel);
     let (start, received) = (segment.start_time, segment.received_at);
+    if let Some(record) = record {
+        writer.write_record(&base, record, received)?;
+    }
     let indicators = Indicators {
         start_time_ns: nanoseconds(start),
         values: segment.indicators.values.clone().into_iter().collect(),

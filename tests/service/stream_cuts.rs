@@ -1,6 +1,10 @@
 //! Which parts of live streams become records: those of a steady machine, those around an alarm,
 //! and all of a measuring campaign.
 
+use std::io::Cursor;
+
+use flankwatch::recording::McapReader;
+use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
 use crate::running::{Service, plain_asset};
@@ -180,4 +184,14 @@ fn a_campaign_keeps_everything_until_its_end_or_until_it_is_ended_and_is_exporte
         service.get(&format!("/v1/assets/pump/export?from={from}&to={to}&spectra=10000")).expect(200);
     let messages = mcap::MessageStream::new(&export.bytes).unwrap().map(Result::unwrap);
     assert_eq!(messages.filter(|message| message.channel.topic == "/pump/1/spectrum").count(), 2);
+    // With its samples it is a recording like any other.
+    let whole = service
+        .get(&format!("/v1/assets/pump/export?from={from}&to={to}&spectra=0&waveforms=true"))
+        .expect(200);
+    let again: Vec<Record> =
+        McapReader::new(Cursor::new(whole.bytes)).map(|recorded| recorded.unwrap().record).collect();
+    let times: Vec<String> = again.iter().map(|record| record.start_time().to_string()).collect();
+    assert_eq!(times, ["2026-01-01T00:00:20Z", "2026-01-01T00:00:22Z"]);
+    let samples = again.iter().flat_map(|record| record.samples().to_vec());
+    assert_eq!(samples.flat_map(f32::to_le_bytes).collect::<Vec<u8>>(), frames(20_000, 2_700, u64::MAX));
 }

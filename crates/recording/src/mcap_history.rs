@@ -9,8 +9,9 @@ use mcap::records::{MessageHeader, Metadata};
 use prost::Message;
 
 use super::RecordingError;
-use super::mcap_writer::mcap_time;
-use super::message::DESCRIPTOR_SET;
+use super::mcap_writer::{SampleIndex, mcap_time};
+use super::message::{DESCRIPTOR_SET, WAVEFORM_SCHEMA};
+use flankwatch_signal::Record;
 
 /// Kinds of messages of a history; each is a schema of `proto/`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -23,6 +24,8 @@ pub enum HistoryKind {
     Wear,
     /// `flankwatch.v1.AlarmState`.
     Alarm,
+    /// `flankwatch.v1.WaveformBlock`.
+    Waveform,
 }
 
 impl HistoryKind {
@@ -32,6 +35,7 @@ impl HistoryKind {
             Self::Spectrum => "flankwatch.v1.Spectrum",
             Self::Wear => "flankwatch.v1.WearEstimate",
             Self::Alarm => "flankwatch.v1.AlarmState",
+            Self::Waveform => WAVEFORM_SCHEMA,
         }
     }
 
@@ -41,6 +45,7 @@ impl HistoryKind {
             Self::Spectrum => "spectrum",
             Self::Wear => "wear",
             Self::Alarm => "alarm",
+            Self::Waveform => "waveform",
         };
         format!("{base}/{name}")
     }
@@ -51,6 +56,8 @@ pub struct HistoryWriter<W: Write + Seek> {
     inner: mcap::Writer<W>,
     /// By topic: its number and how many messages it has.
     topics: HashMap<String, (u16, u32)>,
+    /// By base.
+    waveforms: HashMap<String, SampleIndex>,
 }
 
 impl<W: Write + Seek> HistoryWriter<W> {
@@ -63,7 +70,7 @@ impl<W: Write + Seek> HistoryWriter<W> {
             .compression_threads(0)
             .create(writer)
             .map_err(RecordingError::McapWrite)?;
-        Ok(Self { inner, topics: HashMap::new() })
+        Ok(Self { inner, topics: HashMap::new(), waveforms: HashMap::new() })
     }
 
     /// Writes what was computed from the record that began at `start_time` and came at `received_at`. `base`
@@ -94,6 +101,18 @@ impl<W: Write + Seek> HistoryWriter<W> {
         self.inner
             .write_to_known_channel(&header, &message.encode_to_vec())
             .map_err(RecordingError::McapWrite)
+    }
+
+    /// Writes a record itself, as [`McapWriter`](super::McapWriter) does: what reads recordings reads it again.
+    pub fn write_record(
+        &mut self,
+        base: &str,
+        record: &Record,
+        received_at: Timestamp,
+    ) -> Result<(), RecordingError> {
+        let place = self.waveforms.entry(base.to_owned()).or_insert_with(|| SampleIndex::of_first(record));
+        let block = place.block_of(record);
+        self.write(base, HistoryKind::Waveform, record.start_time(), received_at, &block)
     }
 
     /// Writes a metadata record.

@@ -9,7 +9,7 @@ use prost::Message;
 
 use super::RecordingError;
 use super::block::message_of;
-use super::message::{DESCRIPTOR_SET, Quality, WAVEFORM_SCHEMA};
+use super::message::{DESCRIPTOR_SET, Quality, WAVEFORM_SCHEMA, WaveformBlock};
 use flankwatch_signal::Record;
 
 /// How chunks are compressed.
@@ -43,8 +43,32 @@ pub struct McapWriter<W: Write + Seek> {
 struct Topic {
     channel_id: u16,
     sequence: u32,
+    place: SampleIndex,
+}
+
+/// Where the next record of a topic is expected to begin, in sample intervals since the first one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SampleIndex {
     first_start: Timestamp,
-    next_sample_index: u64,
+    next: u64,
+}
+
+impl SampleIndex {
+    pub(super) fn of_first(record: &Record) -> Self {
+        Self { first_start: record.start_time(), next: 0 }
+    }
+
+    /// The message of the next record; one that does not follow on the last one is said to come after a gap.
+    pub(super) fn block_of(&mut self, record: &Record) -> WaveformBlock {
+        let since_first = record.start_time().duration_since(self.first_start).as_secs_f64();
+        let mut block = message_of(record);
+        block.first_sample_index = (since_first * record.sample_rate_hz()).round().max(0.0) as u64;
+        if block.first_sample_index != self.next {
+            block.quality.get_or_insert_with(Quality::default).gap = true;
+        }
+        self.next = block.first_sample_index + record.samples().len() as u64;
+        block
+    }
 }
 
 impl<W: Write + Seek> McapWriter<W> {
@@ -94,21 +118,11 @@ impl<W: Write + Seek> McapWriter<W> {
                     .inner
                     .add_channel(schema, topic, "protobuf", &BTreeMap::new())
                     .map_err(RecordingError::McapWrite)?;
-                self.topics.entry(topic.to_owned()).or_insert(Topic {
-                    channel_id,
-                    sequence: 0,
-                    first_start: record.start_time(),
-                    next_sample_index: 0,
-                })
+                let place = SampleIndex::of_first(record);
+                self.topics.entry(topic.to_owned()).or_insert(Topic { channel_id, sequence: 0, place })
             }
         };
-        let since_first = record.start_time().duration_since(state.first_start).as_secs_f64();
-        let mut block = message_of(record);
-        block.first_sample_index = (since_first * record.sample_rate_hz()).round().max(0.0) as u64;
-        if block.first_sample_index != state.next_sample_index {
-            block.quality.get_or_insert_with(Quality::default).gap = true;
-        }
-        state.next_sample_index = block.first_sample_index + record.samples().len() as u64;
+        let block = state.place.block_of(record);
         state.sequence = state.sequence.wrapping_add(1);
         let header =
             MessageHeader { channel_id: state.channel_id, sequence: state.sequence, log_time, publish_time };
