@@ -18,7 +18,7 @@ pub(crate) const MAGIC: &[u8] = b"MATLAB 5.0 MAT-f";
 pub(crate) const MAX_BYTES: u64 = 1 << 30;
 
 /// Most bytes that the variables of an upload may take in memory.
-const MAX_UPLOAD_BYTES: u64 = 1 << 28;
+const MAX_UPLOAD_BYTES: u64 = 1 << 27;
 
 /// Most channels of a recording.
 const MAX_CHANNELS: usize = 256;
@@ -147,7 +147,7 @@ impl Frames for MatFrames {
     }
 }
 
-/// Reads a MATLAB file of at most 256 MiB once inflated as one record a channel.
+/// Reads a MATLAB file of at most 128 MiB once inflated as one record a channel.
 ///
 /// # Errors
 /// Those of [`MatFrames`]; channels are longer than one record may be, or a sample is not finite.
