@@ -12,7 +12,7 @@ use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
 use super::waterfall::evenly;
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
-use crate::report::{Contents, Cover, INDICATORS, Report, ReportedAlarm, ReportedRecord};
+use crate::report::{Contents, Cover, Form, INDICATORS, Report, ReportedAlarm, ReportedRecord};
 use crate::store::AlarmFilter;
 
 /// Records that a report draws; of more, some evenly over the life.
@@ -119,7 +119,7 @@ pub(super) async fn show(
         limits: asset.spec.limits,
         cover: asked.cover()?,
         contents: asked.contents()?,
-        form: Some(asked.channel.clone()),
+        form: Some(Form { channel: asked.channel.clone() }),
         ..Report::default()
     };
     report.maintenance = app.service.store.maintenance(&id).await?;

@@ -69,8 +69,15 @@ impl Cover {
     }
 }
 
-/// A form for what the sender says and for the parts; it is on no paper.
-pub(super) fn form(cover: &Cover, contents: &Contents, channel: Option<&str>, body: &mut String) {
+/// A form that asks for the page again, with what the sender says and the parts that are chosen.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Form {
+    /// The channel that was asked for.
+    pub channel: Option<String>,
+}
+
+/// The form as it is on the page, and not on paper.
+pub(super) fn form(form: &Form, cover: &Cover, contents: &Contents, body: &mut String) {
     let text = |name: &str, label: &str, value: &str| {
         format!("<label>{label}<input name=\"{name}\" value=\"{}\"></label>", escape(value))
     };
@@ -81,7 +88,7 @@ pub(super) fn form(cover: &Cover, contents: &Contents, channel: Option<&str>, bo
              <option value=\"false\"{out}>left out</option></select></label>"
         )
     };
-    let channel = channel.map_or_else(String::new, |channel| {
+    let channel = form.channel.as_ref().map_or_else(String::new, |channel| {
         format!("<input type=\"hidden\" name=\"channel\" value=\"{}\">", escape(channel))
     });
     let _ = write!(

@@ -16,7 +16,7 @@ use crate::asset::WearLimits;
 use crate::estimate::{MaintenanceEvent, WearEstimate};
 use crate::signal::{AngleSource, AngleUsed, Indicators, Spectrum};
 
-pub use cover::{Contents, Cover};
+pub use cover::{Contents, Cover, Form};
 pub use occurrences::{ReportedAlarm, quantity_words};
 pub use page::INDICATORS;
 
@@ -43,8 +43,8 @@ pub struct Report {
     pub cover: Cover,
     /// Its parts.
     pub contents: Contents,
-    /// A form for both, which asks for the page again with the channel that was asked for; none in a file.
-    pub form: Option<Option<String>>,
+    /// A form for both; none in a file, which nobody answers.
+    pub form: Option<Form>,
 }
 
 /// One record of a report.

@@ -52,8 +52,8 @@ pub(super) fn html(report: &Report) -> String {
     let mut body = format!("<h1>{title}</h1>");
     report.cover.addressee(&mut body);
     let _ = write!(body, "<p>{count} {records}{span}.</p>");
-    if let Some(channel) = &report.form {
-        cover::form(&report.cover, &report.contents, channel.as_deref(), &mut body);
+    if let Some(form) = &report.form {
+        cover::form(form, &report.cover, &report.contents, &mut body);
     }
     verdict(report, &mut body);
     report.cover.recommendation(&mut body);
