@@ -7,12 +7,13 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
+use serde::Serialize;
 
 use super::app::App;
 use super::body;
 use super::problem::{Details, Problem};
 use super::query::{self, NameInPath, Page, PageParameters, Parameters};
-use crate::service::{Replay, ReplayRequest};
+use crate::service::{Replay, ReplayFile, ReplayRequest};
 
 /// Start a replay
 ///
@@ -33,6 +34,26 @@ pub(super) async fn start(
     let replay = app.service.replays.start(request).await?;
     let location = format!("/v1/replays/{}", replay.id);
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
+}
+
+/// Recordings that may be replayed
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ReplayFiles {
+    /// The latest first, at most 1000.
+    items: Vec<ReplayFile>,
+}
+
+/// Recordings that may be replayed
+///
+/// MCAP files of the configured folder and of those within it. A node of a cluster has no such folder.
+#[utoipa::path(
+    get,
+    path = "/v1/replay-files",
+    tag = "replays",
+    responses((status = 200, body = ReplayFiles)),
+)]
+pub(super) async fn files(State(app): State<App>) -> Result<Json<ReplayFiles>, Problem> {
+    Ok(Json(ReplayFiles { items: app.service.replays.files().await? }))
 }
 
 /// Replays

@@ -67,6 +67,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(tus::create, tus::options))
         .routes(routes!(tus::offset, tus::show, tus::go_on, tus::give_up))
         .routes(routes!(replays::start, replays::list))
+        .routes(routes!(replays::files))
         .routes(routes!(replays::show, replays::stop))
         .routes(routes!(recomputations::list))
         .routes(routes!(libraries::list))

@@ -80,7 +80,7 @@ pub use recomputation::{Recomputation, RecomputationState};
 pub use record::{BandChoice, RecordFormat, SegmentEnvelope, StoredRecords, UploadMetadata};
 pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
-pub use replays::Replays;
+pub use replays::{ReplayFile, Replays};
 pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
 pub use streams::{
     CampaignStatus, LiveChannel, LiveFrame, LiveSpeedSource, LiveUpdate, StreamGap, StreamProgress,

@@ -121,6 +121,19 @@ fn a_paced_replay_waits_and_can_be_stopped() {
 }
 
 #[test]
+fn recordings_that_may_be_replayed_are_listed() {
+    let service = Service::start();
+    assert_eq!(service.get("/v1/replay-files").expect(200).json(), json!({ "items": [] }));
+    std::fs::create_dir_all(service.folder().join("recordings/line 1")).unwrap();
+    std::fs::write(service.folder().join("recordings/line 1/run.mcap"), b"abc").unwrap();
+    let listed = service.get("/v1/replay-files").expect(200).json();
+    assert_eq!(
+        (&listed["items"][0]["file"], &listed["items"][0]["bytes"]),
+        (&json!("line 1/run.mcap"), &json!(3))
+    );
+}
+
+#[test]
 fn only_recordings_inside_the_folder_are_replayed() {
     let service = Service::start();
     service.plain_asset("pump");

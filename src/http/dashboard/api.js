@@ -241,6 +241,8 @@ export const createToken = (body) => send("POST", ["tokens"], body);
 export const revokeToken = (id) => send("DELETE", ["tokens", id]);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/replays">>} */
 export const replays = (signal) => get(["replays"], { limit: 100 }, signal);
+/** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/replay-files">>} */
+export const replayFiles = (signal) => get(["replay-files"], {}, signal);
 export const startReplay = (body) => send("POST", ["replays"], body);
 export const stopReplay = (id) => send("DELETE", ["replays", id]);
 

@@ -2,7 +2,7 @@
 
 import { address } from "./api.js";
 import { h } from "./dom.js";
-import { clock, hertz, number, speedSource, unit } from "./format.js";
+import { clock, hertz, number, speedDoubt, speedSource, unit } from "./format.js";
 import { statusMeaning, statusWords } from "./record-statuses.js";
 import { format } from "./route.js";
 
@@ -67,7 +67,11 @@ export function recordRow(record, selected, onToggle) {
       speed
         ? [
             hertz(speed.shaft_speed_hz),
-            h("span", { class: "muted id", title: speedSource(speed) }, speedSource(speed)),
+            h(
+              "span",
+              { class: "muted id", title: speedSource(speed) },
+              speedDoubt(speed) ?? speedSource(speed),
+            ),
           ]
         : h("span", { class: "muted" }, "not found"),
     ),

@@ -1,8 +1,8 @@
 // Replays of recordings in the server's folder: start, progress, stop.
 
-import { ApiError, replays, startReplay, stopReplay } from "./api.js";
+import { ApiError, replayFiles, replays, startReplay, stopReplay } from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { count, number } from "./format.js";
+import { bytes, count, number } from "./format.js";
 
 const PACES = [
   ["max", "as fast as possible"],
@@ -13,7 +13,15 @@ const PACES = [
 /** The replay part of the dialog. */
 export class ReplayPanel {
   #assetId;
-  #file = h("input", { id: "replay-file", required: true, placeholder: "run.mcap", autocomplete: "off" });
+  #file = h("input", {
+    id: "replay-file",
+    required: true,
+    placeholder: "run.mcap",
+    autocomplete: "off",
+    list: "replay-files",
+  });
+  #files = h("datalist", { id: "replay-files" });
+  #empty = h("p", { class: "muted", hidden: true }, "There is no MCAP file in the replay folder.");
   #pace = h(
     "select",
     { id: "replay-pace" },
@@ -34,6 +42,7 @@ export class ReplayPanel {
         { class: "field", for: "replay-file" },
         h("span", {}, "File in the replay folder"),
         this.#file,
+        this.#files,
       ),
       h("label", { class: "field", for: "replay-pace" }, h("span", {}, "Pace"), this.#pace),
       h("button", { type: "submit" }, "Start replay"),
@@ -43,8 +52,21 @@ export class ReplayPanel {
       {},
       h("h3", {}, "Replay a recording on the server"),
       form,
+      this.#empty,
       this.#error,
       this.#list,
+    );
+    this.#listFiles();
+  }
+
+  /** What may be chosen; without an answer a name can still be typed. */
+  async #listFiles() {
+    const answer = await replayFiles().catch(() => null);
+    if (!answer) return;
+    this.#empty.hidden = answer.items.length > 0;
+    setChildren(
+      this.#files,
+      answer.items.map(({ file, bytes: size }) => h("option", { value: file }, `${file}, ${bytes(size)}`)),
     );
   }
 

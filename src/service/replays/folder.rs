@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
+use jiff::Timestamp;
+
 use crate::service::error::ServiceError;
 use crate::service::limits::ServiceFolders;
 
@@ -26,6 +28,49 @@ pub(crate) fn prepare(folders: &ServiceFolders) -> Result<(), ServiceError> {
         }
     }
     Ok(())
+}
+
+/// A file of the folder that may be replayed.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
+pub struct ReplayFile {
+    /// Its path inside the folder.
+    pub file: String,
+    /// Its length.
+    pub bytes: u64,
+    /// When it was changed last.
+    pub modified_at: Timestamp,
+}
+
+/// Files that are listed.
+const MAX_FILES: usize = 1000;
+
+/// Folders within the folder that are looked into.
+const MAX_DEPTH: usize = 4;
+
+/// MCAP recordings in the folder, the latest first; links are passed over.
+pub(crate) fn recordings(folder: &Path) -> Vec<ReplayFile> {
+    let mut found = Vec::new();
+    let mut left = vec![(folder.to_owned(), 0)];
+    while let Some((inner, depth)) = left.pop() {
+        for entry in fs::read_dir(inner).into_iter().flatten().flatten() {
+            let path = entry.path();
+            let Ok(kind) = entry.file_type() else { continue };
+            if kind.is_dir() && depth < MAX_DEPTH {
+                left.push((path, depth + 1));
+            } else if kind.is_file()
+                && path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"))
+                && let (Ok(metadata), Ok(file)) = (entry.metadata(), path.strip_prefix(folder))
+                && let Some(file) = file.to_str()
+                && let Ok(modified_at) =
+                    metadata.modified().map_err(drop).and_then(|time| Timestamp::try_from(time).map_err(drop))
+            {
+                found.push(ReplayFile { file: file.to_owned(), bytes: metadata.len(), modified_at });
+            }
+        }
+    }
+    found.sort_by(|a, b| b.modified_at.cmp(&a.modified_at).then_with(|| a.file.cmp(&b.file)));
+    found.truncate(MAX_FILES);
+    found
 }
 
 /// The path of a recording inside the folder.
@@ -55,6 +100,22 @@ pub(crate) fn find(folder: &Path, file: &str) -> Result<PathBuf, ServiceError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn recordings_inside_the_folder_are_listed() {
+        let outside = tempfile::tempdir().unwrap();
+        let folder = outside.path().join("recordings");
+        fs::create_dir_all(folder.join("line 1")).unwrap();
+        fs::write(folder.join("line 1/run.mcap"), b"abc").unwrap();
+        fs::write(folder.join("notes.txt"), b"x").unwrap();
+        fs::write(outside.path().join("secret.mcap"), b"x").unwrap();
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(outside.path().join("secret.mcap"), folder.join("out.mcap")).unwrap();
+        let found = recordings(&folder);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert_eq!((found[0].file.as_str(), found[0].bytes), ("line 1/run.mcap", 3));
+        assert!(recordings(&outside.path().join("none")).is_empty());
+    }
 
     #[test]
     fn only_files_inside_the_folder_are_found() {

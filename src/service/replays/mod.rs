@@ -18,10 +18,11 @@ use super::record::{ChannelUnits, defaults_of};
 use super::replay::{Replay, ReplayRequest, ReplayState};
 use super::sensor_group::SensorGroup;
 use super::work_queue::Role;
-use super::workers::Workers;
+use super::workers::{Workers, blocking};
 use crate::asset::{AssetId, AssetSpec};
 use crate::recording::RecordingFile;
 use crate::store::Store;
+pub use folder::ReplayFile;
 pub(crate) use folder::prepare as prepare_folders;
 use list::ReplayList;
 use run::Run;
@@ -59,6 +60,17 @@ impl Replays {
             folder,
             is_ending: Arc::default(),
         }
+    }
+
+    /// Recordings that may be replayed, the latest first; an API node has none.
+    ///
+    /// Errors: [`ServiceError::WorkerLost`].
+    pub async fn files(&self) -> Result<Vec<ReplayFile>, ServiceError> {
+        if self.role.is_api_node() {
+            return Ok(Vec::new());
+        }
+        let folder = self.folder.clone();
+        blocking("list recordings", move || folder::recordings(&folder)).await
     }
 
     /// Starts a replay.
