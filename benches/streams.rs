@@ -1,9 +1,9 @@
 //! Live streams into the release binary over loopback: `cargo bench --bench streams -- [seconds]`.
 //!
-//! 16 streams of 4 channels of 32-bit floats at 25.6 kHz, each of an asset of its own, of which 10 s each minute
-//! become records and are analysed. First as fast as sensors make them, for 60 s where nothing else is said;
-//! then as fast as the service takes them. `FLANKWATCH_BENCH_PROGRAM` names another binary than the one that
-//! is built.
+//! 16 streams of 4 channels of 32-bit floats at 25.6 kHz, each of an asset of its own, of which 10 s each
+//! minute become records and are analysed. First as fast as sensors make them, for 60 s where nothing else is
+//! said; then as fast as the service takes them. `FLANKWATCH_BENCH_PROGRAM` names another binary than the one
+//! that is built.
 
 #[expect(dead_code, reason = "other benches use more of it")]
 mod driven;

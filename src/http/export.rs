@@ -62,10 +62,11 @@ pub(super) struct ExportParameters {
 ///
 /// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on
 /// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`, with `waveforms=true` the records
-/// themselves on `…/waveform`, as uploads and `flankwatch replay` read them; metadata records `asset`, `sensor`,
-/// `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment `library.json`.
-/// Records whose raw recordings are not kept any more have no spectrum. Plot `wear.median_um`,
-/// `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
+/// themselves on `…/waveform`, as uploads and `flankwatch replay` read them; metadata records `asset`,
+/// `sensor`, `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment
+/// `library.json`. Records whose raw recordings are not kept any more have no spectrum. Plot
+/// `wear.median_um`, `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against
+/// `spectrum.amplitude[:]`.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/export",

@@ -81,8 +81,8 @@ pub(super) struct UploadParameters {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(minimum = 0, maximum = 256)]
     time_column: Option<u16>,
-    /// For `text/csv`: numbers of the columns that are channels, from 1, with commas between them; all that do
-    /// not hold the time where not given.
+    /// For `text/csv`: numbers of the columns that are channels, from 1, with commas between them; all that
+    /// do not hold the time where not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "2,3")]
     columns: Option<String>,

@@ -106,8 +106,8 @@ impl RecordingFile {
         }
     }
 
-    /// Length in seconds of the records into which a long file is cut without having been asked to; none where
-    /// it is not.
+    /// Length in seconds of the records into which a long file is cut without having been asked to; none
+    /// where it is not.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         match &self.records {
             Records::Wav(blocks) => blocks.default_cut_seconds(),

@@ -103,7 +103,8 @@ impl<W: Write + Seek> HistoryWriter<W> {
             .map_err(RecordingError::McapWrite)
     }
 
-    /// Writes a record itself, as [`McapWriter`](super::McapWriter) does: what reads recordings reads it again.
+    /// Writes a record itself, as [`McapWriter`](super::McapWriter) does: what reads recordings reads it
+    /// again.
     pub fn write_record(
         &mut self,
         base: &str,
