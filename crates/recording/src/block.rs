@@ -73,6 +73,16 @@ impl RecordDefaults {
         }
     }
 
+    /// Names of a recording's channels that has names of its own: those given where there are as many, else
+    /// its own.
+    #[must_use]
+    pub(crate) fn names_before(&self, own: Vec<String>) -> Vec<String> {
+        if self.channel_names.len() == own.len() || own.len() == 1 && self.channel.is_some() {
+            return self.names_of(own.len());
+        }
+        own
+    }
+
     /// The unit of a channel where the recording has none: `"1"` if nobody knows it.
     pub(crate) fn unit_of(&self, channel: &str) -> &str {
         self.channel_units.get(channel).or(self.unit.as_ref()).map_or("1", String::as_str)

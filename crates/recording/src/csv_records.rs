@@ -65,13 +65,7 @@ impl<R: Read> CsvBlocks<R> {
     ) -> Result<Self, RecordingError> {
         let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
         let channels = frames.channels();
-        let names = if defaults.channel_names.len() == channels.len()
-            || channels.len() == 1 && defaults.channel.is_some()
-        {
-            defaults.names_of(channels.len())
-        } else {
-            channels.to_vec()
-        };
+        let names = defaults.names_before(channels.to_vec());
         let mut said = defaults.clone();
         said.start_time = timing.start_time.unwrap_or(defaults.start_time);
         for (name, unit) in names.iter().zip(frames.units()) {

@@ -73,7 +73,7 @@ impl MatFrames {
 
     fn within(bytes: &[u8], most_bytes: u64) -> Result<Self, RecordingError> {
         let variables = variables(bytes, most_bytes)?;
-        let frames = variables.iter().filter(|variable| !is_none(variable)).map(longer).max().unwrap_or(0);
+        let frames = variables.iter().filter(|variable| variable.len() > 0).map(longer).max().unwrap_or(0);
         if frames < 2 {
             let names: Vec<&str> = variables.iter().map(|variable| variable.name.as_str()).collect();
             let expected = "an array of real numbers; text, cells, sparse and complex arrays are none";
@@ -185,13 +185,7 @@ impl MatBlocks {
     ) -> Result<Self, RecordingError> {
         let rate_hz = frames.sample_rate_hz(defaults.sample_rate_hz)?;
         let channels = frames.channels.len();
-        let is_named =
-            defaults.channel_names.len() == channels || channels == 1 && defaults.channel.is_some();
-        let names = if is_named {
-            defaults.names_of(channels)
-        } else {
-            frames.channels().map(str::to_owned).collect()
-        };
+        let names = defaults.names_before(frames.channels().map(str::to_owned).collect());
         let cutter = Cutter::new(names, rate_hz, defaults, plan);
         Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
     }
@@ -210,12 +204,7 @@ impl Iterator for MatBlocks {
     }
 }
 
-/// Whether a variable has no number.
-fn is_none(variable: &Variable) -> bool {
-    variable.len() == 0
-}
-
-/// Its longer side.
+/// The longer side of a variable.
 fn longer(variable: &Variable) -> usize {
     variable.shape[0].max(variable.shape[1])
 }
