@@ -6,8 +6,9 @@ use super::check::Check;
 use super::mesh::Mesh;
 use flankwatch_gear::PairSpec;
 
-/// 2-D plane-strain model of the pair of Table 1, see `fixtures/reference/mesh-stiffness-fe/README.md`.
-const TABLE: &str = include_str!("../../../../fixtures/reference/mesh-stiffness-fe/K_perfect.csv");
+/// 2-D plane-strain model of the pair of Table 1: a copy of `fixtures/reference/mesh-stiffness-fe/K_perfect.csv`,
+/// since a package of this crate has no files from outside it.
+const TABLE: &str = include_str!("finite_elements.csv");
 /// Greatest difference of two stiffnesses that are the same.
 const SAME: f64 = 0.05;
 /// Share of the torque from which on a pair counts as carrying.
@@ -103,8 +104,13 @@ pub(super) fn checks(mesh: &Mesh, points: &[FiniteElementPoint]) -> Vec<Check> {
 
 #[cfg(test)]
 mod tests {
-    use super::points;
+    use super::{TABLE, points};
     use flankwatch_gear::PairSpec;
+
+    #[test]
+    fn the_table_is_that_of_the_fixtures() {
+        assert_eq!(TABLE, include_str!("../../../../fixtures/reference/mesh-stiffness-fe/K_perfect.csv"));
+    }
 
     #[test]
     fn the_table_is_read_whole_and_only_for_its_own_pair() {
