@@ -7,8 +7,9 @@ use flankwatch::asset::AssetSpec;
 use flankwatch::estimate::MaintenanceEvent;
 use flankwatch::gear::PairSpec;
 use flankwatch::recording::{
-    BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, Format, McapReader, NpyBlocks, RawLayout,
-    RawSample, RecordDefaults, WavBlocks, decode_block, decode_csv, decode_mat, decode_raw, decode_wav,
+    BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, FlacBlocks, Format, McapReader, NpyBlocks,
+    RawLayout, RawSample, RecordDefaults, WavBlocks, decode_block, decode_csv, decode_mat, decode_raw,
+    decode_wav,
 };
 use flankwatch::service::ReplayRequest;
 use flankwatch::signal::Record;
@@ -17,11 +18,12 @@ use flankwatch::signal::Record;
 pub type Entry = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const ALL: [Entry; 10] = [
+pub const ALL: [Entry; 11] = [
     ("wav", wav),
     ("mcap", mcap),
     ("csv", csv),
     ("mat", mat),
+    ("flac", flac),
     ("npy", npy),
     ("raw", raw),
     ("protobuf_block", protobuf_block),
@@ -60,6 +62,15 @@ pub fn mat(bytes: &[u8]) {
     let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
     for record in decode_mat(bytes, &defaults).into_iter().flatten() {
         check(&record);
+    }
+}
+
+/// A FLAC recording, cut into short records.
+pub fn flac(bytes: &[u8]) {
+    if let Ok(blocks) = FlacBlocks::new(bytes, &RecordDefaults::default(), Some(Cut::Samples(16))) {
+        for record in blocks.take(MOST).flatten() {
+            check(&record);
+        }
     }
 }
 

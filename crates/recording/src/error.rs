@@ -34,10 +34,10 @@ pub enum RecordingError {
     #[error("cannot read or write the recording: {0}")]
     Io(#[from] std::io::Error),
     /// Not a single byte.
-    #[error("the recording is empty (0 bytes), expected a WAV, MCAP, CSV, MATLAB or NumPy recording")]
+    #[error("the recording is empty (0 bytes), expected a WAV, FLAC, MCAP, CSV, MATLAB or NumPy recording")]
     NoBytes,
     /// A format that is known, and not read here.
-    #[error("the recording is {name}, expected WAV, MCAP, CSV, .mat (v5) or .npy: {hint}")]
+    #[error("the recording is {name}, expected WAV, FLAC, MCAP, CSV, .mat (v5) or .npy: {hint}")]
     Foreign {
         /// The format's name.
         name: &'static str,

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use flate2::read::MultiGzDecoder;
 
+use super::flac::FlacBlocks;
 use super::mat::{MAX_BYTES, MatBlocks, MatFrames};
 use super::npy::NpyBlocks;
 use super::wav::WavBlocks;
@@ -19,7 +20,7 @@ use super::{
 /// How a file that is compressed with gzip begins.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// The records of a WAV, MCAP, CSV, MATLAB (v5) or NumPy file, read as they are asked for. CSV may be
+/// The records of a WAV, FLAC, MCAP, CSV, MATLAB (v5) or NumPy file, read as they are asked for. CSV may be
 /// compressed with gzip; it is read twice, first for its time. A MATLAB file is held in memory.
 ///
 /// A file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records
@@ -34,6 +35,7 @@ enum Records {
     Wav(Box<WavBlocks<CountedFile>>),
     Mcap(Box<McapReader>),
     Csv(Box<CsvBlocks<Box<dyn Read + Send>>>),
+    Flac(Box<FlacBlocks<CountedFile>>),
     Npy(Box<NpyBlocks<CountedFile>>),
     Mat(Box<MatBlocks>),
 }
@@ -83,6 +85,7 @@ impl RecordingFile {
             Format::Csv | Format::Wav => {
                 Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?))
             }
+            Format::Flac => Records::Flac(Box::new(FlacBlocks::new(reader, &defaults, cut)?)),
             Format::Npy => Records::Npy(Box::new(NpyBlocks::new(reader, &defaults, cut)?)),
             Format::Mat => Records::Mat(Box::new(MatBlocks::new(mat_frames(reader)?, &defaults, cut)?)),
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(reader, defaults))),
@@ -101,6 +104,7 @@ impl RecordingFile {
             Records::Wav(_) => Format::Wav,
             Records::Mcap(_) => Format::Mcap,
             Records::Csv(_) => Format::Csv,
+            Records::Flac(_) => Format::Flac,
             Records::Npy(_) => Format::Npy,
             Records::Mat(_) => Format::Mat,
         }
@@ -112,6 +116,7 @@ impl RecordingFile {
         match &self.records {
             Records::Wav(blocks) => blocks.default_cut_seconds(),
             Records::Csv(blocks) => blocks.default_cut_seconds(),
+            Records::Flac(blocks) => blocks.default_cut_seconds(),
             Records::Npy(blocks) => blocks.default_cut_seconds(),
             Records::Mat(blocks) => blocks.default_cut_seconds(),
             Records::Mcap(_) => None,
@@ -150,6 +155,7 @@ impl Iterator for RecordingFile {
             Records::Mcap(reader) => return reader.next(),
             Records::Wav(blocks) => blocks.next()?,
             Records::Csv(blocks) => blocks.next()?,
+            Records::Flac(blocks) => blocks.next()?,
             Records::Npy(blocks) => blocks.next()?,
             Records::Mat(blocks) => blocks.next()?,
         };

@@ -11,6 +11,8 @@ pub enum Format {
     Mcap,
     /// Text, which is read as CSV.
     Csv,
+    /// FLAC.
+    Flac,
     /// A NumPy array.
     Npy,
     /// MATLAB, version 5.
@@ -22,12 +24,11 @@ const BY_PYTHON: &str = "`flankwatch.read` of the Python package reads it, and `
 
 /// Formats that recordings come in and that are not read here: how they begin, their names, and what reads
 /// them.
-const FOREIGN: [(&[u8], &str, &str); 10] = [
+const FOREIGN: [(&[u8], &str, &str); 9] = [
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", BY_PYTHON),
     (b"MATLAB 7.3 MAT-f", "an HDF5 file (MATLAB v7.3)", BY_PYTHON),
     (b"TDSm", "a TDMS file", BY_PYTHON),
     (b"PAR1", "a Parquet file", BY_PYTHON),
-    (b"fLaC", "a FLAC file", BY_PYTHON),
     (b"    -1\n", "a universal file (UFF)", BY_PYTHON),
     (b"    -1\r\n", "a universal file (UFF)", BY_PYTHON),
     (b"PK\x03\x04", "a ZIP archive (.npz or .xlsx, for example)", "unpack it, or save it as CSV"),
@@ -36,6 +37,18 @@ const FOREIGN: [(&[u8], &str, &str); 10] = [
 ];
 
 impl Format {
+    /// What it is called, with its article.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Wav => "a WAV",
+            Self::Mcap => "an MCAP recording",
+            Self::Csv => "text",
+            Self::Flac => "a FLAC recording",
+            Self::Npy => "a NumPy array",
+            Self::Mat => "a MATLAB file",
+        }
+    }
+
     /// Tells the format from a recording's first bytes (16 are enough); a name's extension plays no part.
     pub fn detect(beginning: &[u8]) -> Result<Self, RecordingError> {
         if beginning.is_empty() {
@@ -46,6 +59,9 @@ impl Format {
         }
         if [b"RIFF", b"RIFX", b"RF64"].iter().any(|tag| beginning.starts_with(*tag)) {
             return Ok(Self::Wav);
+        }
+        if beginning.starts_with(super::flac::MAGIC) {
+            return Ok(Self::Flac);
         }
         if beginning.starts_with(super::npy::MAGIC) {
             return Ok(Self::Npy);
@@ -78,6 +94,7 @@ mod tests {
         assert_eq!(Format::detect("Beschleunigung ä".as_bytes()).unwrap(), Format::Csv);
         assert_eq!(Format::detect(b"\xef\xbb\xbfa;b\n").unwrap(), Format::Csv);
         assert!(matches!(Format::detect(b"\x7fELF\x02"), Err(RecordingError::UnknownFormat { .. })));
+        assert_eq!(Format::detect(b"fLaC\0\0").unwrap(), Format::Flac);
         assert_eq!(Format::detect(b"\x93NUMPY\x01\0v").unwrap(), Format::Npy);
         assert_eq!(Format::detect(b"MATLAB 5.0 MAT-file, Plat").unwrap(), Format::Mat);
         assert!(matches!(Format::detect(b""), Err(RecordingError::NoBytes)));

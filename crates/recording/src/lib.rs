@@ -1,9 +1,10 @@
-//! Bytes to records and back: WAV, MCAP, CSV, MATLAB, NumPy arrays, protobuf and JSON.
+//! Bytes to records and back: WAV, FLAC, MCAP, CSV, MATLAB, NumPy arrays, protobuf and JSON.
 //!
 //! - [`decode_wav`] and [`WavBlocks`], [`WavWriter`]: WAV whole, in stretches, and written;
 //! - [`McapReader`], [`McapWriter`]: MCAP with the messages of [`message`];
 //! - [`decode_block`], [`encode_block`]: one message in protobuf or JSON ([`BlockEncoding`]);
 //! - [`decode_csv`] and [`CsvBlocks`]: CSV whole and in stretches, its rate and time by [`CsvTiming`];
+//! - [`FlacBlocks`]: FLAC in stretches;
 //! - [`NpyBlocks`]: a NumPy array in stretches;
 //! - [`decode_mat`] and [`MatBlocks`]: MATLAB files of version 5, whole and in stretches;
 //! - [`CsvFrames`] and [`WavFrames`], which a [`Cutter`] makes records of;
@@ -56,6 +57,7 @@ mod cut;
 mod error;
 #[cfg(feature = "files")]
 mod file;
+mod flac;
 mod format;
 mod json;
 mod mat;
@@ -88,6 +90,7 @@ pub use cut::{Cut, CutPlan, Cutter};
 pub use error::RecordingError;
 #[cfg(feature = "files")]
 pub use file::RecordingFile;
+pub use flac::FlacBlocks;
 pub use format::Format;
 #[cfg(feature = "openapi")]
 pub use json::JsonBlock;

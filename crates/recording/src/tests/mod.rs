@@ -2,6 +2,7 @@
 //! the data folder.
 
 mod fixtures;
+mod flac;
 mod matlab;
 mod memory;
 mod real_data;
