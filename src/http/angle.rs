@@ -1,4 +1,4 @@
-//! A segment over the angle of its driving shaft: its spectrum over orders and its average over one turn.
+//! A segment over the angle of its shafts: its spectrum over orders and its average over one turn.
 
 use axum::Json;
 use axum::extract::State;
@@ -11,7 +11,7 @@ use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
 use super::segments;
 use crate::asset::SegmentId;
-use crate::signal::{Absence, AngleSource, OrderSpectrum, reduction};
+use crate::signal::{Absence, AngleSource, Gear, OrderSpectrum, TurnAverage, reduction};
 
 /// Points of a curve where the client does not say how many.
 const DEFAULT_POINTS: usize = 4000;
@@ -119,21 +119,32 @@ fn mesh_amplitudes(spectrum: &OrderSpectrum, teeth: u32) -> Vec<f64> {
     amplitudes.map(|lines| lines.iter().copied().fold(0.0, f64::max)).collect()
 }
 
-/// The average over whole turns of the driving shaft, and its parts.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TurnParameters {
+    /// Whose turn: 1 the driving gear's, 2 the driven one's; 1 where not given.
+    #[param(minimum = 1, maximum = 2)]
+    gear: Option<u32>,
+}
+
+/// The average over whole turns of a gear, and its parts.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct TurnView {
     /// The record.
     segment_id: SegmentId,
     /// Unit of the amplitudes.
     unit: String,
-    /// Whole turns that were averaged.
+    /// Whose turn it is: 1 the driving gear's, 2 the driven one's.
+    gear: u32,
+    /// Whole turns of the gear that were averaged.
     turns: usize,
     /// Tooth numbers, driving and driven.
     #[serde(skip_serializing_if = "Option::is_none")]
     teeth: Option<[u32; 2]>,
     /// Where the shaft's angle came from, and how sure it is.
     angle: AngleSource,
-    /// Angle of the driving shaft in degrees.
+    /// Angle of the gear in degrees.
     angle_deg: Vec<f64>,
     /// The average at each angle in `unit`, its mean removed.
     average: Vec<f64>,
@@ -143,35 +154,45 @@ pub(super) struct TurnView {
     mesh_envelope: Vec<f64>,
 }
 
-/// Synchronous average over one turn of the driving shaft
+/// Synchronous average over one turn of either gear
 #[utoipa::path(
     get,
     path = "/v1/segments/{segment}/turn",
     tag = "records",
-    params(("segment" = String, Path, description = "The segment")),
+    params(("segment" = String, Path, description = "The segment"), TurnParameters),
     responses((status = 200, body = TurnView), (status = 422, body = Details, description = "The record has no such curve", content_type = "application/problem+json")),
 )]
 pub(super) async fn turn(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
+    Parameters(asked): Parameters<TurnParameters>,
 ) -> Result<Json<TurnView>, Problem> {
+    let number = asked.gear.unwrap_or(1);
+    let gear = match number {
+        1 => Gear::Driving,
+        2 => Gear::Driven,
+        other => return Err(Problem::query("gear", other, "1 (driving) or 2 (driven)")),
+    };
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.teeth();
+    if gear == Gear::Driven && teeth.is_none() {
+        return Err(Problem::query("gear", number, "1: the machine has no mesh, so it has no driven gear"));
+    }
     let _ticket = app.service.workers.admit_answer()?;
     let computed = app
         .service
         .records
-        .analyse_stored(&segment, "average over a turn", |analyzer, record, mesh| {
-            let turned = analyzer.angle_record(record, mesh, None)?;
-            let signals = analyzer.gear_signals(record, mesh, None)?;
-            Ok((turned.turns, turned.angle, signals))
+        .analyse_stored(&segment, "average over a turn", move |analyzer, record, mesh| {
+            analyzer.turn_average(record, mesh, gear, None)
         })
         .await?;
-    let (turns, angle, signals) = computed.map_err(|absence| absent("average over a turn", absence))?;
+    let TurnAverage { turns, angle, signals } =
+        computed.map_err(|absence| absent("average over a turn", absence))?;
     let samples = signals.average.len();
     Ok(Json(TurnView {
         segment_id: segment.id,
         unit: segment.unit,
+        gear: number,
         turns,
         teeth,
         angle,

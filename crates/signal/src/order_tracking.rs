@@ -98,7 +98,7 @@ impl Analyzer {
         self.resampled(record, mesh, &angle)
     }
 
-    fn resampled(
+    pub(super) fn resampled(
         &mut self,
         record: &Record,
         mesh: &MeshContext,
@@ -264,7 +264,7 @@ impl Analyzer {
 }
 
 /// The average of a record's turns and its parts.
-fn split(
+pub(super) fn split(
     turned: &AngleRecord,
     mesh: &MeshContext,
     transforms: &mut Transforms,

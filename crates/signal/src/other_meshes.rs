@@ -43,6 +43,15 @@ impl OtherMeshes {
         this
     }
 
+    /// The same meshes in orders of a shaft that makes this many `turns` while the one they are given for
+    /// makes one.
+    pub(super) fn for_each_turn_of(&self, turns: f64) -> Self {
+        Self::of(self.iter().map(|mesh| OtherMesh {
+            mesh_orders: mesh.mesh_orders / turns,
+            shaft_orders: mesh.shaft_orders.map(|order| order / turns),
+        }))
+    }
+
     /// Whether there are any.
     pub(super) fn is_empty(&self) -> bool {
         self.meshes[0].is_none()

@@ -12,6 +12,9 @@ pub const MAX_RECORD_SAMPLES: usize = 1 << 24;
 /// The highest sampling rate taken, in hertz.
 const MAX_SAMPLE_RATE_HZ: f64 = 10e6;
 
+/// Least sampling rate in hertz: a record has a length in seconds.
+const MIN_SAMPLE_RATE_HZ: f64 = 1e-6;
+
 /// Fastest shaft in hertz, and the greatest torque in N·m and temperature in °C: products of them stay
 /// finite.
 const MAX_SHAFT_SPEED_HZ: f64 = 1e6;
@@ -115,7 +118,7 @@ pub enum RecordError {
         expected: String,
     },
     /// A sampling rate that is not a positive number of a plausible size.
-    #[error("sample_rate_hz is {0}, expected a number above 0 and at most {MAX_SAMPLE_RATE_HZ}")]
+    #[error("sample_rate_hz is {0}, expected a number from {MIN_SAMPLE_RATE_HZ} to {MAX_SAMPLE_RATE_HZ}")]
     SampleRate(f64),
     /// A shaft speed or torque that is not a usable number.
     #[error("{field} is {value}, expected {expected}")]
@@ -155,7 +158,7 @@ impl Record {
         samples: Vec<f32>,
     ) -> Result<Self, RecordError> {
         let channel = channel.into();
-        if !(sample_rate_hz > 0.0 && sample_rate_hz <= MAX_SAMPLE_RATE_HZ) {
+        if !(MIN_SAMPLE_RATE_HZ..=MAX_SAMPLE_RATE_HZ).contains(&sample_rate_hz) {
             return Err(RecordError::SampleRate(sample_rate_hz));
         }
         if samples.is_empty() {

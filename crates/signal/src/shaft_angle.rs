@@ -37,6 +37,21 @@ pub enum AngleSource {
     ConstantSpeed,
 }
 
+impl AngleSource {
+    /// The same of a shaft that makes this many `turns` while this one makes one.
+    fn geared(self, turns: f64) -> Self {
+        match self {
+            Self::Tachometer { pulses, angle_error_deg } => {
+                Self::Tachometer { pulses, angle_error_deg: angle_error_deg.map(|error| error * turns) }
+            }
+            Self::MeshPhase { harmonic, line_to_background, angle_error_deg } => {
+                Self::MeshPhase { harmonic, line_to_background, angle_error_deg: angle_error_deg * turns }
+            }
+            Self::ConstantSpeed => Self::ConstantSpeed,
+        }
+    }
+}
+
 /// Why pulses give no shaft angle.
 #[derive(Debug, Clone, Copy, Error, PartialEq)]
 pub enum PulseError {
@@ -137,6 +152,13 @@ impl ShaftAngle {
     ) -> Result<Self, PchipError> {
         let time_s = Pchip::new(revolutions, times_s)?;
         Ok(Self { time_s, source })
+    }
+
+    /// The angle of a shaft that makes this many `turns` while this one makes one; `None` where they are not a
+    /// positive number.
+    pub(super) fn geared(&self, turns: f64) -> Option<Self> {
+        let revolutions = self.time_s.nodes().iter().map(|revolution| revolution * turns).collect();
+        Self::through(revolutions, self.time_s.values().to_vec(), self.source.geared(turns)).ok()
     }
 
     /// Where the angle came from, and how sure it is.
