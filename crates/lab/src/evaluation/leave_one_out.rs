@@ -10,7 +10,7 @@ use rand_distr::{Distribution, Normal};
 use super::recorded::RecordedRun;
 use super::run::Observation;
 use flankwatch_signal::Features;
-use flankwatch_wear::library::{Ensemble, MESH_LINES, Member};
+use flankwatch_wear::library::{Ensemble, MESH_LINES};
 
 /// Records of a run, healthy ones at its beginning, and the last one's depth in parts of the greatest.
 const RECORDS: usize = 150;
@@ -32,13 +32,14 @@ pub fn leave_one_out(ensemble: &Ensemble, count: usize) -> Vec<(RecordedRun, Arc
     let run = |index: usize| {
         let group = index * groups / count;
         let number = group * variants + index % variants;
-        let run = run_of(&ensemble.members()[number], ensemble.depths_um(), number);
+        let run = run_of(ensemble, number);
         (run, Arc::new(ensemble.without_group(group)))
     };
     (0..count).map(run).collect()
 }
 
-fn run_of(member: &Member, depths_um: &[f64], number: usize) -> RecordedRun {
+fn run_of(ensemble: &Ensemble, number: usize) -> RecordedRun {
+    let depths_um = ensemble.depths_um();
     let mut rng = ChaCha8Rng::seed_from_u64(number as u64);
     let normal = Normal::new(0.0, 1.0).expect("1 is a standard deviation");
     let path: Vec<f64> = (0..MESH_LINES).map(|_| PATH * normal.sample(&mut rng)).collect();
@@ -50,8 +51,8 @@ fn run_of(member: &Member, depths_um: &[f64], number: usize) -> RecordedRun {
         let between = (wear_um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
         let mut features = Features::default();
         for (line, gain) in path.iter().enumerate() {
-            let changes = member.change(line);
-            let [before, after] = [upper - 1, upper].map(|depth| f64::from(changes[depth]));
+            let [before, after] =
+                [upper - 1, upper].map(|depth| f64::from(ensemble.change(number, line, depth)));
             let amplitude = before + between * (after - before) + SCATTER * normal.sample(&mut rng);
             // Noise and line add by squares.
             let seen = 0.5 * ((2.0 * amplitude).exp() + (2.0 * NOISE).exp()).ln();

@@ -21,7 +21,9 @@ pub use bank::{Bank, BankPlan};
 pub use case::{Aim, Case, CaseGroup};
 pub use fault::Fault;
 pub use leave_one_out::leave_one_out;
-pub use recorded::{Answer, HindsightScore, RecordedRun, RunScore, Trial, follow, look_back, score_run};
+pub use recorded::{
+    Answer, HindsightScore, RecordedRun, RunScore, Trial, follow, follow_together, look_back, score_run,
+};
 pub use run::{Observation, RunShape, observe, observe_many};
 pub use score::{NOMINAL, Score};
 pub use single_indicators::{SingleIndicators, single_indicators};

@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use jiff::{SignedDuration, Timestamp};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::run::Observation;
 use super::score::rank_correlation;
 use flankwatch_wear::estimate::{
-    EstimatorSettings, Inspection, LifeStep, MaintenanceEvent, MaintenanceKind, Tracker, WearEstimate,
-    WearStatus,
+    EstimatorSettings, Inspection, JointEstimate, LifeStep, MaintenanceEvent, MaintenanceKind, Tracker,
+    WearEstimate, WearStatus,
 };
 use flankwatch_wear::library::{Ensemble, FlankPlace};
 
@@ -138,12 +139,59 @@ pub fn look_back(
 
 /// Follows a run, one record an hour, with the first `baseline` records as the baseline.
 pub fn follow(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial: Trial) -> Vec<Answer> {
+    estimates(run, ensemble, baseline, trial).into_iter().map(Answer::of).collect()
+}
+
+/// Follows the channels of one machine, recorded at the same times: the answers of each, and those of all
+/// together.
+pub fn follow_together(
+    channels: &[RecordedRun],
+    ensemble: &Arc<Ensemble>,
+    baseline: u32,
+    trial: Trial,
+) -> (Vec<Vec<Answer>>, Vec<Answer>) {
+    let of_channels: Vec<Vec<Estimate>> =
+        channels.par_iter().map(|channel| estimates(channel, ensemble, baseline, trial)).collect();
+    let records = of_channels.iter().map(Vec::len).min().unwrap_or(0);
+    let together = |index: usize| {
+        let latest = channels.iter().zip(&of_channels);
+        let latest: Vec<(&str, &WearEstimate)> =
+            latest.map(|(channel, told)| (channel.name.as_str(), &told[index].wear)).collect();
+        let wear = JointEstimate::of(&latest)?.wear;
+        Some(Answer::of(Estimate { wear, ..of_channels[0][index] }))
+    };
+    let together = (0..records).filter_map(together).collect();
+    let of_channels = of_channels.into_iter().map(|told| told.into_iter().map(Answer::of).collect());
+    (of_channels.collect(), together)
+}
+
+/// What the estimator says of one record.
+struct Estimate {
+    record: usize,
+    truth_um: f64,
+    wear: WearEstimate,
+}
+
+impl Answer {
+    fn of(estimate: Estimate) -> Self {
+        let Estimate { record, truth_um, wear } = estimate;
+        Self {
+            record,
+            truth_um,
+            wear_um: median_and_interval(&wear),
+            flagged: matches!(wear.status, WearStatus::OutsideLibrary | WearStatus::SensorFault),
+            reason: wear.reason,
+        }
+    }
+}
+
+fn estimates(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial: Trial) -> Vec<Estimate> {
     let settings = EstimatorSettings { baseline_records: baseline, limit_um: None };
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
     let mut state = tracker.start();
     let half = run.records.len() / 2;
     let gap = half - trial.gap.min(half) / 2..half + trial.gap.div_ceil(2);
-    let mut answers = Vec::with_capacity(run.records.len());
+    let mut estimates = Vec::with_capacity(run.records.len());
     let mut inspection = trial.inspection_um;
     for (record, observation) in run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record)) {
         let at = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
@@ -152,16 +200,10 @@ pub fn follow(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial:
         {
             tracker.event(&mut state, &inspected(at, observation.wear_um, error_um));
         }
-        let told = tracker.update(&mut state, at, &observation.features);
-        answers.push(Answer {
-            record,
-            truth_um: observation.wear_um,
-            wear_um: median_and_interval(&told),
-            flagged: matches!(told.status, WearStatus::OutsideLibrary | WearStatus::SensorFault),
-            reason: told.reason,
-        });
+        let wear = tracker.update(&mut state, at, &observation.features);
+        estimates.push(Estimate { record, truth_um: observation.wear_um, wear });
     }
-    answers
+    estimates
 }
 
 /// Scores the answers of a run after its baseline.

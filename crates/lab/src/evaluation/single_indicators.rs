@@ -28,9 +28,9 @@ pub struct SingleIndicators {
 }
 
 /// Looks at runs whose first `baseline` records are healthy.
-pub fn single_indicators(runs: &[RecordedRun], baseline: usize) -> Vec<SingleIndicators> {
+pub fn single_indicators(runs: &[&RecordedRun], baseline: usize) -> Vec<SingleIndicators> {
     let points: Vec<Vec<(f64, f64)>> = runs.iter().map(|run| omx_points(run, baseline)).collect();
-    let of_run = |(index, run): (usize, &RecordedRun)| {
+    let of_run = |(index, run): (usize, &&RecordedRun)| {
         let others = points.iter().enumerate().filter(|(other, _)| *other != index);
         let others: Vec<(f64, f64)> = others.flat_map(|(_, points)| points.iter().copied()).collect();
         let own = &points[index];
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_regression_on_other_runs_finds_what_they_have_in_common() {
-        let scored = single_indicators(&[run("a", 1.0), run("b", 7.0)], 10);
+        let scored = single_indicators(&[&run("a", 1.0), &run("b", 7.0)], 10);
         assert!(scored.iter().all(|score| score.omx_error_um.unwrap() < 1e-9));
         assert!((scored[0].omx_rank.unwrap() - 1.0).abs() < 1e-12);
         // 1 + 52/50 is the first above 2, 56 µm the third.
@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn a_single_run_has_no_regression() {
-        let scored = single_indicators(&[run("a", 1.0)], 10);
+        let scored = single_indicators(&[&run("a", 1.0)], 10);
         assert_eq!(scored[0].omx_error_um, None);
     }
 }

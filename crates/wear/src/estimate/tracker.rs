@@ -16,10 +16,10 @@ use self::collecting::Collecting;
 pub use self::hindsight::LifeStep;
 use self::tracking::Tracking;
 use super::depth_grid::DepthGrid;
+use super::discrepancy::Discrepancy;
 use super::event::{MaintenanceEvent, MaintenanceKind};
 use super::filter::Filter;
 use super::growth::Growth;
-use super::likelihood::Discrepancy;
 use super::wear::{LibraryLack, WearEstimate, WearStatus};
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
@@ -161,5 +161,7 @@ impl Tracker {
     }
 }
 
+#[cfg(test)]
+mod event_tests;
 #[cfg(test)]
 mod tests;

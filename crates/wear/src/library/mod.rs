@@ -26,11 +26,11 @@ pub use build::{build, library_id};
 #[cfg(feature = "files")]
 pub use checkpoint::checkpoint_beside;
 pub use control::BuildControl;
-pub(crate) use ensemble::line_name;
 pub use ensemble::{
     DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, VARIANTS,
     decode_ensemble, encode_ensemble, ensemble_id,
 };
+pub(crate) use ensemble::{LANES, Lanes, line_name};
 pub use file::{FORMAT_VERSION, decode, encode};
 pub use grid::{GridSettings, OperatingRange};
 #[cfg(feature = "files")]

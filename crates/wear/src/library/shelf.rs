@@ -4,6 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::checkpoint::Checkpoint;
 use super::{
@@ -25,6 +26,11 @@ impl LibraryShelf {
     /// A shelf in a folder, which is made when the first library is kept.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into() }
+    }
+
+    /// Where it is.
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// The library of these inputs: loaded where it is kept and whole, else built and kept.
@@ -195,12 +201,36 @@ pub fn keep(path: &Path, library: &Library) -> Result<(), LibraryError> {
 }
 
 fn keep_bytes(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
+    // Two threads may keep the same library: one that nobody needed any more ends beside its successor.
+    static WRITERS: AtomicU64 = AtomicU64::new(0);
+    let writer = WRITERS.fetch_add(1, Ordering::Relaxed);
     let failed = |source| LibraryError::Io { path: path.to_owned(), source };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(failed)?;
-    let temporary = path.with_extension(format!("{}.part", std::process::id()));
+    let temporary = path.with_extension(format!("{}.{writer}.part", std::process::id()));
     let mut file = File::create(&temporary).map_err(failed)?;
     file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed)?;
     fs::rename(&temporary, path).map_err(failed)?;
     File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+
+    use super::super::testing::made_up_library;
+    use super::*;
+
+    #[test]
+    fn threads_that_keep_the_same_library_do_not_disturb_each_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let (shelf, library) = (LibraryShelf::new(folder.path()), made_up_library());
+        thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| (0..10).for_each(|_| shelf.put(&library).unwrap()));
+            }
+        });
+        assert_eq!(*shelf.get(library.id()).unwrap().unwrap(), library);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
 }

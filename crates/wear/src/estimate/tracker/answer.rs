@@ -130,12 +130,11 @@ impl Tracker {
 fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
     let groups = ensemble.members().chunks(ensemble.variants());
     let errors = groups.flat_map(|group| group[0].transmission_error_um().iter().copied());
-    let weighted = || errors.clone().zip(joint.iter().copied());
-    let greatest_um = weighted().map(|(error_um, _)| error_um).fold(0.0, f32::max);
+    let greatest_um = ensemble.greatest_transmission_error_um();
     // Places of the square root, which are close together where errors are small.
     let places = (ERROR_PLACES - 1) as f32 / greatest_um.max(f32::MIN_POSITIVE).sqrt();
     let mut by_place = [0.0_f32; ERROR_PLACES];
-    for (error_um, p) in weighted() {
+    for (error_um, p) in errors.zip(joint) {
         by_place[(error_um.max(0.0).sqrt() * places) as usize] += p;
     }
     let total: f32 = by_place.iter().sum();

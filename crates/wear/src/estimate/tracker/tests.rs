@@ -7,13 +7,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-use super::super::event::Inspection;
 use super::super::novelty::MachineSign;
 use super::*;
 use crate::library::Library;
 use crate::library::testing::made_up_library;
 
-const NEED: u32 = 20;
+pub(super) const NEED: u32 = 20;
 
 fn settings() -> EstimatorSettings {
     EstimatorSettings { baseline_records: NEED, limit_um: Some(200.0) }
@@ -21,7 +20,7 @@ fn settings() -> EstimatorSettings {
 
 /// Features that the made-up library gives at a wear depth, seen through a path with its own gain per line,
 /// with noise.
-fn seen(library: &Library, wear_um: f64, noise: f64, rng: &mut ChaCha8Rng) -> Features {
+pub(super) fn seen(library: &Library, wear_um: f64, noise: f64, rng: &mut ChaCha8Rng) -> Features {
     let states = library.states();
     let step = library.max_wear_um() / (states.len() - 1) as f64;
     let lower = ((wear_um / step) as usize).min(states.len() - 2);
@@ -42,7 +41,7 @@ fn seen(library: &Library, wear_um: f64, noise: f64, rng: &mut ChaCha8Rng) -> Fe
     Features { values, background, ..Features::default() }
 }
 
-fn tracker(library: &Arc<Library>) -> Tracker {
+pub(super) fn tracker(library: &Arc<Library>) -> Tracker {
     Tracker::new(settings(), Some(Arc::new(Ensemble::of(library.clone()))))
 }
 
@@ -270,82 +269,6 @@ fn a_part_of_the_library_gives_provisional_answers_and_calls_nothing_a_fault() {
 }
 
 #[test]
-fn an_excluded_record_leaves_the_state_as_it_is() {
-    let library = Arc::new(made_up_library());
-    let tracker = tracker(&library);
-    let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let mut state = tracker.start();
-    for n in 1..=NEED + 2 {
-        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
-        let wear = tracker.excluded(&state);
-        assert_eq!(
-            (wear.status, wear.median_um, wear.baseline.have),
-            (WearStatus::Excluded, None, n.min(NEED))
-        );
-    }
-}
-
-#[test]
-fn the_baseline_is_the_records_that_people_choose() {
-    let library = Arc::new(made_up_library());
-    let tracker = tracker(&library);
-    let mut rng = ChaCha8Rng::seed_from_u64(23);
-    let mut state = tracker.start();
-    let at = |hour: u32| Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(hour));
-    for hour in 0..NEED + 10 {
-        tracker.update(&mut state, at(hour), &seen(&library, 0.0, 0.03, &mut rng));
-    }
-    let (from, until) = (NEED + 10, NEED + 22);
-    let event = MaintenanceEvent {
-        time: at(from),
-        kind: MaintenanceKind::BaselineChosen,
-        by: "Ada".to_owned(),
-        comment: String::new(),
-        inspection: None,
-        until: Some(at(until)),
-    };
-    tracker.event(&mut state, &event);
-    for hour in from..until {
-        let wear = tracker.update(&mut state, at(hour), &seen(&library, 60.0, 0.03, &mut rng));
-        assert_eq!(wear.status, WearStatus::CollectingBaseline, "{}", wear.reason);
-        // A copy goes on the same.
-        state = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
-    }
-    let mut last = None;
-    for hour in until..until + 10 {
-        let wear = tracker.update(&mut state, at(hour), &seen(&library, 60.0, 0.03, &mut rng));
-        assert_ne!(wear.status, WearStatus::CollectingBaseline, "{}", wear.reason);
-        last = Some(wear);
-    }
-    let wear = last.unwrap();
-    assert!(wear.median_um.unwrap() < 30.0, "wear counts from zero there: {}", wear.reason);
-}
-
-#[test]
-fn too_few_chosen_records_are_no_baseline() {
-    let library = Arc::new(made_up_library());
-    let tracker = tracker(&library);
-    let mut rng = ChaCha8Rng::seed_from_u64(29);
-    let mut state = tracker.start();
-    let at = |hour: u32| Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(hour));
-    let event = MaintenanceEvent {
-        time: at(0),
-        kind: MaintenanceKind::BaselineChosen,
-        by: "Ada".to_owned(),
-        comment: String::new(),
-        inspection: None,
-        until: Some(at(3)),
-    };
-    tracker.event(&mut state, &event);
-    for hour in 0..NEED {
-        let wear = tracker.update(&mut state, at(hour), &seen(&library, 0.0, 0.03, &mut rng));
-        assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, hour + 1));
-    }
-    let wear = tracker.update(&mut state, at(NEED), &seen(&library, 0.0, 0.03, &mut rng));
-    assert_ne!(wear.status, WearStatus::CollectingBaseline);
-}
-
-#[test]
 fn lines_in_the_noise_give_no_number_and_novelty_all_the_same() {
     let library = Arc::new(made_up_library());
     let tracker = tracker(&library);
@@ -368,40 +291,6 @@ fn lines_in_the_noise_give_no_number_and_novelty_all_the_same() {
     assert!(wear.reason.contains("cannot show wear"), "{}", wear.reason);
     let failing = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(1.0, &mut rng));
     assert_eq!(failing.status, WearStatus::OutsideLibrary, "{}", failing.reason);
-}
-
-#[test]
-fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
-    let library = Arc::new(made_up_library());
-    let tracker = tracker(&library);
-    let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let mut state = tracker.start();
-    let at = |state: &mut TrackerState, um: f64, rng: &mut ChaCha8Rng| {
-        tracker.update(state, Timestamp::UNIX_EPOCH, &seen(&library, um, 0.03, rng))
-    };
-    for _ in 0..NEED {
-        at(&mut state, 0.0, &mut rng);
-    }
-    let before = (0..120).map(|i| at(&mut state, f64::from(i), &mut rng)).last().unwrap().median_um.unwrap();
-    let event = |kind| MaintenanceEvent {
-        time: Timestamp::UNIX_EPOCH,
-        kind,
-        by: "Ada".to_owned(),
-        comment: String::new(),
-        inspection: None,
-        until: None,
-    };
-    for (kind, truth) in [(MaintenanceKind::SensorReplaced, 119.0), (MaintenanceKind::GearReplaced, 0.0)] {
-        let mut state = state.clone();
-        tracker.event(&mut state, &event(kind));
-        for have in 1..=NEED {
-            let wear = at(&mut state, truth, &mut rng);
-            assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, have));
-        }
-        let after = at(&mut state, truth, &mut rng);
-        let (low, high) = (after.p05_um.unwrap(), after.p95_um.unwrap());
-        assert!(low <= truth && truth <= high, "{kind:?} before {before}: {}", after.reason);
-    }
 }
 
 #[test]
@@ -437,86 +326,6 @@ fn what_wear_does_not_explain_moves_nothing() {
     let novelty = other.novelty.unwrap();
     assert!(novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BandEnergy), "{novelty:?}");
     assert_eq!(belief(&state), before);
-}
-
-#[test]
-fn an_inspection_narrows_the_interval_and_is_believed() {
-    let library = Arc::new(made_up_library());
-    let tracker = tracker(&library);
-    let mut rng = ChaCha8Rng::seed_from_u64(17);
-    let mut state = tracker.start();
-    let at = |record: u32| Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(record));
-    let mut take = |state: &mut TrackerState, record: u32, um: f64| {
-        tracker.update(state, at(record), &seen(&library, um, 0.05, &mut rng))
-    };
-    for record in 0..NEED {
-        take(&mut state, record, 0.0);
-    }
-    let mut before = take(&mut state, NEED, 0.0);
-    for record in NEED + 1..NEED + 60 {
-        before = take(&mut state, record, f64::from(record - NEED));
-    }
-    let inspection =
-        Inspection { depth_um: 60.0, error_um: 3.0, gear: None, place: crate::library::FlankPlace::Greatest };
-    assert!(inspection.fault().is_none());
-    assert_eq!(Inspection { error_um: 0.0, ..inspection }.fault().unwrap().0, "inspection.error_um");
-    let event = MaintenanceEvent {
-        time: at(NEED + 60),
-        kind: MaintenanceKind::Inspected,
-        by: "Ada".to_owned(),
-        comment: String::new(),
-        inspection: Some(inspection),
-        until: None,
-    };
-    tracker.event(&mut state, &event);
-    let after = take(&mut state, NEED + 60, 60.0);
-    let width = |wear: &WearEstimate| wear.p95_um.unwrap() - wear.p05_um.unwrap();
-    assert!(width(&after) < width(&before), "{} {}", after.reason, before.reason);
-    assert!((after.median_um.unwrap() - 60.0).abs() < 6.0, "{}", after.reason);
-}
-
-#[test]
-fn hindsight_reaches_from_the_teeth_to_their_last_inspection() {
-    let library = Arc::new(made_up_library());
-    let tracker = tracker(&library);
-    let mut rng = ChaCha8Rng::seed_from_u64(23);
-    let at = |record: u32| Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(record));
-    let depth = |record: u32| f64::from(record.saturating_sub(NEED));
-    let features: Vec<Features> =
-        (0..NEED + 60).map(|record| seen(&library, depth(record), 0.05, &mut rng)).collect();
-    let event = |record: u32, kind: MaintenanceKind, depth_um: Option<f64>| MaintenanceEvent {
-        time: at(record),
-        kind,
-        by: String::new(),
-        comment: String::new(),
-        inspection: depth_um.map(|depth_um| Inspection {
-            depth_um,
-            error_um: 3.0,
-            gear: None,
-            place: crate::library::FlankPlace::Greatest,
-        }),
-        until: None,
-    };
-    let inspected =
-        [20, 40].map(|record| event(NEED + record, MaintenanceKind::Inspected, Some(f64::from(record))));
-    let replaced = event(NEED + 50, MaintenanceKind::GearReplaced, None);
-    let mut steps: Vec<LifeStep<'_>> =
-        features.iter().zip(0..).map(|(features, record)| LifeStep::Record(at(record), features)).collect();
-    for (place, event) in [(NEED + 50, &replaced), (NEED + 40, &inspected[1]), (NEED + 20, &inspected[0])] {
-        steps.insert(place as usize, LifeStep::Event(event));
-    }
-    let looked_back = tracker.in_hindsight(&steps);
-    assert_eq!(looked_back.len(), steps.len());
-    // Records after the last inspection, and those of the new teeth, are not looked back at.
-    let last =
-        steps.iter().rposition(|step| matches!(step, LifeStep::Event(event) if event.inspection.is_some()));
-    assert!(looked_back[last.unwrap()..].iter().all(Option::is_none));
-    let told = looked_back[NEED as usize + 30].as_ref().unwrap();
-    assert!((told.median_um.unwrap() - 29.0).abs() < 8.0, "{}", told.reason);
-    // Without an inspection there is nothing to look back from.
-    let records: Vec<LifeStep<'_>> =
-        steps.iter().filter(|step| matches!(step, LifeStep::Record(..))).copied().collect();
-    assert!(tracker.in_hindsight(&records).iter().all(Option::is_none));
 }
 
 /// The depth is the library's last one for a long time.

@@ -13,12 +13,13 @@ use crate::estimate::chart::Charts;
 use crate::estimate::comparability::sampled_too_slowly;
 use crate::estimate::deviation::Deviation;
 use crate::estimate::event::Inspection;
+use crate::estimate::expectation::{Expectations, Reference};
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::{Believed, Filter};
 use crate::estimate::healthy_checks::Drift;
 use crate::estimate::healthy_lines::Measured;
 use crate::estimate::levels::{Levels, is_impulsive};
-use crate::estimate::likelihood::{Likelihood, Reference};
+use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::{Circumstances, Novelty, SensorFault, judge};
 use crate::estimate::prognosis::prognosis;
 use crate::estimate::wear::{WearEstimate, WearStatus};
@@ -212,8 +213,9 @@ impl Tracker {
             anchor: tracking.anchor.as_ref(),
             extrapolation,
         };
-        let likelihood = discrepancy.compare(ensemble, &measured, reference);
-        let lines = discrepancy.deviations(ensemble, &measured, likelihood.best, reference);
+        let expectations = Expectations::of(discrepancy, ensemble, &measured, reference);
+        let likelihood = Likelihood::of(&expectations);
+        let lines = expectations.deviations(likelihood.best);
         let apart = measured.apart();
         let unseen = tracking.units(tracking.seen, at).max(1.0);
         tracking.seen = at.max(tracking.seen);

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use super::super::file::hex;
 use super::super::{Library, LibraryError};
-use super::{DEPTHS, Ensemble, MESH_LINES, Member, depths_um};
+use super::member::Simulated;
+use super::{DEPTHS, Ensemble, MESH_LINES, Member};
 use flankwatch_gear::ContactRule;
 
 const MAGIC: &str = "flankwatch-ensemble";
@@ -22,13 +23,13 @@ const MEMBER_BYTES: usize = 4 + 1 + 1 + 8 + 4 * FLOATS;
 /// The ensemble as bytes.
 pub fn encode_ensemble(ensemble: &Ensemble) -> Vec<u8> {
     let mut body = Vec::with_capacity(ensemble.members.len() * MEMBER_BYTES);
-    for member in &ensemble.members {
+    for (member, changes) in ensemble.members.iter().zip(ensemble.changes.tables()) {
         let draw = member.draw.map_or(u32::MAX, |draw| draw as u32);
         body.extend_from_slice(&draw.to_le_bytes());
         body.push(u8::from(member.contact == ContactRule::Loaded));
         body.push(u8::from(member.archard));
         body.extend_from_slice(&member.mesh_damping_ratio.to_le_bytes());
-        let tables = [&member.changes, &member.transmission_error_um, &member.places];
+        let tables = [&changes, &member.transmission_error_um, &member.places];
         body.extend(tables.into_iter().flatten().flat_map(|value| value.to_le_bytes()));
     }
     let header = format!("{MAGIC} {FORMAT_VERSION} {} {}\n", ensemble.id, hex(&body));
@@ -56,10 +57,10 @@ pub fn decode_ensemble(bytes: &[u8], described: Arc<Library>) -> Result<Ensemble
         return Err(damaged("its content is not what was written"));
     }
     let members = body.chunks_exact(MEMBER_BYTES).map(member).collect();
-    Ok(Ensemble { id: id.to_owned(), depths_um: depths_um(described.max_wear_um()), members, described })
+    Ok(Ensemble::from_members(id.to_owned(), described, members))
 }
 
-fn member(bytes: &[u8]) -> Member {
+fn member(bytes: &[u8]) -> Simulated {
     let (head, tables) = bytes.split_at(MEMBER_BYTES - 4 * FLOATS);
     let draw = u32::from_le_bytes([head[0], head[1], head[2], head[3]]);
     let damping: [u8; 8] = std::array::from_fn(|i| head[6 + i]);
@@ -67,13 +68,13 @@ fn member(bytes: &[u8]) -> Member {
         tables.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     let (changes, rest) = floats.split_at(MESH_LINES * DEPTHS);
     let (transmission_error_um, places) = rest.split_at(DEPTHS);
-    Member {
+    let member = Member {
         draw: (draw != u32::MAX).then_some(draw as usize),
         contact: if head[4] == 1 { ContactRule::Loaded } else { ContactRule::Threshold },
         archard: head[5] == 1,
         mesh_damping_ratio: f64::from_le_bytes(damping),
-        changes: changes.to_vec(),
         transmission_error_um: transmission_error_um.to_vec(),
         places: places.to_vec(),
-    }
+    };
+    Simulated { member, changes: changes.to_vec() }
 }

@@ -47,19 +47,25 @@ pub struct Member {
     pub mesh_damping_ratio: f64,
     /// Whether its wear follows Archard's law.
     pub archard: bool,
-    /// By line and depth: natural logarithm of the amplitude over that of the unworn pair; NaN where it is
-    /// not known.
-    pub(super) changes: Vec<f32>,
     /// Peak-to-peak transmission error that wear adds under load, in µm along the line of action.
     pub(super) transmission_error_um: Vec<f32>,
     /// By gear, place (root, pitch, tip, greatest) and depth: depth there over the greatest of both gears.
     pub(super) places: Vec<f32>,
 }
 
-impl Member {
+/// A member and what its lines do.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Simulated {
+    pub(super) member: Member,
+    /// By line and depth: natural logarithm of the amplitude over that of the unworn pair; NaN where it is
+    /// not known.
+    pub(super) changes: Vec<f32>,
+}
+
+impl Simulated {
     /// The described library on a grid of depths in µm. Its transmission error is that of the kept mesh
     /// cycles, its places are those of the greatest depth.
-    pub(super) fn of_library(library: &Library, depths_um: &[f64]) -> Self {
+    pub(super) fn described(library: &Library, depths_um: &[f64]) -> Self {
         let states: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
         let curves = library.feature_curves();
         let mut changes = Vec::with_capacity(MESH_LINES * DEPTHS);
@@ -80,22 +86,22 @@ impl Member {
             Err(_) => vec![Vec::new(); states.len()],
         };
         let swings = swings_um(&errors);
-        Self {
+        let member = Member {
             draw: None,
             contact: pair.dynamics.contact,
             mesh_damping_ratio: pair.dynamics.mesh_damping_ratio,
             archard: pair.wear.shape == WearShape::Archard,
-            changes,
             transmission_error_um: depths_um
                 .iter()
                 .map(|um| interpolated(&states, &swings, *um) as f32)
                 .collect(),
             places: vec![1.0; 8 * DEPTHS],
-        }
+        };
+        Self { member, changes }
     }
 
     /// Draws [`VARIANTS`] pairs of the same gears and wear and simulates them at depths in µm.
-    pub(super) fn simulated(
+    pub(super) fn drawn(
         described: &PairSpec,
         draw: usize,
         depths_um: &[f64],
@@ -135,24 +141,21 @@ impl Member {
         let transmission_error_um: Vec<f32> = swings_um(&errors).into_iter().map(|um| um as f32).collect();
         let places = places(&pair, &worn, &depths_mm);
         let member = |spec: &PairSpec| {
-            Ok(Self {
+            let member = Member {
                 draw: Some(draw),
                 contact: spec.dynamics.contact,
                 mesh_damping_ratio: spec.dynamics.mesh_damping_ratio,
                 archard: spec.wear.shape == WearShape::Archard,
-                changes: changes(spec, &cycles)?,
                 transmission_error_um: transmission_error_um.clone(),
                 places: places.clone(),
-            })
+            };
+            Ok(Self { member, changes: changes(spec, &cycles)? })
         };
         drawn.specs.iter().map(member).collect()
     }
+}
 
-    /// How far line `line` (0 is the first mesh harmonic) has moved, by depth.
-    pub fn change(&self, line: usize) -> &[f32] {
-        &self.changes[line * DEPTHS..(line + 1) * DEPTHS]
-    }
-
+impl Member {
     /// Peak-to-peak transmission error due to wear in µm, by depth.
     pub fn transmission_error_um(&self) -> &[f32] {
         &self.transmission_error_um

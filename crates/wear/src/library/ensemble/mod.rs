@@ -7,6 +7,7 @@
 //! pairs ([`prior`] says which), and lets the records decide.
 
 mod file;
+mod line_changes;
 mod member;
 mod prior;
 
@@ -21,6 +22,9 @@ use super::{BuildControl, Library, LibraryError};
 use flankwatch_gear::MODEL_VERSION;
 
 pub use file::{decode_ensemble, encode_ensemble};
+use line_changes::LineChanges;
+pub(crate) use line_changes::{LANES, Lanes};
+use member::Simulated;
 pub(crate) use member::line_name;
 pub use member::{FlankPlace, Member};
 
@@ -74,6 +78,8 @@ pub struct Ensemble {
     described: Arc<Library>,
     depths_um: Vec<f64>,
     members: Vec<Member>,
+    changes: LineChanges,
+    greatest_transmission_error_um: f32,
 }
 
 /// The name of an ensemble: a hash of all that it depends on.
@@ -91,13 +97,24 @@ fn depths_um(greatest_um: f64) -> Vec<f64> {
 impl Ensemble {
     /// The described library as the only member.
     pub fn of(library: Arc<Library>) -> Self {
-        let depths_um = depths_um(library.max_wear_um());
-        Self {
-            id: ensemble_id(library.id(), &EnsembleSettings::described_alone()),
-            members: vec![Member::of_library(&library, &depths_um)],
-            depths_um,
-            described: library,
-        }
+        let id = ensemble_id(library.id(), &EnsembleSettings::described_alone());
+        let described = Simulated::described(&library, &depths_um(library.max_wear_um()));
+        Self::from_members(id, library, vec![described])
+    }
+
+    fn from_members(id: String, described: Arc<Library>, members: Vec<Simulated>) -> Self {
+        let (members, changes): (Vec<Member>, Vec<Vec<f32>>) =
+            members.into_iter().map(|Simulated { member, changes }| (member, changes)).unzip();
+        let (depths_um, changes) = (depths_um(described.max_wear_um()), LineChanges::of(&changes));
+        let errors_um = members.iter().flat_map(|member| member.transmission_error_um());
+        let greatest_transmission_error_um = errors_um.copied().fold(0.0, f32::max);
+        Self { id, described, depths_um, members, changes, greatest_transmission_error_um }
+    }
+
+    /// The members with what their lines do.
+    fn simulated(&self) -> impl Iterator<Item = Simulated> {
+        let both = self.members.iter().cloned().zip(self.changes.tables());
+        both.map(|(member, changes)| Simulated { member, changes })
     }
 
     /// Draws and simulates the members, in parallel. The result depends on the library and the settings
@@ -129,16 +146,17 @@ impl Ensemble {
         if settings.members == 0 {
             return Ok(Self::of(described));
         }
-        let mut members: Vec<Member> =
-            self.members.iter().filter(|member| member.draw.is_some()).cloned().collect();
-        let first = members.iter().filter_map(|member| member.draw).max().map_or(0, |last| last + 1);
+        let mut members: Vec<Simulated> =
+            self.simulated().filter(|simulated| simulated.member.draw.is_some()).collect();
+        let first =
+            members.iter().filter_map(|simulated| simulated.member.draw).max().map_or(0, |last| last + 1);
         let groups = settings.members.div_ceil(VARIANTS);
         let counter = Counter::new(control, groups.saturating_sub(first));
-        let drawn: Vec<Result<Vec<Member>, LibraryError>> = (first..groups)
+        let drawn: Vec<Result<Vec<Simulated>, LibraryError>> = (first..groups)
             .into_par_iter()
             .map(|draw| {
                 control.check()?;
-                let group = Member::simulated(self.described.pair(), draw, &self.depths_um);
+                let group = Simulated::drawn(self.described.pair(), draw, &self.depths_um);
                 counter.add(1);
                 group.map_err(LibraryError::from)
             })
@@ -153,12 +171,7 @@ impl Ensemble {
         }
         match refused {
             Some(error) if members.is_empty() => Err(error),
-            _ => Ok(Self {
-                id: ensemble_id(described.id(), settings),
-                depths_um: self.depths_um.clone(),
-                members,
-                described,
-            }),
+            _ => Ok(Self::from_members(ensemble_id(described.id(), settings), described, members)),
         }
     }
 
@@ -182,6 +195,23 @@ impl Ensemble {
         &self.members
     }
 
+    /// Greatest transmission error due to wear of any member, in µm.
+    pub(crate) fn greatest_transmission_error_um(&self) -> f32 {
+        self.greatest_transmission_error_um
+    }
+
+    /// How far line `line` (0 is the first mesh harmonic) of a member has moved at a depth of the grid: the
+    /// natural logarithm of its amplitude over that of the unworn pair; NaN where it is not known.
+    pub fn change(&self, member: usize, line: usize, depth: usize) -> f32 {
+        self.changes.at(member, line, depth)
+    }
+
+    /// The same of a line for [`LANES`] members side by side, by depth. What stands beside the last member
+    /// moves as it does.
+    pub(crate) fn changes_side_by_side(&self, block: usize, line: usize) -> &[Lanes; DEPTHS] {
+        self.changes.block(block, line)
+    }
+
     /// Whether these are the first members of an ensemble with these settings.
     pub fn is_part_of(&self, settings: &EnsembleSettings) -> bool {
         self.variants() > 1 && self.id != ensemble_id(self.described.id(), settings)
@@ -196,10 +226,10 @@ impl Ensemble {
     /// The same without one group of members: for scoring the estimate on the vibration of one of them.
     #[must_use]
     pub fn without_group(&self, group: usize) -> Self {
-        let mut other = self.clone();
-        other.members.drain(group * self.variants()..(group + 1) * self.variants());
-        other.id = format!("{}-without-{group}", self.id);
-        other
+        let without = group * self.variants()..(group + 1) * self.variants();
+        let others = self.simulated().enumerate().filter(|(member, _)| !without.contains(member));
+        let members = others.map(|(_, simulated)| simulated).collect();
+        Self::from_members(format!("{}-without-{group}", self.id), Arc::clone(&self.described), members)
     }
 }
 
@@ -222,11 +252,10 @@ mod tests {
         let ensemble = Ensemble::of(Arc::clone(&library));
         assert_eq!(ensemble.members().len(), 1);
         let curve = &library.feature_curves()["ln_mesh_1"].clone();
-        let change = ensemble.members()[0].change(0);
-        assert!((f64::from(change[49]) - (curve[49] - curve[0])).abs() < 1e-6);
-        assert_eq!(change[0], 0.0);
+        assert!((f64::from(ensemble.change(0, 0, 49)) - (curve[49] - curve[0])).abs() < 1e-6);
+        assert_eq!(ensemble.change(0, 0, 0), 0.0);
         // Lines that the library does not have do not move.
-        assert!(ensemble.members()[0].change(7).iter().all(|c| c.is_nan()));
+        assert!((0..DEPTHS).all(|depth| ensemble.change(0, 7, depth).is_nan()));
     }
 
     #[test]
@@ -237,12 +266,10 @@ mod tests {
         let small = Ensemble::build(Arc::clone(&library), &settings(4), &control).unwrap();
         let large = small.extended(&settings(8), &control).unwrap();
         let whole = Ensemble::build(library, &settings(8), &control).unwrap();
-        assert_eq!(large.members(), whole.members());
+        assert_eq!((large.members(), &large.changes), (whole.members(), &whole.changes));
         assert_eq!((large.id(), whole.id()), (whole.id(), whole.id()));
         assert_ne!(small.id(), large.id());
-        assert_eq!(
-            decode_ensemble(&encode_ensemble(&large), Arc::clone(large.described())).unwrap().members(),
-            large.members()
-        );
+        let read = decode_ensemble(&encode_ensemble(&large), Arc::clone(large.described())).unwrap();
+        assert_eq!((read.members(), &read.changes), (large.members(), &large.changes));
     }
 }

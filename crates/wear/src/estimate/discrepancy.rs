@@ -1,0 +1,50 @@
+//! What the members of an ensemble may have wrong of a real machine.
+
+use crate::library::{DEPTHS, Ensemble, LANES, Lanes, MESH_LINES};
+
+/// What a member may be wrong by: the standard deviation of a line's change grows from 0 without wear towards
+/// this where nobody knows the shape of the wear, ...
+const DISCREPANCY: f64 = 0.45;
+
+/// ... where it was measured, ...
+const DISCREPANCY_MEASURED: f64 = 0.3;
+
+/// ... or where the described pair alone is believed,
+const DISCREPANCY_DESCRIBED: f64 = 0.25;
+
+/// over this root mean square of the member's changes.
+const DISCREPANCY_OVER: f64 = 0.65;
+
+/// What follows from an ensemble alone.
+#[derive(Debug, Clone)]
+pub(super) struct Discrepancy {
+    /// Its standard deviation far from no wear.
+    pub(super) most: f64,
+    /// By block of members and depth: variance of what a line's change may be wrong by.
+    pub(super) variance: Vec<[Lanes; DEPTHS]>,
+}
+
+impl Discrepancy {
+    /// Works out how wrong each member may be at each depth.
+    pub(super) fn of(ensemble: &Ensemble) -> Self {
+        let most = match ensemble.members() {
+            [_] => DISCREPANCY_DESCRIBED,
+            _ if ensemble.described().pair().wear.measured => DISCREPANCY_MEASURED,
+            _ => DISCREPANCY,
+        };
+        let of_cell = |block: usize, depth: usize, lane: usize| {
+            let known = (0..MESH_LINES)
+                .map(|line| f64::from(ensemble.changes_side_by_side(block, line)[depth][lane]))
+                .filter(|change| change.is_finite());
+            let (count, square) =
+                known.fold((0.0, 0.0), |(count, sum), change| (count + 1.0, sum + change * change));
+            let square = square / f64::max(count, 1.0) / (DISCREPANCY_OVER * DISCREPANCY_OVER);
+            (most * most * (1.0 - (-square).exp())) as f32
+        };
+        let of_block = |block| -> [Lanes; DEPTHS] {
+            std::array::from_fn(|depth| std::array::from_fn(|lane| of_cell(block, depth, lane)))
+        };
+        let variance = (0..ensemble.members().len().div_ceil(LANES)).map(of_block).collect();
+        Self { most, variance }
+    }
+}

@@ -1,0 +1,75 @@
+//! How the mesh lines of all members move with wear, members side by side: a record is compared with many of
+//! them at once.
+
+use super::{DEPTHS, MESH_LINES};
+
+/// Members that stand side by side.
+pub(crate) const LANES: usize = 16;
+
+/// One number of each member of a block.
+pub(crate) type Lanes = [f32; LANES];
+
+/// Changes by block of [`LANES`] members, line and depth: natural logarithms of amplitudes over those of the
+/// unworn pair; NaN where a line is not known.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct LineChanges {
+    members: usize,
+    values: Vec<Lanes>,
+}
+
+impl LineChanges {
+    /// Of members' tables by line and depth. What stands beside the last member moves as it does.
+    pub(super) fn of(tables: &[Vec<f32>]) -> Self {
+        let mut values = Vec::with_capacity(tables.len().div_ceil(LANES) * MESH_LINES * DEPTHS);
+        for block in tables.chunks(LANES) {
+            let table = |lane: usize| &block[lane.min(block.len() - 1)];
+            values.extend(
+                (0..MESH_LINES * DEPTHS).map(|at| std::array::from_fn::<_, LANES, _>(|lane| table(lane)[at])),
+            );
+        }
+        Self { members: tables.len(), values }
+    }
+
+    /// One member's table by line and depth.
+    pub(super) fn table(&self, member: usize) -> Vec<f32> {
+        let block = &self.values[member / LANES * MESH_LINES * DEPTHS..][..MESH_LINES * DEPTHS];
+        block.iter().map(|lanes| lanes[member % LANES]).collect()
+    }
+
+    /// All members' tables.
+    pub(super) fn tables(&self) -> impl Iterator<Item = Vec<f32>> {
+        (0..self.members).map(|member| self.table(member))
+    }
+
+    /// One line of one member at a depth.
+    pub(super) fn at(&self, member: usize, line: usize, depth: usize) -> f32 {
+        self.values[(member / LANES * MESH_LINES + line) * DEPTHS + depth][member % LANES]
+    }
+
+    /// One line of a block's members, by depth.
+    pub(super) fn block(&self, block: usize, line: usize) -> &[Lanes; DEPTHS] {
+        let first = (block * MESH_LINES + line) * DEPTHS;
+        self.values[first..].first_chunk().expect("a block has every line at every depth")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_come_back_as_they_were() {
+        let table = |member: usize| -> Vec<f32> {
+            (0..MESH_LINES * DEPTHS).map(|at| (member * 1000 + at) as f32).collect()
+        };
+        for members in [1, 4, 16, 20] {
+            let tables: Vec<Vec<f32>> = (0..members).map(table).collect();
+            let changes = LineChanges::of(&tables);
+            assert!(changes.tables().eq(tables.iter().cloned()));
+            let last = members - 1;
+            assert_eq!(changes.at(last, 3, 7), tables[last][3 * DEPTHS + 7]);
+            assert_eq!(changes.block(last / LANES, 3)[7][last % LANES], tables[last][3 * DEPTHS + 7]);
+            assert_eq!(changes.block(last / LANES, 3)[7][LANES - 1], tables[last][3 * DEPTHS + 7]);
+        }
+    }
+}
