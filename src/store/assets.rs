@@ -266,14 +266,6 @@ impl Store {
         rows.iter().map(channel_of).collect()
     }
 
-    /// The channels of these assets.
-    pub async fn channels_of(&self, assets: &[&AssetId]) -> Result<Vec<ChannelSummary>, StoreError> {
-        let text = |these: &str| {
-            format!("SELECT * FROM channels WHERE asset_id IN ({these}) ORDER BY asset_id, channel_no")
-        };
-        self.rows_of_assets(assets, text).await?.iter().map(channel_of).collect()
-    }
-
     /// The assets with more than one channel, each with the sum of its channels' revisions.
     pub async fn revisions_of_several_channels(&self) -> Result<Vec<(AssetId, i64)>, StoreError> {
         let text = "SELECT asset_id, CAST(SUM(revision) AS BIGINT) AS revision FROM channels

@@ -160,12 +160,17 @@ impl StoreError {
         }
     }
 
-    /// Whether the database says that its file is not what it wrote (SQLITE_CORRUPT, SQLITE_NOTADB).
+    /// Whether the database says that its file is not what it wrote (SQLITE_CORRUPT, SQLITE_NOTADB), lacks a
+    /// table or a column, or has a value in it that cannot be one.
     pub fn is_damage(&self) -> bool {
         match self {
-            Self::DatabaseDamaged { .. } => true,
+            Self::DatabaseDamaged { .. }
+            | Self::Database(
+                sqlx::Error::ColumnNotFound(_) | sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_),
+            ) => true,
             Self::Database(sqlx::Error::Database(error)) => {
                 error.code().is_some_and(|code| says_damaged(&code))
+                    || error.message().starts_with("no such ")
             }
             _ => false,
         }

@@ -13,7 +13,7 @@ use super::database::sqlite_url;
 use super::objects::file_error;
 
 /// How long a start waits for the pages to be looked at. What takes longer is looked at in the background.
-const LOOKED_AT_FOR: Duration = Duration::from_secs(5);
+const LOOKED_AT_FOR: Duration = Duration::from_millis(300);
 
 /// What a database of SQLite begins with.
 const HEADER: &[u8; 16] = b"SQLite format 3\0";

@@ -90,9 +90,10 @@ impl Dialect {
 }
 
 /// The migrations by their numbers, with their descriptions.
-const MIGRATIONS: [(i64, &str, &str); 2] = [
+const MIGRATIONS: [(i64, &str, &str); 3] = [
     (1, "schema", include_str!("migrations/0001_schema.sql")),
     (2, "notifications", include_str!("migrations/0002_notifications.sql")),
+    (3, "trend blocks", include_str!("migrations/0003_trend_blocks.sql")),
 ];
 
 /// The table of tokens: in a database that processes share, or in one of its own beside SQLite's.

@@ -1,17 +1,19 @@
 //! Histories of whole channels, kept in memory as columns once they have been asked for.
 //!
-//! Reading 10⁵ rows takes a good part of a second, so a history that was read stays, and only what was added
-//! since is read again; the channel's revision numbers say whether that is enough.
+//! Reading 10⁵ rows takes more than a second, so a history that was read stays, and only what was added since
+//! is read again; the channel's revision numbers say whether that is enough. One that nobody has asked for yet
+//! begins with the blocks that are kept of it (`trend_blocks`).
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use jiff::Timestamp;
 use sqlx::any::AnyRow;
+use sqlx::{Any, Transaction};
 
 use super::assets::channel_of;
 use super::rows::{from_json, from_ns, get, get_json, get_json_or_default, to_ns};
-use super::{ChannelSummary, Store, StoreError};
+use super::{ChannelSummary, SegmentKey, Store, StoreError, trend_blocks};
 use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
 use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
@@ -20,7 +22,7 @@ use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 const MAX_RECORDS: usize = 1_000_000;
 
 /// Rows read in one piece.
-const ROWS_AT_ONCE: i64 = 4096;
+const ROWS_AT_ONCE: usize = 4096;
 
 /// One channel's history in the order of time: parallel columns, one entry a segment.
 #[derive(Debug, Clone, Default)]
@@ -86,7 +88,7 @@ impl Trend {
         low..high.max(low)
     }
 
-    fn push(&mut self, row: &AnyRow) -> Result<(), StoreError> {
+    pub(super) fn push(&mut self, row: &AnyRow) -> Result<(), StoreError> {
         let id: String = get(row, "id")?;
         let mut indicators: Indicators = get_json(row, "indicators", &id)?;
         indicators.extend(get_json_or_default(row, "run_indicators", &id)?);
@@ -118,6 +120,19 @@ impl Trend {
         self.start_time.push(from_ns(get(row, "start_time_ns")?));
         self.segment_id.push(SegmentId(id));
         Ok(())
+    }
+
+    /// Makes all columns as long as there are records.
+    pub(super) fn fill(&mut self) {
+        let records = self.len();
+        for column in self.indicators.values_mut() {
+            column.resize(records, f64::NAN);
+        }
+    }
+
+    fn last(&self) -> Option<SegmentKey> {
+        let (start_time, id) = self.start_time.last().zip(self.segment_id.last())?;
+        Some(SegmentKey { start_time: *start_time, id: id.clone() })
     }
 }
 
@@ -207,37 +222,46 @@ impl Store {
         if trend.revision < channel.rewritten_revision {
             *trend = Trend { channel_no: channel.channel_no, ..Trend::default() };
         }
+        if trend.is_empty() {
+            trend_blocks::load(&mut snapshot, &channel, trend).await?;
+        }
         loop {
-            let last_ns = trend.start_time.last().map_or(Ok(i64::MIN), |time| to_ns(*time))?;
-            let last_id = trend.segment_id.last().map_or("", |id| id.0.as_str());
-            let rows = sqlx::query(
-                "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
-                    w.p05_um, w.p25_um, w.p75_um, w.p95_um, w.log_evidence
-                 FROM segments s
-                 JOIN analyses a ON a.segment_id = s.id AND a.generation = $5
-                 JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = $6
-                 WHERE s.channel_no = $1 AND (s.start_time_ns, s.id) > ($2, $3) ORDER BY s.start_time_ns, s.id LIMIT $4",
-            )
-            .bind(channel.channel_no)
-            .bind(last_ns)
-            .bind(last_id)
-            .bind(ROWS_AT_ONCE)
-            .bind(channel.analysis_generation)
-            .bind(channel.wear_generation)
-            .fetch_all(&mut *snapshot)
-            .await?;
+            let rows = rows_after(&mut snapshot, &channel, trend.last().as_ref(), ROWS_AT_ONCE).await?;
             for row in &rows {
                 trend.push(row)?;
             }
-            if (rows.len() as i64) < ROWS_AT_ONCE {
+            if rows.len() < ROWS_AT_ONCE {
                 break;
             }
         }
-        let records = trend.len();
-        for column in trend.indicators.values_mut() {
-            column.resize(records, f64::NAN);
-        }
+        trend.fill();
         trend.revision = channel.revision;
         Ok(())
     }
+}
+
+/// Rows of a channel's history behind a segment, or from its beginning.
+pub(super) async fn rows_after(
+    snapshot: &mut Transaction<'_, Any>,
+    channel: &ChannelSummary,
+    after: Option<&SegmentKey>,
+    most: usize,
+) -> Result<Vec<AnyRow>, StoreError> {
+    let rows = sqlx::query(
+        "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
+            w.p05_um, w.p25_um, w.p75_um, w.p95_um, w.log_evidence
+         FROM segments s
+         JOIN analyses a ON a.segment_id = s.id AND a.generation = $5
+         JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = $6
+         WHERE s.channel_no = $1 AND (s.start_time_ns, s.id) > ($2, $3) ORDER BY s.start_time_ns, s.id LIMIT $4",
+    )
+    .bind(channel.channel_no)
+    .bind(after.map_or(Ok(i64::MIN), |after| to_ns(after.start_time))?)
+    .bind(after.map_or("", |after| after.id.0.as_str()))
+    .bind(most as i64)
+    .bind(channel.analysis_generation)
+    .bind(channel.wear_generation)
+    .fetch_all(&mut **snapshot)
+    .await?;
+    Ok(rows)
 }
