@@ -82,6 +82,7 @@ pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::{ReplayFile, Replays};
 pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
+pub(crate) use streams::Pulses;
 pub use streams::{
     CampaignStatus, LiveChannel, LiveFrame, LiveSpeedSource, LiveUpdate, StreamGap, StreamProgress,
     StreamSender, StreamStatus, StreamViewer, Streams,

@@ -32,6 +32,9 @@ use crate::store::Store;
 /// Minutes between two searches for raw objects that nothing refers to.
 const SWEPT_EVERY_MINUTES: u32 = 24 * 60;
 
+/// Between two searches for long histories that are not kept as columns yet.
+const TRENDS_KEPT_EVERY: Duration = Duration::from_secs(10);
+
 /// Everything that works on records, on one store.
 pub struct Service {
     /// The store, for reading.
@@ -257,6 +260,7 @@ impl Service {
         self.alarms.end_shelvings_in_background();
         self.alarms.watch_silence_in_background();
         self.alarms.watch_joint_novelty_in_background();
+        self.keep_trends_in_background();
         if self.store.is_shared() {
             let upkeep = Upkeep {
                 store: self.store.clone(),
@@ -282,6 +286,22 @@ impl Service {
         tokio::spawn(async move {
             for asset in assets {
                 raw.note_changed_asset(&asset).await;
+            }
+        });
+    }
+
+    /// Keeps long histories as columns too.
+    fn keep_trends_in_background(&self) {
+        let store = self.store.clone();
+        tokio::spawn(async move {
+            loop {
+                tokio::time::sleep(TRENDS_KEPT_EVERY).await;
+                if store.is_closed() {
+                    return;
+                }
+                if let Err(error) = store.keep_trend_blocks().await {
+                    tracing::warn!(%error, "failed to keep histories as columns: they are read row by row");
+                }
             }
         });
     }

@@ -43,6 +43,9 @@ pub struct UploadMetadata {
     pub channel_names: Vec<String>,
     /// Unit of the samples.
     pub unit: Option<String>,
+    /// Units of the channels that are named, in their order; one that is empty is that of all. Empty where
+    /// all have the same.
+    pub channel_units: Vec<String>,
     /// Operating point.
     pub operating_point: OperatingPoint,
     /// Wear depth in µm known from elsewhere.
@@ -158,6 +161,16 @@ pub(crate) fn decode_upload(
         defaults.unit.clone_from(&metadata.unit);
         defaults.channel_units.clear();
     }
+    let (names, own) = (&metadata.channel_names, &metadata.channel_units);
+    if !own.is_empty() && own.len() != names.len() {
+        return Err(ServiceError::Field {
+            field: "channel_units",
+            value: format!("{own:?}"),
+            expected: "as many units as channel_names has names",
+        });
+    }
+    let said = names.iter().zip(own).filter(|(_, unit)| !unit.is_empty());
+    defaults.channel_units.extend(said.map(|(name, unit)| (name.clone(), unit.clone())));
     let records = format.decode(bytes, &defaults)?;
     check_names(&metadata.channel_names, records.len())?;
     Ok(records)

@@ -45,24 +45,44 @@ pub(super) struct Job {
 impl Job {
     /// Loads or simulates it. Whatever becomes of that, it is said.
     pub(super) fn run(self) {
-        match guarded(|| self.simulate()) {
+        match self.load_or_simulate() {
             Ok(()) => tracing::info!(library = %self.id, "simulated or loaded"),
-            Err(None) => {
+            Err(End::Cancelled) => {
                 tracing::info!(library = %self.id, "stopped a simulation that no asset needs any more");
                 return;
             }
-            Err(Some(reason)) => {
+            Err(End::FailedBefore(reason)) => {
+                tracing::error!(library = %self.id, reason, "failed to simulate before; not tried again");
+                self.simulation.send_modify(|simulation| simulation.fail(reason));
+            }
+            Err(End::Failed { reason, is_of_pair }) => {
                 tracing::error!(library = %self.id, reason, "failed to simulate");
+                if is_of_pair {
+                    self.source.failures().keep(&self.id, &reason);
+                }
                 self.simulation.send_modify(|simulation| simulation.fail(reason));
             }
         }
         (self.tell)();
     }
 
-    fn simulate(&self) -> Result<(), LibraryError> {
-        if self.load() {
+    fn load_or_simulate(&self) -> Result<(), End> {
+        if guarded(|| Ok(self.load()))? {
             return Ok(());
         }
+        let Some(reason) = self.source.failures().reason(&self.id) else {
+            return guarded(|| self.simulate());
+        };
+        // Where the pairs around it failed, it is there itself.
+        let is_ready = matches!(self.simulation.borrow().readiness, Readiness::Ready(_));
+        if !is_ready && let Some(library) = self.source.kept(&self.pair, &self.grid) {
+            let alone = Ensemble::of(Arc::clone(&library));
+            self.ready(library, alone, None);
+        }
+        Err(End::FailedBefore(reason))
+    }
+
+    fn simulate(&self) -> Result<(), LibraryError> {
         if matches!(self.simulation.borrow().readiness, Readiness::Ready(_)) {
             (self.tell)();
         } else {
@@ -177,14 +197,33 @@ impl Job {
     }
 }
 
-/// What a simulation ends with: no reason where it was cancelled, else that of its error or panic.
-fn guarded(simulate: impl FnOnce() -> Result<(), LibraryError>) -> Result<(), Option<String>> {
+/// How a simulation ends that does not succeed.
+#[derive(Debug, PartialEq, Eq)]
+enum End {
+    Cancelled,
+    /// At an earlier start, for this reason.
+    FailedBefore(String),
+    Failed {
+        reason: String,
+        /// It would fail again; else, with a full disk for example, the next start may succeed.
+        is_of_pair: bool,
+    },
+}
+
+fn guarded<T>(simulate: impl FnOnce() -> Result<T, LibraryError>) -> Result<T, End> {
     // What a panic leaves behind is only read where it is whole.
     match catch_unwind(AssertUnwindSafe(simulate)) {
-        Ok(Ok(())) => Ok(()),
-        Ok(Err(LibraryError::Cancelled)) => Err(None),
-        Ok(Err(error)) => Err(Some(error.to_string())),
-        Err(panic) => Err(Some(format!("the simulation panicked: {}", words_of(panic.as_ref())))),
+        Ok(Ok(done)) => Ok(done),
+        Ok(Err(LibraryError::Cancelled)) => Err(End::Cancelled),
+        Ok(Err(error)) => {
+            use LibraryError::{Gear, Grid, Response};
+            let is_of_pair = matches!(error, Gear(_) | Grid { .. } | Response { .. });
+            Err(End::Failed { reason: error.to_string(), is_of_pair })
+        }
+        Err(panic) => {
+            let reason = format!("the simulation panicked: {}", words_of(panic.as_ref()));
+            Err(End::Failed { reason, is_of_pair: true })
+        }
     }
 }
 
@@ -204,11 +243,46 @@ mod tests {
     #[test]
     fn errors_and_panics_become_reasons() {
         assert_eq!(guarded(|| Ok(())), Ok(()));
-        assert_eq!(guarded(|| Err(LibraryError::Cancelled)), Err(None));
-        let reason = guarded(|| Err(LibraryError::Damaged("torn".into()))).unwrap_err().unwrap();
-        assert!(reason.contains("torn"), "{reason}");
+        assert_eq!(guarded::<()>(|| Err(LibraryError::Cancelled)), Err(End::Cancelled));
+        let damaged = guarded::<()>(|| Err(LibraryError::Damaged("torn".into())));
+        let reason = "damaged library file: torn".to_owned();
+        assert_eq!(damaged, Err(End::Failed { reason, is_of_pair: false }));
         let teeth = 0;
-        let reason = guarded(|| panic!("{teeth} teeth")).unwrap_err().unwrap();
-        assert_eq!(reason, "the simulation panicked: 0 teeth");
+        let reason = "the simulation panicked: 0 teeth".to_owned();
+        let panicked = guarded::<()>(|| panic!("{teeth} teeth"));
+        assert_eq!(panicked, Err(End::Failed { reason, is_of_pair: true }));
+    }
+
+    /// How a job ends, of a pair that can be simulated, with this many wear states.
+    fn ends(folder: &std::path::Path, id: &str, states: usize) -> Simulation {
+        let (simulation, receiver) = watch::channel(Simulation::begin());
+        let job = Job {
+            id: id.to_owned(),
+            pair: PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap(),
+            grid: GridSettings { states, seconds: 0.3, ..GridSettings::default() },
+            neighbours: EnsembleSettings { members: 0 },
+            source: LibrarySource::alone(folder),
+            loading: Arc::default(),
+            turns: Arc::default(),
+            ensembles: Arc::default(),
+            simulation,
+            cancel: Arc::default(),
+            tell: Box::new(|| {}),
+        };
+        job.run();
+        receiver.borrow().clone()
+    }
+
+    #[test]
+    fn what_failed_is_not_tried_again_until_it_is_forgotten() {
+        let folder = tempfile::tempdir().unwrap();
+        let failed = ends(folder.path(), "a1", 0);
+        let reason = failed.error.unwrap();
+        assert!(reason.contains("states"), "{reason}");
+        // It would succeed now, but is not tried.
+        let again = ends(folder.path(), "a1", 3);
+        assert_eq!((again.readiness.name(), again.error), ("failed", Some(reason)));
+        LibrarySource::alone(folder.path()).failures().forget("a1");
+        assert_eq!(ends(folder.path(), "a1", 3).readiness.name(), "ready");
     }
 }

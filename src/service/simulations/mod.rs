@@ -1,6 +1,7 @@
 //! The library of each asset, simulated once in the background. Records wait for none: until theirs is there
 //! they are folded without it, and then again.
 
+mod failures;
 mod job;
 mod source;
 mod status;
@@ -128,18 +129,24 @@ impl Simulations {
         self.ask(spec);
     }
 
-    /// Takes a description: its library is started in the background, one that failed also again where the
-    /// description is another than before; what it asked for before is stopped where no other asset asks
-    /// for it.
+    /// Takes a description: its library is started in the background, one that failed, also before the last
+    /// restart, again where the description is another than before; what it asked for before is stopped where
+    /// no other asset asks for it.
     pub fn describe(&self, spec: &AssetSpec) {
         let id = self.id_of(spec);
         self.release_except(&spec.id, id.as_deref());
         let Some(id) = id else { return };
         let failed = {
             let mut all = lock(&self.asked);
-            let is_again =
-                all.get(&id).is_some_and(|asked| asked.has_failed() && asked.by.get(&spec.id) != Some(spec));
-            if is_again { all.remove(&id) } else { None }
+            // What every asset describes is asked for at the start: this is another description.
+            let is_new = all.get(&id).is_none_or(|asked| asked.by.get(&spec.id) != Some(spec));
+            let is_over = all.get(&id).is_none_or(Asked::has_failed);
+            if is_new && is_over {
+                self.source.failures().forget(&id);
+                all.remove(&id)
+            } else {
+                None
+            }
         };
         self.ask(spec);
         if let Some(asked) = lock(&self.asked).get_mut(&id) {

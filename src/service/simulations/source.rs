@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use tokio::runtime::Handle;
 
+use super::failures::Failures;
 use crate::gear::PairSpec;
 use crate::library::{
     BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, decode,
@@ -52,9 +53,20 @@ impl LibrarySource {
         Self { shelf, shared }
     }
 
+    /// Of a folder that no other process uses.
+    #[cfg(test)]
+    pub(super) fn alone(folder: &std::path::Path) -> Self {
+        Self { shelf: Arc::new(LibraryShelf::new(folder.to_owned())), shared: None }
+    }
+
     /// The folder.
     pub(crate) fn shelf(&self) -> &Arc<LibraryShelf> {
         &self.shelf
+    }
+
+    /// Why libraries could not be simulated in this process.
+    pub(super) fn failures(&self) -> Failures {
+        Failures::new(self.shelf.folder().join("failures"))
     }
 
     /// The library of these inputs, where it was simulated before.
@@ -258,8 +270,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         // Where its folder would be there is a file.
         std::fs::write(folder.path().join("ensembles"), "").unwrap();
-        let source =
-            LibrarySource { shelf: Arc::new(LibraryShelf::new(folder.path().to_owned())), shared: None };
+        let source = LibrarySource::alone(folder.path());
         let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap();
         let grid = GridSettings { states: 3, seconds: 0.3, ..GridSettings::default() };
         let library = source.get_or_build(&pair, &grid, &|_, _| {}, &AtomicBool::new(false)).unwrap();

@@ -179,8 +179,9 @@ impl LiveStream {
                 stored.done(first, true)?;
                 return Err(RecordingError::NoBytes.into());
             };
+            let tachometer = stored.state().tachometer_of(pending.cut);
             let (format, asset_created_at) = (stored.state().format.clone(), stored.state().asset_created_at);
-            Ok(Some(CutRecord { pending, format, asset_created_at, bytes }))
+            Ok(Some(CutRecord { pending, format, asset_created_at, bytes, tachometer }))
         })
     }
 }
@@ -191,4 +192,5 @@ pub(super) struct CutRecord {
     pub(super) format: crate::recording::stream::StreamFormat,
     pub(super) asset_created_at: jiff::Timestamp,
     pub(super) bytes: bytes::Bytes,
+    pub(super) tachometer: Option<crate::signal::Tachometer>,
 }

@@ -17,6 +17,7 @@ mod state;
 mod steadiness;
 mod stored;
 mod storing;
+mod tachometer;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -42,6 +43,7 @@ use live::LiveStream;
 pub use sender::StreamSender;
 use stored::{StoredStream, folder_of};
 pub use stored::{StreamGap, StreamProgress};
+pub(crate) use tachometer::Pulses;
 
 /// Streams of one asset.
 const MAX_OF_ASSET: usize = 16;

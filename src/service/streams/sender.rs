@@ -7,6 +7,7 @@ use tokio::sync::watch;
 use super::cutting::Cutting;
 use super::live::LiveStream;
 use super::stored::{StoredStream, StreamProgress};
+use super::tachometer::Pulses;
 use super::{MAX_PENDING, Streams};
 use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::error::ServiceError;
@@ -74,6 +75,13 @@ impl StreamSender {
     pub async fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
         let cutting = Arc::clone(&self.cutting);
         self.write(move |stored| stored.set_operating_point(point, &cutting)).await
+    }
+
+    /// Takes pulses of the tachometer among samples to come; those among samples that have come are dropped.
+    ///
+    /// Errors: as those of [`take`](Self::take).
+    pub(crate) async fn take_pulses(&mut self, pulses: Pulses) -> Result<(), ServiceError> {
+        self.write(move |stored| stored.take_pulses(pulses)).await
     }
 
     /// Waits until another connection sends the stream, or its asset is gone.

@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::capture::{Campaign, Capture};
 use super::cutting::{Cutting, Decision};
 use super::steadiness::Steadiness;
+use super::tachometer::{Pulses, StreamTachometer};
 use crate::recording::stream::{LevelMeter, StreamClock, StreamCut, StreamCutter, StreamFormat};
-use crate::signal::OperatingPoint;
+use crate::signal::{OperatingPoint, Tachometer};
 use crate::store::{JournalEntry, TimedLevel};
 
 /// Seconds of samples that stay in the journal when records are cut, and the most bytes of them.
@@ -33,6 +34,8 @@ pub(crate) struct StreamState {
     pub(super) cutter: StreamCutter,
     meter: LevelMeter,
     operating_point: OperatingPoint,
+    #[serde(default)]
+    tachometer: StreamTachometer,
     #[serde(default)]
     pub(super) steadiness: Steadiness,
     #[serde(default)]
@@ -72,6 +75,8 @@ pub(super) enum Note {
     OperatingPoint(OperatingPoint),
     /// The machine does something else from here on.
     Moved(OperatingPoint),
+    /// Pulses of the tachometer among samples to come.
+    Pulses(Pulses),
     /// All samples become records for a time.
     Capture(Capture),
     /// The same for a campaign, or another end of the one that runs.
@@ -97,6 +102,7 @@ impl StreamState {
             cutter: StreamCutter::default(),
             meter: LevelMeter::default(),
             operating_point: OperatingPoint::default(),
+            tachometer: StreamTachometer::default(),
             steadiness: Steadiness::default(),
             capture: None,
             captured_to: 0,
@@ -129,6 +135,7 @@ impl StreamState {
                     level,
                 }));
                 self.next = Some(first + frames);
+                self.tachometer.forget_before(self.needed_from(), self.format.sample_rate_hz());
             }
             JournalEntry::Gap { first, frames } => {
                 self.gaps += 1;
@@ -163,6 +170,7 @@ impl StreamState {
                 self.operating_point = point;
                 self.steadiness.begin(point, self.next.unwrap_or(0));
             }
+            Note::Pulses(pulses) => self.tachometer.extend(pulses),
             Note::Capture(capture) => self.capture = Some(capture),
             Note::Campaign(capture, campaign) => {
                 self.capture = Some(capture);
@@ -223,6 +231,11 @@ impl StreamState {
     /// The time of a sample; none before the first one.
     pub(crate) fn time(&self, index: u64) -> Option<Timestamp> {
         Timestamp::from_nanosecond(self.clock.time_ns(index)?.into()).ok()
+    }
+
+    /// The pulses of a record that is decided on; they stay as they are.
+    pub(super) fn tachometer_of(&self, cut: StreamCut) -> Option<Tachometer> {
+        self.tachometer.of(cut, self.format.sample_rate_hz())
     }
 
     /// What the machine does, as the sender said it last.

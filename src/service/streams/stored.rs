@@ -8,6 +8,7 @@ use jiff::Timestamp;
 use super::cutting::Cutting;
 use super::recent::Recent;
 use super::state::{Draft, Note, PendingCut, StreamState};
+use super::tachometer::Pulses;
 use crate::recording::RecordingError;
 use crate::recording::stream::{Assembler, Chunk, Piece, StreamCut, StreamFormat};
 use crate::service::error::ServiceError;
@@ -137,6 +138,17 @@ impl StoredStream {
         let mut draft = self.draft()?;
         let is_steady = cutting.is_steady(&draft.state, &point);
         draft.note(&if is_steady { Note::OperatingPoint(point) } else { Note::Moved(point) });
+        self.keep(draft)
+    }
+
+    /// Takes pulses of the tachometer among samples to come.
+    pub(crate) fn take_pulses(&mut self, pulses: Pulses) -> Result<(), ServiceError> {
+        let pulses = pulses.beginning_at(self.state.next.unwrap_or(0));
+        if pulses.is_empty() {
+            return Ok(());
+        }
+        let mut draft = self.draft()?;
+        draft.note(&Note::Pulses(pulses));
         self.keep(draft)
     }
 

@@ -3,12 +3,16 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use bytes::Bytes;
+
 use super::Streams;
 use super::live::{CutRecord, LiveStream};
 use crate::asset::AssetId;
+use crate::recording::{BlockEncoding, encode_block};
 use crate::service::error::ServiceError;
-use crate::service::record::{RecordFormat, UploadMetadata};
+use crate::service::record::{ChannelUnits, RecordFormat, UploadMetadata, decode_upload};
 use crate::service::workers::blocking;
+use crate::signal::Record;
 use crate::store::StoreError;
 
 /// Wait before a record is tried again, and the longest one.
@@ -91,12 +95,11 @@ impl Streams {
     }
 
     async fn store_record(&self, asset: &AssetId, record: CutRecord) -> Result<(), ServiceError> {
-        let CutRecord { pending, format, asset_created_at, bytes } = record;
-        if self.store.asset(asset).await?.created_at != asset_created_at {
+        let CutRecord { pending, format, asset_created_at, bytes, tachometer } = record;
+        let described = self.store.asset(asset).await?;
+        if described.created_at != asset_created_at {
             return Err(StoreError::AssetUnknown(asset.clone()).into());
         }
-        let mut ticket = self.workers.admit()?;
-        ticket.grow(bytes.len())?;
         let metadata = UploadMetadata {
             start_time: Some(pending.start_time),
             channel_names: format.channel_names.clone(),
@@ -105,6 +108,35 @@ impl Streams {
             ..UploadMetadata::default()
         };
         let format = RecordFormat::Raw(format.layout()?);
+        let Some(tachometer) = tachometer else {
+            return self.accept(asset, format, bytes, metadata).await;
+        };
+        // Bare samples have no place for pulses, blocks of one channel have.
+        let units = ChannelUnits::of(&self.store, &described.spec).await?;
+        let start_time = pending.start_time;
+        let blocks = move || -> Result<Vec<Vec<u8>>, ServiceError> {
+            let records = decode_upload(&described.spec, &units, format, &bytes, &metadata, start_time)?;
+            let block = |record: Record| {
+                encode_block(&record.with_tachometer(Some(tachometer.clone())), BlockEncoding::Protobuf)
+            };
+            Ok(records.into_iter().map(block).collect())
+        };
+        for block in blocking("write blocks of a stream's record", blocks).await?? {
+            let bytes = block.into();
+            self.accept(asset, RecordFormat::Protobuf, bytes, UploadMetadata::default()).await?;
+        }
+        Ok(())
+    }
+
+    async fn accept(
+        &self,
+        asset: &AssetId,
+        format: RecordFormat,
+        bytes: Bytes,
+        metadata: UploadMetadata,
+    ) -> Result<(), ServiceError> {
+        let mut ticket = self.workers.admit()?;
+        ticket.grow(bytes.len())?;
         self.pipeline.accept(asset, format, bytes, metadata, ticket).await.map(|_| ())
     }
 }

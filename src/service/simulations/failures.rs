@@ -1,0 +1,87 @@
+//! Why libraries could not be simulated, kept beside them: a restart gives the same answer and does not try
+//! again what would fail again.
+
+use std::fs;
+use std::io;
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// Another version of the program may simulate what this one cannot.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The failures in a folder, a file for each library.
+#[derive(Debug, Clone)]
+pub(super) struct Failures {
+    folder: PathBuf,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Failure {
+    version: String,
+    reason: String,
+}
+
+impl Failures {
+    /// In a folder, which is made when the first failure is kept.
+    pub(super) fn new(folder: PathBuf) -> Self {
+        Self { folder }
+    }
+
+    /// Why this version of the program could not simulate a library; none where it has not tried, or where
+    /// the file cannot be read.
+    pub(super) fn reason(&self, library: &str) -> Option<String> {
+        let bytes = fs::read(self.path(library)).ok()?;
+        let failure: Failure = serde_json::from_slice(&bytes).ok()?;
+        (failure.version == VERSION).then_some(failure.reason)
+    }
+
+    /// Keeps a failure. Where that is not possible the next start tries again.
+    pub(super) fn keep(&self, library: &str, reason: &str) {
+        let failure = Failure { version: VERSION.to_owned(), reason: reason.to_owned() };
+        let kept = serde_json::to_vec(&failure).map_err(io::Error::from).and_then(|bytes| {
+            fs::create_dir_all(&self.folder)?;
+            fs::write(self.path(library), bytes)
+        });
+        if let Err(error) = kept {
+            tracing::warn!(library, %error, "failed to keep why a simulation failed; the next start tries again");
+        }
+    }
+
+    /// Lets a library be tried again.
+    pub(super) fn forget(&self, library: &str) {
+        match fs::remove_file(self.path(library)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                tracing::warn!(library, %error, "failed to forget a failed simulation; it is not tried again");
+            }
+            _ => {}
+        }
+    }
+
+    fn path(&self, library: &str) -> PathBuf {
+        self.folder.join(library).with_extension("json")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failure_counts_for_the_version_that_had_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let failures = Failures::new(folder.path().join("failures"));
+        assert_eq!(failures.reason("a1"), None);
+        failures.keep("a1", "no candidate");
+        assert_eq!(failures.reason("a1").as_deref(), Some("no candidate"));
+        let path = failures.path("a1");
+        let other = fs::read_to_string(&path).unwrap().replace(VERSION, "0.0.0-other");
+        fs::write(&path, other).unwrap();
+        assert_eq!(failures.reason("a1"), None);
+        fs::write(&path, "{\"version").unwrap();
+        assert_eq!(failures.reason("a1"), None);
+        failures.forget("a1");
+        failures.forget("a1");
+        assert!(!path.exists());
+    }
+}

@@ -1,0 +1,148 @@
+//! Pulses of a tachometer between a stream's samples.
+
+use std::collections::VecDeque;
+
+use serde::{Deserialize, Serialize};
+
+use crate::recording::stream::StreamCut;
+use crate::service::error::ServiceError;
+use crate::signal::Tachometer;
+
+/// Pulses that are kept of a stream; the oldest go first.
+pub(crate) const MAX_PULSES: usize = 65_536;
+
+/// So long before a record its pulses begin: the turn that it begins in has a pulse in front of it.
+const LEAD_S: f64 = 1.0;
+
+/// Where a pulse lies: an index, and millionths of a sample after it. Whole numbers come back from the journal
+/// as they were, so that a record that is begun again has the same bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub(super) struct Pulse(u64, u32);
+
+/// Pulses in the order of time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Pulses {
+    pulses_per_revolution: u32,
+    pulses: Vec<Pulse>,
+}
+
+impl Pulses {
+    /// Pulses so many samples after an index.
+    ///
+    /// Errors: [`ServiceError::Field`] for no pulse of a revolution, and for pulses that do not rise.
+    pub(crate) fn new(from: u64, after: &[f64], pulses_per_revolution: u32) -> Result<Self, ServiceError> {
+        let refuse = |field, value: String, expected| Err(ServiceError::Field { field, value, expected });
+        if pulses_per_revolution == 0 {
+            return refuse("pulses_per_revolution", "0".to_owned(), "at least 1");
+        }
+        if after.len() > MAX_PULSES {
+            return refuse("pulses", format!("{} pulses", after.len()), "at most 65536 in a message");
+        }
+        let is_place = |after: f64| (0.0..1e12).contains(&after);
+        if let Some(wrong) = after.iter().find(|after| !is_place(**after)) {
+            return refuse("pulses", wrong.to_string(), "samples after `from`, 0 to 1e12");
+        }
+        if from > 1 << 53 {
+            return refuse("from", from.to_string(), "an index below 2^53");
+        }
+        let pulse = |after: &f64| Pulse(from + after.floor() as u64, (after.fract() * 1e6) as u32);
+        let pulses: Vec<Pulse> = after.iter().map(pulse).collect();
+        if let Some(pair) = pulses.windows(2).position(|pair| pair[0] >= pair[1]) {
+            let pair = format!("{} and then {}", after[pair], after[pair + 1]);
+            return refuse("pulses", pair, "every pulse after the one before");
+        }
+        Ok(Self { pulses_per_revolution, pulses })
+    }
+
+    /// Without those among samples that have come: they may be in a record already.
+    pub(super) fn beginning_at(mut self, next: u64) -> Self {
+        self.pulses.retain(|pulse| pulse.0 >= next);
+        self
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.pulses.is_empty()
+    }
+}
+
+/// The pulses of a stream that records may still need.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(super) struct StreamTachometer {
+    pulses_per_revolution: u32,
+    pulses: VecDeque<Pulse>,
+}
+
+impl StreamTachometer {
+    /// Takes pulses after those that are there; others have been told before.
+    pub(super) fn extend(&mut self, more: Pulses) {
+        if more.pulses_per_revolution != self.pulses_per_revolution {
+            self.pulses_per_revolution = more.pulses_per_revolution;
+            self.pulses.clear();
+        }
+        let last = self.pulses.back().copied();
+        self.pulses.extend(more.pulses.into_iter().filter(|pulse| Some(*pulse) > last));
+        let too_many = self.pulses.len().saturating_sub(MAX_PULSES);
+        self.pulses.drain(..too_many);
+    }
+
+    /// Forgets those that no record from an index on has any use for.
+    pub(super) fn forget_before(&mut self, index: u64, rate_hz: f64) {
+        let kept_from = index.saturating_sub(lead(rate_hz));
+        let old = self.pulses.partition_point(|pulse| pulse.0 < kept_from);
+        self.pulses.drain(..old);
+    }
+
+    /// Those of a record, and of the second before it; none where there is no pulse.
+    pub(super) fn of(&self, cut: StreamCut, rate_hz: f64) -> Option<Tachometer> {
+        let from = cut.first.saturating_sub(lead(rate_hz));
+        let seconds = |pulse: &Pulse| {
+            // Exact: differences of a record are far below 2^53.
+            let after = pulse.0 as i64 - cut.first as i64;
+            (after as f64 + 1e-6 * f64::from(pulse.1)) / rate_hz
+        };
+        let inside = self.pulses.iter().filter(|pulse| (from..cut.end()).contains(&pulse.0));
+        let pulse_times_s: Vec<f64> = inside.map(seconds).collect();
+        let pulses_per_revolution = self.pulses_per_revolution;
+        (!pulse_times_s.is_empty()).then_some(Tachometer { pulse_times_s, pulses_per_revolution })
+    }
+}
+
+fn lead(rate_hz: f64) -> u64 {
+    (LEAD_S * rate_hz) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_has_its_pulses_and_those_of_the_second_before() {
+        let mut tachometer = StreamTachometer::default();
+        tachometer.extend(Pulses::new(1000, &[0.0, 100.25, 200.5, 300.0], 2).unwrap());
+        // What was told before, and what is new.
+        tachometer.extend(Pulses::new(1200, &[0.5, 100.0, 200.0], 2).unwrap().beginning_at(1300));
+        let cut = StreamCut { first: 1150, frames: 200, next_from: 0 };
+        let found = tachometer.of(cut, 100.0).unwrap();
+        assert_eq!(
+            (found.pulse_times_s.as_slice(), found.pulses_per_revolution),
+            (&[-0.4975, 0.505, 1.5][..], 2)
+        );
+        tachometer.forget_before(1300, 100.0);
+        assert_eq!(tachometer.of(cut, 100.0).unwrap().pulse_times_s, [0.505, 1.5]);
+        assert_eq!(tachometer.of(StreamCut { first: 5000, frames: 10, next_from: 0 }, 100.0), None);
+    }
+
+    #[test]
+    fn pulses_that_cannot_be_are_refused_by_name() {
+        for (from, after, of_revolution, words) in [
+            (0, &[1.0][..], 0, "pulses_per_revolution"),
+            (0, &[2.0, 2.0], 1, "2 and then 2"),
+            (0, &[-1.0], 1, "-1"),
+            (0, &[f64::NAN], 1, "NaN"),
+            (u64::MAX, &[1.0], 1, "from"),
+        ] {
+            let error = Pulses::new(from, after, of_revolution).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+}
