@@ -8,7 +8,8 @@ use plotly::common::{Line, Mode, Title};
 use plotly::layout::Axis;
 use plotly::{Layout, Plot, Scatter};
 
-use super::library::{kept_ensemble, progress_bar};
+use super::ensemble::Ensembles;
+use super::library::progress_bar;
 use super::recorded_runs;
 use super::{CliError, output, pair_file};
 use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, Score, Trial, evaluate};
@@ -63,7 +64,7 @@ pub(super) struct EvaluateArgs {
     #[arg(long)]
     pair: Option<PathBuf>,
     /// Score recorded runs in place of simulated ones: folders with WAV files in the order of their names,
-    /// one a record, and a truth.csv with a column wear_um
+    /// one a record, and a truth.csv with a column wear_um; channels are scored one by one and together
     #[arg(long, num_args = 1.., value_name = "FOLDER")]
     recorded: Vec<PathBuf>,
     /// Score the estimate on runs of this many members of the ensemble in place of simulated ones, each with
@@ -100,8 +101,9 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
         )));
     }
     let pair = pair_file::read(args.pair.as_deref())?;
+    let ensembles = Ensembles::new(&args.data_dir, args.members);
     if let Some(count) = args.leave_one_out {
-        let ensemble = kept_ensemble(&args.data_dir, &pair, args.members)?;
+        let ensemble = ensembles.of(&pair)?;
         if count == 0 || ensemble.members().len() < 2 * ensemble.variants() {
             return Err(CliError::Argument(format!(
                 "--leave-one-out is {count} with --members {}, expected at least 1 and {}",
@@ -112,7 +114,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
         return recorded_runs::run_members(&ensemble, count, Trial::default());
     }
     if !args.recorded.is_empty() {
-        let ensemble = || kept_ensemble(&args.data_dir, &pair, args.members);
+        let ensemble = || ensembles.of(&pair);
         let trial = Trial { gap: args.gap, inspection_um: args.inspection_um };
         return recorded_runs::run(
             &args.recorded,
@@ -142,7 +144,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
     let mut scores = Vec::with_capacity(cases.len());
     output::print(&header())?;
     for case in &cases {
-        let ensemble = kept_ensemble(&args.data_dir, &case.described, args.members)?;
+        let ensemble = ensembles.of(&case.described)?;
         let score = evaluate(case, &ensemble, &settings)?;
         bar.suspend(|| output::print(&row(&score)))?;
         scores.push(score);

@@ -3,6 +3,9 @@
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use tokio::time::timeout;
 
 /// Exit code of a process that Ctrl-C ended.
 const INTERRUPTED: i32 = 130;
@@ -19,12 +22,16 @@ pub(super) fn interrupted() -> Arc<AtomicBool> {
 
 fn listen(flag: Arc<AtomicBool>) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let mut pressed = Box::pin(tokio::signal::ctrl_c());
+    // What is asked once listens: from here on Ctrl-C no longer ends the process.
+    let _ = runtime.block_on(async { timeout(Duration::ZERO, pressed.as_mut()).await });
     let wait = move || {
         runtime.block_on(async {
-            while tokio::signal::ctrl_c().await.is_ok() {
+            while pressed.as_mut().await.is_ok() {
                 if flag.swap(true, Ordering::Relaxed) {
                     std::process::exit(INTERRUPTED);
                 }
+                pressed.set(tokio::signal::ctrl_c());
             }
         });
     };

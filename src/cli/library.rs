@@ -1,17 +1,15 @@
 //! `flankwatch library`: build, list and show libraries of simulated wear states.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::interrupt::interrupted;
 use super::{CliError, output, pair_file};
-use crate::gear::{ContactRule, PairSpec};
+use crate::gear::ContactRule;
 use crate::library::{
-    self, BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf,
-    build_into, decode,
+    self, BuildControl, GridSettings, Library, LibraryError, LibraryShelf, build_into, decode,
 };
 
 /// Arguments of `flankwatch library`.
@@ -228,27 +226,6 @@ fn table(library: &Library) -> String {
         );
     }
     text
-}
-
-/// A pair's library and the ensemble around it from the data folder's `libraries`, simulated where they are
-/// not kept yet.
-pub(super) fn kept_ensemble(
-    data_dir: &Path,
-    pair: &PairSpec,
-    members: usize,
-) -> Result<Arc<Ensemble>, CliError> {
-    let shelf = LibraryShelf::new(data_dir.join("libraries"));
-    let grid = GridSettings::default().for_pair(pair);
-    let bar = progress_bar(grid.states as u64, "wear states");
-    let progress = |done: usize, _| bar.set_position(done as u64);
-    let library = shelf.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
-    bar.finish_and_clear();
-    let settings = EnsembleSettings { members };
-    let bar = progress_bar(members as u64, "pairs like it");
-    let progress = |done: usize, _| bar.set_position(done as u64);
-    let ensemble = shelf.ensemble(library, &settings, &BuildControl::with_progress(&progress))?;
-    bar.finish_and_clear();
-    Ok(Arc::new(ensemble))
 }
 
 /// A progress bar on standard error, drawn only on a terminal.

@@ -7,6 +7,7 @@ mod completions;
 mod convert;
 mod dead_letters;
 mod demo;
+mod ensemble;
 mod error;
 mod evaluate;
 mod figures;

@@ -11,7 +11,7 @@ use serde::Deserialize;
 use super::{CliError, output};
 use crate::evaluation::{
     Answer, HindsightScore, Observation, RecordedRun, RunScore, SingleIndicators, Trial, follow,
-    leave_one_out, look_back, score_run, single_indicators,
+    follow_together, leave_one_out, look_back, score_run, single_indicators,
 };
 use crate::gear::PairSpec;
 use crate::library::Ensemble;
@@ -32,7 +32,14 @@ struct Truth {
 /// Somebody else's answers: by run, one a record.
 type Answers = BTreeMap<String, Vec<Option<[f64; 3]>>>;
 
-/// Scores runs and prints a table, or JSON.
+/// The answers to a run, or to all channels of one.
+struct Followed {
+    name: String,
+    answers: Vec<Answer>,
+    in_hindsight: Option<HindsightScore>,
+}
+
+/// Scores runs and prints a table, or JSON. Channels are scored one by one and together.
 pub(super) fn run(
     folders: &[PathBuf],
     pair: &PairSpec,
@@ -41,30 +48,50 @@ pub(super) fn run(
     answers: Option<&Path>,
     json: bool,
 ) -> Result<(), CliError> {
-    let runs: Vec<RecordedRun> = folders.iter().map(|folder| read(folder, pair)).collect::<Result<_, _>>()?;
+    let machines: Vec<Vec<RecordedRun>> =
+        folders.iter().map(|folder| read(folder, pair)).collect::<Result<_, _>>()?;
+    let runs: Vec<&RecordedRun> = machines.iter().flatten().collect();
     let given: Option<Answers> = answers.map(read_answers).transpose()?;
-    let mut scores = Vec::new();
-    let followed: Vec<(Vec<Answer>, Option<HindsightScore>)> = match &given {
+    let mut followed: Vec<Followed> = Vec::new();
+    match &given {
         Some(given) => {
-            runs.iter().map(|run| Ok((foreign(run, given)?, None))).collect::<Result<_, CliError>>()?
+            for run in &runs {
+                let name = run.name.clone();
+                followed.push(Followed { name, answers: foreign(run, given)?, in_hindsight: None });
+            }
         }
         None => {
             let ensemble = ensemble()?;
-            let both = |run: &RecordedRun| {
-                (follow(run, &ensemble, BASELINE, trial), look_back(run, &ensemble, BASELINE, trial))
+            let machine = |(channels, folder): (&Vec<RecordedRun>, &PathBuf)| {
+                let (of_channels, together) = follow_together(channels, &ensemble, BASELINE, trial);
+                let mut followed: Vec<Followed> = channels
+                    .iter()
+                    .zip(of_channels)
+                    .map(|(run, answers)| Followed {
+                        name: run.name.clone(),
+                        answers,
+                        in_hindsight: look_back(run, &ensemble, BASELINE, trial),
+                    })
+                    .collect();
+                if channels.len() > 1 {
+                    let name = format!("{}, together", folder_name(folder));
+                    followed.push(Followed { name, answers: together, in_hindsight: None });
+                }
+                followed
             };
-            runs.par_iter().map(both).collect()
+            followed = machines.par_iter().zip(folders).flat_map_iter(machine).collect();
         }
-    };
-    for ((answers, in_hindsight), run) in followed.iter().zip(&runs) {
-        let inspected_at = trial.inspection_um.map(|_| run.records.len() / 2);
-        let score = score_run(&run.name, answers, BASELINE as usize, inspected_at);
-        scores.push(RunScore { in_hindsight: in_hindsight.clone(), ..score });
     }
+    let score = |Followed { name, answers, in_hindsight }: &Followed| {
+        let records = answers.last().map_or(0, |answer| answer.record + 1);
+        let inspected_at = trial.inspection_um.map(|_| records / 2);
+        let score = score_run(name, answers, BASELINE as usize, inspected_at);
+        RunScore { in_hindsight: in_hindsight.clone(), ..score }
+    };
+    let scores: Vec<RunScore> = followed.iter().map(score).collect();
     let single = single_indicators(&runs, BASELINE as usize);
     if json {
-        let names = runs.iter().map(|run| run.name.clone());
-        let answers: BTreeMap<_, _> = names.zip(followed.into_iter().map(|(answers, _)| answers)).collect();
+        let answers: BTreeMap<_, _> = followed.into_iter().map(|run| (run.name, run.answers)).collect();
         let all = serde_json::json!({ "scores": scores, "single_indicators": single, "answers": answers });
         output::print(&format!("{all}\n"))?;
         return Ok(());
@@ -166,12 +193,15 @@ fn row(score: &RunScore) -> String {
     )
 }
 
-/// A folder's records in the order of their names, with the truth.
-fn read(folder: &Path, pair: &PairSpec) -> Result<RecordedRun, CliError> {
-    let failed = |what: String| CliError::Argument(format!("{}: {what}", folder.display()));
-    let name = folder
+fn folder_name(folder: &Path) -> String {
+    folder
         .file_name()
-        .map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into_owned());
+        .map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+/// A folder's records in the order of their names, with the truth: a run for each channel.
+fn read(folder: &Path, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
+    let failed = |what: String| CliError::Argument(format!("{}: {what}", folder.display()));
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(|error| failed(error.to_string()))?
         .filter_map(|entry| Some(entry.ok()?.path()))
@@ -192,7 +222,7 @@ fn read(folder: &Path, pair: &PairSpec) -> Result<RecordedRun, CliError> {
             truth.len()
         )));
     }
-    let records: Vec<Observation> = files
+    let records: Vec<Vec<Observation>> = files
         .par_iter()
         .zip(truth)
         .map_init(
@@ -200,21 +230,33 @@ fn read(folder: &Path, pair: &PairSpec) -> Result<RecordedRun, CliError> {
             |analyzer, (path, wear_um)| analyse(analyzer, path, wear_um, pair),
         )
         .collect::<Result<_, _>>()?;
-    Ok(RecordedRun { name, records })
+    let count = records.first().map_or(0, Vec::len);
+    let mut channels = vec![Vec::with_capacity(records.len()); count];
+    for (path, record) in files.iter().zip(records) {
+        if record.len() != count {
+            let (name, has) = (path.display(), record.len());
+            return Err(failed(format!("{name} has {has} channels, expected {count} as the first file has")));
+        }
+        channels.iter_mut().zip(record).for_each(|(channel, observation)| channel.push(observation));
+    }
+    let name = |channel: usize| match count {
+        1 => folder_name(folder),
+        _ => format!("{}, channel {}", folder_name(folder), channel + 1),
+    };
+    let channels = channels.into_iter().enumerate();
+    Ok(channels.map(|(channel, records)| RecordedRun { name: name(channel), records }).collect())
 }
 
-/// A file's first record.
+/// A file's record of each channel.
 fn analyse(
     analyzer: &mut Analyzer,
     path: &Path,
     wear_um: f64,
     pair: &PairSpec,
-) -> Result<Observation, CliError> {
+) -> Result<Vec<Observation>, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
-    let mut file = RecordingFile::open(path, RecordDefaults::default(), None)
+    let file = RecordingFile::open(path, RecordDefaults::default(), None)
         .map_err(|error| failed(error.to_string()))?;
-    let recorded =
-        file.next().ok_or_else(|| failed("no record".into()))?.map_err(|error| failed(error.to_string()))?;
     let mesh = MeshContext {
         teeth: pair.geometry.teeth[0],
         mate_teeth: pair.geometry.teeth[1],
@@ -223,12 +265,24 @@ fn analyse(
         nominal_is_exact: false,
         others: OtherMeshes::NONE,
     };
-    let analysis = analyzer.analyze(&recorded.record, &mesh);
-    Ok(Observation {
-        wear_um,
-        single: ["rms", "kurtosis", "omx"].map(|name| analysis.indicators.get(name).unwrap_or(0.0)),
-        features: analysis.features,
-    })
+    let (mut observations, mut start) = (Vec::new(), None);
+    for recorded in file {
+        let record = recorded.map_err(|error| failed(error.to_string()))?.record;
+        // Of a long file only the first record of each channel counts.
+        if *start.get_or_insert(record.start_time()) != record.start_time() {
+            break;
+        }
+        let analysis = analyzer.analyze(&record, &mesh);
+        observations.push(Observation {
+            wear_um,
+            single: ["rms", "kurtosis", "omx"].map(|name| analysis.indicators.get(name).unwrap_or(0.0)),
+            features: analysis.features,
+        });
+    }
+    if observations.is_empty() {
+        return Err(failed("no record".into()));
+    }
+    Ok(observations)
 }
 
 fn read_answers(path: &Path) -> Result<Answers, CliError> {

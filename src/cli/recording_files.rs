@@ -1,4 +1,4 @@
-//! Recordings named on the command line: files, and folders with files in them.
+//! Recordings named on the command line: files, folders with files in them, and patterns such as `day-*.wav`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,12 +6,17 @@ use std::path::{Path, PathBuf};
 use super::CliError;
 
 /// How the names of recordings end.
-const ENDINGS: [&str; 6] = [".wav", ".mcap", ".csv", ".csv.gz", ".mat", ".npy"];
+const ENDINGS: [&str; 7] = [".wav", ".flac", ".mcap", ".csv", ".csv.gz", ".mat", ".npy"];
 
-/// The files in their order; a folder stands for the recordings in it, in the order of their names.
+/// The files in their order; a folder stands for the recordings in it, and a pattern that the shell has left as it
+/// is for what it matches, in the order of their names.
 pub(super) fn recording_files(named: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     let mut files = Vec::new();
     for path in named {
+        if !path.exists() && is_pattern(path) {
+            files.extend(matching(path)?);
+            continue;
+        }
         if !path.is_dir() {
             files.push(path.clone());
             continue;
@@ -37,6 +42,23 @@ pub(super) fn recording_files(named: &[PathBuf]) -> Result<Vec<PathBuf>, CliErro
     Ok(files)
 }
 
+fn is_pattern(path: &Path) -> bool {
+    path.to_string_lossy().contains(['*', '?', '['])
+}
+
+fn matching(pattern: &Path) -> Result<Vec<PathBuf>, CliError> {
+    let name = pattern.to_string_lossy();
+    let wrong = |what: String| CliError::Argument(format!("{name}: {what}"));
+    let paths = glob::glob(&name).map_err(|error| wrong(error.to_string()))?;
+    let found: Result<Vec<PathBuf>, _> =
+        paths.filter(|path| !matches!(path, Ok(path) if path.is_dir())).collect();
+    let found = found.map_err(|error| wrong(error.to_string()))?;
+    if found.is_empty() {
+        return Err(wrong("no file matches this pattern".to_owned()));
+    }
+    Ok(found)
+}
+
 fn is_recording(file: &Path) -> bool {
     let name = file.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     ENDINGS.iter().any(|ending| name.ends_with(ending))
@@ -56,6 +78,11 @@ mod tests {
         fs::create_dir(path("empty")).unwrap();
         let found = recording_files(&[path("x.bin"), folder.path().to_owned()]).unwrap();
         assert_eq!(found, [path("x.bin"), path("a.csv.gz"), path("b.CSV"), path("c.wav")]);
+        assert_eq!(recording_files(&[path("*.[cC]*")]).unwrap(), [path("a.csv.gz"), path("b.CSV")]);
+        for (pattern, said) in [("*.flac", "no file matches"), ("[", "pattern")] {
+            let error = recording_files(&[path(pattern)]).unwrap_err().to_string();
+            assert!(error.contains(said) && error.contains(pattern), "{error}");
+        }
         let error = recording_files(&[path("empty")]).unwrap_err().to_string();
         assert!(error.contains("no recording in") && error.contains(".csv.gz"), "{error}");
     }

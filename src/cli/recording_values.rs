@@ -16,8 +16,8 @@ const MV_PER_V: f64 = 1e3;
 /// Options of the commands that read recordings.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct RecordingValues {
-    /// What each value of WAV, CSV, a MATLAB file or a NumPy array is multiplied with; a full-scale integer
-    /// of a WAV is 1 before
+    /// What each value of WAV, FLAC, CSV, a MATLAB file or a NumPy array is multiplied with; a full-scale
+    /// integer of WAV or FLAC is 1 before
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
     scale: Option<f64>,
     /// Sensitivity of the sensor, where the values (after --scale) are volts; records are in g then

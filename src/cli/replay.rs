@@ -29,8 +29,8 @@ const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
 /// Arguments of `flankwatch replay`.
 #[derive(Args)]
 pub(super) struct ReplayArgs {
-    /// MCAP, WAV, CSV (.csv.gz too), MATLAB (.mat, v5) or NumPy (.npy) recordings in time order, or folders
-    /// of them, which are taken in the order of names
+    /// MCAP, WAV, FLAC, CSV (.csv.gz too), MATLAB (.mat, v5) or NumPy (.npy) recordings in time order, or
+    /// folders of them and patterns such as `day-*.wav`, which are taken in the order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// The asset that they belong to

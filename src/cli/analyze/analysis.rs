@@ -3,16 +3,20 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use jiff::{SignedDuration, Timestamp};
 
 use super::AnalyzeArgs;
 use super::envelope::{AnalyzedEnvelope, EnvelopeArg};
-use super::record::AnalyzedRecord;
+use super::record::{AnalyzedRecord, by_channel};
+use super::verdict::verdict;
 use crate::asset::AssetSpec;
 use crate::cli::CliError;
-use crate::cli::library::kept_ensemble;
+use crate::cli::ensemble::Ensembles;
+use crate::cli::interrupt::interrupted;
 use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, LibraryLack, PanelChange};
+use crate::library::LibraryError;
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
 use crate::report::{Report, ReportedAlarm, ReportedRecord};
 use crate::signal::{
@@ -149,26 +153,51 @@ impl<'a> Analysis<'a> {
         AnalyzedEnvelope::new(band, &spectrum)
     }
 
-    /// Folds each channel's records in time order, as the service does.
+    /// Folds each channel's records in time order, as the service does. Where the pairs like the described one
+    /// are not kept yet, a first answer from some of them is told while the rest are simulated; Ctrl-C leaves
+    /// it at that.
     pub(super) fn estimate_wear(&mut self) -> Result<(), CliError> {
         let Some(asset) = &self.asset else { return Ok(()) };
         let settings = EstimatorSettings {
             baseline_records: asset.baseline.records,
             limit_um: asset.limits.danger_um.or(asset.limits.warning_um),
         };
-        let longest = self.records.iter().fold(BTreeMap::new(), |mut counts: BTreeMap<&str, u32>, record| {
-            *counts.entry(&record.channel).or_default() += 1;
-            counts
-        });
+        let rules = asset.alarm_rules();
+        if asset.gear.is_none() {
+            self.fold(&ChannelEstimator::without_library(settings, LibraryLack::NoMesh, rules));
+            return Ok(());
+        }
         // A library is worth its simulation only if some channel gets past its baseline.
-        let needed = longest.values().any(|&count| count > settings.baseline_records);
-        let pair = asset.pair().filter(|_| needed);
-        let ensemble =
-            pair.map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.members)).transpose()?;
-        let estimator = match &asset.gear {
-            Some(_) => ChannelEstimator::new(settings, ensemble, asset.alarm_rules()),
-            None => ChannelEstimator::without_library(settings, LibraryLack::NoMesh, asset.alarm_rules()),
+        let needed = by_channel(&self.records)
+            .values()
+            .any(|records| records.len() > settings.baseline_records as usize);
+        let Some(pair) = asset.pair().filter(|_| needed) else {
+            self.fold(&ChannelEstimator::new(settings, None, rules));
+            return Ok(());
         };
+        let ensembles = Ensembles::new(&self.args.data_dir, self.args.members);
+        let first = Arc::new(ensembles.first(pair)?);
+        if ensembles.is_whole(&first) {
+            self.fold(&ChannelEstimator::new(settings, Some(first), rules));
+            return Ok(());
+        }
+        self.fold(&ChannelEstimator::provisional(settings, Arc::clone(&first), rules.clone()));
+        let interrupted = interrupted();
+        let (have, all) = (first.members().len(), ensembles.members());
+        for (channel, records) in by_channel(&self.records) {
+            eprintln!("channel {channel}, from {have} of {all} pairs like it: {}", verdict(&records));
+        }
+        match ensembles.whole(&first, Some(&interrupted)) {
+            Ok(whole) => self.fold(&ChannelEstimator::new(settings, Some(Arc::new(whole)), rules)),
+            Err(LibraryError::Cancelled) => eprintln!(
+                "stopped: the table has the first answer, the command without Ctrl-C has a better one"
+            ),
+            Err(error) => return Err(error.into()),
+        }
+        Ok(())
+    }
+
+    fn fold(&mut self, estimator: &ChannelEstimator) {
         let mut order: Vec<usize> = (0..self.records.len()).collect();
         order.sort_by_key(|&i| self.records[i].start_time);
         let mut channels: BTreeMap<String, (ChannelState, Vec<PanelChange>)> = BTreeMap::new();
@@ -187,6 +216,5 @@ impl<'a> Analysis<'a> {
             .iter()
             .flat_map(|(channel, (_, changes))| ReportedAlarm::of_changes(channel, rules, changes));
         self.alarms = reported.collect();
-        Ok(())
     }
 }

@@ -24,8 +24,8 @@ use crate::library::EnsembleSettings;
 /// Arguments of `flankwatch analyze`.
 #[derive(Args)]
 pub(super) struct AnalyzeArgs {
-    /// WAV, MCAP, CSV (.csv.gz too), MATLAB (.mat, v5) or NumPy (.npy) recordings in time order, or folders
-    /// of them, which are taken in the order of names
+    /// WAV, FLAC, MCAP, CSV (.csv.gz too), MATLAB (.mat, v5) or NumPy (.npy) recordings in time order, or
+    /// folders of them and patterns such as `day-*.wav`, which are taken in the order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Sampling rate in hertz of CSV and MATLAB files that do not say it, and of NumPy arrays

@@ -1,5 +1,7 @@
 //! One analysed record.
 
+use std::collections::BTreeMap;
+
 use jiff::Timestamp;
 use serde::Serialize;
 
@@ -59,6 +61,16 @@ impl AnalyzedRecord {
 }
 
 /// The name that a value has in JSON.
+/// Each channel's records in the order of time.
+pub(super) fn by_channel(records: &[AnalyzedRecord]) -> BTreeMap<&str, Vec<&AnalyzedRecord>> {
+    let mut channels: BTreeMap<&str, Vec<&AnalyzedRecord>> = BTreeMap::new();
+    for record in records {
+        channels.entry(&record.channel).or_default().push(record);
+    }
+    channels.values_mut().for_each(|records| records.sort_by_key(|record| record.start_time));
+    channels
+}
+
 fn name_of(value: &impl Serialize) -> String {
     let name = serde_json::to_value(value).ok();
     name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()

@@ -1,8 +1,6 @@
 //! Aligned columns for people, at most 80 wide where no further ones are asked for.
 
-use std::collections::BTreeMap;
-
-use super::record::AnalyzedRecord;
+use super::record::{AnalyzedRecord, by_channel};
 use super::verdict::verdict;
 use crate::asset::AssetSpec;
 use crate::cli::CliError;
@@ -68,14 +66,8 @@ impl Column {
 
 /// A block for each channel, its records in the order of time, and at its end what a person would say.
 pub(super) fn table(records: &[AnalyzedRecord], columns: &[Column]) -> String {
-    let mut channels: BTreeMap<&str, Vec<&AnalyzedRecord>> = BTreeMap::new();
-    for record in records {
-        channels.entry(&record.channel).or_default().push(record);
-    }
-    let blocks = channels.into_iter().map(|(channel, mut records)| {
-        records.sort_by_key(|record| record.start_time);
-        block(channel, &records, columns)
-    });
+    let channels = by_channel(records);
+    let blocks = channels.into_iter().map(|(channel, records)| block(channel, &records, columns));
     blocks.collect::<Vec<_>>().join("\n")
 }
 

@@ -24,6 +24,9 @@ fn of_estimates(estimates: &[&WearEstimate], last: Timestamp, has_mesh: bool) ->
     };
     match latest.status {
         WearStatus::Estimated => worn(estimates, latest, last),
+        WearStatus::Provisional if latest.median_um.is_some() => {
+            format!("first answer: {}", worn(estimates, latest, last))
+        }
         WearStatus::NoMesh => "the last record is like the healthy ones".to_owned(),
         WearStatus::CollectingBaseline if !has_mesh => {
             let baseline = latest.baseline;
@@ -73,7 +76,7 @@ fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> St
 /// Since when the wear has grown, by intervals that do not meet: what is foreseen needs a limit, this does
 /// not.
 fn growth(estimates: &[&WearEstimate], latest: &WearEstimate) -> String {
-    let first = estimates.iter().position(|estimate| estimate.status == WearStatus::Estimated);
+    let first = estimates.iter().position(|estimate| estimate.status == latest.status);
     let before = first.and_then(|first| Some((first + 1, estimates[first].p95_um?)));
     match before.zip(latest.p05_um) {
         Some(((record, highest), lowest)) if highest < lowest => {

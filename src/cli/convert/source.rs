@@ -90,13 +90,9 @@ impl Source {
                     frames: Frames::Csv(Box::new(frames)),
                 })
             }
-            Ok(Format::Npy) => {
-                let expected = "CSV or WAV: it is a NumPy array, which `analyze` and `replay` read";
-                Err(argument("IN", path.display(), expected))
-            }
-            Ok(Format::Mat) => {
-                let expected = "CSV or WAV: it is a MATLAB file, which `analyze` and `replay` read";
-                Err(argument("IN", path.display(), expected))
+            Ok(other @ (Format::Flac | Format::Npy | Format::Mat)) => {
+                let is = format!("{}, {}", path.display(), other.name());
+                Err(argument("IN", is, "CSV or WAV; `analyze` and `replay` read the others"))
             }
             Err(error) => Err(input(error)),
         }
