@@ -163,7 +163,7 @@ fn needed(method: &Method, is_safe: bool, path: &str) -> Scope {
     match parts[..] {
         ["v1", "tokens", ..] => Scope::Admin,
         _ if is_safe => Scope::Read,
-        ["v1", "session" | "preview" | "csv-preview"] => Scope::Read,
+        ["v1", "session" | "preview" | "csv-preview" | "recording-preview"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
         ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
         _ => Scope::Write,
@@ -258,6 +258,7 @@ mod tests {
             (Method::POST, "/v1/session", Scope::Read),
             (Method::POST, "/v1/preview", Scope::Read),
             (Method::POST, "/v1/csv-preview", Scope::Read),
+            (Method::POST, "/v1/recording-preview", Scope::Read),
             (Method::DELETE, "/v1/session", Scope::Read),
         ] {
             let is_safe = is_safe(&method, &HeaderMap::new());

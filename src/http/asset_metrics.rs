@@ -1,13 +1,10 @@
 //! What `GET /metrics/machines` shows of each asset.
 
-use jiff::Timestamp;
-
 use super::app::App;
 use super::metrics_text::MetricsText;
 use super::problem::Problem;
-use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::{AlarmState, Severity};
-use crate::store::{AlarmFilter, StoredAlarm};
+use crate::store::{AlarmFilter, LatestRecord, StoredAlarm};
 
 /// Alarms that are shown, those that changed last.
 const MAX_ALARMS: u32 = 10_000;
@@ -54,39 +51,8 @@ pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Prob
     Ok(())
 }
 
-/// What is shown of a channel's latest record.
-struct Latest {
-    asset: AssetId,
-    channel: String,
-    start_time: Timestamp,
-    /// Quantiles of the wear depth in µm.
-    wear_um: [(&'static str, Option<f64>); 5],
-    indicators: Vec<(String, f64)>,
-}
-
-impl Latest {
-    fn of(segment: Segment, wanted: Option<&[&str]>) -> Self {
-        let wear = &segment.wear;
-        let is_wanted = |name: &str| wanted.is_none_or(|wanted| wanted.contains(&name));
-        Self {
-            wear_um: [
-                ("0.05", wear.p05_um),
-                ("0.25", wear.p25_um),
-                ("0.5", wear.median_um),
-                ("0.75", wear.p75_um),
-                ("0.95", wear.p95_um),
-            ],
-            asset: segment.asset_id,
-            channel: segment.channel,
-            start_time: segment.start_time,
-            indicators: segment.indicators.values.into_iter().filter(|(name, _)| is_wanted(name)).collect(),
-        }
-    }
-
-    fn labels<'a>(&'a self, name: &'a str, value: &'a str) -> [(&'a str, &'a str); 3] {
-        [("asset", self.asset.as_str()), ("channel", &self.channel), (name, value)]
-    }
-}
+/// Quantiles of the wear depth.
+const QUANTILES: [&str; 5] = ["0.05", "0.25", "0.5", "0.75", "0.95"];
 
 /// Wear, indicators and time of each channel's latest record; `wanted` are the indicators, all where not
 /// given.
@@ -95,48 +61,46 @@ pub(super) async fn assets(
     wanted: Option<&[&str]>,
     text: &mut MetricsText,
 ) -> Result<(), Problem> {
-    let store = &app.service.store;
-    let mut latest = Vec::new();
-    let mut after: Option<String> = None;
-    loop {
-        let assets = store.assets(after.as_deref(), 500).await?;
-        let Some(last) = assets.last() else { break };
-        after = Some(last.spec.id.to_string());
-        let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
-        let channels = store.channels_of(&ids).await?;
-        let segments: Vec<SegmentId> =
-            channels.into_iter().filter_map(|channel| channel.last_segment).collect();
-        let segments = store.segments_by_id(&segments).await?;
-        latest.extend(segments.into_iter().map(|segment| Latest::of(segment, wanted)));
-    }
-    latest.sort_by(|a, b| (&a.asset, &a.channel).cmp(&(&b.asset, &b.channel)));
+    let mut indicators = MetricsText::default();
+    let mut times = MetricsText::default();
     text.head(
         "flankwatch_wear_depth_um",
         "gauge",
         "Quantiles of the wear depth after the latest record, in micrometres.",
     );
-    for record in &latest {
-        for (quantile, value) in record.wear_um {
-            if let Some(value) = value {
-                text.line("flankwatch_wear_depth_um", &record.labels("quantile", quantile), value);
-            }
-        }
-    }
-    text.head("flankwatch_indicator", "gauge", "Condition indicators of the latest record, in its unit.");
-    for record in &latest {
-        for (name, value) in &record.indicators {
-            text.line("flankwatch_indicator", &record.labels("indicator", name), value);
-        }
-    }
-    text.head(
+    indicators.head(
+        "flankwatch_indicator",
+        "gauge",
+        "Condition indicators of the latest record, in its unit.",
+    );
+    times.head(
         "flankwatch_last_record_timestamp_seconds",
         "gauge",
         "Start of the latest record, in seconds since 1970.",
     );
-    for record in &latest {
-        let seconds = record.start_time.as_nanosecond() as f64 / 1e9;
-        let labels = &record.labels("", "")[..2];
-        text.line("flankwatch_last_record_timestamp_seconds", labels, seconds);
+    let is_wanted = |name: &str| wanted.is_none_or(|wanted| wanted.contains(&name));
+    let mut after: Option<LatestRecord> = None;
+    loop {
+        let place = after.as_ref().map(|record| (record.asset.as_str(), record.channel.as_str()));
+        let records = app.service.store.latest_records(place).await?;
+        for record in &records {
+            let labels =
+                |name, value| [("asset", &*record.asset), ("channel", &record.channel), (name, value)];
+            for (quantile, value) in QUANTILES.iter().zip(record.wear_um) {
+                if let Some(value) = value {
+                    text.line("flankwatch_wear_depth_um", &labels("quantile", quantile), value);
+                }
+            }
+            for (name, value) in record.indicators.values.iter().filter(|(name, _)| is_wanted(name)) {
+                indicators.line("flankwatch_indicator", &labels("indicator", name), value);
+            }
+            let seconds = record.start_time.as_nanosecond() as f64 / 1e9;
+            times.line("flankwatch_last_record_timestamp_seconds", &labels("", "")[..2], seconds);
+        }
+        let Some(last) = records.into_iter().last() else { break };
+        after = Some(last);
     }
+    text.append(indicators);
+    text.append(times);
     Ok(())
 }

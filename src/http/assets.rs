@@ -264,15 +264,18 @@ async fn description(
                 .map_or(0, |fields| left_out.iter().filter(|name| fields.remove(**name).is_some()).count());
             let bytes = if had > 0 { fields.to_string().into_bytes().into() } else { bytes };
             let spec: AssetSpec = body::from_json(&bytes)?;
-            spec.validate()?;
-            Ok(spec)
+            // The pair's mesh is worked out, which takes some hundredths of a second.
+            let check = move || spec.validate().map(|()| spec);
+            Ok(app.service.workers.run("check a description", check).await??)
         }
         Some("application/toml") => {
             let bytes = body::read_description(headers, body, &app.limits).await?;
             let text = std::str::from_utf8(&bytes).map_err(|error| {
                 Problem::new(StatusCode::BAD_REQUEST, format!("the body is not UTF-8: {error}"))
             })?;
-            Ok(AssetSpec::from_toml(text)?)
+            let text = text.to_owned();
+            let check = move || AssetSpec::from_toml(&text);
+            Ok(app.service.workers.run("check a description", check).await??)
         }
         other => Err(body::unsupported(other, "application/json or application/toml")),
     }

@@ -200,22 +200,10 @@ const BEGINNING: usize = 16;
 fn check_mcap(beginning: &[u8]) -> Result<(), Problem> {
     match Format::detect(beginning).map_err(ServiceError::from)? {
         Format::Mcap => Ok(()),
-        Format::Wav => Err(Problem::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "the recording is a WAV, expected MCAP as content-type says",
-        )),
-        Format::Csv => Err(Problem::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "the recording is text, expected MCAP as content-type says",
-        )),
-        Format::Npy => Err(Problem::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "the recording is a NumPy array, expected MCAP as content-type says",
-        )),
-        Format::Mat => Err(Problem::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "the recording is a MATLAB file, expected MCAP as content-type says",
-        )),
+        other => {
+            let detail = format!("the recording is {}, expected MCAP as content-type says", other.name());
+            Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, detail))
+        }
     }
 }
 

@@ -19,6 +19,7 @@ use super::body::SpooledBody;
 use super::problem::{Details, Problem};
 use super::provenance;
 use super::query::{AssetInPath, Parameters};
+use super::wear::status_name;
 use crate::asset::{AssetId, Segment};
 use crate::estimate::Severity;
 use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
@@ -253,10 +254,9 @@ fn write(
         values: segment.indicators.values.clone().into_iter().collect(),
     };
     writer.write(&base, HistoryKind::Indicators, start, received, &indicators)?;
-    let status = serde_json::to_value(segment.wear.status).unwrap_or_default();
     let wear = WearEstimate {
         start_time_ns: nanoseconds(start),
-        status: status.as_str().unwrap_or_default().to_string(),
+        status: status_name(segment.wear.status),
         median_um: segment.wear.median_um,
         p05_um: segment.wear.p05_um,
         p95_um: segment.wear.p95_um,

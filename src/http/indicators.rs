@@ -14,7 +14,8 @@ use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::{assets, etag, table};
+use super::table::{self, Format, Table};
+use super::{assets, etag};
 use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::WearStatus;
 use crate::signal::{Indicators, VELOCITY_RMS, reduction};
@@ -66,7 +67,7 @@ pub(super) struct TrendView {
     path = "/v1/assets/{asset}/indicators",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), TrendParameters),
-    responses((status = 200, content((TrendView = "application/json"), (String = "text/csv"))), (status = 304, description = "As the client has it")),
+    responses((status = 200, content((TrendView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "As the client has it")),
 )]
 pub(super) async fn trend(
     State(app): State<App>,
@@ -81,7 +82,7 @@ pub(super) async fn trend(
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
     }
-    let wants_csv = table::wants_csv(&headers);
+    let format = Format::accepted(&headers);
     let names: Option<Vec<String>> = asked.names.as_deref().map(|names| {
         let names = names.split(',').map(str::trim).filter(|name| !name.is_empty());
         names.map(str::to_owned).collect()
@@ -94,7 +95,7 @@ pub(super) async fn trend(
     };
     let Some(channel) = channel else {
         check(&BTreeMap::new())?;
-        return table::answer(tag, wants_csv, TrendView::default(), table_of);
+        return table::answer(tag, format, TrendView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
     check(&trend.indicators)?;
@@ -106,7 +107,7 @@ pub(super) async fn trend(
     };
     let mut view = app.service.workers.run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
-    table::answer(tag, wants_csv, view, table_of)
+    table::answer(tag, format, view, table_of)
 }
 
 /// A name that is no indicator's, and that no record has a value of from before a change of the bands, is a
@@ -127,18 +128,17 @@ pub(super) fn check_names(
     Err(Problem::query("names", format!("{unknown:?}"), &expected))
 }
 
-fn table_of(view: &TrendView, table: &mut table::Table) -> Result<(), csv::Error> {
-    let names = || view.units.keys().map(String::as_str);
-    table.row(["start_time", "segment_id"].into_iter().chain(names()))?;
-    for row in &view.items {
-        let text = |name: &str| match row.get(name) {
-            Some(Value::String(text)) => text.clone(),
-            Some(Value::Null) | None => String::new(),
-            Some(number) => number.to_string(),
-        };
-        table.row(["start_time", "segment_id"].into_iter().chain(names()).map(text))?;
+fn table_of(view: &TrendView) -> Table {
+    let mut table = Table::default();
+    let values = |name: &'static str| view.items.iter().map(move |row| row.get(name));
+    let time = |value: Option<&Value>| value.and_then(Value::as_str)?.parse().ok();
+    table.times("start_time", values("start_time").map(|value| time(value).unwrap_or_default()));
+    let word = |value: Option<&Value>| value.and_then(Value::as_str).unwrap_or_default().to_owned();
+    table.words("segment_id", values("segment_id").map(word));
+    for (name, unit) in &view.units {
+        table.numbers(name, unit, view.items.iter().map(|row| row.get(name)?.as_f64()));
     }
-    Ok(())
+    table
 }
 
 fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, most: usize) -> TrendView {

@@ -12,15 +12,26 @@ impl MetricsText {
     }
 
     pub(super) fn line(&mut self, name: &str, labels: &[(&str, &str)], value: impl std::fmt::Display) {
-        let labels: Vec<String> = labels
-            .iter()
-            .map(|(name, value)| {
-                let value = value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
-                format!("{name}=\"{value}\"")
-            })
-            .collect();
-        let labels = if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
-        let _ = writeln!(self.0, "{name}{labels} {value}");
+        self.0.push_str(name);
+        for (n, (label, value)) in labels.iter().enumerate() {
+            self.0.push(if n == 0 { '{' } else { ',' });
+            self.0.push_str(label);
+            self.0.push_str("=\"");
+            for part in value.split_inclusive(['\\', '"', '\n']) {
+                let plain = part.trim_end_matches(['\\', '"', '\n']);
+                self.0.push_str(plain);
+                match &part[plain.len()..] {
+                    "\n" => self.0.push_str("\\n"),
+                    "" => {}
+                    sign => self.0.extend(['\\'].into_iter().chain(sign.chars())),
+                }
+            }
+            self.0.push('"');
+        }
+        if !labels.is_empty() {
+            self.0.push('}');
+        }
+        let _ = writeln!(self.0, " {value}");
     }
 
     pub(super) fn single(&mut self, name: &str, kind: &str, help: &str, value: impl std::fmt::Display) {
@@ -28,7 +39,25 @@ impl MetricsText {
         self.line(name, &[], value);
     }
 
+    pub(super) fn append(&mut self, other: Self) {
+        self.0.push_str(&other.0);
+    }
+
     pub(super) fn into_string(self) -> String {
         self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_escaped() {
+        let mut text = MetricsText::default();
+        text.line("up", &[("a", r#"back\slash "and" quote"#), ("b", "two\nlines"), ("c", "")], 1.5);
+        text.line("down", &[], 2);
+        let expected = "up{a=\"back\\\\slash \\\"and\\\" quote\",b=\"two\\nlines\",c=\"\"} 1.5\ndown 2\n";
+        assert_eq!(text.into_string(), expected);
     }
 }

@@ -61,6 +61,7 @@ mod raw_recordings;
 mod reading_waits;
 mod recomputations;
 mod record_choice;
+mod recording_preview;
 mod replays;
 mod reports;
 mod request_examples;

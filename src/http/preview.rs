@@ -24,7 +24,6 @@ pub(super) struct Request {
     gear: GearSpec,
     /// Greatest wear depth in µm, from 0 to the answer's `max_wear_um`.
     #[serde(default)]
-    #[schema(minimum = 0.0)]
     wear_um: f64,
     /// Torque on the driving gear in N·m; that of the pair where not given.
     #[serde(default)]

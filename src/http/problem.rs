@@ -45,7 +45,7 @@ pub(super) struct Details {
     #[serde(skip)]
     retry_after_s: Option<u32>,
     #[serde(skip)]
-    is_damage: bool,
+    damage: Option<String>,
 }
 
 /// Goes with an answer that the database's file is damaged.
@@ -70,7 +70,7 @@ impl Problem {
             value: None,
             expected: None,
             retry_after_s: None,
-            is_damage: false,
+            damage: None,
         }))
     }
 
@@ -165,7 +165,7 @@ impl Problem {
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let body = self.body();
-        let damage = self.0.is_damage.then(|| DamageFound(self.0.detail.clone()));
+        let damage = self.0.damage.clone().map(DamageFound);
         let mut response = (self.0.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
         let is_no_room = self.is_no_room();
         if let Some(seconds) = self.0.retry_after_s.or(is_no_room.then_some(NO_ROOM_RETRY_S)) {
@@ -186,8 +186,10 @@ impl From<StoreError> for Problem {
             StoreError::Time(_) => StatusCode::UNPROCESSABLE_ENTITY,
             StoreError::DatabaseDamaged { .. } => StatusCode::SERVICE_UNAVAILABLE,
             error if error.is_damage() => {
+                let found = error.to_string();
                 let mut problem = Self::internal(error);
-                problem.0.is_damage = true;
+                problem.0.detail = format!("the database is damaged: {found}");
+                problem.0.damage = Some(found);
                 return problem;
             }
             error if error.is_full() => {

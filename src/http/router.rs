@@ -18,8 +18,8 @@ use super::{
     access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, csv_preview, damage,
     dashboard, drain, etag, events, exclusions, export, head, health, hindsight, indicators, issued_tokens,
     libraries, library_states, live_view, maintenance, matching, metrics, notifications, openapi,
-    pair_presets, preview, raw_recordings, recomputations, record_choice, replays, reports, segments,
-    session, stream_campaigns, streams, traffic, tus, uploads, waterfall, waveforms, wear,
+    pair_presets, preview, raw_recordings, recomputations, record_choice, recording_preview, replays,
+    reports, segments, session, stream_campaigns, streams, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -77,6 +77,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(library_states::flank))
         .routes(routes!(preview::preview))
         .routes(routes!(csv_preview::csv_preview))
+        .routes(routes!(recording_preview::recording_preview))
         .routes(routes!(pair_presets::list))
         .routes(routes!(streams::connect, streams::send))
         .routes(routes!(streams::list))

@@ -13,6 +13,7 @@ use super::app::App;
 use super::session::Caller;
 use super::streams::OpenStream;
 use crate::recording::stream::Chunk;
+use crate::service::Pulses;
 use crate::service::{ServiceError, StreamGap, StreamProgress, StreamSender};
 use crate::signal::OperatingPoint;
 use crate::store::StoreError;
@@ -41,8 +42,19 @@ enum Said {
     Gap { next: u64 },
     /// What the machine does from now on.
     Operating { shaft_speed_hz: Option<f64>, torque_nm: Option<f64>, temperature_c: Option<f64> },
+    /// Pulses of the tachometer among samples to come, so many samples after an index.
+    Tachometer {
+        from: u64,
+        pulses: Vec<f64>,
+        #[serde(default = "one")]
+        pulses_per_revolution: u32,
+    },
     /// The stream is over for now.
     End,
+}
+
+fn one() -> u32 {
+    1
 }
 
 /// What a sender is told.
@@ -256,6 +268,11 @@ impl Connection {
             Said::Operating { shaft_speed_hz, torque_nm, temperature_c } => {
                 let point = OperatingPoint { shaft_speed_hz, torque_nm, temperature_c };
                 self.sender.set_operating_point(point).await?;
+                Ok(true)
+            }
+            Said::Tachometer { from, pulses, pulses_per_revolution } => {
+                let pulses = Pulses::new(from, &pulses, pulses_per_revolution)?;
+                self.sender.take_pulses(pulses).await?;
                 Ok(true)
             }
             Said::End => Err(Closing::end()),

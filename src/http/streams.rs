@@ -10,7 +10,8 @@ use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse, Response};
 use bytes::{Bytes, BytesMut};
 use jiff::Timestamp;
-use serde::Deserialize;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 
 use super::app::App;
 use super::body::{self, BodySource};
@@ -52,7 +53,7 @@ pub(super) struct StreamParameters {
     #[param(example = 25600.0)]
     sample_rate_hz: Option<f64>,
     /// Number of channels, 1 where not given.
-    channels: Option<u32>,
+    channels: Option<u16>,
     /// Value of one count in `unit`; 1 for `f32`, 1/32768 for `i16` where not given.
     scale: Option<f64>,
     /// Unit of the samples; that of the asset where not given.
@@ -62,12 +63,22 @@ pub(super) struct StreamParameters {
     channel_names: Option<String>,
     /// Index of the first sample in the body; the next one where not given. Of a new stream that is sent over
     /// a WebSocket: the index that it begins with.
+    #[serde(default, deserialize_with = "sample_index")]
     first_index: Option<u64>,
     /// When the first sample in the body was measured.
     start_time: Option<Timestamp>,
     /// Nothing before `first_index` comes any more: what is missing is a gap at once.
     #[serde(default)]
     after_gap: bool,
+}
+
+/// An index that a signed number of 64 bits holds, as it is kept and described.
+fn sample_index<'de, D: Deserializer<'de>>(given: D) -> Result<Option<u64>, D::Error> {
+    let index = Option::<u64>::deserialize(given)?;
+    match index.filter(|index| i64::try_from(*index).is_err()) {
+        Some(index) => Err(D::Error::custom(format!("the index {index}, expected one below 2^63"))),
+        None => Ok(index),
+    }
 }
 
 /// Which levels are asked for.
@@ -107,7 +118,7 @@ impl StreamParameters {
         let rate_hz = self.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
         let names = self.channel_names.iter().flat_map(|names| names.split(','));
         let names = names.map(|name| name.trim().to_owned()).collect();
-        StreamFormat::new(sample, rate_hz, self.channels.unwrap_or(1), self.scale)
+        StreamFormat::new(sample, rate_hz, self.channels.unwrap_or(1).into(), self.scale)
             .and_then(|format| format.with_names(self.unit.clone(), names))
             .map_err(|error| Problem::from(ServiceError::Recording(error)))
     }

@@ -1,65 +1,135 @@
-//! Rows as JSON or, for those who ask for it, as CSV.
+//! Rows as JSON or, for those who ask for it, as a table in CSV or Parquet.
+
+mod parquet;
 
 use axum::Json;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
 use serde::Serialize;
 
 use super::problem::Problem;
 
-/// A table as it is written.
-pub(super) struct Table(csv::Writer<Vec<u8>>);
+/// Media type of Parquet files.
+const PARQUET: &str = "application/vnd.apache.parquet";
 
-impl Table {
-    /// Adds a row.
-    pub(super) fn row<I, T>(&mut self, fields: I) -> Result<(), csv::Error>
-    where
-        I: IntoIterator<Item = T>,
-        T: AsRef<[u8]>,
-    {
-        self.0.write_record(fields)
+/// How rows are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Format {
+    Json,
+    Csv,
+    Parquet,
+}
+
+impl Format {
+    /// What the client asks for before all else; JSON where it is as good.
+    pub(super) fn accepted(headers: &HeaderMap) -> Self {
+        let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
+        let quality = |wanted: &str| {
+            let ranges = accept.split(',').filter_map(|range| {
+                let mut parts = range.split(';').map(str::trim);
+                let is_wanted = parts.next()?.eq_ignore_ascii_case(wanted);
+                let quality =
+                    parts.find_map(|part| part.strip_prefix("q=")).map_or(1.0, |q| q.parse().unwrap_or(0.0));
+                is_wanted.then_some(quality)
+            });
+            ranges.fold(0.0_f64, f64::max)
+        };
+        let mut best = (Self::Json, quality("application/json"));
+        for (format, media_type) in [(Self::Csv, "text/csv"), (Self::Parquet, PARQUET)] {
+            let quality = quality(media_type);
+            if quality > best.1 {
+                best = (format, quality);
+            }
+        }
+        best.0
     }
 }
 
-/// A number as it stands in a table: nothing where there is none.
-pub(super) fn number(value: Option<f64>) -> String {
-    value.map_or_else(String::new, |value| value.to_string())
+/// Columns of the same length.
+#[derive(Debug, Default)]
+pub(super) struct Table {
+    columns: Vec<Column>,
 }
 
-/// Whether the client asks for CSV before JSON.
-pub(super) fn wants_csv(headers: &HeaderMap) -> bool {
-    let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    let quality = |wanted: &str| {
-        let ranges = accept.split(',').filter_map(|range| {
-            let mut parts = range.split(';').map(str::trim);
-            let is_wanted = parts.next()?.eq_ignore_ascii_case(wanted);
-            let quality =
-                parts.find_map(|part| part.strip_prefix("q=")).map_or(1.0, |q| q.parse().unwrap_or(0.0));
-            is_wanted.then_some(quality)
-        });
-        ranges.fold(0.0_f64, f64::max)
-    };
-    quality("text/csv") > quality("application/json")
+#[derive(Debug)]
+struct Column {
+    name: String,
+    unit: Option<String>,
+    values: Values,
+}
+
+#[derive(Debug)]
+enum Values {
+    Times(Vec<Timestamp>),
+    Words(Vec<String>),
+    /// NaN where there is none.
+    Numbers(Vec<f64>),
+}
+
+impl Table {
+    pub(super) fn times(&mut self, name: &str, values: impl Iterator<Item = Timestamp>) {
+        self.add(name, None, Values::Times(values.collect()));
+    }
+
+    pub(super) fn words(&mut self, name: &str, values: impl Iterator<Item = String>) {
+        self.add(name, None, Values::Words(values.collect()));
+    }
+
+    pub(super) fn numbers(&mut self, name: &str, unit: &str, values: impl Iterator<Item = Option<f64>>) {
+        let values = values.map(|value| value.unwrap_or(f64::NAN)).collect();
+        self.add(name, Some(unit.to_owned()), Values::Numbers(values));
+    }
+
+    fn add(&mut self, name: &str, unit: Option<String>, values: Values) {
+        self.columns.push(Column { name: name.to_owned(), unit, values });
+    }
+
+    fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |column| match &column.values {
+            Values::Times(times) => times.len(),
+            Values::Words(words) => words.len(),
+            Values::Numbers(numbers) => numbers.len(),
+        })
+    }
+
+    fn csv(&self) -> Result<Vec<u8>, csv::Error> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        writer.write_record(self.columns.iter().map(|column| &column.name))?;
+        for row in 0..self.rows() {
+            let field = |column: &Column| match &column.values {
+                Values::Times(times) => times[row].to_string(),
+                Values::Words(words) => words[row].clone(),
+                Values::Numbers(numbers) if numbers[row].is_nan() => String::new(),
+                Values::Numbers(numbers) => numbers[row].to_string(),
+            };
+            writer.write_record(self.columns.iter().map(field))?;
+        }
+        writer.into_inner().map_err(|error| error.into_error().into())
+    }
 }
 
 /// The answer as it was asked for, with its mark.
 pub(super) fn answer<T: Serialize>(
     mark: HeaderValue,
-    wants_csv: bool,
+    format: Format,
     view: T,
-    write: impl FnOnce(&T, &mut Table) -> Result<(), csv::Error>,
+    table_of: impl FnOnce(&T) -> Table,
 ) -> Result<Response, Problem> {
     let fields = [(header::ETAG, mark), (header::VARY, HeaderValue::from_static("accept"))];
-    if !wants_csv {
-        return Ok((fields, Json(view)).into_response());
-    }
     let fault = |error: String| {
         Problem::new(StatusCode::INTERNAL_SERVER_ERROR, format!("the table cannot be written: {error}"))
     };
-    let mut table = Table(csv::Writer::from_writer(Vec::new()));
-    write(&view, &mut table).map_err(|error| fault(error.to_string()))?;
-    let bytes = table.0.into_inner().map_err(|error| fault(error.to_string()))?;
-    Ok((fields, [(header::CONTENT_TYPE, "text/csv; charset=utf-8")], bytes).into_response())
+    let (media_type, bytes) = match format {
+        Format::Json => return Ok((fields, Json(view)).into_response()),
+        Format::Csv => {
+            ("text/csv; charset=utf-8", table_of(&view).csv().map_err(|error| fault(error.to_string()))?)
+        }
+        Format::Parquet => {
+            (PARQUET, parquet::file(&table_of(&view)).map_err(|error| fault(error.to_string()))?)
+        }
+    };
+    Ok((fields, [(header::CONTENT_TYPE, media_type)], bytes).into_response())
 }
 
 #[cfg(test)]
@@ -67,17 +137,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn csv_goes_to_those_who_prefer_it() {
+    fn a_table_goes_to_those_who_prefer_it() {
         for (accept, expected) in [
-            ("", false),
-            ("*/*", false),
-            ("text/csv", true),
-            ("text/csv;q=0.5, application/json", false),
-            ("application/json;q=0.1,TEXT/CSV;q=0.9", true),
+            ("", Format::Json),
+            ("*/*", Format::Json),
+            ("text/csv", Format::Csv),
+            ("text/csv;q=0.5, application/json", Format::Json),
+            ("application/json;q=0.1,TEXT/CSV;q=0.9", Format::Csv),
+            (PARQUET, Format::Parquet),
+            ("text/csv;q=0.5, application/vnd.apache.parquet", Format::Parquet),
         ] {
             let mut headers = HeaderMap::new();
             headers.insert(header::ACCEPT, HeaderValue::from_static(accept));
-            assert_eq!(wants_csv(&headers), expected, "{accept}");
+            assert_eq!(Format::accepted(&headers), expected, "{accept}");
         }
     }
 }

@@ -64,6 +64,11 @@ pub(super) struct UploadParameters {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "m/s2")]
     unit: Option<String>,
+    /// Units of the channels that `channel_names` names, in their order, with commas between them; `unit` of
+    /// those for which nothing stands there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = "g,m/s2")]
+    channel_units: Option<String>,
     /// Wear depth in µm known from an inspection: shown beside the estimate, never used by it.
     #[serde(skip_serializing_if = "Option::is_none")]
     reference_wear_um: Option<f64>,
@@ -364,15 +369,16 @@ impl Upload<'_> {
 
     fn metadata(&self) -> Result<UploadMetadata, Problem> {
         let asked = &self.asked;
-        let names = asked
-            .channel_names
-            .as_deref()
-            .map(|names| names.split(',').map(|name| name.trim().to_string()).collect());
+        let listed = |list: &Option<String>| {
+            let list = list.as_deref();
+            list.map(|list| list.split(',').map(|each| each.trim().to_string()).collect()).unwrap_or_default()
+        };
         Ok(UploadMetadata {
             start_time: asked.start_time,
             channel: asked.channel.clone(),
-            channel_names: names.unwrap_or_default(),
+            channel_names: listed(&asked.channel_names),
             unit: asked.unit.clone(),
+            channel_units: listed(&asked.channel_units),
             operating_point: OperatingPoint {
                 shaft_speed_hz: asked.shaft_speed_hz,
                 torque_nm: asked.torque_nm,

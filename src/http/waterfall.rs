@@ -109,9 +109,9 @@ pub(super) async fn show(
 ) -> Result<Json<WaterfallView>, Problem> {
     let records = within("max_records", asked.max_records, RECORDS)?;
     let cells = within("cells", asked.cells, CELLS)?;
-    let end = asked
-        .max
-        .map(|max| if max > 0.0 { Ok(max) } else { Err(Problem::query("max", max, "a number above 0")) });
+    if let Some(max) = asked.max.filter(|max| !(*max > 0.0 && max.is_finite())) {
+        return Err(Problem::query("max", max, "a number above 0"));
+    }
     let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
     let mut view = WaterfallView {
         channel: None,
@@ -148,7 +148,7 @@ pub(super) async fn show(
         (Axis::Orders, Some(speed_hz)) => first.sample_rate_hz / 2.0 / speed_hz,
         (Axis::Orders, None) => return Err(Problem::query("axis", "orders", "hz: no shaft speed is known")),
     };
-    let end = end.transpose()?.unwrap_or(highest);
+    let end = asked.max.unwrap_or(highest);
     let grid = Grid { axis: asked.axis, cells, end_bits: end.to_bits() };
     view.mesh_position = match asked.axis {
         Axis::Orders => asset.spec.teeth().map(|[driving, _]| f64::from(driving)),

@@ -11,7 +11,8 @@ use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::{assets, etag, table};
+use super::table::{self, Format, Table};
+use super::{assets, etag};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
 use crate::estimate::{BaselineProgress, ChannelContribution, WearEstimate, WearStatus};
 use crate::service::JointWear;
@@ -178,7 +179,7 @@ struct HistoryRow {
     path = "/v1/assets/{asset}/wear/history",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), HistoryParameters),
-    responses((status = 200, content((HistoryView = "application/json"), (String = "text/csv"))), (status = 304, description = "As the client has it")),
+    responses((status = 200, content((HistoryView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "As the client has it")),
 )]
 pub(super) async fn history(
     State(app): State<App>,
@@ -193,9 +194,9 @@ pub(super) async fn history(
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
     }
-    let wants_csv = table::wants_csv(&headers);
+    let format = Format::accepted(&headers);
     let Some(channel) = channel else {
-        return table::answer(tag, wants_csv, HistoryView::default(), table_of);
+        return table::answer(tag, format, HistoryView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
     let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
@@ -205,45 +206,30 @@ pub(super) async fn history(
     };
     let mut view = app.service.workers.run("reduce a history", render).await?;
     view.channel = Some(channel.channel);
-    table::answer(tag, wants_csv, view, table_of)
+    table::answer(tag, format, view, table_of)
 }
 
-fn table_of(view: &HistoryView, table: &mut table::Table) -> Result<(), csv::Error> {
-    table.row([
-        "start_time",
-        "segment_id",
-        "status",
-        "reason",
-        "median_um",
-        "mean_um",
-        "p05_um",
-        "p25_um",
-        "p75_um",
-        "p95_um",
-        "reference_wear_um",
-        "log_evidence",
-    ])?;
-    for row in &view.items {
-        let numbers = [
-            row.median_um,
-            row.mean_um,
-            row.p05_um,
-            row.p25_um,
-            row.p75_um,
-            row.p95_um,
-            row.reference_wear_um,
-            row.log_evidence,
-        ];
-        let status = serde_json::to_value(row.status).unwrap_or_default();
-        let words = [
-            row.start_time.to_string(),
-            row.segment_id.0.clone(),
-            status.as_str().unwrap_or_default().into(),
-            row.reason.clone(),
-        ];
-        table.row(words.into_iter().chain(numbers.map(table::number)))?;
-    }
-    Ok(())
+/// The name of a status as answers have it.
+pub(super) fn status_name(status: WearStatus) -> String {
+    serde_json::to_value(status).ok().and_then(|name| Some(name.as_str()?.to_owned())).unwrap_or_default()
+}
+
+fn table_of(view: &HistoryView) -> Table {
+    let mut table = Table::default();
+    let rows = || view.items.iter();
+    table.times("start_time", rows().map(|row| row.start_time));
+    table.words("segment_id", rows().map(|row| row.segment_id.0.clone()));
+    table.words("status", rows().map(|row| status_name(row.status)));
+    table.words("reason", rows().map(|row| row.reason.clone()));
+    table.numbers("median_um", "µm", rows().map(|row| row.median_um));
+    table.numbers("mean_um", "µm", rows().map(|row| row.mean_um));
+    table.numbers("p05_um", "µm", rows().map(|row| row.p05_um));
+    table.numbers("p25_um", "µm", rows().map(|row| row.p25_um));
+    table.numbers("p75_um", "µm", rows().map(|row| row.p75_um));
+    table.numbers("p95_um", "µm", rows().map(|row| row.p95_um));
+    table.numbers("reference_wear_um", "µm", rows().map(|row| row.reference_wear_um));
+    table.numbers("log_evidence", "1", rows().map(|row| row.log_evidence));
+    table
 }
 
 fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) -> HistoryView {

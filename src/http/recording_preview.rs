@@ -1,0 +1,170 @@
+//! `/v1/recording-preview`: what a recording that is no plain table holds, before it is uploaded.
+
+use std::io::Cursor;
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::app::App;
+use super::body;
+use super::problem::Problem;
+use super::query::Parameters;
+use crate::recording::{BlockEncoding, McapReader, RecordDefaults, RecordingError, decode_block, decode_mat};
+use crate::signal::Record;
+
+/// Most bytes of a file that are looked at.
+const MAX_BYTES: usize = 16 << 20;
+
+/// Most records that are told of an MCAP recording, each of another channel.
+const MOST_CHANNELS: usize = 16;
+
+/// Records of an MCAP recording that are looked through for channels.
+const MOST_RECORDS: usize = 64;
+
+/// Most stretches of an envelope.
+const STRETCHES: usize = 200;
+
+const EXPECTED: &str = "application/x-matlab-data, application/x-protobuf or application/mcap";
+
+/// What the sender says of the recording.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RecordingParameters {
+    /// Sampling rate in hertz of a MATLAB file that does not say it.
+    #[param(example = 12800.0)]
+    sample_rate_hz: Option<f64>,
+}
+
+/// A recording as it would be taken.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = RecordingPreview)]
+pub(super) struct RecordingPreviewView {
+    /// The record of each channel; of an MCAP recording the first one of each of up to 16 channels.
+    channels: Vec<RecordedChannel>,
+    /// Why no record can be taken of it.
+    fault: Option<String>,
+}
+
+/// The record of one channel.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+struct RecordedChannel {
+    /// Name of the channel.
+    channel: String,
+    /// Unit that the recording says; none where it says none.
+    unit: Option<String>,
+    /// Sampling rate in hertz.
+    sample_rate_hz: f64,
+    /// Samples of the record.
+    samples: usize,
+    /// Time of the first sample, where the recording says it.
+    start_time: Option<Timestamp>,
+    /// Lowest and highest sample of up to 200 stretches of the record.
+    envelope: Vec<[f32; 2]>,
+}
+
+/// Preview a MATLAB file, a protobuf block or an MCAP recording
+///
+/// Looks at a recording, of MCAP at a recording's beginning: the channels with their names, units, rates,
+/// starts and shapes, as an upload would take them. The body is at most 16 MiB. Nothing is stored.
+#[utoipa::path(
+    post,
+    path = "/v1/recording-preview",
+    tag = "segments",
+    params(RecordingParameters),
+    request_body(content(
+        (Vec<u8> = "application/x-matlab-data"),
+        (Vec<u8> = "application/x-protobuf"),
+        (Vec<u8> = "application/mcap"),
+    )),
+    responses((status = 200, body = RecordingPreviewView)),
+)]
+pub(super) async fn recording_preview(
+    State(app): State<App>,
+    Parameters(asked): Parameters<RecordingParameters>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Json<RecordingPreviewView>, Problem> {
+    let media_type = body::media_type(&headers);
+    let look = match media_type.as_deref() {
+        Some("application/x-matlab-data") => of_mat,
+        Some("application/x-protobuf") => of_block,
+        Some("application/mcap") => of_mcap,
+        other => return Err(body::unsupported(other, EXPECTED)),
+    };
+    if let Some(rate) = asked.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
+        return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
+    }
+    let _ticket = app.service.workers.admit_answer()?;
+    let bytes = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;
+    let defaults = RecordDefaults {
+        start_time: Timestamp::UNIX_EPOCH,
+        sample_rate_hz: asked.sample_rate_hz,
+        ..RecordDefaults::default()
+    };
+    let preview = move || look(bytes.to_vec(), defaults);
+    Ok(Json(app.service.workers.run("preview a recording", preview).await?))
+}
+
+fn of_mat(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
+    RecordingPreviewView::of(decode_mat(&bytes, &defaults))
+}
+
+fn of_block(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
+    RecordingPreviewView::of(
+        decode_block(&bytes, BlockEncoding::Protobuf, &defaults).map(|record| vec![record]),
+    )
+}
+
+/// The first record of each channel; what comes after the beginning may be missing.
+fn of_mcap(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
+    let mut records: Vec<Record> = Vec::new();
+    for recorded in McapReader::with_defaults(Cursor::new(bytes), defaults).take(MOST_RECORDS) {
+        match recorded {
+            Ok(recorded) if records.iter().all(|known| known.channel() != recorded.record.channel()) => {
+                records.push(recorded.record);
+            }
+            Ok(_) => {}
+            Err(error) if records.is_empty() => return RecordingPreviewView::of(Err(error)),
+            Err(_) => break,
+        }
+        if records.len() == MOST_CHANNELS {
+            break;
+        }
+    }
+    RecordingPreviewView::of(Ok(records))
+}
+
+impl RecordingPreviewView {
+    fn of(records: Result<Vec<Record>, RecordingError>) -> Self {
+        match records {
+            Ok(records) => Self { channels: records.iter().map(RecordedChannel::of).collect(), fault: None },
+            Err(error) => Self { channels: Vec::new(), fault: Some(error.to_string()) },
+        }
+    }
+}
+
+impl RecordedChannel {
+    fn of(record: &Record) -> Self {
+        Self {
+            channel: record.channel().to_owned(),
+            unit: Some(record.unit().to_owned()).filter(|unit| unit != "1"),
+            sample_rate_hz: record.sample_rate_hz(),
+            samples: record.samples().len(),
+            start_time: Some(record.start_time()).filter(|start| *start != Timestamp::UNIX_EPOCH),
+            envelope: envelope(record.samples()),
+        }
+    }
+}
+
+/// Lowest and highest sample of each stretch.
+fn envelope(samples: &[f32]) -> Vec<[f32; 2]> {
+    let extremes = |stretch: &[f32]| {
+        stretch.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &x| [low.min(x), high.max(x)])
+    };
+    samples.chunks(samples.len().div_ceil(STRETCHES).max(1)).map(extremes).collect()
+}
