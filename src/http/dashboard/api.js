@@ -153,8 +153,9 @@ export const waveform = (id, from, to, signal, motion = {}) =>
 /** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/orders">>} */
 export const orders = (id, from, to, points, signal) =>
   get(["segments", id, "orders"], { from_order: from, to_order: to, max_points: points }, signal);
-/** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/turn">>} */
-export const turn = (id, signal) => get(["segments", id, "turn"], {}, signal);
+/** @type {(id: string, gear: 1 | 2, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/turn">>} */
+export const turn = (id, gear, signal) =>
+  get(["segments", id, "turn"], { gear: gear === 2 ? gear : null }, signal);
 /** @type {(id: string, end?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/cepstrum">>} */
 export const cepstrum = (id, end, signal) =>
   get(["segments", id, "cepstrum"], { max_points: 4000, max_s: end }, signal);
@@ -182,17 +183,19 @@ export const keepStream = (id, name, seconds) =>
   send("POST", ["assets", id, "stream", "keep"], undefined, undefined, { name, seconds });
 export const createAsset = (body) => send("POST", ["assets"], body);
 export const deleteAsset = (id) => send("DELETE", ["assets", id]);
-/** What a CSV file holds by whole lines of its beginning. */
-export async function previewCsv(lines, parameters) {
-  const headers = { accept: "application/json", "content-type": "text/csv" };
-  const { response, text } = await request(address(["csv-preview"], parameters), {
-    method: "POST",
-    headers,
-    body: lines,
-  });
+async function looked(path, parameters, type, body) {
+  const headers = { accept: "application/json", "content-type": type };
+  const { response, text } = await request(address([path], parameters), { method: "POST", headers, body });
   if (!response.ok) throw failure(response.status, text);
   return parsed(text);
 }
+
+/** What a CSV file holds by whole lines of its beginning. */
+export const previewCsv = (lines, parameters) => looked("csv-preview", parameters, "text/csv", lines);
+
+/** What a MATLAB file, a protobuf block or the beginning of an MCAP recording holds. */
+export const previewRecording = (body, type, parameters) =>
+  looked("recording-preview", parameters, type, body);
 export const preview = (body, signal) => send("POST", ["preview"], body, signal);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/pair-presets">>} */
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);

@@ -11,6 +11,7 @@ import { EventsCard } from "./events-card.js";
 import { hindsightOf } from "./hindsight.js";
 import { fetchEvents } from "./life-events.js";
 import { MaintenanceDialog } from "./maintenance-dialog.js";
+import { lifeSubject } from "./plot-subjects.js";
 import { PlotCard } from "./plot-card.js";
 import { indicatorName } from "./format.js";
 import { namedBins, operatingBins } from "./operating-bins.js";
@@ -23,7 +24,7 @@ import { chosenPanes, otherNames, PANES, paneNames, trendDrawing } from "./trend
 import { formatTime, timeOf, timeRange, wearDrawing, withoutEstimate } from "./wear-plot.js";
 
 /** Parameters of the address that say what to ask the server for. */
-const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part"];
+const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part", "gear"];
 
 /** Those that are shown at once with what is known, and then with the lines that they ask for. */
 const DETAILED = ["zoom", "band", "cursor", "near"];
@@ -329,8 +330,9 @@ export class AssetPage {
     const zoomed = timeOf(this.#query.time);
     return this.#wear
       .show(
-        wearDrawing(history, latest.limits, selected, revision, latest, events, zoomed, rule),
+        () => wearDrawing(history, latest.limits, selected, revision, latest, events, zoomed, rule),
         `${this.#id}-wear`,
+        () => lifeSubject(asset, history.channel, history.items),
       )
       .then(() => this.#wearHandles.show(isShown ? 0 : null, this.#wearLevels.levels()));
   }
@@ -363,16 +365,20 @@ export class AssetPage {
     });
     this.#levelsButton.hidden = this.#levelNames().length === 0;
     this.#levelsButton.setAttribute("aria-expanded", String(!this.#levels.element.hidden));
-    const drawing = trendDrawing(indicators, panes, names, logarithmic, selected, {
-      revision,
-      bins,
-      events,
-      range,
-      rules,
-    });
+    const { asset } = this.#data;
+    const { velocity_limits_mm_per_s: limits } = asset.summary;
+    const drawing = () =>
+      trendDrawing(indicators, panes, names, logarithmic, selected, {
+        revision,
+        bins,
+        events,
+        range,
+        rules,
+        limits,
+      });
     const pane = panes.findIndex((each) => each.names.length === 1 && each.names[0] === this.#query.levels);
     return this.#trends
-      .show(drawing, `${this.#id}-trends`)
+      .show(drawing, `${this.#id}-trends`, () => lifeSubject(asset, indicators.channel, indicators.items))
       .then(() => this.#handles.show(pane < 0 ? null : pane, this.#levels.levels()));
   }
 

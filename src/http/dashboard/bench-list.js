@@ -205,8 +205,3 @@ export class BenchList {
     );
   }
 }
-
-/** What a record is called on the bench: its asset, channel and time. */
-export function recordName(segment, asset) {
-  return `${assetName(asset)} · ${segment.channel} · ${clock(segment.start_time)}`;
-}

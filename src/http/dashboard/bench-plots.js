@@ -6,6 +6,7 @@ import { CursorLayer } from "./cursor.js";
 import { cursorLines, cursorOf, formatCursor } from "./cursor-lines.js";
 import { thinned } from "./fine-lines.js";
 import { number } from "./format.js";
+import { GearChoice } from "./gear-choice.js";
 import { LineTable } from "./line-table.js";
 import { PeakList } from "./peak-list.js";
 import { PlotCard } from "./plot-card.js";
@@ -91,6 +92,7 @@ export class BenchPlots {
   #cards = new Map(BENCH_PANES.map(({ key, label }) => [key, new PlotCard(key, label)]));
   #aids = new Map();
   #peaks = new PeakList();
+  #gear = new GearChoice();
   #onRange;
   elements;
 
@@ -99,6 +101,7 @@ export class BenchPlots {
     for (const [key, names] of Object.entries(SPECTRA))
       this.#aids.set(key, new SpectrumAids(this.#cards.get(key), names));
     this.#cards.get("spectrum").element.append(this.#peaks.element);
+    this.#cards.get("turn").tools.append(this.#gear.element);
     this.elements = [...this.#cards.values()].map(({ element }) => element);
   }
 
@@ -110,6 +113,7 @@ export class BenchPlots {
   /** Draws the panes that the address asks for, of records with `{ segment, asset, colour, name, panes }`; nothing where none is wanted. */
   async show(records, query, isWanted, isLoading) {
     const keys = benchPanes(query);
+    this.#gear.show(query, sameTeeth(records));
     for (const [key, card] of this.#cards) card.element.hidden = !isWanted || !keys.includes(key);
     await Promise.all(
       BENCH_PANES.filter(({ key }) => keys.includes(key)).map((pane) =>
@@ -167,9 +171,13 @@ export class BenchPlots {
             traces: [...drawing.others, ...drawing.traces],
           };
     };
-    const drawing = make();
-    if (typeof drawing === "string") return card.say(drawing);
-    await card.show(drawing, `bench-${key}-${whole[0].name}`, () => withCursor(make(), cursor, end));
+    // the page has a cursor's lines over the plot, a picture in it
+    const drawing = await card.show(
+      (isPicture) => (isPicture ? withCursor(make(), cursor, end) : make()),
+      `bench-${key}-${whole[0].name}`,
+      () => (usable.length > 1 ? `${usable.length} records over one another` : usable[0].name),
+    );
+    if (typeof drawing === "string") return;
     this.#aids.get(key)?.show(query, whole);
     if (key === "spectrum")
       this.#peaks.show(
@@ -187,6 +195,12 @@ export class BenchPlots {
 }
 
 const hasLines = (data) => !("frequency_hz" in data) || data.frequency_hz.length > 0;
+
+/** The tooth numbers of records that all have the same, else none. */
+function sameTeeth(records) {
+  const all = records.map(({ asset }) => asset.gear?.teeth);
+  return all.every((teeth) => String(teeth) === String(all[0])) ? all[0] : undefined;
+}
 
 /** The records of a pane as the layers of its drawing, spectra in the quantity that is chosen. */
 function layersOf(key, records, query) {

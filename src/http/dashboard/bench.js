@@ -4,12 +4,13 @@
 import * as api from "./api.js";
 import { crumbs } from "./asset-frame.js";
 import { BearingPanel } from "./bearing-panel.js";
-import { BenchList, recordName } from "./bench-list.js";
+import { BenchList } from "./bench-list.js";
 import { BenchPlots } from "./bench-plots.js";
 import { keepBench, keptBench, recordsOf } from "./bench-records.js";
 import { BenchTools, benchPanes } from "./bench-tools.js";
 import { h, setChildren } from "./dom.js";
 import { Listening, SPEEDS } from "./listening.js";
+import { recordSubject } from "./plot-subjects.js";
 import { palette } from "./plots.js";
 import { fetchPanes } from "./record-panes.js";
 import { change, format } from "./route.js";
@@ -18,7 +19,7 @@ import { motionOf } from "./spectrum-quantity.js";
 const POINTS = 200_000; // of a spectrum: every line of all but very long records
 
 /** Parameters that say what to ask the server for, and those that do so of spectra with more lines than it gives at once. */
-const REFETCHED = ["records", "show", "axis", "part", "quantity", "cut"];
+const REFETCHED = ["records", "show", "axis", "part", "gear", "quantity", "cut"];
 const DETAILED = ["band", "eband", "cursor", "ecursor", "bearing", "speed"];
 
 /** What an address asks for; without records the bench as it was left in this tab, which the address then says. */
@@ -87,7 +88,7 @@ export class BenchPage {
     const changed = (names) => names.some((name) => before[name] !== route.query[name]);
     if (this.#listening.id && !recordsOf(route.query).includes(this.#listening.id)) this.#listening.stop();
     this.#draw();
-    if (changed(["axis", "part"])) this.#plots.busy(true);
+    if (changed(["axis", "part", "gear"])) this.#plots.busy(true);
     return changed(REFETCHED) || (changed(DETAILED) && this.#isReduced());
   }
 
@@ -135,7 +136,7 @@ export class BenchPage {
     return recordsOf(this.#query).map((id, place) => {
       const { segment, asset, panes } = this.#known.get(id) ?? {};
       const isKnown = segment && !(segment instanceof Error) && !(asset instanceof Error);
-      const name = isKnown ? recordName(segment, asset) : `Record ${id}`;
+      const name = isKnown ? recordSubject(segment, asset) : `Record ${id}`;
       return { id, place, segment, asset, panes, colour: colours[place], name };
     });
   }

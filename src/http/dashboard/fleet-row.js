@@ -125,6 +125,8 @@ export class FleetRow {
     );
     setChildren(this.#limit, ...limitContent(summary, asset.limits));
     setText(this.#segments, count(summary.segments));
+    // a low row has no room for long words
+    this.#state.title = [...this.#state.children].map((part) => part.textContent).join(", ");
     this.#last.title = summary.last_start_time ? clock(summary.last_start_time) : "";
     this.tick();
   }

@@ -38,6 +38,9 @@ const COLUMNS = [
   },
 ];
 
+/** With more assets than this rows are low where nothing else is chosen. */
+const MANY = 20;
+
 /** The fleet page. */
 export class FleetPage {
   #assets;
@@ -64,6 +67,14 @@ export class FleetPage {
   #groupField = h("label", { class: "check", for: "fleet-grouped", hidden: true }, this.#grouped, "By place");
   #groups = new Map();
   #order = h("select", { id: "fleet-sort", onchange: () => change({ sort: this.#order.value, desc: null }) });
+  #height = h(
+    "select",
+    { id: "fleet-rows", onchange: () => change({ rows: this.#height.value }, { quiet: true }) },
+    [
+      ["low", "Low"],
+      ["high", "High"],
+    ].map(([value, text]) => h("option", { value }, text)),
+  );
   #list = h("div", { class: "card fleet", hidden: true });
   #empty = h("div", { hidden: true });
   #loading = h("p", { class: "notice loading" }, "Loading the fleet…");
@@ -77,6 +88,7 @@ export class FleetPage {
       { class: "fleet-tools" },
       h("label", { class: "field", for: "fleet-search" }, h("span", {}, "Filter"), this.#search),
       h("label", { class: "field narrow-only", for: "fleet-sort" }, h("span", {}, "Sort by"), this.#order),
+      h("label", { class: "field row-height", for: "fleet-rows" }, h("span", {}, "Rows"), this.#height),
       this.#groupField,
       this.#states,
       this.#total,
@@ -101,7 +113,7 @@ export class FleetPage {
       this.#table,
       this.#body,
       (item, known) => this.#rowOf(item, known),
-      (item) => (item.members ? "group" : "asset"),
+      (item) => `${item.members ? "group" : "asset"} ${this.#height.value}`,
     );
     this.#list.append(tools, this.#table);
     const head = h(
@@ -187,6 +199,9 @@ export class FleetPage {
   }
 
   #renderRows(assets) {
+    const { rows = this.#assets.length > MANY ? "low" : "high" } = this.#query;
+    this.#height.value = rows === "low" ? "low" : "high";
+    this.#list.classList.toggle("low", rows === "low");
     const placed = this.#assets.some((asset) => placeOf(asset));
     this.#groupField.hidden = !placed;
     this.#grouped.checked = placed && !this.#query.flat;

@@ -55,7 +55,9 @@ export function count(value) {
 /** A unit as written on an axis: `m/s2` becomes m/s². Empty where there is none. */
 export function unit(name) {
   if (!name || name === "1") return "";
-  return name.replace(/(?<=[a-z])\^?(-?\d)/gi, (_, power) => [...power].map((c) => SUPERSCRIPTS[c]).join(""));
+  return name.replace(/(?<=[a-z)])\^?(-?\d)/gi, (_, power) =>
+    [...power].map((c) => SUPERSCRIPTS[c]).join(""),
+  );
 }
 
 /** A quantity's name with its unit as an axis title, with a dash where it has none. */

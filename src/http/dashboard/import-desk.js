@@ -112,7 +112,8 @@ export class ImportDesk {
   }
 
   async #lookAgain() {
-    for (const card of this.#files.filter(({ seen }) => seen?.type === "text/csv")) await card.look();
+    const depend = ["text/csv", "application/x-matlab-data"];
+    for (const card of this.#files.filter(({ seen }) => depend.includes(seen?.type))) await card.look();
   }
 
   #remove(card) {

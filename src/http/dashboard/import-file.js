@@ -20,7 +20,8 @@ function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summar
     : null;
   const parts = [
     form,
-    channels.length ? `${channels.length} ${channels.length === 1 ? "channel" : "channels"}` : topics,
+    channels.length ? `${channels.length} ${channels.length === 1 ? "channel" : "channels"}` : null,
+    topics,
     rate ? `${hertz(rate)}${rateFrom ? ` (${rateFrom})` : ""}` : null,
     seconds != null ? `${isEstimate ? "about " : ""}${length(seconds)}` : null,
     note,
@@ -35,6 +36,7 @@ export class ImportFile {
   #asset;
   #common;
   #typed = false;
+  #looks = 0;
   #roles;
   #fields = []; // { name, unit } inputs of each channel
   #start;
@@ -83,9 +85,11 @@ export class ImportFile {
     );
   }
 
-  /** Looks into the file. */
+  /** Looks into the file. Of several looks the latest one counts, whichever answer comes last. */
   async look() {
+    const turn = ++this.#looks;
     const seen = await preview(this.file, this.#common().rate, this.#roles);
+    if (turn !== this.#looks) return;
     this.seen = seen;
     setText(this.#facts, seen.type ? factWords(seen) : "cannot be taken");
     this.#fault.hidden = !seen.fault;
@@ -167,13 +171,21 @@ export class ImportFile {
     const { channels, head, type } = this.seen;
     const kept = this.#fields.map(({ name, unit: own }) => [name.value, own?.value]);
     this.#fields = [];
-    const isOwn = type === "application/json"; // says its channel and unit itself
+    const isOwn = ["application/json", "application/x-protobuf", "application/mcap"].includes(type); // say channel and unit themselves
     const rows = channels.slice(0, MOST_CHANNELS).map((channel, n) => {
       const label = channel.name || `channel ${n + 1}`;
       const drawn = channel.sketch && sketch(channel.sketch, `${label} of ${this.file.name}`);
       const part =
         channel.sketch && !channel.sketch.whole
-          ? h("span", { class: "muted" }, type === "text/csv" ? "the begin" : "a sample of it")
+          ? h(
+              "span",
+              { class: "muted" },
+              type === "text/csv"
+                ? "the begin"
+                : type === "application/mcap"
+                  ? "its first record"
+                  : "a sample of it",
+            )
           : null;
       if (isOwn)
         return h(
@@ -188,7 +200,7 @@ export class ImportFile {
         size: 8,
       });
       const own =
-        type === "text/csv"
+        type === "text/csv" || (type === "audio/wav" && channels.length > 1)
           ? h("input", {
               placeholder: "as above",
               "aria-label": `Unit of ${label} of ${this.file.name}`,
@@ -225,7 +237,7 @@ export class ImportFile {
     this.#collision.hidden = true;
     if (!start) return;
     const there = await recordsAt(this.#asset, start).catch(() => []);
-    if (there.length === 0) return;
+    if (there.length === 0 || start !== (this.start() ?? this.seen.ownStart)) return;
     const channels = there.map(({ channel }) => channel).join(", ");
     this.#collision.hidden = false;
     setText(

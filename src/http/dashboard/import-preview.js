@@ -1,9 +1,10 @@
 // What a file holds, as far as its begin and end say it: channels, rate, length, unit, start, and a sketch of
 // the samples.
 
-import { previewCsv } from "./api.js";
+import { previewCsv, previewRecording } from "./api.js";
 import { startOfFile } from "./file-start.js";
 import { mcapSummary } from "./mcap-summary.js";
+import { number } from "./format.js";
 import { envelopeOf, wavHead, wavSketch } from "./wav-head.js";
 
 export const TYPES = {
@@ -18,6 +19,8 @@ const OWN_TIMES = ["application/mcap", "application/json", "application/x-protob
 const CSV_BEGIN = 512 * 1024;
 const MOST_JSON = 16 * 1024 * 1024;
 const MOST_SKETCHES = 8;
+const MOST_RECORDING = 16 * 1024 * 1024; // that the service looks at
+const MCAP_BEGIN = 4 * 1024 * 1024;
 
 /** The media type of a file by its name, undefined where it is none that is taken. */
 export const typeOf = (file) => TYPES[file.name.split(".").pop().toLowerCase()];
@@ -84,22 +87,61 @@ async function ofCsv(file, rate, roles) {
   };
 }
 
+/** The channels of a recording that the service has looked into. */
+function seenChannels({ channels }, whole) {
+  return channels.map(({ channel, unit, envelope }) => ({
+    name: channel,
+    unit: unit ?? "",
+    sketch: envelope.length ? { columns: envelope, whole } : null,
+  }));
+}
+
 async function ofMcap(file) {
   const summary = await mcapSummary(file);
+  const seen = await previewRecording(file.slice(0, MCAP_BEGIN), "application/mcap", {});
+  const [first] = seen.channels;
   return {
-    channels: [],
+    channels: seenChannels(seen, false),
     summary,
     form: "MCAP",
+    rate: first?.sample_rate_hz,
     words: summary ? null : "it says nothing of its contents at its end; the service reads it whole",
+    // of a longer one the beginning may break off before the first record is whole
+    fault: file.size <= MCAP_BEGIN ? seen.fault?.replace(/^mcap: /, "") : null,
+    note: first ? `records of ${number(first.samples / first.sample_rate_hz, 3)} s` : null,
   };
 }
 
-/** Of a MATLAB file nothing is known before the service has read it. */
-const ofMat = () => ({
-  channels: [],
-  form: "MATLAB",
-  note: "the service reads its longest variables; type the sampling rate in above unless it has one, such as fs",
-});
+const LARGE = "too large to be looked at here";
+
+/** A MATLAB file under a sampling rate, where one is typed in. */
+async function ofMat(file, rate) {
+  if (file.size > MOST_RECORDING) return { channels: [], form: "MATLAB", note: LARGE };
+  const seen = await previewRecording(file, "application/x-matlab-data", { sample_rate_hz: rate });
+  const [first] = seen.channels;
+  return {
+    channels: seenChannels(seen, true),
+    form: "MATLAB",
+    rate: first?.sample_rate_hz,
+    rateFrom: rate ? "typed in" : "from the file",
+    seconds: first && first.samples / first.sample_rate_hz,
+    fault: seen.fault,
+  };
+}
+
+async function ofBlock(file) {
+  if (file.size > MOST_RECORDING) return { channels: [], form: "protobuf", note: LARGE };
+  const seen = await previewRecording(file, "application/x-protobuf", {});
+  const [first] = seen.channels;
+  return {
+    channels: seenChannels(seen, true),
+    form: "protobuf",
+    rate: first?.sample_rate_hz,
+    seconds: first && first.samples / first.sample_rate_hz,
+    ownStart: first?.start_time,
+    fault: seen.fault,
+  };
+}
 
 async function ofJson(file) {
   if (file.size > MOST_JSON) return { channels: [], form: "JSON", words: "too large to be looked at here" };
@@ -126,6 +168,7 @@ const READERS = {
   "application/mcap": ofMcap,
   "application/json": ofJson,
   "application/x-matlab-data": ofMat,
+  "application/x-protobuf": ofBlock,
 };
 
 /** What is known of a file before it is sent; `fault` says what is wrong with it. Nothing of it is thrown. */
@@ -139,7 +182,7 @@ export async function preview(file, rate, roles) {
     };
   const start = (told) => (OWN_TIMES.includes(type) ? null : startOfFile(file, told));
   try {
-    const seen = (await READERS[type]?.(file, rate, roles)) ?? { channels: [], form: "protobuf" };
+    const seen = await READERS[type](file, rate, roles);
     return { type, start: start(seen.begins), ...seen };
   } catch (error) {
     return { type, start: start(null), channels: [], fault: error.message };

@@ -32,6 +32,13 @@ function named(channels) {
   return { channel_names: names.map((name, n) => (name || String(n + 1)).replaceAll(",", " ")).join(",") };
 }
 
+/** The names, and the units of their own that channels of one file have. */
+function withUnits(channels) {
+  if (!channels.some((channel) => channel.unit)) return named(channels);
+  const numbered = channels.map(({ name }, n) => ({ name: name?.trim() || String(n + 1) }));
+  return { ...named(numbered), channel_units: channels.map((channel) => channel.unit ?? "").join(",") };
+}
+
 /**
  * The requests that a file becomes: `{ body, type, parameters }` each. `entry` says of it what was typed: `start`, `channels` with `name` and `unit`,
  * `fullScale`, `rate` and `roles`; `common` is what holds for all files.
@@ -68,9 +75,15 @@ async function requestsOf(file, { type, head }, entry, common) {
     }));
   }
   if (type === "application/x-matlab-data")
-    return [{ body: file, type, parameters: { ...parameters, unit, sample_rate_hz: rate } }];
+    return [
+      {
+        body: file,
+        type,
+        parameters: { ...parameters, unit, sample_rate_hz: rate, ...named(entry.channels) },
+      },
+    ];
   if (type !== "audio/wav") return [{ body: file, type, parameters: {} }];
-  const names = named(entry.channels);
+  const names = withUnits(entry.channels);
   if (entry.fullScale && head?.format === PCM && head.bits === 16) {
     const body = file.slice(head.at, head.at + head.frames * head.frameBytes);
     const layout = {

@@ -158,15 +158,22 @@ export class LibraryPage {
     document.title = `${library.pair_name || library.id} · flankwatch`;
     drawPair(this.#gears, library.pair.geometry);
     this.#fillTable(rows, state.index);
+    const subject = () => `Simulated: ${library.pair_name || "gear pair"}, library ${library.id}`;
     await Promise.all([
-      this.#curve.show(gridDrawing(rows, name, state.index, this.#id), `library-${this.#id}-grid`),
+      this.#curve.show(
+        () => gridDrawing(rows, name, state.index, this.#id),
+        `library-${this.#id}-grid`,
+        subject,
+      ),
       this.#stiffness.show(
-        stiffnessDrawing(state, unworn, this.#id),
+        () => stiffnessDrawing(state, unworn, this.#id),
         `library-${this.#id}-stiffness-${state.index}`,
+        subject,
       ),
       this.#transmission.show(
-        transmissionDrawing(state, unworn, this.#id),
+        () => transmissionDrawing(state, unworn, this.#id),
         `library-${this.#id}-transmission-error-${state.index}`,
+        subject,
       ),
     ]);
     onPointClick(this.#curve.plot, (index) => change({ state: index }, { quiet: true }));

@@ -10,6 +10,7 @@ import { featureDrawing } from "./feature-plot.js";
 import { matchWords } from "./match-words.js";
 import { stiffnessDrawing, transmissionDrawing } from "./mesh-plots.js";
 import { noveltyDrawing } from "./novelty-plot.js";
+import { recordSubject } from "./plot-subjects.js";
 import { PlotCard } from "./plot-card.js";
 import { clock } from "./format.js";
 import { sentence } from "./state.js";
@@ -100,8 +101,9 @@ export class MatchPage {
     this.#data = { unmatched: segment, asset };
     if (novelty?.most?.length)
       await this.#novelty.show(
-        noveltyDrawing(novelty, this.#id),
+        () => noveltyDrawing(novelty, this.#id),
         `${this.#id}-novelty-${segment.start_time}`,
+        () => recordSubject(segment, asset),
       );
   }
 
@@ -116,19 +118,25 @@ export class MatchPage {
     const name = `${this.#id}-match-${segment.start_time}`;
     setChildren(this.#words, matchWords(segment, match, asset, this.#query));
     this.#flank.show(flank, match);
+    const subject = () => recordSubject(segment, asset);
     const mesh = state instanceof Error ? state : unworn;
     await Promise.all([
-      this.#features.show(featureDrawing(match, this.#id), `${name}-features`),
+      this.#features.show(() => featureDrawing(match, this.#id), `${name}-features`, subject),
       this.#posterior.show(
-        posteriorDrawing(segment.wear, asset.limits, segment.reference_wear_um, this.#id),
+        () => posteriorDrawing(segment.wear, asset.limits, segment.reference_wear_um, this.#id),
         `${name}-posterior`,
+        subject,
       ),
-      mesh instanceof Error
-        ? this.#stiffness.say(mesh.message)
-        : this.#stiffness.show(stiffnessDrawing(state, unworn, this.#id), `${name}-stiffness`),
-      mesh instanceof Error
-        ? this.#transmission.say(mesh.message)
-        : this.#transmission.show(transmissionDrawing(state, unworn, this.#id), `${name}-transmission-error`),
+      this.#stiffness.show(
+        () => mesh.message ?? stiffnessDrawing(state, unworn, this.#id),
+        `${name}-stiffness`,
+        subject,
+      ),
+      this.#transmission.show(
+        () => mesh.message ?? transmissionDrawing(state, unworn, this.#id),
+        `${name}-transmission-error`,
+        subject,
+      ),
     ]);
   }
 

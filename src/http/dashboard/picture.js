@@ -1,4 +1,4 @@
-// A plot as a picture that stands by itself: title, words and legend over it, on the ground of the page.
+// A plot as a picture that stands by itself: on white, with title, asset and time, words and legend over it.
 
 import { pictureOf } from "./plots.js";
 import { colours } from "./theme.js";
@@ -45,7 +45,7 @@ function wrapped(context, text, width) {
 }
 
 /** What is written over the plot, as drawing steps, and the height that it needs. */
-function headOf(context, family, { title, sub, entries }, width, { ink, muted }) {
+function headOf(context, family, { title, subject, sub, entries }, width, { ink, muted }) {
   const steps = [];
   let y = MARGIN;
   const write = (text, { size, line }, weight, colour) => {
@@ -58,6 +58,7 @@ function headOf(context, family, { title, sub, entries }, width, { ink, muted })
     }
   };
   write(title, TITLE, 600, ink);
+  write(subject, WORDS, 600, ink);
   write(sub, WORDS, 400, muted);
   context.font = `400 ${WORDS.size}px ${family}`;
   let x = MARGIN;
@@ -79,8 +80,8 @@ function headOf(context, family, { title, sub, entries }, width, { ink, muted })
   return { steps, height: y + 6 };
 }
 
-/** Saves a plot with its title, the words under it and its legend, a list of the page; as `drawing` has it where that is given. */
-export async function savePicture(plot, { title, sub, legend }, filename, drawing = null) {
+/** Saves a plot as `drawing` has it with its title, whose it is, the words under it and its legend, a list of the page. */
+export async function savePicture(plot, { title, subject, sub, legend }, filename, drawing) {
   const colour = colours("ink", "muted", "surface");
   const family = getComputedStyle(document.body).fontFamily;
   const [curves, entries] = await Promise.all([
@@ -90,7 +91,7 @@ export async function savePicture(plot, { title, sub, legend }, filename, drawin
   const canvas = document.createElement("canvas");
   const context = canvas.getContext("2d");
   const { clientWidth: width, clientHeight: height } = plot;
-  const head = headOf(context, family, { title, sub, entries }, width, colour);
+  const head = headOf(context, family, { title, subject, sub, entries }, width, colour);
   Object.assign(canvas, { width: SCALE * width, height: SCALE * (head.height + height) });
   Object.assign(context, { textBaseline: "top", fillStyle: colour.surface });
   context.fillRect(0, 0, canvas.width, canvas.height);

@@ -4,7 +4,7 @@
 import { h, setChildren, setText } from "./dom.js";
 import { saveCsv } from "./csv.js";
 import { savePicture } from "./picture.js";
-import { discard, draw, keepFitted, legend } from "./plots.js";
+import { discard, draw, keepFitted, legend, moveLast } from "./plots.js";
 import { inLight } from "./theme.js";
 
 /** A figure that holds one plot. */
@@ -19,7 +19,9 @@ export class PlotCard {
   #notice = h("p", { class: "notice plot-notice" }, "Loading…");
   #table;
   #filename = "flankwatch";
-  #again;
+  #make;
+  #frame;
+  #subject;
   #csv = h(
     "button",
     {
@@ -61,21 +63,31 @@ export class PlotCard {
   }
 
   #savePicture() {
-    const words = { title: this.#title.textContent, sub: this.#sub.textContent };
-    if (!this.#again) return savePicture(this.plot, { ...words, legend: this.#legend }, this.#filename);
     return inLight(() => {
-      const drawing = this.#again();
-      const list = h("ul", {}, legend(drawing.legend ?? []));
-      return savePicture(this.plot, { ...words, legend: list }, this.#filename, drawing);
+      const drawing = this.#make(true);
+      const words = {
+        title: this.#title.textContent,
+        subject: this.#subject(),
+        sub: this.#sub.textContent,
+        legend: h("ul", {}, legend(drawing.legend ?? [])),
+      };
+      return savePicture(this.plot, words, this.#filename, drawing);
     });
   }
 
   /**
-   * Draws `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`; `filename` is that of a saved picture or table. `again` gives the same drawing
-   * for a picture, which then is in the light colours whatever the theme.
+   * Draws what `make` gives: `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`, or words where there is nothing to draw, and gives it back. It is
+   * called again, with true, for a picture, which is in the light colours whatever the theme. `filename` is that of a saved picture or table, `subject` says what a picture is of. Drawings with the
+   * same `frame` differ in their last trace alone.
    */
-  async show(drawing, filename, again) {
-    this.#again = again;
+  async show(make, filename, subject) {
+    const drawing = make(false);
+    if (typeof drawing === "string") {
+      this.say(drawing);
+      return drawing;
+    }
+    this.#make = make;
+    this.#subject = subject;
     if (drawing.title) setText(this.#title, drawing.title);
     setText(this.#sub, drawing.sub ?? "");
     setChildren(this.#legend, legend(drawing.legend ?? []));
@@ -88,11 +100,16 @@ export class PlotCard {
     this.element.toggleAttribute("data-compared", Boolean(drawing.isCompared));
     this.plot.setAttribute("role", "img");
     this.plot.setAttribute("aria-label", drawing.summary);
-    await draw(this.plot, drawing.traces, drawing.layout);
+    const { traces, layout, frame } = drawing;
+    const isSame = frame !== undefined && frame === this.#frame;
+    this.#frame = frame;
+    if (!isSame || !moveLast(this.plot, traces.at(-1))) await draw(this.plot, traces, layout);
+    return drawing;
   }
 
   /** Says why there is nothing to draw. */
   say(words) {
+    this.#frame = undefined;
     this.plot.hidden = true;
     this.#save.hidden = true;
     this.#notice.hidden = false;

@@ -29,6 +29,8 @@ export function palette() {
     "line",
     "surface",
     "accent",
+    "normal",
+    "learning",
     "warning",
     "danger",
     "reference",
@@ -161,6 +163,7 @@ const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d", "toImage"];
 
 /** Draws or redraws a plot. What the user zoomed to is kept as long as `layout.uirevision` stays the same. */
 export async function draw(element, traces, layout) {
+  clearTimeout(resting.get(element)); // what a line was moved to is old now
   const Plotly = await load();
   if (!element.isConnected) return;
   // on a touch screen the buttons would stand over the plot all the time, and there is nothing to drag
@@ -168,6 +171,51 @@ export async function draw(element, traces, layout) {
   const config = { displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT };
   const shown = byClock(traces, layout);
   await Plotly.react(element, shown.traces, themed(shown.layout, palette()), config);
+}
+
+/** Draws the last line of a plot through other values `[x, y]`, as its only path; whether that was possible. */
+function redrawLine(element, [x, y]) {
+  const { xaxis, yaxis } = element._fullLayout;
+  const paths = [...element.querySelectorAll(".scatterlayer .trace")].at(-1)?.querySelectorAll(".js-line");
+  if (paths?.length !== 1 || !y.every(Number.isFinite)) return false;
+  const points = x.map((value, n) => `${xaxis.d2p(value).toFixed(1)},${yaxis.d2p(y[n]).toFixed(1)}`);
+  paths[0].setAttribute("d", `M${points.join("L")}`);
+  return true;
+}
+
+/** Draws the bars of a plot as high as `trace` has them, in its colours; whether that was possible. */
+function redrawBars(element, { y, marker }) {
+  const bars = [...element.querySelectorAll(".barlayer .point > path")];
+  const foot = /^(M[-\d.]+,[-\d.]+V)[-\d.]+(H[-\d.]+V[-\d.]+Z)$/;
+  const parts = bars.map((bar) => foot.exec(bar.getAttribute("d") ?? ""));
+  if (bars.length !== y.length || !parts.every(Boolean)) return false;
+  const { yaxis } = element._fullLayout;
+  bars.forEach((bar, n) => {
+    const [, before, after] = parts[n];
+    bar.setAttribute("d", `${before}${yaxis.d2p(y[n]).toFixed(1)}${after}`);
+    bar.style.fill = marker.color[n];
+  });
+  return true;
+}
+
+const REST_MS = 250;
+const resting = new WeakMap(); // plot → timer
+
+/**
+ * Shows the last trace of a plot, a line or bars, as `trace` has it while a hand moves it: only its paths are drawn, a tenth of the work; Plotly learns of it
+ * once the hand rests, for who points at it then. Whether that was possible.
+ */
+export function moveLast(element, trace) {
+  clearTimeout(resting.get(element));
+  const { x, y, customdata, marker } = trace;
+  if (!element.data || !(trace.type === "bar" ? redrawBars(element, trace) : redrawLine(element, [x, y])))
+    return false;
+  const own = { x: [x], y: [y], ...(customdata && { customdata: [customdata] }) };
+  const update = marker ? { ...own, "marker.color": [marker.color] } : own;
+  const learn = () =>
+    element.isConnected && globalThis.Plotly.restyle(element, update, [element.data.length - 1]);
+  resting.set(element, setTimeout(learn, REST_MS));
+  return true;
 }
 
 const WHOLE_MS = 1000;
@@ -179,14 +227,8 @@ const WHOLE_MS = 1000;
  */
 export async function replaceLine(element, [x, y]) {
   if (!element.data) return;
-  const { xaxis, yaxis } = element._fullLayout;
-  const paths = [...element.querySelectorAll(".scatterlayer .trace")].at(-1)?.querySelectorAll(".js-line");
   const isWhole = performance.now() - Number(element.dataset.wholeAt ?? -WHOLE_MS) < WHOLE_MS;
-  if (isWhole && paths?.length === 1 && y.every(Number.isFinite)) {
-    const points = x.map((value, n) => `${xaxis.d2p(value).toFixed(1)},${yaxis.d2p(y[n]).toFixed(1)}`);
-    paths[0].setAttribute("d", `M${points.join("L")}`);
-    return;
-  }
+  if (isWhole && redrawLine(element, [x, y])) return;
   element.dataset.wholeAt = String(performance.now());
   await globalThis.Plotly.restyle(element, { x: [x], y: [y] }, [element.data.length - 1]);
 }
@@ -246,9 +288,9 @@ function asShown(drawing, shown) {
   return { data: traces, layout: { ...own, ...Object.fromEntries(ranges) } };
 }
 
-/** A plot as the address of a picture of it, with `scale` points of it in one of the page; as `drawing` has it where that is given. */
+/** A plot as the address of a picture of it as `drawing` has it, with `scale` points of it in one of the page. */
 export function pictureOf(element, scale, drawing) {
-  return globalThis.Plotly.toImage(drawing ? asShown(drawing, element._fullLayout) : element, {
+  return globalThis.Plotly.toImage(asShown(drawing, element._fullLayout), {
     format: "png",
     scale,
     width: element.clientWidth,

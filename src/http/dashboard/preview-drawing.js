@@ -52,9 +52,13 @@ function lineOfAction({ gears: [driving], pressure_angle_deg: angle, measures })
   };
 }
 
+/** How many teeth of a gear are drawn to each side of the line of centres. */
+const reachOf = (gear) => Math.min(REACH, Math.floor((gear.teeth - 1) / 2));
+
 /** The drawing of a pair; `turnTo(part)` rolls it through a mesh period. */
 export class PairDrawing {
   #geometry;
+  #drawn = "";
   #state;
   #wheels = [];
   #dots;
@@ -64,6 +68,7 @@ export class PairDrawing {
   /** Says why nothing is drawn. */
   say(words) {
     this.#geometry = undefined;
+    this.#drawn = "";
     setChildren(this.element, h("p", { class: "notice" }, words));
   }
 
@@ -72,7 +77,11 @@ export class PairDrawing {
     this.#geometry = geometry;
     this.#state = state;
     this.#action = lineOfAction(geometry);
-    setChildren(this.element, this.#whole(), this.#mesh(flanks));
+    // the gears are the same at every step of a slider of wear
+    const drawn = `${Boolean(flanks)} ${JSON.stringify(geometry)}`;
+    if (drawn !== this.#drawn) setChildren(this.element, this.#whole(), this.#mesh(flanks));
+    this.#drawn = drawn;
+    this.#showLost(flanks);
     this.turnTo(part);
   }
 
@@ -140,6 +149,19 @@ export class PairDrawing {
     );
   }
 
+  /** Draws what wear has taken from the working flanks, under what is red. */
+  #showLost(flanks) {
+    this.#wheels.forEach((teeth, index) => {
+      const gear = this.#geometry.gears[index];
+      const to = reachOf(gear);
+      teeth.querySelector(".mesh-lost")?.remove();
+      if (flanks?.[index].depth_um.some((depth) => depth > 0))
+        teeth.firstChild.after(
+          svg("path", { class: "mesh-lost", d: lostPath(gear, flanks[index], index ? -1 : 1, -to, to) }),
+        );
+    });
+  }
+
   #mesh(flanks) {
     const { gears, centre_distance_mm: distance } = this.#geometry;
     const [driving] = gears;
@@ -147,7 +169,7 @@ export class PairDrawing {
     const wide = ASPECT * tall;
     const middle = -driving.pitch_radius_mm;
     this.#wheels = gears.map((gear, index) => {
-      const to = Math.min(REACH, Math.floor((gear.teeth - 1) / 2));
+      const to = reachOf(gear);
       const from = -to;
       const bad = this.#bad(index + 1);
       const teeth = svg(
@@ -158,10 +180,6 @@ export class PairDrawing {
           d: bodyPath(gear, from, to),
         }),
       );
-      if (flanks && flanks[index].depth_um.some((depth) => depth > 0))
-        teeth.append(
-          svg("path", { class: "mesh-lost", d: lostPath(gear, flanks[index], index ? -1 : 1, from, to) }),
-        );
       for (const quantity of bad.filter((quantity) => PARTS[quantity]))
         teeth.append(svg("path", { class: "drawn-bad", d: partPath(gear, ...PARTS[quantity], from, to) }));
       return teeth;

@@ -44,7 +44,7 @@ export class PreviewPage {
     this.#asset = asset;
     this.#frame.update(assetName(asset), this.#query);
     if (same) return;
-    if (asset.gear.pair) this.#panel.describe(asset.gear);
+    if (asset.gear.pair) this.#panel.describe(asset.gear, 0, assetName(asset));
     else
       this.#panel.lacking(
         "This asset has no gear pair. Describe one in its settings to see what wear does to it.",

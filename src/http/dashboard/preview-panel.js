@@ -1,10 +1,12 @@
 // What wear does to a described pair: sliders for wear, torque and speed, the teeth, and what the model
 // expects of them.
 
+import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { FlankCard } from "./flank-drawing.js";
 import { decibels, depth, hertz, number } from "./format.js";
 import { PlotCard } from "./plot-card.js";
+import { palette } from "./plots.js";
 import { PairDrawing } from "./preview-drawing.js";
 import {
   Extents,
@@ -19,6 +21,8 @@ import { PreviewRequests } from "./preview-request.js";
 const WEAR_STEPS = 245;
 const ROLL_S = 2.4; // a mesh period takes so long when the teeth roll
 const BEGINNING = 0.4; // part of the greatest wear that is shown first
+const AHEAD = 8; // depths up to the greatest whose curves the axes have room for
+const AHEAD_MS = 150;
 
 /** A slider with its label and value; `words(value)` says it. */
 function slider(name, label, words, onInput) {
@@ -48,11 +52,13 @@ function slider(name, label, words, onInput) {
 /** The panel; `onPreview(preview, request)` hears every answer, `onError(error)` what the service refuses. */
 export class PreviewPanel {
   #gear;
+  #owner = "";
   #preview;
   #requests;
   #onPreview;
   #onError;
   #extents = new Extents();
+  #ahead;
   #limits;
   #wear = slider(
     "wear",
@@ -133,9 +139,10 @@ export class PreviewPanel {
     this.#say("Numbers of a gear pair are needed.");
   }
 
-  /** Previews a mesh as an asset describes it, after `wait` milliseconds without another one. */
-  describe(gear, wait = 0) {
+  /** Previews the mesh of an asset, named `owner`, as it describes it, after `wait` milliseconds without another one. */
+  describe(gear, wait = 0, owner = "") {
     this.#gear = gear;
+    this.#owner = owner;
     this.#ask(wait);
   }
 
@@ -176,8 +183,8 @@ export class PreviewPanel {
     this.#requests.ask(request, wait);
   }
 
-  #value({ input }) {
-    return Number(Number(input.value).toPrecision(6));
+  #value({ input }, value = Number(input.value)) {
+    return Number(value.toPrecision(6));
   }
 
   async #answered(preview, request) {
@@ -239,21 +246,52 @@ export class PreviewPanel {
   async redraw() {
     if (!this.#preview) return;
     const { model, geometry } = this.#preview;
-    this.#extents.reset(`${this.#limits.key} ${model.torque_nm} ${model.shaft_speed_hz}`);
+    const still = `${this.#limits.key} ${model.torque_nm} ${model.shaft_speed_hz}`;
+    if (this.#extents.reset(still)) this.#makeRoom();
     this.#drawing.show(geometry, model.flanks, model.worn, this.#part);
     const rows = geometry.gears.map((gear, index) => ({ ...gear, ...model.flanks[index] }));
     this.#flanks.show({ gears: rows, wear_um: model.wear_um }, model);
     this.#showFacts(model);
     const name = `preview-${depth(model.wear_um)}-um`;
     const { harmonics, stiffness, transmission, waveform, spectrum } = this.#cards;
+    const subject = () =>
+      `${this.#owner ? `${this.#owner} · ` : ""}Simulated: ${pairWords(this.#gear)}, ${depth(model.wear_um)} µm deep, ${number(model.torque_nm, 4)} N m, ${hertz(model.shaft_speed_hz)}`;
+    const framed = (drawing) => ({
+      ...drawing,
+      frame: `${still} ${palette().ink} ${drawing.traces.length} ${JSON.stringify(drawing.layout)}`,
+    });
+    const show = (card, plot, words) =>
+      card.show(() => framed(plot(model, this.#extents)), `${name}-${words}`, subject);
     await Promise.all([
-      harmonics.show(harmonicsPlot(model, this.#extents), `${name}-harmonics`),
-      spectrum.show(spectrumPlot(model, this.#extents), `${name}-spectrum`),
-      waveform.show(waveformPlot(model, this.#extents), `${name}-waveform`),
-      stiffness.show(stiffnessPlot(model, this.#extents), `${name}-stiffness`),
-      transmission.show(transmissionPlot(model, this.#extents), `${name}-transmission`),
+      show(harmonics, harmonicsPlot, "harmonics"),
+      show(spectrum, spectrumPlot, "spectrum"),
+      show(waveform, waveformPlot, "waveform"),
+      show(stiffness, stiffnessPlot, "stiffness"),
+      show(transmission, transmissionPlot, "transmission"),
     ]);
     this.element.dataset.wear = String(model.wear_um);
+  }
+
+  /** Makes room on the axes for every depth, once torque and speed stand still: an axis that moves is slow to draw. */
+  #makeRoom() {
+    clearTimeout(this.#ahead);
+    const extents = this.#extents;
+    const { model } = this.#preview;
+    const request = { gear: this.#gear, torque_nm: model.torque_nm, shaft_speed_hz: model.shaft_speed_hz };
+    const key = extents.key;
+    this.#ahead = setTimeout(async () => {
+      try {
+        for (let step = AHEAD; step > 0; step--) {
+          const wear = this.#value(this.#wear, (step / AHEAD) * Number(this.#wear.input.max));
+          const { model: deeper } = await api.preview({ ...request, wear_um: wear });
+          if (extents.key !== key) return;
+          if (deeper) extents.include(deeper);
+        }
+        await this.redraw();
+      } catch (error) {
+        if (!(error instanceof api.ConnectionError)) throw error;
+      }
+    }, AHEAD_MS);
   }
 
   #showFacts({ unworn, worn, harmonics }) {
@@ -315,10 +353,15 @@ export class PreviewPanel {
   /** Frees the plots and asks no more. */
   dispose() {
     this.#stopRolling();
+    clearTimeout(this.#ahead);
+    this.#extents.reset(undefined);
     this.#requests.dispose();
     for (const card of Object.values(this.#cards)) card.dispose();
   }
 }
+
+/** A pair by its name and its teeth. */
+const pairWords = ({ pair }) => `${pair.name ? `${pair.name}, ` : ""}${pair.geometry.teeth.join("/")} teeth`;
 
 /** What a pair's limits depend on. */
 function pairKey(gear) {

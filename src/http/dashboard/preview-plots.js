@@ -8,24 +8,43 @@ import { translucent } from "./theme.js";
 const SHOWN_PERIODS = 16; // mesh periods of the waveform; the file has all of them
 const FLOOR_DB = -60; // below the strongest line nothing is shown
 
+/** How much wider than needed a range becomes where it has to grow, so that it seldom has to. */
+const AHEAD = 0.5;
+
 /** Keeps the range of an axis as wide as it was since the last `reset`, so that curves move and not their axes. */
 export class Extents {
   #key;
   #ranges = new Map();
 
-  /** Forgets the ranges where `key` is another one than before. */
+  /** What the ranges are of. */
+  get key() {
+    return this.#key;
+  }
+
+  /** Forgets the ranges where `key` is another one than before; returns whether it is. */
   reset(key) {
-    if (key !== this.#key) this.#ranges.clear();
+    if (key === this.#key) return false;
+    this.#ranges.clear();
     this.#key = key;
+    return true;
+  }
+
+  /** Makes room for all curves of a model. */
+  include(model) {
+    for (const plot of [harmonicsPlot, spectrumPlot, waveformPlot, stiffnessPlot, transmissionPlot])
+      plot(model, this);
   }
 
   /** The range of an axis with these values and a margin. */
   of(name, values) {
-    let [low, high] = this.#ranges.get(name) ?? [Infinity, -Infinity];
+    const known = this.#ranges.get(name);
+    let [low, high] = known ?? [Infinity, -Infinity];
     for (const value of values) {
       if (value < low) low = value;
       if (value > high) high = value;
     }
+    if (known && low < known[0]) low -= AHEAD * (known[0] - low);
+    if (known && high > known[1]) high += AHEAD * (high - known[1]);
     this.#ranges.set(name, [low, high]);
     const margin = 0.06 * (high - low || Math.abs(high) || 1);
     return [low - margin, high + margin];

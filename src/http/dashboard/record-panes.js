@@ -4,6 +4,7 @@ import * as api from "./api.js";
 import { cepstrumDrawing } from "./cepstrum-plot.js";
 import { cursorOf } from "./cursor-lines.js";
 import { readByCursor, withFineLines } from "./fine-lines.js";
+import { gearOf } from "./gear-choice.js";
 import { posteriorDrawing } from "./posterior-plot.js";
 import {
   envelopeDrawing,
@@ -118,7 +119,7 @@ export const PANES = [
   {
     key: "turn",
     label: "Average over one turn",
-    fetch: (id, query, signal) => api.turn(id, signal),
+    fetch: (id, query, signal) => api.turn(id, gearOf(query), signal),
     draw: (layers, { revision }) => turnDrawing(layers, revision),
   },
   {

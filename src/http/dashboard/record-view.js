@@ -9,9 +9,11 @@ import { h, setChildren, setText } from "./dom.js";
 import { clock } from "./format.js";
 import { selectedAndPinned } from "./layers.js";
 import { LineTable } from "./line-table.js";
+import { recordSubject } from "./plot-subjects.js";
 import { PlotCard } from "./plot-card.js";
 import { onRangeChange } from "./plots.js";
 import { pinnedWords, recordFacts, recordWords } from "./record-facts.js";
+import { GearChoice } from "./gear-choice.js";
 import { formatPart, PANES, partOf, shownPanes } from "./record-panes.js";
 import { change, parse } from "./route.js";
 import { SpectrumTools } from "./spectrum-tools.js";
@@ -52,6 +54,7 @@ export class RecordView {
       ["1", "Lines of the shafts"],
     ].map(([value, text]) => h("option", { value }, text)),
   );
+  #gear = new GearChoice();
   #cursor;
   #lines = new LineTable();
   #onRange;
@@ -70,6 +73,7 @@ export class RecordView {
     spectrum.frame.before(this.#cursor.readout);
     spectrum.element.append(this.#lines.element);
     this.#cards.get("envelope").tools.append(this.#near);
+    this.#cards.get("turn").tools.append(this.#gear.element);
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Ways to look at the record" });
     for (const { key, label } of PANES) {
       const chip = h("button", { type: "button", class: "chip", onclick: () => this.#toggle(key) }, label);
@@ -143,6 +147,7 @@ export class RecordView {
     this.#query = query;
     const keys = shownPanes(query);
     this.#near.value = query.near === "1" ? "1" : "";
+    this.#gear.show(query, asset.gear?.teeth);
     const view = {
       ...this.#tools.update(panes.spectrum, query),
       near: query.near === "1",
@@ -190,9 +195,9 @@ export class RecordView {
       const drawing = draw(selectedAndPinned(data, other), context);
       return drawing.others?.length && pinned.start_time ? compared(drawing, segment, pinned) : drawing;
     };
-    const drawing = make();
-    if (typeof drawing === "string") return card.say(drawing);
-    return card.show(drawing, `${context.asset.id}-${key}-${segment.start_time}`, make);
+    return card.show(make, `${context.asset.id}-${key}-${segment.start_time}`, () =>
+      recordSubject(segment, context.asset),
+    );
   }
 
   #showFacts(segment, pinned) {

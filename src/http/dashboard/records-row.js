@@ -22,6 +22,12 @@ function length(seconds) {
   return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
 }
 
+/** What a row says of its speed: why it is in doubt, or where it came from, where that is not the mesh as usual. */
+function remark(speed) {
+  const words = speedDoubt(speed) ?? (speed.source === "mesh_comb" ? null : speedSource(speed));
+  return words && h("span", { class: "muted id" }, words);
+}
+
 /** Whether a record takes part in its history, and as what. */
 function part({ excluded, wear }) {
   if (excluded) return "excluded";
@@ -65,14 +71,7 @@ export function recordRow(record, selected, onToggle) {
     cell(
       HEADINGS[4],
       speed
-        ? [
-            hertz(speed.shaft_speed_hz),
-            h(
-              "span",
-              { class: "muted id", title: speedSource(speed) },
-              speedDoubt(speed) ?? speedSource(speed),
-            ),
-          ]
+        ? [h("span", { title: speedSource(speed) }, hertz(speed.shaft_speed_hz)), remark(speed)]
         : h("span", { class: "muted" }, "not found"),
     ),
     cell(

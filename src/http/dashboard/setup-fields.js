@@ -1,12 +1,14 @@
 // The fields of the form for an asset: where each stands in its description, what it is called, its unit, and
 // what holds where it is empty.
 
+import { RARE_OF_BEARINGS, RARE_OF_PAIR, RARE_OF_SENSOR } from "./setup-rare-fields.js";
+
 /** Fields of the gear pair: not asked for where there is none. */
 const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
 
 /**
  * Groups of fields, `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault? }` each: `factor` makes the description's unit of the
- * one that is typed, `pairDefault` is said where only the other gear has a number. `more` are those that are folded away.
+ * one that is typed, `pairDefault` is said where only the other gear has a number. `more` and `rare` are those that are folded away.
  * @type {any[]}
  */
 export const SETUP_GROUPS = [
@@ -219,6 +221,7 @@ export const SETUP_GROUPS = [
         { path: "gear.pair.wear.measured", label: "The shape of the wear was measured", kind: "check" },
       ]),
     },
+    rare: RARE_OF_PAIR,
   },
   {
     title: "Bearing and velocity",
@@ -254,6 +257,7 @@ export const SETUP_GROUPS = [
         { path: "bearings.0.orders.ftf", label: "Cage (FTF)", unit: "orders" },
       ],
     },
+    rare: RARE_OF_BEARINGS,
   },
   {
     title: "Sensor",
@@ -353,6 +357,7 @@ export const SETUP_GROUPS = [
         },
       ],
     },
+    rare: RARE_OF_SENSOR,
   },
   {
     title: "Limits on wear depth and baseline",
@@ -365,4 +370,8 @@ export const SETUP_GROUPS = [
 ];
 
 /** All fields in their order. */
-export const SETUP_FIELDS = SETUP_GROUPS.flatMap(({ fields, more }) => [...fields, ...(more?.fields ?? [])]);
+export const SETUP_FIELDS = SETUP_GROUPS.flatMap(({ fields, more, rare }) => [
+  ...fields,
+  ...(more?.fields ?? []),
+  ...(rare?.fields ?? []),
+]);

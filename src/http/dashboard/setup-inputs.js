@@ -4,7 +4,7 @@
 import { h, setText } from "./dom.js";
 import { putAt, valueAt } from "./settings-fields.js";
 
-const TYPES = { text: "text", id: "text", check: "checkbox", date: "date" };
+const TYPES = { text: "text", id: "text", check: "checkbox", off: "checkbox", date: "date" };
 
 /** A number without the noise of its unit's factor. */
 const tidy = (value) => Number(value.toPrecision(12));
@@ -41,7 +41,8 @@ class FieldInput {
       });
     this.input.setAttribute("aria-describedby", `${id}-error`);
     const words = unit ? `${label} (${unit})` : label;
-    if (kind === "check") this.element = h("label", { class: "check", for: id }, this.input, words);
+    if (kind === "check" || kind === "off")
+      this.element = h("label", { class: "check", for: id }, this.input, words);
     else
       this.element = h(
         "div",
@@ -56,6 +57,7 @@ class FieldInput {
   get value() {
     const { kind = "number", factor = 1 } = this.field;
     if (kind === "check") return this.input.checked || undefined;
+    if (kind === "off") return this.input.checked ? false : undefined;
     const text = this.input.value.trim();
     if (text === "") return undefined;
     return kind === "number" || kind === "integer" ? tidy(Number(text) * factor) : text;
@@ -64,6 +66,7 @@ class FieldInput {
   set value(value) {
     const { kind = "number", factor = 1 } = this.field;
     if (kind === "check") this.input.checked = Boolean(value);
+    else if (kind === "off") this.input.checked = value === false;
     else
       this.input.value =
         value === undefined || value === null
@@ -172,6 +175,17 @@ export class SetupInputs {
       .map(({ field }) => field);
   }
 
+  /** Refusals of fields that are empty beside others that are only given together with them. */
+  incomplete(shape) {
+    const own = [...this.#inputs.values()].filter(
+      ({ field }) => field.together && field.pairDefault === undefined && belongs(field, shape),
+    );
+    const given = new Set(own.filter(({ value }) => value !== undefined).map(({ field }) => field.together));
+    return own
+      .filter(({ field, value }) => value === undefined && given.has(field.together))
+      .map(({ field: { path } }) => ({ field: path, expected: "a value, as those beside it have one" }));
+  }
+
   /** Takes all errors away; those of inputs without a number stay. */
   clearErrors() {
     for (const made of this.#inputs.values()) made.fail(made.isBroken ? "expected a number" : "");
@@ -187,7 +201,7 @@ export class SetupInputs {
           (path === name ||
             path.startsWith(`${name}.`) ||
             path.endsWith(`.${name}`) ||
-            path.replace(/^points\.\d+/, "points") === name),
+            `${path}.`.replace(/^(points|bearings)\.\d+/, "$1").startsWith(`${name}.`)),
       ),
     );
     if (own.length === 0) return false;

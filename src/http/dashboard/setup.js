@@ -27,7 +27,7 @@ const slug = (name) =>
     .slice(0, 64);
 
 /** What a description cannot have, as far as the page can tell by itself. */
-function typedRefusals({ id, limits, points }) {
+function typedRefusals({ id, limits, points, velocity_zones: zones }) {
   const refusals = [];
   if (id && !/^[a-z0-9][a-z0-9_-]{0,63}$/.test(id))
     refusals.push({
@@ -40,6 +40,11 @@ function typedRefusals({ id, limits, points }) {
       field: "limits.warning_um",
       value: limits.warning_um,
       expected: "a depth at or below that of danger",
+    });
+  if (zones?.machine_class && zones.limits_mm_per_s)
+    refusals.push({
+      field: "velocity_zones.limits_mm_per_s",
+      expected: "nothing where a class of machine is chosen: that has limits of its own",
     });
   if (points?.length && !points[0].channel)
     refusals.push({ field: "points.0.channel", expected: "a name, as something is said of its sensor" });
@@ -145,7 +150,7 @@ export class SetupPage {
     document.title = `${words} · flankwatch`;
   }
 
-  #group({ title, fields, more, pairChoice }) {
+  #group({ title, fields, more, rare, pairChoice }) {
     const box = (list) =>
       h(
         "div",
@@ -160,14 +165,15 @@ export class SetupPage {
         h("span", {}, "Gear pair, for wear in µm"),
         this.#pair,
       );
-    const folded =
-      more && h("details", { class: "setup-more" }, h("summary", {}, more.title), box(more.fields));
+    const folded = [more, rare]
+      .filter(Boolean)
+      .map((part) => h("details", { class: "setup-more" }, h("summary", {}, part.title), box(part.fields)));
     return h("fieldset", { class: "card" }, h("legend", {}, title), choice, box(fields), folded);
   }
 
   #jsonEditor() {
     const words =
-      "What no field above has, as JSON as the API takes it: alarm rules, operating bins, bands, further measuring points and bearings. The fields above count where both say something.";
+      "What no field above has, as JSON as the API takes it: alarm rules and operating bins, which the settings have forms for, and further measuring points, bearings, bands and meshes. The fields above count where both say something.";
     return h(
       "details",
       { class: "card setup-more" },
@@ -297,7 +303,7 @@ export class SetupPage {
     for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
       folded.hidden = [...folded.querySelectorAll(".setup-field, .check")].every(({ hidden }) => hidden);
     const spec = this.#description();
-    this.#refusals.typed = spec ? typedRefusals(spec) : [];
+    this.#refusals.typed = [...(spec ? typedRefusals(spec) : []), ...this.#inputs.incomplete(this.#shape)];
     this.#showRefusals();
     if (!spec) return;
     if (!this.#withPair)
@@ -311,7 +317,7 @@ export class SetupPage {
       return this.#blank(
         `Still needed: ${lacking.map(({ label }) => label.charAt(0).toLowerCase() + label.slice(1)).join(", ")}.`,
       );
-    this.#panel.describe(spec.gear, wait);
+    this.#panel.describe(spec.gear, wait, spec.name || spec.id);
   }
 
   #blank(words) {

@@ -56,6 +56,7 @@ export class StreamPage {
   #levels = [];
   #names = [];
   #record = null;
+  #assetName = "";
   #scopeRange = new HeldRange();
   #spectrumRange = new HeldRange();
   #drawnAs = { scope: "", spectrum: "" };
@@ -173,7 +174,8 @@ export class StreamPage {
       this.#forget();
       return refusal(this.#root, this.#id, asset);
     }
-    this.#head.update(assetName(asset), this.#query);
+    this.#assetName = assetName(asset);
+    this.#head.update(this.#assetName, this.#query);
     const streams = await api.answer(api.streams(this.#id, signal));
     if (streams instanceof Error) return this.#say({ state: "refused", error: streams });
     this.#names = streams.items.map(({ name }) => name);
@@ -356,7 +358,11 @@ export class StreamPage {
     const drawn = JSON.stringify(key);
     if (this.#drawnAs[which] === drawn) return replaceLine(card.plot, line);
     const latest = () => drawing(this.#frame, this.#channel);
-    await card.show({ ...latest(), table: () => latest().table() }, `${this.#id}-live-${which}`);
+    await card.show(
+      () => ({ ...latest(), table: () => latest().table() }),
+      `${this.#id}-live-${which}`,
+      () => `${this.#assetName} · ${this.#channel.name} · ${clock(this.#frame.time)}`,
+    );
     this.#drawnAs[which] = drawn;
   }
 

@@ -46,8 +46,17 @@ export function bindThemeButton(button) {
   label();
 }
 
+const known = new Map(); // what was read in this theme: to read one costs a new style of the page
+document.addEventListener("themechange", () => known.clear(), { capture: true });
+
 /** The current values of custom properties, as `rgb(…)`. */
 export function colours(...names) {
+  const key = `${probe.style.colorScheme} ${names}`;
+  if (!known.has(key)) known.set(key, read(names));
+  return known.get(key);
+}
+
+function read(names) {
   if (!probe.isConnected) {
     probe.hidden = true;
     document.body.append(probe);

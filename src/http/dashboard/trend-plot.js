@@ -3,6 +3,7 @@
 import { binEntries, binTraces } from "./operating-bins.js";
 import { indicatorName, number, titled, unit } from "./format.js";
 import { eventMarks, wordsAt } from "./life-events.js";
+import { velocityZones } from "./velocity-zones.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
 /** The panes to choose from; `mesh` holds every mesh harmonic that the records have. */
@@ -115,14 +116,17 @@ function levelLines(name, rules, suffix, colour, logarithmic) {
   };
 }
 
-/** The drawing for indicators over time; `rules` are the alarm rules in force; `range` is that of the wear above where it holds a forecast. */
+/**
+ * The drawing for indicators over time; `rules` are the alarm rules in force; `range` is that of the wear above where it holds a forecast; `limits` are those
+ * between the zones of velocity.
+ */
 export function trendDrawing(
   { items, units, channel },
   panes,
   names,
   logarithmic,
   selected,
-  { revision, bins = null, events, range, rules = [] },
+  { revision, bins = null, events, range, rules = [], limits = null },
 ) {
   const colour = palette();
   const times = items.map((item) => item.start_time);
@@ -179,6 +183,14 @@ export function trendDrawing(
       const near = levels.shapes
         .map(({ y0 }) => y0)
         .filter((level) => shown[0] === "novelty" || level < LEVEL_REACH * greatest);
+      if (limits && shown[0] === "velocity_rms") {
+        const values = items.map((item) => item.velocity_rms);
+        const zones = velocityZones(limits, suffix, { colour, logarithmic, values, levels: near });
+        layout.shapes.unshift(...zones.shapes);
+        layout[`yaxis${suffix}`].range = zones.range;
+        annotations.push(...zones.annotations);
+        entries.push(...zones.entries);
+      }
       if (near.length)
         traces.push({
           x: near.map(() => times[0]),

@@ -1,4 +1,4 @@
-// The average over one turn of the driving shaft, and its cepstrum's companion: what repeats with each turn.
+// The average over one turn of either gear: what repeats with each turn.
 
 import { count, number, titled, unit } from "./format.js";
 import { recordColumns, recordEntries } from "./layers.js";
@@ -25,10 +25,8 @@ function angleWords({ source, harmonic, angle_error_deg: error, pulses }) {
 export function turnDrawing(layers, revision) {
   const colour = palette();
   const [{ data: turn, isNamed }, ...others] = layers;
-  const {
-    unit: unitName,
-    teeth: [teeth],
-  } = turn;
+  const { unit: unitName, gear } = turn;
+  const gearName = gear === 2 ? "driven gear" : "driving gear";
   const colours = [colour.accent, colour.series[1], colour.series[3]];
   const parts = isNamed ? PARTS.slice(0, 1) : PARTS;
   const curves = ({ data, colour: own, pointed }) =>
@@ -51,15 +49,15 @@ export function turnDrawing(layers, revision) {
       : PARTS.map(([, name], index) => [index === 2 ? "dot" : "line", colours[index], name]),
     table: () =>
       recordColumns(layers, (data) => [
-        ["angle_deg", data.angle_deg],
+        [`gear_${gear}_angle_deg`, data.angle_deg],
         ...PARTS.map(([key]) => [`${key} (${data.unit})`, data[key]]),
       ]),
-    sub: `${count(turn.turns)} turns averaged, ${angleWords(turn.angle)}. One tooth is ${number(360 / teeth, 4)}°: a single bad tooth stands out of the residual once a turn.`,
-    summary: `Average over one turn of the driving shaft from ${turn.turns} turns.`,
+    sub: `${count(turn.turns)} turns of the ${gearName} averaged, ${angleWords(turn.angle)}. One tooth is ${number(360 / turn.teeth[gear - 1], 4)}°: a single bad tooth stands out of the residual once a turn.`,
+    summary: `Average over one turn of the ${gearName} from ${turn.turns} turns.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
-      xaxis: { title: { text: "Angle of the driving shaft (°)" }, range: [0, 360], dtick: 45 },
+      xaxis: { title: { text: `Angle of the ${gearName} (°)` }, range: [0, 360], dtick: 45 },
       yaxis: { title: { text: titled("Amplitude", unitName) } },
     },
   };

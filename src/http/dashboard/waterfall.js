@@ -7,6 +7,7 @@ import { CursorLayer } from "./cursor.js";
 import { cursorOf, formatCursor } from "./cursor-lines.js";
 import { assetName } from "./fleet-row.js";
 import { h, setChildren, setText } from "./dom.js";
+import { lifeSubject } from "./plot-subjects.js";
 import { PlotCard } from "./plot-card.js";
 import { change, go } from "./route.js";
 import { latestSpectrum } from "./waterfall-cursor.js";
@@ -121,14 +122,13 @@ export class WaterfallPage {
   async redraw() {
     if (!this.#shown) return;
     this.#floor.value = this.#query.floor ?? "";
-    const drawing = waterfallDrawing(
-      this.#shown,
-      Number(this.#query.floor) || 60,
-      this.#query.segment,
-      `${this.#id} ${this.#asked}`,
+    const [shown, asset, floor] = [this.#shown, this.#asset, Number(this.#query.floor) || 60];
+    const drawing = await this.#card.show(
+      () => waterfallDrawing(shown, floor, this.#query.segment, `${this.#id} ${this.#asked}`),
+      `${this.#id}-waterfall`,
+      () => lifeSubject(asset, shown.channel, shown.items),
     );
-    if (typeof drawing === "string") return this.#card.say(drawing);
-    await this.#card.show(drawing, `${this.#id}-waterfall`);
+    if (typeof drawing === "string") return;
     this.#cellAt = drawing.cellAt;
     this.#follow();
     this.#showCursor();

@@ -1,0 +1,16 @@
+// What a plot is of, in a line: whose it is and of which time. It stands in every picture, which may be looked
+// at far from the page.
+
+import { assetName } from "./fleet-row.js";
+import { clock } from "./format.js";
+
+/** A record of an asset. */
+export function recordSubject(segment, asset) {
+  return `${assetName(asset)} · ${segment.channel} · ${clock(segment.start_time)}`;
+}
+
+/** The life of an asset's channel; `items` are its records in order of time. */
+export function lifeSubject(asset, channel, items) {
+  const times = [items[0], items.at(-1)].map((item) => clock(item?.start_time));
+  return `${assetName(asset)} · ${channel} · ${[...new Set(times)].join(" to ")}`;
+}
