@@ -272,6 +272,27 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "the average is that of the gear that is chosen": async (name) => {
+    const chosen = await records(2);
+    const opened = await open(address(chosen, "show=turn"));
+    const { page } = opened;
+    await drawn(page, "turn");
+    const { gear } = await json(`assets/${asset}`);
+    const choice = page.getByRole("combobox", { name: "Gear of the average", exact: true });
+    await choice.selectOption({ label: `Driven gear, ${gear.teeth[1]} teeth` });
+    const ofDriven = page.locator('[data-plot="turn"] .infolayer', { hasText: "Angle of the driven gear" });
+    await ofDriven.waitFor();
+    const expected = await Promise.all(chosen.map(({ id }) => json(`segments/${id}/turn?gear=2`)));
+    // the first record is drawn last, over the other
+    const [second, first] = await curves(page, "turn");
+    assert.deepEqual([first.y, second.y], [expected[0].average, expected[1].average]);
+    await page.getByText(`One tooth is ${Number((360 / gear.teeth[1]).toPrecision(4))}°`).waitFor();
+    const restored = await open(`#/assets/${asset}?show=turn&segment=${chosen[0].id}&gear=2`);
+    await restored.page.getByText(`${expected[0].turns} turns of the driven gear averaged`).waitFor();
+    await close(restored, `${name} on the record's page`);
+    await close(opened, name);
+  },
+
   "the largest lines are those of the spectrum at full resolution": async (name) => {
     const chosen = await records(2);
     const opened = await open(address(chosen, "band=1000~3000&peaks=5"));

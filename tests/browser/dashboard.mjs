@@ -19,6 +19,7 @@ const FILES = [
   "plots",
   "match",
   "views",
+  "report",
   "links",
   "downloads",
   "bench",

@@ -1,7 +1,8 @@
-// What is drawn can be taken along: the numbers of every plot as CSV, its picture as PNG.
+// What is drawn can be taken along: the numbers of every plot as CSV, its picture as PNG, which is dark on white
+// whatever the theme and says whose it is and of which time.
 
 import assert from "node:assert/strict";
-import { asset, close, drawn, json, open } from "./page.mjs";
+import { asset, close, drawn, json, open, shownTime } from "./page.mjs";
 
 const PAGES = {
   asset: [
@@ -21,7 +22,60 @@ const PAGES = {
     async () => `#/libraries/${(await json("libraries")).items[0].id}`,
     ["grid", "stiffness", "transmission"],
   ],
+  preview: [
+    `#/assets/${asset}/wear`,
+    ["harmonics", "preview-spectrum", "preview-waveform", "stiffness", "transmission"],
+  ],
 };
+
+const NAME = "Gearbox in a test";
+
+/** What the pictures of a page say they are of. */
+const SUBJECTS = {
+  asset: async (kind) => {
+    const at = async (order) =>
+      shownTime((await json(`assets/${asset}/segments?limit=1&order=${order}`)).items[0].start_time);
+    const time = ["wear", "trends"].includes(kind)
+      ? `${await at("asc")} to ${await at("desc")}`
+      : await at("desc");
+    return `${NAME} · gearbox/x · ${time}`;
+  },
+  bench: async () => "2 records over one another",
+  waterfall: () => SUBJECTS.asset("wear"),
+  match: () => SUBJECTS.asset("posterior"),
+  library: async () => `library ${(await json("libraries")).items[0].id}`,
+  preview: async () => `${NAME} · Simulated: `,
+};
+
+/** Keeps what is written into pictures. */
+const listening = (page) =>
+  page.addInitScript(() => {
+    const { fillText } = CanvasRenderingContext2D.prototype;
+    globalThis.written = [];
+    CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+      globalThis.written.push(text);
+      return fillText.call(this, text, ...place);
+    };
+  });
+
+/** How much of a picture is white, and of the plot at its foot the number of points of the light theme's ink. */
+const colours = (page, bytes) =>
+  page.evaluate(async (data) => {
+    const image = new Image();
+    image.src = `data:image/png;base64,${data}`;
+    await image.decode();
+    const { naturalWidth: width, naturalHeight: height } = image;
+    const context = new OffscreenCanvas(width, height).getContext("2d");
+    context.drawImage(image, 0, 0);
+    const { data: points } = context.getImageData(0, 0, width, height);
+    const is = (at, ...colour) => colour.every((part, n) => Math.abs(points[at + n] - part) < 12);
+    let [white, ink] = [0, 0];
+    for (let at = 0; at < points.length; at += 4) {
+      if (is(at, 255, 255, 255, 255)) white += 1;
+      if (at > points.length / 2 && is(at, 0x16, 0x20, 0x2a, 255)) ink += 1;
+    }
+    return { white: white / (width * height), ink, corner: Array.from(points.slice(0, 4)) };
+  }, bytes.toString("base64"));
 
 async function bytesOf(download) {
   const chunks = [];
@@ -50,7 +104,12 @@ const chunks = Object.entries(PAGES).flatMap(([key, [address, kinds]]) =>
 const checks = chunks.map(([key, address, kinds]) => [
   `every plot is saved as numbers and as a picture: ${key}`,
   async (name) => {
-    const opened = await open(typeof address === "string" ? address : await address());
+    const [where] = key.split(",");
+    const opened = await open(
+      typeof address === "string" ? address : await address(),
+      { colorScheme: "dark" },
+      listening,
+    );
     for (const kind of kinds) {
       await drawn(opened.page, kind);
       const csv = await saved(opened.page, kind, "CSV");
@@ -62,6 +121,15 @@ const checks = chunks.map(([key, address, kinds]) => [
       assert.match(png.name, /^[\w.-]+\.png$/, kind);
       assert.equal(png.bytes.subarray(1, 4).toString(), "PNG", kind);
       assert.ok(png.bytes.readUInt32BE(16) > 600, `${kind}: ${png.bytes.readUInt32BE(16)} px wide`);
+      const { white, ink, corner } = await colours(opened.page, png.bytes);
+      assert.deepEqual(corner, [255, 255, 255, 255], kind);
+      // a waterfall is colours all over
+      assert.ok(white > (kind === "waterfall" ? 0.1 : 0.5), `${kind}: ${white} of the picture is white`);
+      assert.ok(ink > 100, `${kind}: ${ink} points of ink in its lower half`);
+      const words = (await opened.page.evaluate("globalThis.written.splice(0)")).join(" ");
+      const legend = opened.page.locator(`[data-plot="${kind}"] .legend li`);
+      for (const part of [await SUBJECTS[where](kind), ...(await legend.allTextContents())])
+        assert.ok(words.includes(part), `${kind}: “${part}” in “${words}”`);
     }
     await close(opened, name);
   },

@@ -2,7 +2,7 @@
 // its own for one asset.
 
 import assert from "node:assert/strict";
-import { asset, close, json, noSidewaysScrolling, open, PHONE, say, timed } from "./page.mjs";
+import { asset, close, json, noSidewaysScrolling, open, PHONE, say, shoot, timed } from "./page.mjs";
 
 const COUNT = 500;
 const WANTED_MS = 200;
@@ -143,8 +143,38 @@ export const CHECKS = {
     await close(opened, name);
   },
 
+  "30 of many assets are on one screen": async (name) => {
+    for (const colorScheme of ["light", "dark"]) {
+      const opened = await fleet({ viewport: { width: 1440, height: 900 }, colorScheme });
+      const { page } = opened;
+      const onScreen = () =>
+        page.locator("tbody tr[data-asset]").evaluateAll(
+          (rows) =>
+            rows.filter((row) => {
+              const { top, bottom } = row.getBoundingClientRect();
+              return top >= 0 && bottom <= innerHeight;
+            }).length,
+        );
+      assert.ok((await onScreen()) >= 30, `${await onScreen()} rows`);
+      // each says all that a high one says
+      const row = page.locator('tr[data-asset="gearbox-057"]');
+      await page.getByPlaceholder("Name, id or place").fill("gearbox 57");
+      await row.getByText("1 alarm, 1 unacknowledged").waitFor();
+      assert.match(
+        (await row.locator(".wear-number").textContent()).replaceAll(/\s+/g, " "),
+        /39 µm ?14 to 69/,
+      );
+      await page.getByPlaceholder("Name, id or place").fill("");
+      await shoot(page, `${name} ${colorScheme}`);
+      await page.getByLabel("Rows").selectOption("high");
+      await page.waitForFunction(() => location.hash.includes("rows=high"));
+      assert.ok((await onScreen()) < 15, `${await onScreen()} high rows`);
+      await close(opened, `${name} ${colorScheme}, high rows`);
+    }
+  },
+
   "500 assets answer within 200 ms": async () => {
-    const { page } = await fleet();
+    const { page } = await fleet({ viewport: { width: 1440, height: 900 } });
     for (const label of ["Asset", "Wear, 5 to 95 %", "Last record"]) {
       const sort = (words) =>
         [...document.querySelectorAll("th button")].find((button) => button.textContent === words).click();
@@ -169,6 +199,10 @@ export const CHECKS = {
   "500 assets on a phone": async (name) => {
     const opened = await fleet(PHONE);
     await noSidewaysScrolling(opened.page);
+    const cut = await opened.page
+      .locator(".sections")
+      .evaluate((sections) => sections.scrollWidth - sections.clientWidth);
+    assert.equal(cut, 0, "every section is in view");
     await close(opened, name);
   },
 };

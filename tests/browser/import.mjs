@@ -4,6 +4,7 @@
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import {
+  asset,
   base,
   close,
   createAsset,
@@ -14,6 +15,7 @@ import {
   removeAsset,
   sendNoise,
   shoot,
+  shownTime,
 } from "./page.mjs";
 import { csv, drop, wav } from "./upload.mjs";
 
@@ -70,7 +72,12 @@ export const CHECKS = {
     await sendNoise(other, 7);
     const exported = Buffer.from(await (await fetch(`${base}/v1/assets/${other}/export`)).arrayBuffer());
     await removeAsset(other);
+    const matlab = await readFile(new URL("../../fixtures/matlab/bearing-two-channels.mat", import.meta.url));
+    const [record] = (await json(`assets/${asset}/segments?limit=1`)).items;
+    const block = Buffer.from(await (await fetch(`${base}/v1/segments/${record.id}/raw`)).arrayBuffer());
     await page.setInputFiles("#upload-file", [
+      { name: "two.mat", mimeType: "application/x-matlab-data", buffer: matlab },
+      { name: "block.pb", mimeType: "application/x-protobuf", buffer: block },
       audio("pump_20260301_101112.wav", wav(4000)),
       audio("two.wav", stereo(8000)),
       table("samples.csv", csv(1000)),
@@ -78,7 +85,7 @@ export const CHECKS = {
       { name: "export.mcap", mimeType: "application/mcap", buffer: exported },
       audio("broken.wav", Buffer.from("no recording")),
     ]);
-    await page.getByRole("button", { name: "Send 6 files" }).waitFor();
+    await page.getByRole("button", { name: "Send 8 files" }).waitFor();
     await card(page, "pump_20260301").getByText("16 bit integers · 1 channel · 4000 Hz · 1 s").waitFor();
     await card(page, "pump_20260301").getByText("from its name, read as UTC").waitFor();
     await card(page, "two.wav").getByText("16 bit integers · 2 channels · 8000 Hz · 1 s").waitFor();
@@ -91,6 +98,21 @@ export const CHECKS = {
     await card(page, "export.mcap")
       .getByText(/says itself when its records began, logged 20/)
       .waitFor();
+    await card(page, "run.mcap").locator("svg.sketch").first().waitFor();
+    await card(page, "run.mcap").getByText("its first record").first().waitFor();
+    await card(page, "export.mcap").getByText("No vibration in it").waitFor();
+    await card(page, "block.pb").getByText("protobuf · 1 channel · 20 kHz · 1 s").waitFor();
+    await card(page, "block.pb")
+      .getByText(`began: ${shownTime(record.start_time)}`)
+      .waitFor();
+    await card(page, "block.pb").locator("svg.sketch").waitFor();
+    // a MATLAB file without a rate is looked into again when one is typed in
+    await card(page, "two.mat").locator('.result[data-kind="bad"]').waitFor();
+    await page.getByText("For WAV, CSV and MATLAB files: unit").click();
+    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
+    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
+    await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (typed in)").waitFor();
+    assert.equal(await card(page, "two.mat").locator("svg.sketch").count(), 2, "a waveform of each channel");
     await card(page, "broken.wav").getByText("It does not begin like a WAV file (RIFF, WAVE).").waitFor();
     await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
     await page.getByLabel("Start of two.wav, UTC").blur();
@@ -166,10 +188,19 @@ export const CHECKS = {
     const file = card(page, "c_20260401");
     await file.getByText(/Line 1: column "n" rises by the same step from line to line/).waitFor();
     const column = (heading) => file.getByLabel(`Column ${heading} of c_20260401_080000.csv`);
+    let hold = 600; // ms; the answers come in the reverse order of the choices
+    await page.route("**/csv-preview*", async (route) => {
+      hold -= 150;
+      await new Promise((resolve) => setTimeout(resolve, hold));
+      await route.continue();
+    });
     for (const heading of ["in [g]", "out (m/s2)"]) await column(heading).selectOption("a channel");
     await column("n").selectOption("left out");
     await column("speed").selectOption("left out");
     await file.getByText("CSV · 2 channels").waitFor();
+    await page.waitForTimeout(700);
+    await file.getByText("CSV · 2 channels").waitFor();
+    await page.unroute("**/csv-preview*");
     assert.equal(await file.getByLabel("Unit of in of").inputValue(), "g");
     await file.getByLabel("Name of out of").fill("gear-side");
     await page.locator("summary", { hasText: "sampling rate" }).click();
@@ -200,23 +231,46 @@ export const CHECKS = {
     await end(opened, name);
   },
 
-  "a MATLAB file is sent with the rate that it lacks": async () => {
+  "a MATLAB file is sent with the rate that it lacks and the names that are chosen": async () => {
     const opened = await desk();
     const { id, page } = opened;
     const buffer = await readFile(new URL("../../fixtures/matlab/bearing-two-channels.mat", import.meta.url));
     const name = "m_20260401_080000.mat";
     await page.setInputFiles("#upload-file", [{ name, mimeType: "application/octet-stream", buffer }]);
-    await card(page, "m_20260401").getByText("the service reads its longest variables").waitFor();
+    await card(page, "m_20260401").locator('.result[data-kind="bad"]').waitFor();
     await page.locator("summary", { hasText: "sampling rate" }).click();
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
+    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
+    for (const [own, chosen] of [
+      ["X097_DE_time", "drive end"],
+      ["X097_FE_time", "fan end"],
+    ])
+      await page.getByLabel(`Name of ${own} of ${name}`).fill(chosen);
     await send(page);
     await page.getByRole("button", { name: "Undo this import: delete 2 records…" }).waitFor();
     const { items } = await json(`assets/${id}/segments`);
     assert.deepEqual(items.map(({ channel, sample_rate_hz: rate }) => [channel, rate]).sort(), [
-      ["X097_DE_time", 12000],
-      ["X097_FE_time", 12000],
+      ["drive end", 12000],
+      ["fan end", 12000],
     ]);
     await end(opened, "matlab");
+  },
+
+  "each channel of a WAV file has a unit of its own": async () => {
+    const opened = await desk();
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", [audio("two_20260401_080000.wav", stereo(2000))]);
+    await page.getByLabel("Unit of 2 of two_20260401_080000.wav").fill("g");
+    await page.getByLabel("Name of 1 of two_20260401_080000.wav").fill("gear side");
+    await send(page);
+    await page.getByRole("button", { name: "Undo this import: delete 2 records…" }).waitFor();
+    const { items } = await json(`assets/${id}/segments`);
+    const strength = Object.fromEntries(items.map(({ channel, indicators }) => [channel, indicators.rms]));
+    const [first, second] = [9000, 3000].map((counts) => counts / 32768 / Math.SQRT2);
+    // a channel in g is brought to the asset's unit
+    assert.ok(Math.abs(strength["gear side"] / first - 1) < 0.01, JSON.stringify(strength));
+    assert.ok(Math.abs(strength["2"] / (9.80665 * second) - 1) < 0.01, JSON.stringify(strength));
+    await end(opened);
   },
 
   "the full scale of a 16-bit WAV file is taken": async () => {

@@ -2,17 +2,37 @@
 // FLANKWATCH_URL=http://127.0.0.1:8600 FLANKWATCH_ASSET=demo-gearbox FLANKWATCH_SHOTS=docs/images node tests/browser/pictures.mjs
 
 import { join } from "node:path";
-import { asset, browser, drawn, json, open, overviewDrawn, shots } from "./page.mjs";
+import { asset, base, browser, drawn, json, open, overviewDrawn, shots } from "./page.mjs";
 
 const { items } = await json(`assets/${asset}/segments?limit=1000`);
 const worn = items.at(-1).id;
 const [early, middle] = [items[Math.floor(items.length / 8)].id, items[Math.floor(items.length / 2)].id];
 const page = `#/assets/${asset}`;
 
+/** Machines beside the demonstration's: with as many of its records, which is not enough for a baseline. */
+const FLEET = [
+  { id: "gearbox-7", name: "North plant / line 2 / gearbox 7", records: 9 },
+  { id: "gearbox-8", name: "North plant / line 2 / gearbox 8", records: 14 },
+  { id: "conveyor", name: "South plant / conveyor", records: 0 },
+];
+const post = (path, type, body) =>
+  fetch(`${base}/v1/${path}`, { method: "POST", headers: { "Content-Type": type }, body });
+for (const { id, name, records } of FLEET) {
+  const gear = { teeth: [24, 26], shaft_speed_hz: 16.64 };
+  await post("assets", "application/json", JSON.stringify({ id, name, gear }));
+  for (const { id: segment } of items.slice(0, records)) {
+    const recording = await fetch(`${base}/v1/segments/${segment}/raw`);
+    await post(`assets/${id}/segments`, "application/x-protobuf", await recording.arrayBuffer());
+  }
+}
+const { library_id: library } = (await json(`assets/${asset}`)).summary;
+
 /** What is shown in a picture: its address, what has to be there first, and what of the page is kept: its
  * height, or a part of it. */
 const PICTURES = {
   dashboard: [page, overviewDrawn, 1560],
+  fleet: ["#/", (shown) => shown.getByRole("link", { name: "conveyor" }).first().waitFor(), 680],
+  library: [`#/libraries/${library}`, plots("grid", "stiffness", "transmission"), 1400],
   alarms: ["#/alarms", (shown) => shown.locator("main tbody tr").first().click(), 700],
   wear: [`${page}/wear`, (shown) => shown.locator('[data-plot="mesh"]').waitFor(), 1160],
   record: [

@@ -1,7 +1,17 @@
 // What plots over an asset's life say, and their pictures.
 
 import assert from "node:assert/strict";
-import { asset, close, createAsset, drawn, open, overviewDrawn, removeAsset, sendNoise } from "./page.mjs";
+import {
+  asset,
+  close,
+  createAsset,
+  drawn,
+  json,
+  open,
+  overviewDrawn,
+  removeAsset,
+  sendNoise,
+} from "./page.mjs";
 
 /** Has the history of wear go: baseline, estimates, baseline after new gears, estimates. */
 const twoLives = (page) =>
@@ -48,6 +58,102 @@ export const CHECKS = {
         );
       }),
     );
+    await close(opened, name);
+  },
+
+  "the zones of velocity lie behind its trend": async (name) => {
+    const limits = [10, 20, 40];
+    const id = await createAsset("zones", { velocity_zones: { limits_mm_per_s: limits } });
+    for (let minute = 0; minute < 4; minute++) await sendNoise(id, minute, 4 + 4 * minute);
+    for (const [colorScheme, scale] of [
+      ["light", ""],
+      ["dark", ""],
+      ["light", "&log=1"],
+    ]) {
+      const opened = await open(`#/assets/${id}?trend=rms,velocity_rms${scale}`, { colorScheme });
+      const { page } = opened;
+      await drawn(page, "trends");
+      const { bands, colours, velocities, range } = await page.evaluate(() => {
+        const { layout, _fullLayout: full, data } = document.querySelector('[data-plot="trends"] .plot');
+        const probe = document.body.appendChild(document.createElement("i"));
+        const colourOf = (key) => {
+          probe.style.color = `var(--${key})`;
+          return getComputedStyle(probe).color.match(/\d+/g).slice(0, 3).join(", ");
+        };
+        return {
+          bands: layout.shapes.filter(({ name }) => name?.startsWith("zone")),
+          colours: ["normal", "learning", "warning", "danger"].map(colourOf),
+          velocities: data.filter(({ yaxis, mode }) => yaxis === "y2" && mode === "lines+markers")[0].y,
+          range: full.yaxis2.range.map((end) => (full.yaxis2.type === "log" ? 10 ** end : end)),
+        };
+      });
+      assert.deepEqual(
+        bands.map(({ name: zone, yref, y0, y1 }) => [
+          zone,
+          yref,
+          limits.includes(y0) ? y0 : "",
+          limits.includes(y1) ? y1 : "",
+        ]),
+        [
+          ["zone A", "y2", "", 10],
+          ["zone B", "y2", 10, 20],
+          ["zone C", "y2", 20, 40],
+          ["zone D", "y2", 40, ""],
+        ],
+      );
+      bands.forEach(({ fillcolor }, n) => assert.ok(fillcolor.includes(`(${colours[n]}, `), fillcolor));
+      assert.ok(bands[0].y0 <= range[0] && bands[3].y1 > range[1], "the outer zones have no end in view");
+      // velocities from 1.5 to 6: the first limit is in view, the others would flatten them
+      const [least, greatest] = [Math.min(...velocities), Math.max(...velocities)];
+      assert.ok(range[0] < least && range[0] >= (scale ? 0.5 * least : 0), `from ${range[0]}`);
+      assert.ok(greatest > 5 && greatest < 10 && range[1] > 10, `${greatest}, axis to ${range[1]}`);
+      assert.ok(range[1] < 30, `axis to ${range[1]}`);
+      assert.deepEqual(await page.locator('[data-plot="trends"] .legend li').allTextContents(), [
+        "zone A, to 10 mm/s",
+        "zone B, to 20 mm/s",
+        "zone C, to 40 mm/s",
+        "zone D, above 40 mm/s",
+      ]);
+      await close(opened, `${name} ${colorScheme}${scale}`);
+    }
+    await removeAsset(id);
+  },
+
+  "a pane of the trend has one unit": async (name) => {
+    const opened = await open(
+      `#/assets/${asset}?trend=rms,velocity_rms,kurtosis,omx,crest_factor,fm4,na4,novelty,mesh,residual_variance,peak`,
+    );
+    const { page } = opened;
+    await drawn(page, "trends");
+    const panes = await page.evaluate(() => {
+      const { layout, data } = document.querySelector('[data-plot="trends"] .plot');
+      const columns = data
+        .filter(({ yaxis }) => yaxis)
+        .map(({ yaxis, y }) => [yaxis.slice(1), Array.from(y)]);
+      return Object.keys(layout)
+        .filter((key) => key.startsWith("yaxis"))
+        .map((key) => ({
+          title: layout[key].title.text,
+          curves: columns.filter(([of]) => `yaxis${of}` === key).map(([, y]) => y),
+        }));
+    });
+    const { units, items } = await json(
+      `assets/${asset}/indicators?names=rms,velocity_rms,kurtosis,omx,crest_factor,fm4,na4,novelty,residual_variance,peak,${Array.from({ length: 10 }, (_, n) => `mesh_${n + 1}`)}`,
+    );
+    assert.equal(panes.length, 11);
+    const written = { "m/s2": "m/s²", "(m/s2)^2": "(m/s²)²", 1: "" };
+    for (const { title, curves } of panes) {
+      // whose values are drawn there
+      const names = Object.keys(units).filter((key) =>
+        curves.some((y) => y.length > 9 && items.every((item, n) => item[key] === y[n])),
+      );
+      assert.ok(names.length >= 1, `${title} shows ${names}`);
+      const own = new Set(names.map((key) => units[key]));
+      assert.equal(own.size, 1, `${title} shows ${names} in ${[...own]}`);
+      const [unit] = own;
+      const words = unit in written ? written[unit] : unit;
+      assert.ok(words ? title.endsWith(`(${words})`) : !/m\/s/.test(title), `${title} in ${unit}`);
+    }
     await close(opened, name);
   },
 
@@ -121,7 +227,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "a saved picture has its title and legend on the ground of the page": async (name) => {
+  "a saved picture has its title and legend on white": async (name) => {
     for (const colorScheme of ["light", "dark"]) {
       const opened = await open(`#/assets/${asset}`, { colorScheme });
       const { page } = opened;
@@ -132,7 +238,7 @@ export const CHECKS = {
       ]);
       const chunks = [];
       for await (const chunk of await download.createReadStream()) chunks.push(chunk);
-      const { width, height, corner, inks, plot, ground } = await page.evaluate(
+      const { width, height, corner, inks, plot } = await page.evaluate(
         async (bytes) => {
           const bitmap = await createImageBitmap(new Blob([new Uint8Array(bytes)]));
           const canvas = Object.assign(document.createElement("canvas"), {
@@ -150,15 +256,12 @@ export const CHECKS = {
           ).data;
           const inked = new Set();
           for (let n = 0; n < head.length; n += 4) inked.add(`${head[n]},${head[n + 1]},${head[n + 2]}`);
-          const probe = document.body.appendChild(document.createElement("i"));
-          probe.style.color = "var(--surface)";
           return {
             width: bitmap.width,
             height: bitmap.height,
             corner: [...context.getImageData(0, 0, 1, 1).data],
             inks: inked.size,
             plot: [element.clientWidth, element.clientHeight],
-            ground: getComputedStyle(probe).color,
           };
         },
         [...Buffer.concat(chunks)],
@@ -166,8 +269,7 @@ export const CHECKS = {
       assert.equal(width, 2 * plot[0]);
       assert.ok(height > 2 * plot[1] + 60, "there is room for title and legend");
       assert.ok(inks > 10, "and something in it");
-      assert.equal(`rgb(${corner.slice(0, 3).join(", ")})`, ground);
-      assert.equal(corner[3], 255);
+      assert.deepEqual(corner, [255, 255, 255, 255]);
       await close(opened, `${name} ${colorScheme}`);
     }
   },

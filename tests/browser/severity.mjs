@@ -1,7 +1,7 @@
 // One palette says how severe something is, wherever it stands; the signal of NAMUR NE 107 is beside it.
 
 import assert from "node:assert/strict";
-import { asset, close, open } from "./page.mjs";
+import { asset, close, drawn, open } from "./page.mjs";
 
 /** Has the list of assets hold one above its warning limit and one that learns its baseline. */
 const states = (page) =>
@@ -58,6 +58,67 @@ export const CHECKS = {
       assert.notEqual(await fill("learning"), limit, "learning is no warning");
       await row("worn").getByRole("img", { name: "NE 107 maintenance required" }).waitFor();
       await row("learning").getByRole("img", { name: "NE 107 function check" }).waitFor();
+      await close(opened, `${name} ${colorScheme}`);
+    }
+  },
+
+  "fleet, verdict, limits and alarms have one palette, with NE 107 beside it": async (name) => {
+    for (const colorScheme of ["light", "dark"]) {
+      const opened = await open("", { colorScheme }, states);
+      const { page } = opened;
+      const palette = await page.evaluate(() => {
+        const probe = document.body.appendChild(document.createElement("i"));
+        const keys = ["normal", "warning", "danger", "unsure", "learning"];
+        return Object.fromEntries(
+          keys.map((key) => [key, ((probe.style.color = `var(--${key})`), getComputedStyle(probe).color)]),
+        );
+      });
+      assert.equal(new Set(Object.values(palette)).size, 5, "each severity has a colour of its own");
+      /** The severity, the colour and the NE 107 signal of every badge on the page. */
+      const badges = async (place) => {
+        await page.locator(`${place} .badge`).first().waitFor();
+        return page
+          .locator(`${place} .badge`)
+          .evaluateAll((all) =>
+            all.map((badge) => [
+              badge.dataset.severity,
+              getComputedStyle(badge.querySelector(".symbol .outline")).fill,
+              badge.querySelector(".namur")?.getAttribute("aria-label") ?? "",
+            ]),
+          );
+      };
+      const seen = [...(await badges(".fleet"))];
+      await page.goto(new URL(`#/assets/${asset}`, page.url()).href);
+      await drawn(page, "wear");
+      seen.push(...(await badges("main")));
+      const lines = await page.evaluate(() =>
+        document
+          .querySelector('[data-plot="wear"] .plot')
+          .layout.shapes.filter(({ type, y0, y1 }) => type === "line" && y0 === y1)
+          .map(({ y0, line }) => [y0, line.color]),
+      );
+      for (const [level, severity] of [
+        [120, "warning"],
+        [200, "danger"],
+      ])
+        assert.equal(
+          lines.find(([at]) => at === level)?.[1],
+          palette[severity],
+          `${level} µm in ${JSON.stringify(lines)}`,
+        );
+      await page.goto(new URL("#/alarms?show=all", page.url()).href);
+      seen.push(...(await badges(".alarms")));
+      assert.ok(new Set(seen.map(([severity]) => severity)).size >= 3, JSON.stringify(seen));
+      const signals = {
+        danger: "NE 107 failure",
+        warning: "NE 107 maintenance required",
+        learning: "NE 107 function check",
+        normal: "",
+      };
+      for (const [severity, colour, namur] of seen) {
+        assert.equal(colour, palette[severity], severity);
+        if (severity in signals) assert.equal(namur, signals[severity], severity);
+      }
       await close(opened, `${name} ${colorScheme}`);
     }
   },

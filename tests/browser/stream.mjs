@@ -103,8 +103,11 @@ export const CHECKS = {
       assert.ok(Math.abs(highest(await spectrumLine(page)) - TONE) <= 1);
       assert.ok(Math.abs((await numberOf(page, "rms")) - AMPLITUDE / Math.SQRT2) < 0.05);
       assert.equal(await page.locator('.stream-values [data-value="mesh"]').innerText(), "310 Hz");
-      assert.deepEqual(await findings(page), []);
-      await shoot(page, "live view");
+      for (const colorScheme of /** @type {const} */ (["dark", "light"])) {
+        await page.emulateMedia({ colorScheme });
+        assert.deepEqual(await findings(page), [], colorScheme);
+        await shoot(page, `live view ${colorScheme}`);
+      }
       await page.locator("#stream-axis").selectOption("orders");
       await page.locator("#stream-channel").selectOption("out");
       await page.waitForFunction(() =>

@@ -1,8 +1,9 @@
 //! The commands as a user runs them.
 
 use std::fs::{self, File};
-use std::io::{Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -102,6 +103,29 @@ fn a_two_hour_recording_is_cut_into_records() {
     assert_eq!(records[719]["start_time"], "1970-01-01T01:59:50Z");
     // The only sample that is not zero: half of full scale, the last of 20 000.
     assert!((records[719]["indicators"]["rms"].as_f64().unwrap() - 0.5 / 20_000f64.sqrt()).abs() < 1e-9);
+}
+
+#[test]
+fn a_first_answer_comes_before_all_pairs_are_simulated_and_stays_where_the_rest_is_interrupted() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, asset, data) = (path(&folder, "run.mcap"), asset_file(&folder), path(&folder, "data"));
+    flankwatch(&["simulate", "--out", &run, "--records", "26", "--seconds", "1", "--seed", "3"])
+        .expect_success();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+        .args(["analyze", &run, "--asset", &asset, "--data-dir", &data])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = String::new();
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    stderr.read_line(&mut said).unwrap();
+    assert!(said.contains("from 96 of 1280 pairs like it: first answer: worn "), "{said}");
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let ended = child.wait_with_output().unwrap();
+    let table = String::from_utf8(ended.stdout).unwrap();
+    assert!(ended.status.success() && table.lines().nth(27).unwrap().contains("  provisional "), "{table}");
+    assert!(table.trim_end().lines().last().unwrap().starts_with("first answer: worn "), "{table}");
 }
 
 #[test]

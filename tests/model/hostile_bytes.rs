@@ -96,6 +96,9 @@ fn whole(name: &str) -> Vec<Vec<u8>> {
         "mat" => ["int16", "struct-in-struct", "compressed"]
             .map(|name| fs::read(fuzz().join(format!("../fixtures/matlab/{name}.mat"))).unwrap())
             .to_vec(),
+        "flac" => ["one-sample", "shorter-than-a-block", "mono-8"]
+            .map(|name| fs::read(fuzz().join(format!("../fixtures/flac/{name}.flac"))).unwrap())
+            .to_vec(),
         "npy" => {
             let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (4, 2), }\n";
             let length = (text.len() as u16).to_le_bytes();

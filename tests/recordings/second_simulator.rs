@@ -2,9 +2,10 @@
 //! with a pair file that says nothing of damping, bodies or the shape of the wear.
 
 use std::fs::{self, File};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
-use flankwatch::recording::{RecordDefaults, WavBlocks};
+use flankwatch::recording::{RecordDefaults, WavBlocks, WavWriter};
 use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
 use flankwatch_test_support::recordings;
 use jiff::Timestamp;
@@ -25,11 +26,19 @@ const WEAR: [(&str, f64, u64, f64); 4] = [
 const FAULTS: [&str; 2] = ["crack-12", "gain-jump-13"];
 const HEALTHY: &str = "healthy-11";
 
-/// What `evaluate` says of runs; the simulated pairs are kept in `data`.
-fn scores(data: &Path, runs: &[&str], further: &[&str]) -> Value {
-    let folder = recordings("second-simulator");
-    let runs: Vec<String> = runs.iter().map(|run| folder.join(run).display().to_string()).collect();
-    let data = data.display().to_string();
+/// The folder of a run.
+fn packed(run: &str) -> PathBuf {
+    recordings("second-simulator").join(run)
+}
+
+/// One command at a time simulates the pairs, which the others find.
+static SIMULATED: Mutex<()> = Mutex::new(());
+
+/// What `evaluate` says of runs.
+fn scores(runs: &[PathBuf], further: &[&str]) -> Value {
+    let _alone = SIMULATED.lock().unwrap_or_else(PoisonError::into_inner);
+    let data = Path::new(env!("CARGO_TARGET_TMPDIR")).join("second-simulator").display().to_string();
+    let runs: Vec<String> = runs.iter().map(|run| run.display().to_string()).collect();
     let mut words = [&["evaluate", "--json", "--data-dir", &data], further, &["--recorded"]].concat();
     words.extend(runs.iter().map(String::as_str));
     let said = flankwatch(&words).expect_success();
@@ -39,9 +48,9 @@ fn scores(data: &Path, runs: &[&str], further: &[&str]) -> Value {
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn the_interval_holds_the_truth_of_another_simulators_runs() {
-    let data = tempfile::tempdir().unwrap();
-    let worn = WEAR.map(|(run, ..)| run);
-    let all = scores(data.path(), &[&worn[..], &FAULTS, &[HEALTHY]].concat(), &[]);
+    let worn = WEAR.map(|(run, ..)| packed(run));
+    let others = FAULTS.into_iter().chain([HEALTHY]).map(packed);
+    let all = scores(&worn.iter().cloned().chain(others).collect::<Vec<_>>(), &[]);
     let score = |run: &str| {
         all["scores"].as_array().unwrap().iter().find(|score| score["run"] == run).unwrap().clone()
     };
@@ -69,7 +78,7 @@ fn the_interval_holds_the_truth_of_another_simulators_runs() {
         assert!(found >= 0.95 * late.count() as f64, "{run}: {found}");
     }
     // An inspection half-way narrows what is said of the records before it, and keeps the truth.
-    let inspected = scores(data.path(), &worn, &["--inspection-um", "5"]);
+    let inspected = scores(&worn, &["--inspection-um", "5"]);
     let (mut told_um, mut looked_back_um) = (0.0, 0.0);
     for score in inspected["scores"].as_array().unwrap() {
         let [width, coverage, error] = ["width_um", "coverage", "error_um"]
@@ -87,7 +96,7 @@ fn the_interval_holds_the_truth_of_another_simulators_runs() {
 
 /// Record `n` of a run as if the machine had turned this many times as fast.
 fn turned_faster(run: &str, n: usize, factor: f64) -> Record {
-    let path = recordings("second-simulator").join(run).join(format!("rec_{n:04}.wav"));
+    let path = packed(run).join(format!("rec_{n:04}.wav"));
     let bytes = path.metadata().unwrap().len();
     let defaults = RecordDefaults { unit: Some("m/s2".to_owned()), ..RecordDefaults::default() };
     let mut records = WavBlocks::new(File::open(path).unwrap(), bytes, &defaults, None).unwrap();
@@ -96,9 +105,48 @@ fn turned_faster(run: &str, n: usize, factor: f64) -> Record {
     Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, "m/s2", record.samples().to_vec()).unwrap()
 }
 
+/// What a sensor elsewhere on the machine records, with noise of its own.
+fn heard_elsewhere(samples: &[f32]) -> Vec<f32> {
+    let rms = (samples.iter().map(|x| x * x).sum::<f32>() / samples.len() as f32).sqrt();
+    let noise = |i: usize| (((i * 7919 + i * i % 8191) % 1009) as f32 / 504.5 - 1.0) * 0.1 * rms;
+    let before = |i: usize, back: usize| i.checked_sub(back).map_or(0.0, |at| samples[at]);
+    let heard = |i: usize| samples[i] - 0.7 * before(i, 1) + 0.4 * before(i, 5) + noise(i);
+    (0..samples.len()).map(heard).collect()
+}
+
+/// What a library has wrong it has wrong on every channel: the answer of both is as wide as theirs.
+#[test]
+#[ignore = "needs the folder of real recordings"]
+fn channels_are_scored_one_by_one_and_together() {
+    let data = tempfile::tempdir().unwrap();
+    let run = data.path().join("two");
+    fs::create_dir(&run).unwrap();
+    fs::copy(packed("wear-loaded-1").join("truth.csv"), run.join("truth.csv")).unwrap();
+    for n in 0..speeds_hz("wear-loaded-1").len() {
+        let record = turned_faster("wear-loaded-1", n, 1.0);
+        let file = File::create(run.join(format!("{n:04}.wav"))).unwrap();
+        let mut wav = WavWriter::new(file, 2, record.sample_rate_hz()).unwrap();
+        let elsewhere = heard_elsewhere(record.samples());
+        for (here, there) in record.samples().iter().zip(elsewhere) {
+            wav.write_frame(&[*here, there]).unwrap();
+        }
+        wav.finish().unwrap();
+    }
+    let all = scores(&[run], &[]);
+    let scores = all["scores"].as_array().unwrap();
+    let names: Vec<&str> = scores.iter().map(|score| score["run"].as_str().unwrap()).collect();
+    assert_eq!(names, ["two, channel 1", "two, channel 2", "two, together"]);
+    let of = |name: &str| [0, 1, 2].map(|i| scores[i][name].as_f64().unwrap());
+    let [coverage, width] = [of("coverage"), of("width_um")];
+    println!("covered {coverage:?}, {width:?} µm wide");
+    assert!(coverage.iter().all(|part| *part >= 0.85), "{coverage:?}");
+    let (least, most) = (width[0].min(width[1]), width[0].max(width[1]));
+    assert!(0.9 * least <= width[2] && width[2] <= 1.2 * most, "{width:?}");
+}
+
 /// The true shaft speeds of a run in hertz.
 fn speeds_hz(run: &str) -> Vec<f64> {
-    let text = fs::read_to_string(recordings("second-simulator").join(run).join("truth.csv")).unwrap();
+    let text = fs::read_to_string(packed(run).join("truth.csv")).unwrap();
     text.lines().skip(1).map(|line| line.split(',').nth(2).unwrap().parse().unwrap()).collect()
 }
 

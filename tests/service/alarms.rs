@@ -2,7 +2,6 @@
 //! arrival.
 
 use flankwatch::signal::Record;
-use jiff::Timestamp;
 use serde_json::{Value, json};
 
 use crate::event_stream::EventStream;
@@ -36,20 +35,28 @@ fn only_alarm(service: &Service, asset: &str) -> Value {
     list["items"][0].clone()
 }
 
-fn whole(service: &Service, asset: &str) -> Value {
+pub(crate) fn whole(service: &Service, asset: &str) -> Value {
     let id = only_alarm(service, asset)["id"].as_str().unwrap().to_owned();
     service.get(&format!("/v1/alarms/{id}")).expect(200).json()
 }
 
+/// Waits until the only alarm of an asset is as it is wanted.
+pub(crate) fn wait_for_alarm(service: &Service, asset: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+    let list = service.wait_for(&format!("/v1/alarms?asset={asset}"), |list| {
+        list["items"].as_array().is_some_and(|items| items.iter().any(&is_wanted))
+    });
+    list["items"][0].clone()
+}
+
 /// What happened: state, severity, minute of the record or what was done.
-fn told(alarm: &Value) -> Vec<Value> {
+pub(crate) fn told(alarm: &Value) -> Vec<Value> {
     let entries = alarm["history"].as_array().unwrap().iter();
     let told = entries.filter(|entry| entry["withdrawn_at"].is_null());
     told.map(|entry| json!([entry["state"], entry["severity"], entry["time"], entry["action"], entry["by"]]))
         .collect()
 }
 
-fn act(service: &Service, alarm: &Value, action: &str, body: &Value) -> crate::running::Answer {
+pub(crate) fn act(service: &Service, alarm: &Value, action: &str, body: &Value) -> crate::running::Answer {
     let id = alarm["id"].as_str().unwrap();
     service.post_json(&format!("/v1/alarms/{id}/{action}"), body)
 }
@@ -294,117 +301,6 @@ fn a_rule_that_is_taken_away_leaves_its_history() {
     assert_eq!(whole(&service, "pump")["history"].as_array().unwrap().len(), 1);
 }
 
-/// Statuses of the wear history of an asset, with the records' minutes.
-fn statuses(service: &Service, asset: &str) -> Vec<(Value, Value)> {
-    let history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
-    let items = history["items"].as_array().unwrap().iter();
-    items.map(|item| (item["start_time"].clone(), item["reason"].clone())).collect()
-}
-
-#[test]
-fn maintenance_begins_again_whenever_it_is_told_of() {
-    let mut service = Service::start();
-    for asset in ["before", "after", "never"] {
-        service.post_json("/v1/assets", &watched(asset, &at_once())).expect(201);
-    }
-    let done = json!({ "time": minute(12), "kind": "gear_replaced", "by": "Ada", "comment": "new pair" });
-    let tell = |service: &Service, asset: &str| {
-        let answer = service.post_json(&format!("/v1/assets/{asset}/maintenance"), &done).expect(201);
-        assert!(answer.header("location").starts_with(&format!("/v1/assets/{asset}/maintenance/")));
-        answer.json()
-    };
-    tell(&service, "before");
-    let mut events = EventStream::open(&service, "?asset=after", None);
-    for n in 0..24 {
-        for asset in ["before", "after", "never"] {
-            service.upload(asset, &loud(n, if n == 11 { 4.0 } else { 1.0 }));
-        }
-    }
-    assert_ne!(statuses(&service, "after"), statuses(&service, "before"));
-    let event = tell(&service, "after");
-    assert_eq!(tell(&service, "after"), event);
-    let heard = std::iter::repeat_with(|| events.next()).find(|event| event.kind == "maintenance").unwrap();
-    assert_eq!((&heard.data["change"], &heard.data["event"]["id"]), (&json!("added"), &event["id"]));
-    let waited = |service: &Service| {
-        service.wait_for("/v1/recomputations?asset=after", |list| list["items"][0]["state"] == "finished");
-    };
-    waited(&service);
-    let history = statuses(&service, "before");
-    assert!(history[12].1.as_str().unwrap().contains("1 of 8"), "{history:?}");
-    assert_eq!(statuses(&service, "after"), history);
-    // The new gear ends the alarm of the old one, before its first record.
-    let alarm = told(&whole(&service, "before"));
-    assert_eq!(alarm[1][2], json!(minute(12)), "{alarm:?}");
-    assert_eq!(whole(&service, "before")["history"][1]["maintenance"], "gear_replaced");
-    assert_eq!(told(&whole(&service, "after")), alarm);
-    service.restart();
-    service.upload("before", &loud(24, 1.0));
-    service.upload("after", &loud(24, 1.0));
-    assert_eq!(statuses(&service, "after"), statuses(&service, "before"));
-    let list = service.get("/v1/assets/after/maintenance").expect(200).json();
-    assert_eq!(list["items"], json!([event]));
-    let id = event["id"].as_str().unwrap();
-    service.delete(&format!("/v1/assets/after/maintenance/{id}")).expect(204);
-    service.delete(&format!("/v1/assets/after/maintenance/{id}")).expect_problem(404, &[id]);
-    service.upload("never", &loud(24, 1.0));
-    service.wait_for("/v1/assets/after/wear/history", |_| {
-        statuses(&service, "after") == statuses(&service, "never")
-    });
-    for (body, word) in [
-        (json!({ "kind": "oiled", "by": "Ada" }), "oiled"),
-        (json!({ "kind": "gear_replaced" }), "by"),
-        (json!({ "kind": "gear_replaced", "by": "Ada", "time": "-009999-01-02T01:59:59Z" }), "-009999"),
-    ] {
-        service.post_json("/v1/assets/after/maintenance", &body).expect_problem(422, &[word]);
-    }
-    service.get("/v1/assets/none/maintenance").expect_problem(404, &["none"]);
-    service.post_json("/v1/assets/none/maintenance", &done).expect_problem(404, &["none"]);
-}
-
-#[test]
-fn trends_are_asked_by_operating_bin() {
-    let service = Service::start();
-    let mut asset = plain_asset("pump");
-    asset["operating_bins"] = json!([
-        { "name": "idle", "torque_nm": [0, 10] },
-        { "name": "full load", "shaft_speed_hz": [9, 11], "torque_nm": [10, 100] },
-    ]);
-    service.post_json("/v1/assets", &asset).expect(201);
-    for (n, torque) in [Some(5.0), Some(50.0), None, Some(10.0)].into_iter().enumerate() {
-        let block = flankwatch::recording::encode_block(
-            &loud(n as u32, 1.0),
-            flankwatch::recording::BlockEncoding::Json,
-        );
-        let torque = torque.map_or_else(String::new, |torque| format!("&torque_nm={torque}"));
-        let path = format!("/v1/assets/pump/segments?shaft_speed_hz=10{torque}");
-        service.post(&path, "application/json", &block).expect(201);
-    }
-    let minutes = |path: &str| -> Vec<Timestamp> {
-        let items = service.get(path).expect(200).json()["items"].as_array().unwrap().clone();
-        items.iter().map(|item| item["start_time"].as_str().unwrap().parse().unwrap()).collect()
-    };
-    assert_eq!(
-        minutes("/v1/assets/pump/indicators?names=rms&operating_bin=full%20load"),
-        [minute(1), minute(3)]
-    );
-    assert_eq!(minutes("/v1/assets/pump/wear/history?operating_bin=idle"), [minute(0)]);
-    let all = service.get("/v1/assets/pump/wear/history").expect(200).json();
-    let bins: Vec<&Value> =
-        all["items"].as_array().unwrap().iter().map(|item| &item["operating_bin"]).collect();
-    assert_eq!(bins, [&json!("idle"), &json!("full load"), &Value::Null, &json!("full load")]);
-    service
-        .get("/v1/assets/pump/indicators?operating_bin=half")
-        .expect_problem(400, &["operating_bin", "half"]);
-    let segments = "/v1/assets/pump/segments?operating_bin=full%20load";
-    assert_eq!(minutes(segments), [minute(1), minute(3)]);
-    assert_eq!(minutes(&format!("{segments}&order=desc")), [minute(3), minute(1)]);
-    let page = service.get(&format!("{segments}&limit=1")).expect(200).json();
-    let next = page["next_cursor"].as_str().unwrap();
-    assert_eq!(minutes(&format!("{segments}&limit=1&cursor={next}")), [minute(3)]);
-    asset["operating_bins"][1]["torque_nm"] = json!([5, 100]);
-    service.put_json("/v1/assets/pump", &asset).expect_problem(422, &["overlap"]);
-}
-
 #[test]
 fn an_mcap_of_a_whole_life_raises_in_one_batch() {
     let service = Service::start();
@@ -417,58 +313,6 @@ fn an_mcap_of_a_whole_life_raises_in_one_batch() {
         service.upload("single", &record);
     }
     assert_eq!(told(&whole(&service, "batch")), told(&whole(&service, "single")));
-}
-
-/// An asset with a rule on silence: a warning after a minute, danger after an hour.
-fn silent_after_a_minute(id: &str) -> Value {
-    let mut asset = plain_asset(id);
-    asset["alarms"] = json!([{ "quantity": "stale_s", "warning": 60, "danger": 3600 }]);
-    asset
-}
-
-/// Waits until the only alarm of an asset is as it is wanted.
-fn wait_for_alarm(service: &Service, asset: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
-    let list = service.wait_for(&format!("/v1/alarms?asset={asset}"), |list| {
-        list["items"].as_array().is_some_and(|items| items.iter().any(&is_wanted))
-    });
-    list["items"][0].clone()
-}
-
-#[test]
-fn silence_is_raised_gets_worse_survives_a_restart_and_ends_with_a_record() {
-    let mut service = Service::start();
-    service.post_json("/v1/assets", &silent_after_a_minute("pump")).expect(201);
-    service.post_json("/v1/assets", &silent_after_a_minute("fan")).expect(201);
-    service.upload("pump", &loud(0, 1.0));
-    service.clock.advance(61);
-    let raised = wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
-    assert_eq!((&raised["state"], &raised["quantity"]), (&json!("unacknowledged"), &json!("stale_s")));
-    assert_eq!(raised["value"], 61.0);
-    // A channel that never had a record is not waited for.
-    assert_eq!(service.get("/v1/alarms?asset=fan").expect(200).json()["items"], json!([]));
-    act(&service, &raised, "acknowledge", &json!({ "by": "Ada" })).expect(200);
-    service.clock.advance(3600);
-    wait_for_alarm(&service, "pump", |alarm| {
-        alarm["severity"] == "danger" && alarm["state"] == "unacknowledged"
-    });
-
-    service.restart();
-    let kept = whole(&service, "pump");
-    assert_eq!((&kept["severity"], &kept["state"]), (&json!("danger"), &json!("unacknowledged")));
-    // By the clock a record is received now, whatever its own time.
-    service.upload("pump", &loud(1, 1.0));
-    let over = whole(&service, "pump");
-    assert_eq!((&over["severity"], &over["state"]), (&Value::Null, &json!("returned_unacknowledged")));
-    let told: Vec<&Value> =
-        over["history"].as_array().unwrap().iter().map(|entry| &entry["severity"]).collect();
-    assert_eq!(told, [&json!("warning"), &json!("warning"), &json!("danger"), &Value::Null]);
-    assert_eq!(over["history"][0]["action"], json!({ "stale": { "severity": "warning", "silent_s": 61 } }));
-
-    // A record that is late by its own time ends it too.
-    service.clock.advance(61);
-    wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
-    service.upload("pump", &loud(0, 1.1));
-    wait_for_alarm(&service, "pump", |alarm| alarm["severity"].is_null());
 }
 
 #[test]

@@ -119,6 +119,7 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_bearings_and_velocity() {
     for page in ["orders", "turn"] {
         service.get(&format!("/v1/segments/{id}/{page}")).expect_problem(422, &["this record has no"]);
     }
+    service.get(&format!("/v1/segments/{id}/turn?gear=2")).expect_problem(400, &["gear", "no mesh"]);
     for axis in ["hz", "orders"] {
         let waterfall = service.get(&format!("/v1/assets/fan/waterfall?axis={axis}")).expect(200).json();
         assert_eq!(waterfall["mesh_position"], Value::Null);

@@ -2,13 +2,21 @@
 //! again.
 
 use std::os::unix::fs::FileExt;
+use std::path::Path;
+use std::time::Duration;
 
-use crate::running::{Service, record};
+use flankwatch::recording::{BlockEncoding, encode_block};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use tempfile::TempDir;
 
-#[test]
-fn a_damaged_database_is_named_and_not_written_to() {
+use crate::running::{Answer, Service, record};
+
+/// A stopped service with some records, and a copy of its database. None where processes share another
+/// database.
+fn with_copy() -> Option<(Service, TempDir)> {
     if std::env::var("FLANKWATCH_TEST_DATABASE").is_ok() {
-        return;
+        return None;
     }
     let mut service = Service::start();
     service.plain_asset("pump");
@@ -21,31 +29,86 @@ fn a_damaged_database_is_named_and_not_written_to() {
     let copy = tempfile::tempdir().unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(flankwatch::store::back_up(service.folder(), copy.path())).unwrap();
+    Some((service, copy))
+}
+
+/// Puts a database in place of the one that is there, and opens its file.
+fn put(copy: &Path, folder: &Path) -> std::fs::File {
     // A new file: a connection of the stopped service that is still closing holds a lock on the old one.
     for file in ["flankwatch.db", "flankwatch.db-wal", "flankwatch.db-shm"] {
-        let _ = std::fs::remove_file(service.folder().join(file));
+        let _ = std::fs::remove_file(folder.join(file));
     }
-    std::fs::copy(copy.path().join("flankwatch.db"), service.folder().join("flankwatch.db")).unwrap();
-    let file = std::fs::OpenOptions::new()
-        .read(true)
-        .write(true)
-        .open(service.folder().join("flankwatch.db"))
-        .unwrap();
+    let path = folder.join("flankwatch.db");
+    std::fs::copy(copy.join("flankwatch.db"), &path).unwrap();
+    std::fs::OpenOptions::new().read(true).write(true).open(path).unwrap()
+}
+
+/// Waits until the service says that it is not ready; on a busy machine that is only after the start.
+fn not_ready(service: &Service) -> Option<Answer> {
+    (0..100).find_map(|_| {
+        let answer = service.get("/readyz");
+        std::thread::sleep(Duration::from_millis(100));
+        (answer.status == 503).then_some(answer)
+    })
+}
+
+#[test]
+fn a_damaged_database_is_named_and_not_written_to() {
+    let Some((mut service, copy)) = with_copy() else { return };
+    let file = put(copy.path(), service.folder());
     let pages = file.metadata().unwrap().len() / 4096;
     // The kind of the page, of every page in the second half.
     for page in pages / 2..pages {
         file.write_all_at(&[0xff], page * 4096).unwrap();
     }
     service.launch();
-    let ready = service.get("/readyz").expect(503).json();
+    let ready = not_ready(&service).expect("not ready within 10 s").json();
     assert!(ready["database"].as_str().unwrap().contains("damaged"), "{ready}");
-    let block =
-        flankwatch::recording::encode_block(&record("1", 200), flankwatch::recording::BlockEncoding::Json);
+    let block = encode_block(&record("1", 200), BlockEncoding::Json);
     service
         .post("/v1/assets/pump/segments", "application/json", &block)
         .expect_problem(503, &["database", "damaged"]);
     service.delete("/v1/assets/pump").expect_problem(503, &["damaged"]);
     service.get("/healthz").expect(200);
+}
+
+#[test]
+fn whichever_bits_of_a_database_are_flipped_it_is_named_and_nothing_hangs() {
+    let Some((mut service, copy)) = with_copy() else { return };
+    let mut started = 0;
+    for seed in 0..8 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let file = put(copy.path(), service.folder());
+        let bytes = file.metadata().unwrap().len();
+        for _ in 0..200 {
+            let place = random.random_range(0..bytes);
+            let mut byte = [0];
+            file.read_exact_at(&mut byte, place).unwrap();
+            byte[0] ^= 1 << random.random_range(0..8);
+            file.write_all_at(&byte, place).unwrap();
+        }
+        drop(file);
+        if let Err(refusal) = service.try_launch() {
+            let names = ["flankwatch.db", "data folder"];
+            assert!(names.iter().any(|name| refusal.contains(name)), "seed {seed}: {refusal}");
+            continue;
+        }
+        started += 1;
+        let ready = not_ready(&service).unwrap_or_else(|| panic!("seed {seed}: not found")).json();
+        assert!(ready["database"].as_str().unwrap().contains("damaged"), "seed {seed}: {ready}");
+        for what in ["", "/pump", "/pump/segments", "/pump/indicators", "/pump/wear", "/pump/wear/history"] {
+            let answer = service.get(&format!("/v1/assets{what}"));
+            if answer.status >= 500 {
+                let said = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
+                assert!(said.contains("damaged"), "seed {seed}, {what}: {said}");
+            }
+        }
+        let block = encode_block(&record("1", 200), BlockEncoding::Json);
+        let answer = service.post("/v1/assets/pump/segments", "application/json", &block);
+        assert_eq!(answer.status, 503, "seed {seed}");
+        service.stop();
+    }
+    assert!(started > 0);
 }
 
 #[test]

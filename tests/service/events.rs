@@ -75,7 +75,7 @@ fn what_did_not_change_is_not_sent_again() {
 }
 
 #[test]
-fn trends_come_as_csv_too() {
+fn trends_come_as_csv_and_parquet_too() {
     let service = Service::start();
     service.plain_asset("pump");
     for n in 0..3 {
@@ -95,4 +95,10 @@ fn trends_come_as_csv_too() {
     let text = String::from_utf8(answer.bytes).unwrap();
     assert!(text.starts_with("start_time,segment_id,status,reason,median_um"), "{text}");
     assert_eq!(text.lines().count(), 4);
+    let parquet = [("accept", "application/vnd.apache.parquet")];
+    for path in ["indicators?names=rms,kurtosis", "wear/history"] {
+        let answer = service.send("GET", &format!("/v1/assets/pump/{path}"), &parquet, b"").expect(200);
+        assert_eq!(answer.header("content-type"), "application/vnd.apache.parquet");
+        assert!(answer.bytes.starts_with(b"PAR1") && answer.bytes.ends_with(b"PAR1"));
+    }
 }

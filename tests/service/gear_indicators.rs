@@ -9,6 +9,8 @@ use serde_json::{Value, json};
 
 use crate::command::flankwatch;
 use crate::running::{Service, minute, plain_asset};
+#[cfg(not(feature = "cluster"))]
+use crate::stream_socket::StreamSocket;
 
 const RATE_HZ: f64 = 4000.0;
 
@@ -42,9 +44,9 @@ fn noise() -> Vec<f32> {
     (0..8000).map(|_| next()).collect()
 }
 
-/// A pulse a turn, from the record's first sample to the one after its last.
-fn pulse_times_s() -> Vec<f64> {
-    (0..=21)
+/// A pulse a turn, from the first sample on; 21 turns go beyond the last one of a record.
+fn pulse_times_s(turns: u32) -> Vec<f64> {
+    (0..=turns)
         .map(|turn| {
             let mut t = f64::from(turn) / 10.0;
             for _ in 0..50 {
@@ -56,7 +58,8 @@ fn pulse_times_s() -> Vec<f64> {
 }
 
 fn with_tachometer(n: u32) -> Record {
-    turning(n).with_tachometer(Some(Tachometer { pulse_times_s: pulse_times_s(), pulses_per_revolution: 1 }))
+    turning(n)
+        .with_tachometer(Some(Tachometer { pulse_times_s: pulse_times_s(21), pulses_per_revolution: 1 }))
 }
 
 fn value(segment: &Value, name: &str) -> f64 {
@@ -99,6 +102,55 @@ fn a_record_has_its_gear_indicators_and_says_over_which_angle() {
     let angle = service.upload("pump", &uneven)["shaft_angle"].clone();
     assert_eq!(angle["source"], "mesh_phase");
     assert!(angle["tachometer_refused"].as_str().unwrap().contains("a pulse is missing"), "{angle}");
+}
+
+/// Pulses come before the samples that they lie among, and are there after a restart.
+#[cfg(not(feature = "cluster"))]
+#[test]
+fn pulses_go_with_the_records_of_a_stream() {
+    let mut service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["stream"] = json!({ "record_s": 2, "interval_s": 2 });
+    service.post_json("/v1/assets", &asset).expect(201);
+    let path = format!("/v1/assets/pump/stream?sample=f32&sample_rate_hz={RATE_HZ}&channels=2&first_index=0");
+    let open = |service: &Service| StreamSocket::open(&service.url(&path), &[]).unwrap();
+    let frames = |from: u64, until: u64| -> Vec<u8> {
+        let values = (from..until).flat_map(|k| {
+            let mesh = (31.0 * std::f64::consts::TAU * revolutions(k as f64 / RATE_HZ)).sin() as f32;
+            [mesh, 2.0 * mesh]
+        });
+        values.flat_map(f32::to_le_bytes).collect()
+    };
+    let pulses: Vec<f64> = pulse_times_s(41).into_iter().map(|time_s| time_s * RATE_HZ).collect();
+    let begin_ns = 1_767_225_600_000_000_000;
+    let mut socket = open(&service);
+    socket.say(&json!({ "type": "tachometer", "from": 0, "pulses": pulses, "pulses_per_revolution": 1 }));
+    socket.send(0, begin_ns, &frames(0, 9000));
+    socket.wait_for(9000);
+    service.restart();
+    let mut socket = open(&service);
+    // Among samples that have come: too late.
+    socket.say(&json!({ "type": "tachometer", "from": 8500, "pulses": [1, 2, 3] }));
+    socket.send(9000, begin_ns + 2_250_000_000, &frames(9000, 16_000));
+    socket.wait_for(16_000);
+    service.wait_for("/v1/assets/pump/stream", |status| status["records"] == 2);
+    let page = service.get("/v1/assets/pump/segments").expect(200).json();
+    let segments = page["items"].as_array().unwrap();
+    assert_eq!(segments.len(), 4, "{page}");
+    for segment in segments {
+        let angle = &segment["shaft_angle"];
+        assert_eq!(
+            (&angle["source"], &angle["tachometer_refused"]),
+            (&json!("tachometer"), &Value::Null),
+            "{angle}"
+        );
+        assert_eq!(segment["shaft_speed"]["source"], "tachometer");
+        let amplitude = if segment["channel"] == "1" { 1.0 } else { 2.0 };
+        assert!((value(segment, "omx_tracked") - amplitude).abs() < 0.02, "{segment}");
+    }
+    socket.say(&json!({ "type": "tachometer", "from": 16_000, "pulses": [5, 5] }));
+    let (code, reason) = socket.hear().unwrap_err();
+    assert!(code == 4400 && reason.contains("pulses is 5 and then 5"), "{code} {reason}");
 }
 
 #[test]
@@ -205,7 +257,7 @@ fn recording(encoding: &str, tachometer_first: bool) -> Vec<u8> {
         let record = turning(n);
         let start_ns = i64::try_from(record.start_time().as_nanosecond()).unwrap();
         let pulse_time_ns: Vec<i64> =
-            pulse_times_s().iter().map(|t| start_ns + (t * 1e9).round() as i64).collect();
+            pulse_times_s(21).iter().map(|t| start_ns + (t * 1e9).round() as i64).collect();
         let (block, pulses) = if encoding == "protobuf" {
             let tachometer =
                 message::Tachometer { pulse_time_ns, pulses_per_revolution: 1, shaft: "driving".to_owned() };

@@ -17,12 +17,13 @@ mod durability;
 mod envelopes;
 mod events;
 mod gear_indicators;
-mod image;
 mod integrations;
 // With a shared database, which the feature brings, there are no streams.
 #[cfg(not(feature = "cluster"))]
 mod live_view;
 mod lost_database;
+mod mail;
+mod maintenance;
 mod notifications;
 mod openapi;
 mod packages;
@@ -33,6 +34,7 @@ mod record_table;
 mod recordings;
 mod resumable_uploads;
 mod segments;
+mod silence;
 mod simulations;
 #[cfg(not(feature = "cluster"))]
 mod stream_cuts;

@@ -1,11 +1,11 @@
-//! Notifications of alarms, received by a web server and a mail server of the test's own.
+//! Notifications of alarms, received by a web server of the test's own.
 
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU16, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use flankwatch::estimate::Severity;
@@ -21,7 +21,7 @@ use crate::running::{Service, minute};
 const SECRET: &str = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw";
 
 /// How long something that comes by itself may take.
-const SOON: Duration = Duration::from_secs(60);
+pub(crate) const SOON: Duration = Duration::from_secs(60);
 
 /// One recipient of everything, and one of danger alone.
 fn two_recipients(config: &mut ServiceConfig) {
@@ -29,7 +29,7 @@ fn two_recipients(config: &mut ServiceConfig) {
     config.recipients.list = vec![recipient("all", Severity::Warning), recipient("danger", Severity::Danger)];
 }
 
-fn one_recipient(config: &mut ServiceConfig) {
+pub(crate) fn one_recipient(config: &mut ServiceConfig) {
     two_recipients(config);
     config.recipients.list.truncate(1);
 }
@@ -41,7 +41,7 @@ fn notifier(service: &Service, table: &str) -> Notifier {
     service.run(async { Notifier::start(settings, &service.service()) })
 }
 
-fn stop(service: &Service, notifier: Notifier) {
+pub(crate) fn stop(service: &Service, notifier: Notifier) {
     service.run(notifier.stop(Duration::from_secs(20)));
 }
 
@@ -126,7 +126,7 @@ fn take_request(connection: TcpStream, status: u16) -> Received {
 }
 
 /// The page of those who are notified, when the recipient of a name stands as is wanted.
-fn wait_for(service: &Service, name: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+pub(crate) fn wait_for(service: &Service, name: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
     let of = |list: &Value| -> Value {
         let mut items = list["items"].as_array().unwrap().iter();
         items.find(|item| item["name"] == name).cloned().unwrap_or_default()
@@ -321,96 +321,4 @@ fn a_notification_is_taken_by_one_sender_at_a_time() {
         (&shown["waiting"], &shown["given_up"], &shown["error"]),
         (&json!(6), &json!(0), &json!("away"))
     );
-}
-
-/// A mail server that takes what it is sent, after refusing the first message.
-struct MailServer {
-    port: u16,
-    mails: Receiver<String>,
-}
-
-impl MailServer {
-    fn start() -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let port = listener.local_addr().unwrap().port();
-        let (sender, mails) = channel();
-        let refused = Arc::new(Mutex::new(false));
-        std::thread::spawn(move || {
-            for connection in listener.incoming() {
-                if take_mail(connection.unwrap(), &sender, &mut refused.lock().unwrap()).is_err() {
-                    return;
-                }
-            }
-        });
-        Self { port, mails }
-    }
-}
-
-/// Speaks SMTP on a connection until its end.
-fn take_mail(connection: TcpStream, mails: &Sender<String>, refused: &mut bool) -> std::io::Result<()> {
-    let mut reader = BufReader::new(connection);
-    let say = |reader: &mut BufReader<TcpStream>, line: &str| {
-        reader.get_mut().write_all(format!("{line}\r\n").as_bytes())
-    };
-    say(&mut reader, "220 mail.test")?;
-    loop {
-        let mut line = String::new();
-        if reader.read_line(&mut line)? == 0 {
-            return Ok(());
-        }
-        match line.get(..4).unwrap_or_default() {
-            "EHLO" => say(&mut reader, "250 mail.test")?,
-            "DATA" => {
-                say(&mut reader, "354 go on")?;
-                let mut mail = String::new();
-                while !mail.ends_with("\r\n.\r\n") {
-                    reader.read_line(&mut mail)?;
-                }
-                if *refused {
-                    let _ = mails.send(mail);
-                    say(&mut reader, "250 kept")?;
-                } else {
-                    *refused = true;
-                    say(&mut reader, "451 later")?;
-                }
-            }
-            "QUIT" => return say(&mut reader, "221 bye"),
-            _ => say(&mut reader, "250 ok")?,
-        }
-    }
-}
-
-#[test]
-fn a_mail_that_a_server_puts_off_is_sent_again() {
-    let service = Service::start_with(one_recipient);
-    let mut asset = watched("pump", &at_once());
-    asset["name"] = json!("Förderpumpe");
-    service.post_json("/v1/assets", &asset).expect(201);
-    let server = MailServer::start();
-    let notifier = service.run(async {
-        let table: NotificationsTable = toml::from_str(&format!(
-            "[[mail]]\nname = \"all\"\nserver = \"smtp+plain://127.0.0.1:{}\"\nfrom = \"Watch <watch@plant.example>\"\nto = [\"shift@plant.example\", \"ada@plant.example\"]\n",
-            server.port
-        ))
-        .unwrap();
-        Notifier::start(table.resolve(|_| None).unwrap(), &service.service())
-    });
-    service.upload("pump", &loud(0, 4.0));
-    let shown = wait_for(&service, "all", |shown| !shown["error"].is_null());
-    assert!(shown["error"].as_str().unwrap().contains("later"), "{shown}");
-    service.clock.advance(6);
-    let mail = server.mails.recv_timeout(SOON).unwrap();
-    let shown = wait_for(&service, "all", |shown| shown["sent"] == 1);
-    assert_eq!(shown["error"], Value::Null);
-    for words in [
-        "From: Watch <watch@plant.example>",
-        "To: shift@plant.example, ada@plant.example",
-        "Auto-Submitted: auto-generated",
-        "@plant.example>\r\n",
-        "Severity   danger",
-        "Indicator rms",
-    ] {
-        assert!(mail.contains(words), "{words} in {mail}");
-    }
-    stop(&service, notifier);
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use flankwatch::recording::{BlockEncoding, encode_block};
 use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
@@ -202,4 +203,49 @@ fn every_measuring_point_has_its_unit_however_its_records_come() {
     let recording = mcap(&[without_unit("velocity", 3), without_unit("elsewhere", 3)]);
     service.post("/v1/assets/pump/segments", "application/mcap", &recording).expect(201);
     assert_eq!(units(), expected(&[("velocity", "mm/s"), ("elsewhere", "m/s2")]));
+}
+
+#[test]
+fn recordings_are_previewed_without_being_stored() {
+    let service = Service::start();
+    let look = |query: &str, media_type: &str, bytes: &[u8]| {
+        service.post(&format!("/v1/recording-preview{query}"), media_type, bytes).expect(200).json()
+    };
+    let mat = std::fs::read("fixtures/matlab/bearing-two-channels.mat").unwrap();
+    let seen = look("?sample_rate_hz=12000", "application/x-matlab-data", &mat);
+    let channels = seen["channels"].as_array().unwrap();
+    assert_eq!(channels.len(), 2, "{seen}");
+    for channel in channels {
+        let envelope = channel["envelope"].as_array().unwrap();
+        assert!(!envelope.is_empty() && envelope.len() <= 200);
+        assert!(envelope.iter().all(|ends| ends[0].as_f64() <= ends[1].as_f64()), "{channel}");
+        assert_eq!((&channel["start_time"], &channel["unit"]), (&Value::Null, &Value::Null));
+        assert_eq!(channel["sample_rate_hz"], 12000.0);
+    }
+    assert_ne!(channels[0]["channel"], channels[1]["channel"]);
+    let seen = look("", "application/x-matlab-data", b"no MATLAB file");
+    assert!(seen["channels"].as_array().unwrap().is_empty() && seen["fault"].is_string(), "{seen}");
+
+    let one = record("x", 3);
+    let block = encode_block(&one, BlockEncoding::Protobuf);
+    let seen = look("", "application/x-protobuf", &block);
+    let [channel] = &seen["channels"].as_array().unwrap()[..] else { panic!("{seen}") };
+    assert_eq!((&channel["channel"], &channel["unit"]), (&json!("x"), &json!(one.unit())));
+    assert_eq!(channel["samples"], one.samples().len());
+    assert_eq!(channel["start_time"], one.start_time().to_string());
+
+    let records: Vec<_> = (0..12).flat_map(|n| [record("x", n), record("y", n)]).collect();
+    let bytes = mcap(&records);
+    let cut = look("", "application/mcap", &bytes[..bytes.len() / 2]);
+    assert!(cut["fault"].as_str().unwrap().contains("in the middle of a record"), "{cut}");
+    let seen = look("", "application/mcap", &bytes);
+    let names: Vec<_> = seen["channels"].as_array().unwrap().iter().map(|each| &each["channel"]).collect();
+    assert_eq!((names, &seen["fault"]), (vec![&json!("x"), &json!("y")], &Value::Null), "{seen}");
+    service
+        .post("/v1/recording-preview", "audio/wav", b"RIFF")
+        .expect_problem(415, &["audio/wav", "application/mcap"]);
+    service
+        .post("/v1/recording-preview?sample_rate_hz=-1", "application/x-matlab-data", &mat)
+        .expect_problem(400, &["sample_rate_hz"]);
+    assert_eq!(service.get("/v1/assets").expect(200).json()["items"], json!([]));
 }

@@ -147,6 +147,34 @@ fn an_asset_whose_library_fails_stores_records_and_says_why() {
 }
 
 #[test]
+fn a_pair_that_failed_is_tried_again_with_another_description_and_not_at_a_restart() {
+    let mut service = Service::start();
+    let mut asset = asset_with_pair("pump", 26.0);
+    let path = library_path(&service, &asset);
+    let held = HeldSimulation::of(&path);
+    service.post_json("/v1/assets", &asset).expect(201);
+    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["simulation"]["stage"] == "library");
+    service.stop();
+    // As if it had panicked.
+    let failure = path.with_file_name("failures").join(path.file_stem().unwrap()).with_extension("json");
+    fs::create_dir_all(failure.parent().unwrap()).unwrap();
+    let kept = json!({ "version": env!("CARGO_PKG_VERSION"), "reason": "the simulation panicked: 0 teeth" });
+    fs::write(&failure, kept.to_string()).unwrap();
+    service.launch();
+    let summary = wait_for_library(&service, "pump", "failed");
+    assert_eq!(summary["library_error"], kept["reason"]);
+    service.put_json("/v1/assets/pump", &asset).expect(200);
+    let summary = &service.get("/v1/assets/pump").expect(200).json()["summary"];
+    assert_eq!(summary["library_state"], "failed");
+    assert!(!path.exists());
+    asset["name"] = json!("feed pump");
+    service.put_json("/v1/assets/pump", &asset).expect(200);
+    held.let_go();
+    wait_for_library(&service, "pump", "ready");
+    assert!(!failure.exists());
+}
+
+#[test]
 fn a_simulation_ends_with_the_last_asset_that_wants_it() {
     let service = Service::start();
     for (face_width_mm, is_deleted) in [(23.0, true), (24.0, false)] {

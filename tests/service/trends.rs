@@ -1,8 +1,14 @@
 //! Indicators and wear over time.
 
+use std::io::Cursor;
+
+use flankwatch::recording::{McapOptions, McapWriter};
+use flankwatch::signal::Record;
+use jiff::Timestamp;
 use serde_json::{Value, json};
 
-use crate::running::{Service, record};
+use crate::alarms::loud;
+use crate::running::{Service, minute, plain_asset, record};
 
 /// A history as one that depends on the order would show it: every number of every record.
 fn history(service: &Service, asset: &str) -> Value {
@@ -186,4 +192,92 @@ fn a_trend_is_in_time_order_and_no_longer_than_asked() {
     assert_eq!(of(kept), of(items));
     let part = "/v1/assets/pump/indicators?names=rms&from=2026-01-01T00:03:00Z&to=2026-01-01T00:06:00Z";
     assert_eq!(service.get(part).expect(200).json()["items"].as_array().unwrap().len(), 3);
+}
+
+/// More records than a block of columns has, each a short one.
+fn long_recording() -> Vec<u8> {
+    let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
+    for n in 0..1100 {
+        let samples = (0..64).map(|k| ((k * k + n) % 17) as f32).collect();
+        let record = Record::new("1", minute(n), 4000.0, "m/s2", samples).unwrap();
+        writer.write("/pump/1/waveform", &record).unwrap();
+    }
+    writer.finish().unwrap().into_inner()
+}
+
+#[test]
+fn a_history_kept_as_columns_is_the_one_of_its_rows() {
+    let mut service = Service::start();
+    service.post_json("/v1/assets", &plain_asset("pump")).expect(201);
+    let types = [("content-type", "application/mcap")];
+    service.send("POST", "/v1/assets/pump/segments", &types, &long_recording()).expect(201);
+    let both = |service: &Service| {
+        ["indicators", "wear/history"]
+            .map(|what| service.get(&format!("/v1/assets/pump/{what}?max_points=200000")).expect(200).json())
+    };
+    let of_rows = both(&service);
+    assert_eq!(of_rows.each_ref().map(|trend| trend["items"].as_array().unwrap().len()), [1100; 2]);
+    let blocks = |service: &Service| {
+        let store = service.service().store.clone();
+        service.run(async {
+            store.keep_trend_blocks().await.unwrap();
+            store.trend_blocks("pump").await.unwrap()
+        })
+    };
+    assert_eq!(blocks(&service), 1);
+    service.restart();
+    assert_eq!(both(&service), of_rows);
+    // A record before all others changes what every block holds.
+    service.upload("pump", &Record::new("1", minute(-1), 4000.0, "m/s2", vec![1.0; 64]).unwrap());
+    let with_late = both(&service);
+    assert_ne!(with_late[0]["items"][0], of_rows[0]["items"][0]);
+    service.restart();
+    assert_eq!(both(&service), with_late);
+    assert_eq!(blocks(&service), 1);
+    service.restart();
+    assert_eq!(both(&service), with_late);
+}
+
+#[test]
+fn trends_are_asked_by_operating_bin() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["operating_bins"] = json!([
+        { "name": "idle", "torque_nm": [0, 10] },
+        { "name": "full load", "shaft_speed_hz": [9, 11], "torque_nm": [10, 100] },
+    ]);
+    service.post_json("/v1/assets", &asset).expect(201);
+    for (n, torque) in [Some(5.0), Some(50.0), None, Some(10.0)].into_iter().enumerate() {
+        let block = flankwatch::recording::encode_block(
+            &loud(n as u32, 1.0),
+            flankwatch::recording::BlockEncoding::Json,
+        );
+        let torque = torque.map_or_else(String::new, |torque| format!("&torque_nm={torque}"));
+        let path = format!("/v1/assets/pump/segments?shaft_speed_hz=10{torque}");
+        service.post(&path, "application/json", &block).expect(201);
+    }
+    let minutes = |path: &str| -> Vec<Timestamp> {
+        let items = service.get(path).expect(200).json()["items"].as_array().unwrap().clone();
+        items.iter().map(|item| item["start_time"].as_str().unwrap().parse().unwrap()).collect()
+    };
+    assert_eq!(
+        minutes("/v1/assets/pump/indicators?names=rms&operating_bin=full%20load"),
+        [minute(1), minute(3)]
+    );
+    assert_eq!(minutes("/v1/assets/pump/wear/history?operating_bin=idle"), [minute(0)]);
+    let all = service.get("/v1/assets/pump/wear/history").expect(200).json();
+    let bins: Vec<&Value> =
+        all["items"].as_array().unwrap().iter().map(|item| &item["operating_bin"]).collect();
+    assert_eq!(bins, [&json!("idle"), &json!("full load"), &Value::Null, &json!("full load")]);
+    service
+        .get("/v1/assets/pump/indicators?operating_bin=half")
+        .expect_problem(400, &["operating_bin", "half"]);
+    let segments = "/v1/assets/pump/segments?operating_bin=full%20load";
+    assert_eq!(minutes(segments), [minute(1), minute(3)]);
+    assert_eq!(minutes(&format!("{segments}&order=desc")), [minute(3), minute(1)]);
+    let page = service.get(&format!("{segments}&limit=1")).expect(200).json();
+    let next = page["next_cursor"].as_str().unwrap();
+    assert_eq!(minutes(&format!("{segments}&limit=1&cursor={next}")), [minute(3)]);
+    asset["operating_bins"][1]["torque_nm"] = json!([5, 100]);
+    service.put_json("/v1/assets/pump", &asset).expect_problem(422, &["overlap"]);
 }

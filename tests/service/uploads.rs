@@ -93,6 +93,18 @@ fn bare_samples_are_taken_with_what_is_said_beside_them() {
     service
         .post(&format!("{SEGMENTS}?channel_names=a,b"), "audio/wav", &wav(&[samples(1)]))
         .expect_problem(422, &["channel_names"]);
+    // Each channel of a WAV file in a unit of its own; the second in that of all.
+    let two = wav(&[samples(1), samples(2)]);
+    let said = format!("{SEGMENTS}?channel_names=p,q&unit=mm/s2&start_time=2026-02-01T00:00:00Z");
+    let stored =
+        service.post(&format!("{said}&channel_units=g,"), "audio/wav", &two).expect(201).json()["segments"]
+            .clone();
+    let came_in = |n: usize| (&stored[n]["channel"], &stored[n]["raw"]["media_type"]);
+    assert_eq!(came_in(0), (&json!("p"), &json!("audio/wav; unit=g")));
+    assert_eq!(came_in(1), (&json!("q"), &json!("audio/wav; unit=mm/s2")));
+    service
+        .post(&format!("{said}&channel_units=g"), "audio/wav", &two)
+        .expect_problem(422, &["channel_units", "channel_names"]);
 }
 
 #[test]

@@ -116,6 +116,26 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
     assert!((speed_hz - 3.0..=speed_hz).contains(&turns), "{turns} turns in a second at {speed_hz} Hz");
     assert_eq!(numbers(&turn["angle_deg"]).len(), numbers(&turn["average"]).len());
 
+    assert_eq!(turn["gear"], 1);
+
+    // The driven gear makes 24 turns for 26 of the other one, and both have the mesh harmonics in their turn.
+    let driven = service.get(&format!("/v1/segments/{id}/turn?gear=2")).expect(200).json();
+    assert_eq!(driven["gear"], 2);
+    let expected = turns * 24.0 / 26.0;
+    let driven_turns = driven["turns"].as_f64().unwrap();
+    assert!((driven_turns - expected).abs() <= 1.0, "{driven_turns} turns, {expected} by the teeth");
+    let of_mesh = |turn: &Value, teeth: usize| {
+        let average = numbers(&turn["average"]);
+        let at = |n: usize| std::f64::consts::TAU * (n * teeth) as f64 / average.len() as f64;
+        let part = |wave: fn(f64) -> f64| {
+            average.iter().enumerate().map(|(n, x)| x * wave(at(n))).sum::<f64>() / average.len() as f64
+        };
+        2.0 * part(f64::cos).hypot(part(f64::sin))
+    };
+    let (by_driving, by_driven) = (of_mesh(&turn, 24), of_mesh(&driven, 26));
+    assert!((by_driven / by_driving - 1.0).abs() < 0.05, "{by_driven} {by_driving}");
+    service.get(&format!("/v1/segments/{id}/turn?gear=3")).expect_problem(400, &["gear", "driven"]);
+
     let cepstrum =
         service.get(&format!("/v1/segments/{id}/cepstrum?max_s=0.1&max_points=500")).expect(200).json();
     let quefrency_s = numbers(&cepstrum["quefrency_s"]);

@@ -128,6 +128,11 @@ impl Service {
     }
 
     pub(crate) fn launch(&mut self) {
+        self.try_launch().unwrap();
+    }
+
+    /// The same, or why it does not start.
+    pub(crate) fn try_launch(&mut self) -> Result<(), String> {
         let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), self.folder());
         config.http.grace = Duration::from_secs(30);
         // The clock stands still while records of later times come.
@@ -140,7 +145,9 @@ impl Service {
         }
         (self.change)(&mut config);
         let clock = Arc::clone(&self.clock);
-        self.running = Some(self.runtime.block_on(start(config, clock)).unwrap());
+        let running = self.runtime.block_on(start(config, clock)).map_err(|error| error.to_string())?;
+        self.running = Some(running);
+        Ok(())
     }
 
     pub(crate) fn stop(&mut self) {
