@@ -9,6 +9,7 @@ import time
 import flankwatch
 import httpx
 import numpy as np
+import pyarrow.parquet
 import pytest
 import scipy.io
 import soundfile
@@ -91,6 +92,25 @@ def test_trends_are_rows_or_frames(client, asset):
     with pytest.raises(flankwatch.ServiceError, match="rms") as refused:
         client.trend(asset, ["rmss"])
     assert refused.value.status == 400
+
+
+@pytest.mark.parametrize("path", ["indicators?names=rms,omx,kurtosis", "wear/history"])
+def test_trends_are_parquet_for_others(client, service, asset, path):
+    for hour in range(3):
+        client.upload(asset, gear_signal(hour), RATE_HZ, start_time=f"2026-03-01T0{hour}:00:00Z")
+    url = f"{service[0]}/v1/assets/{asset}/{path}"
+    rows = httpx.get(url).json()["items"]
+    file = pyarrow.BufferReader(httpx.get(url, headers={"Accept": "application/vnd.apache.parquet"}).content)
+    table = pyarrow.parquet.read_table(file)
+    assert str(table.schema.field("start_time").type) == "timestamp[ns, tz=UTC]"
+    for name in table.column_names:
+        values = table[name].to_pylist()
+        if name == "start_time":
+            assert [value.isoformat().replace("+00:00", "Z") for value in values] == [row[name] for row in rows]
+        else:
+            assert values == [row[name] for row in rows], name
+    units = table.schema.metadata
+    assert units[b"unit.rms" if "rms" in table.column_names else b"unit.median_um"].decode() in ("1", "m/s2", "µm")
 
 
 @pytest.mark.parametrize(
