@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use flankwatch_signal::Absence;
+use flankwatch_signal::NotComputed;
 use flankwatch_wear::library::LibraryError;
 use pyo3::PyErr;
 use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
@@ -28,20 +28,20 @@ pub(crate) fn library_error(error: LibraryError) -> PyErr {
 }
 
 /// A `ValueError` that says why a quantity cannot be computed.
-pub(crate) fn absence_error(quantity: &str, absence: Absence) -> PyErr {
+pub(crate) fn absence_error(quantity: &str, absence: NotComputed) -> PyErr {
     let reason = match absence {
-        Absence::NoSpeed => "the shaft speed is neither given nor found in the spectrum",
-        Absence::TooShort => "the record is too short",
-        Absence::Constant => "the samples do not vary",
-        Absence::AboveNyquist => "the frequency lies above half the sampling rate",
-        Absence::TooFewTurns => "the record has fewer than 4 whole turns of the shaft",
-        Absence::SpeedVaries => "the shaft speed varies too much",
-        Absence::Clipped => "samples stand at the converter's limit",
-        Absence::Gaps => "samples are missing",
-        Absence::NoSignal => "the signal to divide by is zero",
-        Absence::NotAcceleration => "the unit is neither one of acceleration nor of velocity",
-        Absence::AboveEnvelope => "the frequency lies above the width of the envelope's band",
-        Absence::OtherMesh => "a line of another mesh lies there",
+        NotComputed::NoSpeed => "the shaft speed is neither given nor found in the spectrum",
+        NotComputed::TooShort => "the record is too short",
+        NotComputed::Constant => "the samples do not vary",
+        NotComputed::AboveNyquist => "the frequency lies above half the sampling rate",
+        NotComputed::TooFewTurns => "the record has fewer than 4 whole turns of the shaft",
+        NotComputed::SpeedVaries => "the shaft speed varies too much",
+        NotComputed::Clipped => "samples stand at the converter's limit",
+        NotComputed::Gaps => "samples are missing",
+        NotComputed::NoSignal => "the signal to divide by is zero",
+        NotComputed::NotAcceleration => "the unit is neither one of acceleration nor of velocity",
+        NotComputed::AboveEnvelope => "the frequency lies above the width of the envelope's band",
+        NotComputed::OtherMesh => "a line of another mesh lies there",
     };
     PyValueError::new_err(format!("no {quantity}: {reason}"))
 }

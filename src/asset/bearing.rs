@@ -13,13 +13,13 @@ use crate::signal::{Bearing, BearingLine, BearingOrders, is_name};
 const MAX_BEARINGS: usize = 6;
 
 /// The greatest number of rolling elements.
-const MOST_ELEMENTS: u32 = 1000;
+const MAX_ELEMENTS: u32 = 1000;
 
 /// The greatest diameter in mm.
-const GREATEST_DIAMETER_MM: f64 = 1e5;
+const MAX_DIAMETER_MM: f64 = 1e5;
 
 /// The greatest order of a fault.
-const GREATEST_ORDER: f64 = 1000.0;
+const MAX_ORDER: f64 = 1000.0;
 
 /// A rolling bearing that the sensor hears, its outer race standing: its geometry or its orders.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -105,10 +105,10 @@ impl BearingSpec {
         let elements = self.rolling_elements.ok_or_else(|| missing("bearings.rolling_elements"))?;
         let roller_mm = self.roller_diameter_mm.ok_or_else(|| missing("bearings.roller_diameter_mm"))?;
         let pitch_mm = self.pitch_diameter_mm.ok_or_else(|| missing("bearings.pitch_diameter_mm"))?;
-        if !(3..=MOST_ELEMENTS).contains(&elements) {
+        if !(3..=MAX_ELEMENTS).contains(&elements) {
             return Err(field("bearings.rolling_elements", elements, "a number from 3 to 1000"));
         }
-        if !(pitch_mm > 0.0 && pitch_mm <= GREATEST_DIAMETER_MM) {
+        if !(pitch_mm > 0.0 && pitch_mm <= MAX_DIAMETER_MM) {
             let expected = "a diameter above 0 and at most 100000";
             return Err(field("bearings.pitch_diameter_mm", pitch_mm, expected));
         }
@@ -140,7 +140,7 @@ fn check_orders(orders: &BearingOrders) -> Result<(), AssetError> {
             BearingLine::Ftf => "bearings.orders.ftf",
         };
         let order = orders.of(line);
-        if !(order > 0.0 && order <= GREATEST_ORDER) {
+        if !(order > 0.0 && order <= MAX_ORDER) {
             return Err(field(name, order, "a number above 0 and at most 1000"));
         }
     }

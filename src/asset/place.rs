@@ -9,7 +9,7 @@ use super::error::{AssetError, field};
 const MAX_POINTS: usize = 64;
 
 /// The greatest sensitivity, in whatever unit.
-const GREATEST_SENSITIVITY: f64 = 1e12;
+const MAX_SENSITIVITY: f64 = 1e12;
 
 /// Longest text of a description, in bytes.
 const MAX_TEXT: usize = 200;
@@ -95,7 +95,7 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
         check_text("points.sensitivity_unit", point.sensitivity_unit.as_deref())?;
         check_text("points.serial", point.serial.as_deref())?;
         if let Some(sensitivity) = point.sensitivity
-            && !(sensitivity > 0.0 && sensitivity <= GREATEST_SENSITIVITY)
+            && !(sensitivity > 0.0 && sensitivity <= MAX_SENSITIVITY)
         {
             return Err(field("points.sensitivity", sensitivity, "a number above 0 and at most 1e12"));
         }

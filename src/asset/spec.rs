@@ -110,7 +110,7 @@ pub struct BaselineSpec {
 const MAX_BANDS: usize = 16;
 
 /// The highest frequency of a band in hertz: half of more than any sampling rate.
-const GREATEST_FREQUENCY_HZ: f64 = 1e7;
+const MAX_FREQUENCY_HZ: f64 = 1e7;
 
 fn default_gear_indicators() -> bool {
     true
@@ -158,7 +158,7 @@ impl AssetSpec {
         }
         self.limits.validate(self.gear.is_some())?;
         if let Some([low, high]) = self.envelope_band_hz
-            && !(low >= 0.0 && low < high && high <= GREATEST_FREQUENCY_HZ)
+            && !(low >= 0.0 && low < high && high <= MAX_FREQUENCY_HZ)
         {
             return Err(field(
                 "envelope_band_hz",
@@ -178,7 +178,7 @@ impl AssetSpec {
         }
         for (index, band) in self.bands.iter().enumerate() {
             if !band.is_usable()
-                || band.band_hz[1] > GREATEST_FREQUENCY_HZ
+                || band.band_hz[1] > MAX_FREQUENCY_HZ
                 || self.bands[..index].iter().any(|other| other.name == band.name)
             {
                 return Err(field(

@@ -8,13 +8,13 @@ use super::error::{AssetError, field};
 const RECORD_S: std::ops::RangeInclusive<f64> = 0.1..=600.0;
 
 /// The longest interval in seconds: a day.
-const LONGEST_INTERVAL_S: f64 = 86_400.0;
+const MAX_INTERVAL_S: f64 = 86_400.0;
 
 /// By how much speed or torque of a steady machine may change.
 const FRACTION: std::ops::RangeInclusive<f64> = 0.0..=0.5;
 
 /// The longest time in seconds that a machine has to be steady for.
-const LONGEST_STEADY_S: f64 = 3600.0;
+const MAX_STEADY_S: f64 = 3600.0;
 
 /// How records are cut out of the asset's live streams.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -108,7 +108,7 @@ impl StreamSpec {
         if !RECORD_S.contains(&self.record_s) {
             return Err(field("stream.record_s", self.record_s, "a length from 0.1 to 600"));
         }
-        if self.interval_s != 0.0 && !(self.record_s..=LONGEST_INTERVAL_S).contains(&self.interval_s) {
+        if self.interval_s != 0.0 && !(self.record_s..=MAX_INTERVAL_S).contains(&self.interval_s) {
             return Err(field(
                 "stream.interval_s",
                 self.interval_s,
@@ -129,10 +129,10 @@ impl SteadySpec {
         if let Some((name, value)) = fractions.into_iter().find(|(_, value)| !FRACTION.contains(value)) {
             return Err(field(name, value, "a fraction from 0 to 0.5"));
         }
-        if !(0.0..=LONGEST_STEADY_S).contains(&self.for_s) {
+        if !(0.0..=MAX_STEADY_S).contains(&self.for_s) {
             return Err(field("stream.steady.for_s", self.for_s, "a time from 0 to 3600"));
         }
-        if !(record_s..=LONGEST_INTERVAL_S).contains(&self.at_most_every_s) {
+        if !(record_s..=MAX_INTERVAL_S).contains(&self.at_most_every_s) {
             return Err(field(
                 "stream.steady.at_most_every_s",
                 self.at_most_every_s,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::error::{AssetError, field};
 
 /// The greatest limit in mm/s.
-const GREATEST_LIMIT_MM_PER_S: f64 = 1e4;
+const MAX_LIMIT_MM_PER_S: f64 = 1e4;
 
 /// What decides a machine's zones: its class, or the limits themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -93,7 +93,7 @@ impl VelocityZones {
     pub(super) fn validate(self) -> Result<(), AssetError> {
         let limits = self.limits_mm_per_s();
         let [a, b, c] = limits;
-        if 0.0 < a && a < b && b < c && c <= GREATEST_LIMIT_MM_PER_S {
+        if 0.0 < a && a < b && b < c && c <= MAX_LIMIT_MM_PER_S {
             return Ok(());
         }
         let expected = "three velocities above 0 and at most 10000, each above the one before";

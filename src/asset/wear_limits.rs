@@ -17,7 +17,7 @@ pub struct WearLimits {
 }
 
 /// The greatest depth of a limit in µm, as of an inspection.
-const GREATEST_DEPTH_UM: f64 = 1e5;
+const MAX_DEPTH_UM: f64 = 1e5;
 
 impl WearLimits {
     /// Checks the limits of an asset with or without a gear mesh.
@@ -29,7 +29,7 @@ impl WearLimits {
                 return Err(field(name, limit, "nothing without gear: there is no wear depth"));
             }
             if let Some(limit) = limit
-                && !(limit > 0.0 && limit <= GREATEST_DEPTH_UM)
+                && !(limit > 0.0 && limit <= MAX_DEPTH_UM)
             {
                 return Err(field(name, limit, "a depth above 0 and at most 100000"));
             }

@@ -10,18 +10,18 @@ use super::CliError;
 use super::library::progress_bar;
 use crate::gear::PairSpec;
 use crate::library::{
-    BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryError, LibraryShelf, VARIANTS, ensemble_id,
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryCache, LibraryError, VARIANTS, ensemble_id,
 };
 
 /// Ensembles of so many members, in the `libraries` of a data folder.
 pub(super) struct Ensembles {
-    shelf: LibraryShelf,
+    cache: LibraryCache,
     settings: EnsembleSettings,
 }
 
 impl Ensembles {
     pub(super) fn new(data_dir: &Path, members: usize) -> Self {
-        Self { shelf: LibraryShelf::new(data_dir.join("libraries")), settings: EnsembleSettings { members } }
+        Self { cache: LibraryCache::new(data_dir.join("libraries")), settings: EnsembleSettings { members } }
     }
 
     /// How many members a whole one has.
@@ -34,9 +34,9 @@ impl Ensembles {
         let grid = GridSettings::default().for_pair(pair);
         let bar = progress_bar(grid.states as u64, "wear states");
         let progress = |done: usize, _| bar.set_position(done as u64);
-        let library = self.shelf.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
+        let library = self.cache.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
         bar.finish_and_clear();
-        if let Some(whole) = self.shelf.kept_ensemble(&library, &self.settings)? {
+        if let Some(whole) = self.cache.kept_ensemble(&library, &self.settings)? {
             return Ok(whole);
         }
         let settings = self.settings.first();
@@ -45,7 +45,7 @@ impl Ensembles {
         let first = Ensemble::build(library, &settings, &BuildControl::with_progress(&progress))?;
         bar.finish_and_clear();
         if self.is_whole(&first) && settings.members > 0 {
-            self.shelf.put_ensemble(&first)?;
+            self.cache.put_ensemble(&first)?;
         }
         Ok(first)
     }
@@ -73,7 +73,7 @@ impl Ensembles {
         };
         let whole = first.extended(&self.settings, &control)?;
         bar.finish_and_clear();
-        self.shelf.put_ensemble(&whole)?;
+        self.cache.put_ensemble(&whole)?;
         Ok(whole)
     }
 

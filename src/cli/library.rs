@@ -9,7 +9,7 @@ use super::interrupt::interrupted;
 use super::{CliError, output, pair_file};
 use crate::gear::ContactRule;
 use crate::library::{
-    self, BuildControl, GridSettings, Library, LibraryError, LibraryShelf, build_into, decode,
+    self, BuildControl, GridSettings, Library, LibraryCache, LibraryError, build_into, decode,
 };
 
 /// Arguments of `flankwatch library`.
@@ -25,13 +25,13 @@ enum LibraryCommand {
     /// done for the next time
     Build(BuildArgs),
     /// The libraries that are kept
-    List(ShelfArgs),
+    List(LibraryCacheArgs),
     /// One library's states
     Show(ShowArgs),
 }
 
 #[derive(Args)]
-struct ShelfArgs {
+struct LibraryCacheArgs {
     /// Folder of the service's data; libraries are kept in its `libraries`
     #[arg(long, default_value = "flankwatch-data")]
     data_dir: PathBuf,
@@ -69,7 +69,7 @@ struct BuildArgs {
     #[arg(long)]
     out: Option<PathBuf>,
     #[command(flatten)]
-    shelf: ShelfArgs,
+    cache: LibraryCacheArgs,
 }
 
 #[derive(Args)]
@@ -77,7 +77,7 @@ struct ShowArgs {
     /// The library's name, as `list` shows it, or a library file
     library: String,
     #[command(flatten)]
-    shelf: ShelfArgs,
+    cache: LibraryCacheArgs,
 }
 
 /// Runs the command.
@@ -89,9 +89,9 @@ pub(super) fn run(args: &LibraryArgs) -> Result<(), CliError> {
     }
 }
 
-impl ShelfArgs {
-    fn shelf(&self) -> LibraryShelf {
-        LibraryShelf::new(self.data_dir.join("libraries"))
+impl LibraryCacheArgs {
+    fn cache(&self) -> LibraryCache {
+        LibraryCache::new(self.data_dir.join("libraries"))
     }
 }
 
@@ -116,7 +116,7 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     let control = BuildControl::with_progress(&progress).cancelled_by(&interrupted);
     let id = library::library_id(&pair, &grid);
     let built = match &args.out {
-        None => args.shelf.shelf().get_or_build(&pair, &grid, &control).map(|_| ()),
+        None => args.cache.cache().get_or_build(&pair, &grid, &control).map(|_| ()),
         Some(path) => match not_reusable(path, &id) {
             None => Ok(()),
             Some(reason) => {
@@ -132,7 +132,7 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     }
     built?;
     bar.finish_and_clear();
-    let place = args.out.clone().unwrap_or_else(|| args.shelf.data_dir.join("libraries"));
+    let place = args.out.clone().unwrap_or_else(|| args.cache.data_dir.join("libraries"));
     output::print(&format!("library {id} in {}\n", place.display()))
 }
 
@@ -149,12 +149,12 @@ fn not_reusable(path: &std::path::Path, id: &str) -> Option<String> {
     }
 }
 
-fn list(args: &ShelfArgs) -> Result<(), CliError> {
+fn list(args: &LibraryCacheArgs) -> Result<(), CliError> {
     let mut text = format!(
         "{:<18} {:<28} {:>6} {:>10} {:>10} {:>7} {:>6}\n",
         "library", "pair", "states", "to_um", "contact", "torques", "speeds"
     );
-    for manifest in args.shelf().list()? {
+    for manifest in args.cache().list()? {
         let contact = manifest.contact();
         text += &format!(
             "{:<18} {:<28} {:>6} {:>10} {:>10} {:>7} {:>6}\n",
@@ -176,12 +176,12 @@ fn show(args: &ShowArgs) -> Result<(), CliError> {
         let bytes = std::fs::read(path).map_err(CliError::io(path))?;
         return output::print(&table(&decode(&bytes)?));
     }
-    match args.shelf.shelf().get(&args.library)? {
+    match args.cache.cache().get(&args.library)? {
         Some(library) => output::print(&table(&library)),
         None => Err(CliError::Argument(format!(
             "no library {:?} in {}, see `flankwatch library list`",
             args.library,
-            args.shelf.data_dir.display()
+            args.cache.data_dir.display()
         ))),
     }
 }

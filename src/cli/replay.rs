@@ -21,10 +21,10 @@ use crate::service::Pace;
 const TRIES: u32 = 8;
 
 /// Longest wait between two tries where the server does not say how long to wait.
-const LONGEST_WAIT: Duration = Duration::from_secs(30);
+const MAX_WAIT: Duration = Duration::from_secs(30);
 
 /// Longest wait that the server is given.
-const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
+const MAX_ASKED_WAIT: Duration = Duration::from_secs(600);
 
 /// Arguments of `flankwatch replay`.
 #[derive(Args)]
@@ -196,8 +196,8 @@ impl Sender {
                     self.sent
                 )));
             }
-            thread::sleep(asked.map_or(wait, |asked| asked.min(LONGEST_ASKED_WAIT)));
-            wait = (wait * 2).min(LONGEST_WAIT);
+            thread::sleep(asked.map_or(wait, |asked| asked.min(MAX_ASKED_WAIT)));
+            wait = (wait * 2).min(MAX_WAIT);
         }
     }
 }

@@ -22,7 +22,7 @@ const ASKED_FOR: Duration = Duration::from_secs(2);
 
 /// Waits between two tries of a record that something away holds up.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
-const LONGEST_WAIT: Duration = Duration::from_secs(5);
+const MAX_WAIT: Duration = Duration::from_secs(5);
 
 /// When a record that could not be dealt with is given out again.
 const TRIED_AGAIN: Duration = Duration::from_secs(10);
@@ -254,7 +254,7 @@ impl Worker {
                 _ = stop.wait_for(|stop| *stop) => return Outcome::GivenBack(AFTER_STOP),
                 () = tokio::time::sleep(wait) => {}
             }
-            wait = (2 * wait).min(LONGEST_WAIT);
+            wait = (2 * wait).min(MAX_WAIT);
         }
     }
 

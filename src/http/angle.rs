@@ -11,7 +11,7 @@ use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
 use super::segments;
 use crate::asset::SegmentId;
-use crate::signal::{Absence, AngleSource, Gear, OrderSpectrum, TurnAverage, reduction};
+use crate::signal::{AngleSource, Gear, NotComputed, OrderSpectrum, TurnAverage, reduction};
 
 /// Points of a curve where the client does not say how many.
 const DEFAULT_POINTS: usize = 4000;
@@ -204,7 +204,7 @@ pub(super) async fn turn(
 }
 
 /// The problem that a record has no such curve.
-pub(super) fn absent(what: &str, absence: Absence) -> Problem {
+pub(super) fn absent(what: &str, absence: NotComputed) -> Problem {
     let reason = serde_json::to_value(absence).ok();
     let reason = reason.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('_', " ");
     Problem::new(StatusCode::UNPROCESSABLE_ENTITY, format!("this record has no {what}: {reason}"))

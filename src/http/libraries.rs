@@ -27,8 +27,8 @@ pub(super) async fn list(
     Parameters(asked): Parameters<PageParameters>,
 ) -> Result<Json<Page<LibraryRow>>, Problem> {
     let limit = query::limit(asked.limit)?;
-    let shelf = app.service.simulations.shelf();
-    let mut all = blocking(move || shelf.list()).await?;
+    let cache = app.service.simulations.cache();
+    let mut all = blocking(move || cache.list()).await?;
     all.sort_by(|a, b| a.id.cmp(&b.id));
     let shown: Vec<LibraryRow> = all
         .iter()
@@ -175,8 +175,8 @@ pub(super) async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
     if !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_') {
         return Err(unknown());
     }
-    let (shelf, name) = (app.service.simulations.shelf(), id.to_string());
-    blocking(move || shelf.get(&name)).await?.ok_or_else(unknown)
+    let (cache, name) = (app.service.simulations.cache(), id.to_string());
+    blocking(move || cache.get(&name)).await?.ok_or_else(unknown)
 }
 
 async fn blocking<T: Send + 'static>(

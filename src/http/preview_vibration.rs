@@ -9,10 +9,10 @@ use crate::gear::{GearError, GearPair, MeshCycle, RunSettings, simulate};
 const SAMPLES_PER_PERIOD: usize = 64;
 
 /// Most mesh periods that are simulated once the start-up is over; whole turns where a turn has fewer.
-const MOST_PERIODS: usize = 256;
+const MAX_PERIODS: usize = 256;
 
 /// Most turns.
-const MOST_TURNS: usize = 4;
+const MAX_TURNS: usize = 4;
 
 /// Mesh harmonics that are shown.
 const HARMONICS: usize = 10;
@@ -57,8 +57,8 @@ impl VibrationPlan {
     /// Whole turns, or mesh periods of a gear with very many teeth.
     pub(super) fn new(pair: &GearPair, torque_nm: f64, shaft_speed_hz: f64) -> Self {
         let teeth = pair.gears[0].teeth as usize;
-        let periods = match (MOST_PERIODS / teeth).min(MOST_TURNS) {
-            0 => MOST_PERIODS,
+        let periods = match (MAX_PERIODS / teeth).min(MAX_TURNS) {
+            0 => MAX_PERIODS,
             turns => turns * teeth,
         };
         let mesh_hz = shaft_speed_hz * teeth as f64;

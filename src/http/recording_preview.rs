@@ -20,10 +20,10 @@ use crate::signal::Record;
 const MAX_BYTES: usize = 16 << 20;
 
 /// Most records that are told of an MCAP recording, each of another channel.
-const MOST_CHANNELS: usize = 16;
+const MAX_CHANNELS: usize = 16;
 
 /// Records of an MCAP recording that are looked through for channels.
-const MOST_RECORDS: usize = 64;
+const MAX_RECORDS: usize = 64;
 
 /// Most stretches of an envelope.
 const STRETCHES: usize = 200;
@@ -123,7 +123,7 @@ fn of_block(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
 /// The first record of each channel; what comes after the beginning may be missing.
 fn of_mcap(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
     let mut records: Vec<Record> = Vec::new();
-    for recorded in McapReader::with_defaults(Cursor::new(bytes), defaults).take(MOST_RECORDS) {
+    for recorded in McapReader::with_defaults(Cursor::new(bytes), defaults).take(MAX_RECORDS) {
         match recorded {
             Ok(recorded) if records.iter().all(|known| known.channel() != recorded.record.channel()) => {
                 records.push(recorded.record);
@@ -132,7 +132,7 @@ fn of_mcap(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
             Err(error) if records.is_empty() => return RecordingPreviewView::of(Err(error)),
             Err(_) => break,
         }
-        if records.len() == MOST_CHANNELS {
+        if records.len() == MAX_CHANNELS {
             break;
         }
     }

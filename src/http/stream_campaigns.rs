@@ -14,7 +14,7 @@ use crate::asset::AssetId;
 use crate::service::CampaignStatus;
 
 /// The longest campaign: a day.
-const LONGEST_S: f64 = 86_400.0;
+const MAX_S: f64 = 86_400.0;
 
 /// What a campaign is of.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -81,7 +81,7 @@ pub(super) async fn begin(
     Parameters(asked): Parameters<CampaignParameters>,
 ) -> Result<Json<CampaignView>, Problem> {
     let seconds = asked.seconds.unwrap_or(60.0);
-    if !(1.0..=LONGEST_S).contains(&seconds) {
+    if !(1.0..=MAX_S).contains(&seconds) {
         return Err(Problem::query("seconds", seconds, "a number from 1 to 86400"));
     }
     let name = asked.name.as_deref().unwrap_or(USUAL_NAME);

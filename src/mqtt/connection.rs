@@ -21,7 +21,7 @@ use crate::service::{Feed, FeedCount, Service};
 
 /// Waits before the next connection: the first and the longest.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
-const LONGEST_WAIT: Duration = Duration::from_secs(30);
+const MAX_WAIT: Duration = Duration::from_secs(30);
 
 /// What may be on the way to the client library: an acknowledgement and a refusal of every message that a
 /// broker can send unacknowledged. Giving it one never waits, because the library may wait for us meanwhile.
@@ -109,7 +109,7 @@ async fn keep_connected(
             () = tokio::time::sleep(spread(wait)) => {}
             _ = stop.wait_for(|stop| *stop) => return,
         }
-        wait = (2 * wait).min(LONGEST_WAIT);
+        wait = (2 * wait).min(MAX_WAIT);
     }
 }
 

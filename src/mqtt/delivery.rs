@@ -11,7 +11,7 @@ use crate::service::{Feed, Service, ServiceError};
 
 /// Waits before a message that could not be taken is tried again: the first and the longest.
 const FIRST_WAIT: Duration = Duration::from_millis(20);
-const LONGEST_WAIT: Duration = Duration::from_secs(5);
+const MAX_WAIT: Duration = Duration::from_secs(5);
 
 /// How often a message is tried that the program fails on.
 const TRIES_AFTER_FAULT: u32 = 3;
@@ -58,7 +58,7 @@ pub(super) async fn deliver(
             () = tokio::time::sleep(wait) => {}
             _ = stop.wait_for(|stop| *stop) => return Delivered::LeftBehind,
         }
-        wait = (2 * wait).min(LONGEST_WAIT);
+        wait = (2 * wait).min(MAX_WAIT);
     }
 }
 

@@ -15,7 +15,7 @@ use super::tls::TlsFiles;
 
 /// Longest packet that MQTT knows: one that is too large as a record is still to be read, so that its sender
 /// is told.
-const LONGEST_PACKET_BYTES: u32 = 268_435_455 + 5;
+const MAX_PACKET_BYTES: u32 = 268_435_455 + 5;
 
 /// How long a connection may take to be made.
 const CONNECTION_TIMEOUT_S: u64 = 10;
@@ -191,7 +191,7 @@ impl MqttSettings {
         let mut properties = ConnectProperties::new();
         properties.session_expiry_interval = Some(self.session_expiry_s);
         properties.receive_maximum = Some(self.in_flight);
-        properties.max_packet_size = Some(LONGEST_PACKET_BYTES);
+        properties.max_packet_size = Some(MAX_PACKET_BYTES);
         let mut network = NetworkOptions::new();
         network.set_tcp_nodelay(true);
         options

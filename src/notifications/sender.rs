@@ -24,7 +24,7 @@ const LEASE: SignedDuration = SignedDuration::from_secs(120);
 
 /// Waits after an attempt that failed: the first one, twice as long each time, and the longest.
 const FIRST_WAIT_S: i64 = 5;
-const LONGEST_WAIT_S: i64 = 3600;
+const MAX_WAIT_S: i64 = 3600;
 
 /// A notification that is older than this is not tried again after an attempt has failed.
 const TRIED_FOR: SignedDuration = SignedDuration::from_hours(24);
@@ -150,7 +150,7 @@ impl Sender {
 /// How long to wait after so many attempts.
 fn wait_after(attempts: u64) -> SignedDuration {
     let doublings = attempts.saturating_sub(1).min(32);
-    SignedDuration::from_secs((FIRST_WAIT_S << doublings).min(LONGEST_WAIT_S))
+    SignedDuration::from_secs((FIRST_WAIT_S << doublings).min(MAX_WAIT_S))
 }
 
 /// An error with what caused it, as one line.

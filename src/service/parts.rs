@@ -26,7 +26,7 @@ use super::upkeep::Upkeep;
 use super::work_queue::Role;
 use super::workers::Workers;
 use crate::asset::AssetId;
-use crate::library::{GridSettings, LibraryShelf};
+use crate::library::{GridSettings, LibraryCache};
 use crate::store::Store;
 
 /// Minutes between two searches for raw objects that nothing refers to.
@@ -97,8 +97,8 @@ impl Service {
         let events = Announcer::default();
         let tally = Arc::<Tally>::default();
         let workers = Arc::new(Workers::new(limits)?);
-        let shelf = Arc::new(LibraryShelf::new(folders.libraries));
-        let source = LibrarySource::new(shelf, &store, &clock, !role.is_api_node());
+        let cache = Arc::new(LibraryCache::new(folders.libraries));
+        let source = LibrarySource::new(cache, &store, &clock, !role.is_api_node());
         let (changed, simulated) = tokio::sync::mpsc::unbounded_channel();
         let simulations = Arc::new(Simulations::new(source, grid, limits.neighbours, changed));
         let history = Arc::new(History::new(

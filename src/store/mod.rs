@@ -59,7 +59,7 @@ use jiff::{SignedDuration, Timestamp};
 use database::Database;
 use recent_wear::CurveCache;
 use schema::Dialect;
-use trend::TrendShelf;
+use trend::TrendCache;
 
 pub use alarm_commit::{AlarmNotice, FoldedAlarms, PlacedChange};
 pub use alarms::{AlarmFilter, StoredAlarm, StoredAlarmChange};
@@ -103,7 +103,7 @@ pub struct Store {
 struct Inner {
     database: Database,
     objects: Objects,
-    trends: TrendShelf,
+    trends: TrendCache,
     curves: CurveCache,
     /// At which age an object that nothing refers to is removed, where others may be storing what refers to
     /// it.
@@ -163,7 +163,7 @@ impl Store {
             inner: Arc::new(Inner {
                 database,
                 objects,
-                trends: TrendShelf::default(),
+                trends: TrendCache::default(),
                 curves: CurveCache::default(),
                 orphan_age,
                 held: Mutex::default(),

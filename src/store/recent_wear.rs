@@ -31,8 +31,8 @@ impl Store {
         let (Some(first), Some(last)) = (channel.first_start_time, channel.last_start_time) else {
             return Ok(Arc::default());
         };
-        let shelf = &self.inner.curves.0;
-        let held = shelf
+        let cache = &self.inner.curves.0;
+        let held = cache
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .get(&channel.channel_no)
@@ -72,7 +72,7 @@ impl Store {
             before = id;
         }
         let curve: Arc<[f64]> = curve.into();
-        let mut held = shelf.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut held = cache.lock().unwrap_or_else(PoisonError::into_inner);
         if held.len() >= MAX_CHANNELS {
             held.clear();
         }

@@ -138,7 +138,7 @@ impl Trend {
 
 /// The histories in memory.
 #[derive(Debug, Default)]
-pub(super) struct TrendShelf {
+pub(super) struct TrendCache {
     held: Mutex<Held>,
     reading: tokio::sync::Mutex<()>,
 }
@@ -150,7 +150,7 @@ struct Held {
     askings: u64,
 }
 
-impl TrendShelf {
+impl TrendCache {
     fn lock(&self) -> MutexGuard<'_, Held> {
         // What is held is replaced whole, so a panic elsewhere cannot have left half of it.
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
@@ -165,7 +165,7 @@ impl TrendShelf {
         Some(Arc::clone(trend))
     }
 
-    /// Takes a history off the shelf.
+    /// Takes a history off the cache.
     pub(super) fn remove(&self, channel_no: i64) -> Option<Arc<Trend>> {
         self.lock().trends.remove(&channel_no).map(|(trend, _)| trend)
     }
@@ -203,7 +203,7 @@ impl Store {
             Some(trend) if trend.revision >= channel.rewritten_revision => trend,
             _ => Arc::new(Trend { channel_no: channel.channel_no, ..Trend::default() }),
         };
-        // Taken off the shelf before, so that this copies only what a slow reader still looks at.
+        // Taken off the cache before, so that this copies only what a slow reader still looks at.
         self.append(Arc::make_mut(&mut trend), channel).await?;
         self.inner.trends.put(Arc::clone(&trend));
         Ok(trend)

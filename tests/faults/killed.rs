@@ -22,7 +22,7 @@ const ROUNDS: u32 = 4;
 const CONNECTIONS: u32 = 4;
 
 /// How long the histories of thousands of records may take to be folded again on a busy machine.
-const LONGEST_RECOMPUTATION: Duration = Duration::from_secs(600);
+const MAX_RECOMPUTATION: Duration = Duration::from_secs(600);
 
 /// The first record that two histories say different things of.
 fn first_difference(one: &[Value], other: &[Value]) -> Option<(Value, Value)> {
@@ -158,7 +158,7 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
             break;
         }
         assert!(
-            began.elapsed() < LONGEST_RECOMPUTATION,
+            began.elapsed() < MAX_RECOMPUTATION,
             "the histories differ: {:?}; under way: {}",
             first_difference(&killed, &undisturbed),
             program.get("/v1/recomputations")

@@ -37,7 +37,7 @@ const ASSETS: [&str; 2] = ["pump", "fan"];
 const RECORDS: u32 = 8;
 
 /// How long a start may take to put away what the process before has left, on a busy machine.
-const LONGEST_SWEEP: Duration = Duration::from_secs(60);
+const MAX_SWEEP: Duration = Duration::from_secs(60);
 
 /// What was answered of a record.
 #[derive(Debug, Clone, Default)]
@@ -127,7 +127,7 @@ impl Life {
                 if audit.is_empty() {
                     break;
                 }
-                assert!(began.elapsed() < LONGEST_SWEEP, "still there: {audit:?}");
+                assert!(began.elapsed() < MAX_SWEEP, "still there: {audit:?}");
                 tokio::task::yield_now().await;
             }
             for asset in ASSETS {

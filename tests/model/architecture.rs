@@ -41,7 +41,7 @@ const PURE: [&str; 6] = [
 const FILES: [&str; 3] = [
     "crates/recording/src/file.rs",
     "crates/wear/src/library/checkpoint.rs",
-    "crates/wear/src/library/shelf.rs",
+    "crates/wear/src/library/cache.rs",
 ];
 
 const IMPURE: [&str; 9] = [

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use flankwatch::gear::{ContactRule, PairSpec, WearShape};
 use flankwatch::library::{
-    BuildControl, GridSettings, Library, LibraryError, LibraryShelf, build, build_into, checkpoint_beside,
+    BuildControl, GridSettings, Library, LibraryCache, LibraryError, build, build_into, checkpoint_beside,
     decode, encode,
 };
 use flankwatch::signal::OperatingPoint;
@@ -146,20 +146,20 @@ fn curves_are_those_of_the_operating_point() {
     }
 }
 
-/// A file of the format before is not read; the shelf builds it again.
+/// A file of the format before is not read; the cache builds it again.
 #[test]
 fn an_older_files_library_is_built_again() {
     let folder = tempfile::tempdir().unwrap();
     let (pair, grid) = (pair(ContactRule::Threshold), GridSettings { states: 2, ..grid() });
-    let shelf = LibraryShelf::new(folder.path());
-    let built = shelf.get_or_build(&pair, &grid, &BuildControl::silent()).unwrap();
+    let cache = LibraryCache::new(folder.path());
+    let built = cache.get_or_build(&pair, &grid, &BuildControl::silent()).unwrap();
     let path = folder.path().join(built.id()).with_extension("fwlib");
     let bytes = fs::read(&path).unwrap();
     let older =
         String::from_utf8(bytes.clone()).unwrap().replacen("flankwatch-library 2", "flankwatch-library 1", 1);
     fs::write(&path, older).unwrap();
-    assert!(matches!(shelf.get(built.id()), Err(LibraryError::Version { found: 1 })));
-    shelf.get_or_build(&pair, &grid, &BuildControl::silent()).unwrap();
+    assert!(matches!(cache.get(built.id()), Err(LibraryError::Version { found: 1 })));
+    cache.get_or_build(&pair, &grid, &BuildControl::silent()).unwrap();
     assert!(fs::read(&path).unwrap() == bytes);
 }
 

@@ -26,7 +26,7 @@ pub(super) const COARSE_STEP_MODULES: f64 = 5e-3 / 6.0;
 /// Places to a cell at which the contact's pressure is worked out.
 const PLACES: f64 = 2.0;
 /// Most steps of one course of wear.
-const MOST_STEPS: usize = 20_000;
+const MAX_STEPS: usize = 20_000;
 
 /// Flanks worn after Archard and how long it took.
 #[derive(Debug, Clone, PartialEq)]
@@ -229,7 +229,7 @@ impl<'a> Course<'a> {
 
     /// Wears on to the goal in steps of at most `step_mm`.
     fn until(&mut self, goal: Goal) -> Result<(), GearError> {
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let reached = match goal {
                 Goal::Depth(depth) => self.deepest_mm() >= depth,
                 Goal::Turns(turns) => self.driving_turns >= turns,
@@ -268,7 +268,7 @@ impl<'a> Course<'a> {
         Err(GearError::field(
             field,
             value,
-            format!("what {MOST_STEPS} steps of {} mm of wear reach", self.step_mm),
+            format!("what {MAX_STEPS} steps of {} mm of wear reach", self.step_mm),
         ))
     }
 

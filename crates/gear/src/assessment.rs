@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::geometry::LEAST_TIP_THICKNESS_MODULES;
-use super::limits::{self, HARMLESS_UNDERCUT_MODULES, LEAST_ROOT_TO_BORE};
+use super::geometry::MIN_TIP_THICKNESS_MODULES;
+use super::limits::{self, HARMLESS_UNDERCUT_MODULES, MIN_ROOT_TO_BORE};
 use super::refusals::Refusals;
 use super::{GearError, GearPair, PairSpec};
 
@@ -129,7 +129,7 @@ impl GearPair {
                     TipThickness,
                     number,
                     gear.tip_thickness_mm() / module,
-                    LEAST_TIP_THICKNESS_MODULES,
+                    MIN_TIP_THICKNESS_MODULES,
                     USUAL_TIP_MODULES,
                 ),
                 at_least(UndercutMargin, number, shift, -HARMLESS_UNDERCUT_MODULES, 0.0),
@@ -138,8 +138,8 @@ impl GearPair {
                     RootToBore,
                     number,
                     gear.root_radius_mm / gear.bore_radius_mm,
-                    LEAST_ROOT_TO_BORE,
-                    LEAST_ROOT_TO_BORE,
+                    MIN_ROOT_TO_BORE,
+                    MIN_ROOT_TO_BORE,
                 ),
             ]);
         }

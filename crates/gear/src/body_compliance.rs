@@ -20,7 +20,7 @@ pub(super) const REACH: usize = 3;
 /// Distance in modules from the tip's edge within which the compliance follows the wedge's law.
 const WEDGE_REACH_MODULES: f64 = 0.075;
 /// Least distance from the edge in modules.
-const LEAST_DISTANCE_MODULES: f64 = 1e-4;
+const MIN_DISTANCE_MODULES: f64 = 1e-4;
 
 /// `[load][component]`, X then Y of the tooth's coordinates; mm for 1 N/mm.
 type Tensor = [[f64; 2]; 2];
@@ -184,7 +184,7 @@ impl TipWedge {
             tip_radius_mm: tip,
             flank_per_radius,
             reach_mm,
-            least_mm: LEAST_DISTANCE_MODULES * module_mm,
+            least_mm: MIN_DISTANCE_MODULES * module_mm,
             at_reach,
             slope,
             logarithm,

@@ -18,7 +18,7 @@ use super::tooth_touch::ToothPair;
 use super::{Flank, FlankPoint, FlankWear, Gear, GearPair};
 
 /// Least radius of curvature in modules: nearer to the base circle the involute's own vanishes.
-const LEAST_CURVATURE_MODULES: f64 = 0.05;
+const MIN_CURVATURE_MODULES: f64 = 0.05;
 
 /// p₀: pressure in MPa at which the wear coefficient holds whatever the pressure exponent is.
 const COEFFICIENT_PRESSURE_MPA: f64 = 1000.0;
@@ -161,7 +161,7 @@ impl<'a> ContactBand<'a> {
 
     /// Hertz's half-width in mm between involutes with these radii of curvature.
     pub(super) fn half_width_mm(&self, lengths_mm: [f64; 2], force_n_per_mm: f64) -> f64 {
-        let least = LEAST_CURVATURE_MODULES * self.pair.spec.geometry.module_mm;
+        let least = MIN_CURVATURE_MODULES * self.pair.spec.geometry.module_mm;
         let curvature: f64 = lengths_mm.iter().map(|length| 1.0 / length.max(least)).sum();
         (4.0 * force_n_per_mm / (PI * self.contact_modulus_mpa * curvature)).sqrt()
     }

@@ -19,7 +19,7 @@ const SECONDS: f64 = 0.25;
 const SAMPLE_RATE_HZ: f64 = 20_000.0;
 /// Growth from the first to the last fifth of it that is no vibration of a machine: a library's record, eight
 /// times as long, would leave all numbers.
-const MOST_GROWTH: f64 = 10.0;
+const MAX_GROWTH: f64 = 10.0;
 
 impl PairSpec {
     /// As [`PairSpec::resolve`], and works out the mesh of new flanks and of flanks worn down to
@@ -94,7 +94,7 @@ impl PairSpec {
         let grows = |record: &Vec<f64>| {
             let peak = |part: &[f64]| part.iter().fold(0.0_f64, |most, sample| most.max(sample.abs()));
             let fifth = record.len() / 5;
-            peak(&record[record.len() - fifth..]) > MOST_GROWTH * peak(&record[..fifth])
+            peak(&record[record.len() - fifth..]) > MAX_GROWTH * peak(&record[..fifth])
         };
         match simulate_together(pair, &cycles.iter().collect::<Vec<_>>(), &run, None) {
             Ok(records) if !records.iter().any(grows) => Ok(()),

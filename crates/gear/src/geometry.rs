@@ -7,7 +7,7 @@ use super::{Errors, GearError, GeometrySpec, PairSpec, Supports, limits};
 
 /// Thinnest tip in modules that does not count as pointed: wear of the usual greatest depth, 0.04 modules,
 /// leaves something of each half.
-pub(super) const LEAST_TIP_THICKNESS_MODULES: f64 = 0.1;
+pub(super) const MIN_TIP_THICKNESS_MODULES: f64 = 0.1;
 
 /// One gear of a pair. Angles of flank points are the paper's α₁: the angle between the flank's normal there
 /// and the tooth's Y axis.
@@ -173,9 +173,9 @@ impl GearPair {
     fn check_tips(&self, refusals: &mut Refusals) {
         for (i, gear) in self.gears.iter().enumerate() {
             let thickness = gear.tip_thickness_mm() / self.spec.geometry.module_mm;
-            if thickness < LEAST_TIP_THICKNESS_MODULES {
+            if thickness < MIN_TIP_THICKNESS_MODULES {
                 let expected = format!(
-                    "less: the tip of gear {} would be {thickness:.3} modules thick, below {LEAST_TIP_THICKNESS_MODULES} it is pointed",
+                    "less: the tip of gear {} would be {thickness:.3} modules thick, below {MIN_TIP_THICKNESS_MODULES} it is pointed",
                     i + 1
                 );
                 refusals.add(GearError::field("geometry.addendum", self.spec.geometry.addendum[i], expected));

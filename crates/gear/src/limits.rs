@@ -12,10 +12,10 @@ const RACK_CLEARANCE_MODULES: f64 = 0.25;
 /// Undercut that is let pass, in modules: 17 teeth of standard form are cut without harm.
 pub(super) const HARMLESS_UNDERCUT_MODULES: f64 = 0.01;
 /// Least ratio of root to bore radius for which the foundation's polynomial was made (Sainsot et al. 2004).
-pub(super) const LEAST_ROOT_TO_BORE: f64 = 1.4;
+pub(super) const MIN_ROOT_TO_BORE: f64 = 1.4;
 /// Greatest force on the teeth over Young's modulus, face width and module. A pair of teeth gives way by
 /// about 12 times as many modules; steel bears a thirtieth of it, plastics a third.
-const GREATEST_LOAD: f64 = 0.02;
+const MAX_LOAD: f64 = 0.02;
 /// Tightness of the mesh in modules that counts as the rounding of a centre distance.
 pub(super) const CENTRE_ROUNDING_MODULES: f64 = 0.01;
 
@@ -116,13 +116,7 @@ pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearErro
 /// Greatest torque in N·m that teeth of this width and material bear on a gear of this base radius.
 pub(super) fn most_torque_nm(spec: &PairSpec, base_mm: f64) -> f64 {
     let basic = &spec.geometry;
-    GREATEST_LOAD
-        * spec.material.youngs_modulus_pa
-        * basic.face_width_mm
-        * basic.module_mm
-        * 1e-6
-        * base_mm
-        * 1e-3
+    MAX_LOAD * spec.material.youngs_modulus_pa * basic.face_width_mm * basic.module_mm * 1e-6 * base_mm * 1e-3
 }
 
 /// The centre distance against the base radii and against `least_mm`, that of zero backlash.
@@ -174,10 +168,10 @@ pub(super) fn check_tooth(
     }
     refusals.note(check_rack(basic, i, alpha0));
     let bore = basic.bore_radius_mm[i];
-    if root <= 0.0 || bore * LEAST_ROOT_TO_BORE > root {
+    if root <= 0.0 || bore * MIN_ROOT_TO_BORE > root {
         let expected = format!(
-            "at most {:.4}: the root radius {root:.4} of gear {number} over {LEAST_ROOT_TO_BORE}",
-            root / LEAST_ROOT_TO_BORE
+            "at most {:.4}: the root radius {root:.4} of gear {number} over {MIN_ROOT_TO_BORE}",
+            root / MIN_ROOT_TO_BORE
         );
         refusals.add(GearError::field("geometry.bore_radius_mm", bore, expected));
     }

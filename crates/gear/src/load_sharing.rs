@@ -9,13 +9,13 @@ use super::tooth_touch::ToothTouch;
 use super::{Flank, FlankWear, GearError, GearPair};
 
 /// Most pairs of teeth that share the load.
-pub(super) const MOST_PAIRS: usize = 4;
+pub(super) const MAX_PAIRS: usize = 4;
 /// Iterations of the contact lines' compliance, which depends on the force by its logarithm only.
-const MOST_ITERATIONS: usize = 60;
+const MAX_ITERATIONS: usize = 60;
 /// Relative change of the forces at which they are settled.
 const TOLERANCE: f64 = 1e-11;
 /// Least force in parts of the whole for which a contact line's compliance is worked out.
-const LEAST_PART: f64 = 1e-9;
+const MIN_PART: f64 = 1e-9;
 
 /// Elastic bodies of a pair's gears with their wear: worked out once for every torque.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,7 +51,7 @@ pub(super) struct Sharing {
     /// Rotation θ in rad of the driving gear from the first touch on.
     pub(super) rotation_rad: f64,
     /// Part of the torque that each candidate carries.
-    pub(super) shares: [f64; MOST_PAIRS],
+    pub(super) shares: [f64; MAX_PAIRS],
     /// Candidates that carry.
     pub(super) carrying: u32,
 }
@@ -133,18 +133,18 @@ impl ElasticBodies {
     /// Balance of the candidates' forces with a torque in N·mm for 1 mm of width on the driving gear. The
     /// first candidate is the leading one.
     pub(super) fn share(&self, candidates: &[Candidate], torque_n: f64) -> Sharing {
-        let count = candidates.len().min(MOST_PAIRS);
+        let count = candidates.len().min(MAX_PAIRS);
         let candidates = &candidates[..count];
         let gaps = candidates.iter().map(|candidate| candidate.behind_rad * candidate.touch.arms_mm[1]);
         let mut system = Balance {
             count,
-            compliance: [[0.0; MOST_PAIRS]; MOST_PAIRS],
+            compliance: [[0.0; MAX_PAIRS]; MAX_PAIRS],
             gaps: collect(gaps),
             arms: collect(candidates.iter().map(|candidate| candidate.touch.arms_mm[0])),
             torque: torque_n,
         };
         let whole = torque_n / system.arms[0];
-        let mut forces = [whole / count as f64; MOST_PAIRS];
+        let mut forces = [whole / count as f64; MAX_PAIRS];
         for (i, load) in candidates.iter().enumerate() {
             for (j, place) in candidates.iter().enumerate().skip(i + 1) {
                 let coupling = self.coupling(load, place);
@@ -152,9 +152,9 @@ impl ElasticBodies {
             }
         }
         let mut rotation_rad = 0.0;
-        for _ in 0..MOST_ITERATIONS {
+        for _ in 0..MAX_ITERATIONS {
             for (i, candidate) in candidates.iter().enumerate() {
-                system.compliance[i][i] = self.own(&candidate.touch, forces[i].max(LEAST_PART * whole));
+                system.compliance[i][i] = self.own(&candidate.touch, forces[i].max(MIN_PART * whole));
             }
             let (next, rotation) = system.solve();
             let change = (0..count).map(|i| (next[i] - forces[i]).abs()).fold(0.0, f64::max);
@@ -189,8 +189,8 @@ fn at_radius(table: &[[f64; 2]], radius_mm: f64) -> f64 {
     c0 + part * (c1 - c0)
 }
 
-fn collect(values: impl Iterator<Item = f64>) -> [f64; MOST_PAIRS] {
-    let mut array = [0.0; MOST_PAIRS];
+fn collect(values: impl Iterator<Item = f64>) -> [f64; MAX_PAIRS] {
+    let mut array = [0.0; MAX_PAIRS];
     array.iter_mut().zip(values).for_each(|(place, value)| *place = value);
     array
 }
@@ -198,15 +198,15 @@ fn collect(values: impl Iterator<Item = f64>) -> [f64; MOST_PAIRS] {
 /// Forces F ≥ 0 with C F + g = θ a where they push and C F + g ≥ θ a where not, and a·F the torque.
 struct Balance {
     count: usize,
-    compliance: [[f64; MOST_PAIRS]; MOST_PAIRS],
-    gaps: [f64; MOST_PAIRS],
-    arms: [f64; MOST_PAIRS],
+    compliance: [[f64; MAX_PAIRS]; MAX_PAIRS],
+    gaps: [f64; MAX_PAIRS],
+    arms: [f64; MAX_PAIRS],
     torque: f64,
 }
 
 impl Balance {
     /// Forces and θ by an active set.
-    fn solve(&self) -> ([f64; MOST_PAIRS], f64) {
+    fn solve(&self) -> ([f64; MAX_PAIRS], f64) {
         let mut active: u32 = (1 << self.count) - 1;
         let mut seen = 0_u32;
         loop {
@@ -233,12 +233,12 @@ impl Balance {
     }
 
     /// Forces and θ with exactly the pairs of a set pushing.
-    fn with(&self, active: u32) -> ([f64; MOST_PAIRS], f64) {
+    fn with(&self, active: u32) -> ([f64; MAX_PAIRS], f64) {
         // Symmetric elimination of C [p q] = [a g] on the set; C is positive definite.
-        let mut matrix = [[0.0; MOST_PAIRS + 2]; MOST_PAIRS];
-        let set: [bool; MOST_PAIRS] = std::array::from_fn(|i| active >> i & 1 == 1);
-        for i in 0..MOST_PAIRS {
-            for j in 0..MOST_PAIRS {
+        let mut matrix = [[0.0; MAX_PAIRS + 2]; MAX_PAIRS];
+        let set: [bool; MAX_PAIRS] = std::array::from_fn(|i| active >> i & 1 == 1);
+        for i in 0..MAX_PAIRS {
+            for j in 0..MAX_PAIRS {
                 matrix[i][j] = if set[i] && set[j] {
                     self.compliance[i][j]
                 } else if i == j {
@@ -248,11 +248,11 @@ impl Balance {
                 };
             }
             if set[i] {
-                matrix[i][MOST_PAIRS] = self.arms[i];
-                matrix[i][MOST_PAIRS + 1] = self.gaps[i];
+                matrix[i][MAX_PAIRS] = self.arms[i];
+                matrix[i][MAX_PAIRS + 1] = self.gaps[i];
             }
         }
-        for pivot in 0..MOST_PAIRS {
+        for pivot in 0..MAX_PAIRS {
             let row = matrix[pivot].map(|value| value / matrix[pivot][pivot]);
             for (i, other) in matrix.iter_mut().enumerate() {
                 if i == pivot {
@@ -263,9 +263,9 @@ impl Balance {
                 }
             }
         }
-        let dot = |column: usize| (0..MOST_PAIRS).map(|i| self.arms[i] * matrix[i][column]).sum::<f64>();
-        let rotation = (self.torque + dot(MOST_PAIRS + 1)) / dot(MOST_PAIRS);
-        (std::array::from_fn(|i| rotation * matrix[i][MOST_PAIRS] - matrix[i][MOST_PAIRS + 1]), rotation)
+        let dot = |column: usize| (0..MAX_PAIRS).map(|i| self.arms[i] * matrix[i][column]).sum::<f64>();
+        let rotation = (self.torque + dot(MAX_PAIRS + 1)) / dot(MAX_PAIRS);
+        (std::array::from_fn(|i| rotation * matrix[i][MAX_PAIRS] - matrix[i][MAX_PAIRS + 1]), rotation)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use super::load_sharing::{Candidate, ElasticBodies, MOST_PAIRS, Sharing};
+use super::load_sharing::{Candidate, ElasticBodies, MAX_PAIRS, Sharing};
 use super::mesh_cycle::{CyclePiece, Resolution};
 use super::tooth_touch::{ToothPair, ToothTouch};
 use super::{FlankWear, GearError, GearPair, MeshCycle};
@@ -119,7 +119,7 @@ impl<'a> Passage<'a> {
         let leader = *candidates.first().ok_or(GearError::NoContact { phi1_rad })?;
         let most = bodies.alone_rad(&leader.touch, torque_n);
         candidates.retain(|other| other.behind_rad * other.touch.arms_mm[1] <= most * other.touch.arms_mm[0]);
-        candidates.truncate(MOST_PAIRS);
+        candidates.truncate(MAX_PAIRS);
         // Under a force beyond all measure the contact's own compliance, a logarithm of its width, has lost
         // its meaning.
         let overloaded = GearError::Overloaded { torque_nm, phi1_rad };

@@ -12,12 +12,12 @@ use super::{Errors, GearError, GearPair, MeshCycle, ResponseCoordinate, RunSetti
 /// Records that are simulated side by side.
 const SIDE_BY_SIDE: usize = 8;
 /// Least steps of the integrator for one sample; even.
-const LEAST_OVERSAMPLING: usize = 8;
+const MIN_OVERSAMPLING: usize = 8;
 /// Steps between two looks at whether to stop.
 const STEPS_BETWEEN_LOOKS: i64 = 4096;
 /// Most steps for one sample that the explicit method is given: what is stiffer vibrates above the record's
 /// band, and is left to the [implicit one](StiffStep).
-const MOST_OVERSAMPLING: usize = 16;
+const MAX_OVERSAMPLING: usize = 16;
 /// Least and most implicit steps for one sample; even. One costs as much as two explicit ones.
 const STIFF_OVERSAMPLING: (usize, usize) = (8, 10);
 /// Longest explicit step as a part of the fastest rate's reciprocal.
@@ -28,8 +28,8 @@ const CLEAR_SHAFTS: f64 = 4.0;
 /// Decay of the start-up before the record starts, in nepers.
 const SETTLING_NEPERS: f64 = 16.0;
 /// Longest start-up in seconds, and in mesh periods.
-const LONGEST_SETTLING_S: f64 = 2.0;
-const LONGEST_SETTLING_PERIODS: f64 = 250.0;
+const MAX_SETTLING_S: f64 = 2.0;
+const MAX_SETTLING_PERIODS: f64 = 250.0;
 
 /// Simulates the pair and gives the acceleration in m/s² of its response coordinate at `sample_rate_hz`,
 /// start-up removed and low-passed below half the sampling rate (flat to 0.4 of it).
@@ -120,10 +120,10 @@ impl Steps {
             motion.fastest_rate(stiffness.copied().fold(0.0, f64::max))
         });
         let needed = fastest.fold(0.0, f64::max) / STEP_PER_RATE / run.sample_rate_hz;
-        let stiff = needed > MOST_OVERSAMPLING as f64;
+        let stiff = needed > MAX_OVERSAMPLING as f64;
         let resolved = (needed.ceil() as usize).next_multiple_of(2);
         let (least, most) =
-            if stiff { STIFF_OVERSAMPLING } else { (resolved.max(LEAST_OVERSAMPLING), MOST_OVERSAMPLING) };
+            if stiff { STIFF_OVERSAMPLING } else { (resolved.max(MIN_OVERSAMPLING), MAX_OVERSAMPLING) };
         let is_clear = |oversampling: &usize| {
             // Steps and their middles.
             [1.0, 2.0].iter().all(|part| {
@@ -182,8 +182,8 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
             common: CommonError::new(&pair.errors, settings),
             steps,
             settling_s: (SETTLING_NEPERS / decays.fold(f64::INFINITY, f64::min))
-                .min(LONGEST_SETTLING_S)
-                .min(LONGEST_SETTLING_PERIODS / mesh_hz),
+                .min(MAX_SETTLING_S)
+                .min(MAX_SETTLING_PERIODS / mesh_hz),
             mesh_hz,
             teeth,
             used,

@@ -4,7 +4,7 @@ use super::error::{positive, within};
 use super::{GearError, GearPair};
 
 /// Most samples of one run.
-const MOST_SAMPLES: f64 = 1e8;
+const MAX_SAMPLES: f64 = 1e8;
 
 /// One run: what differs from record to record.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,7 +43,7 @@ impl RunSettings {
         positive("shaft_speed_hz", self.shaft_speed_hz, 1e4)?;
         positive("torque_nm", self.torque_nm, 1e9)?;
         within("start_phase_turns", self.start_phase_turns, -1e6, 1e6)?;
-        within("seconds × sample_rate_hz", self.seconds * self.sample_rate_hz, 1.0, MOST_SAMPLES)?;
+        within("seconds × sample_rate_hz", self.seconds * self.sample_rate_hz, 1.0, MAX_SAMPLES)?;
         Ok(())
     }
 }

@@ -8,7 +8,7 @@ const FLANK_ELEMENTS: usize = 10;
 /// Length in modules of the element at the tip.
 const TIP_ELEMENT_MODULES: f64 = 0.02;
 /// Greatest element on the involute over the mean one.
-const GREATEST_OVER_MEAN: f64 = 1.25;
+const MAX_OVER_MEAN: f64 = 1.25;
 /// Elements along the part of the fillet above the tooth's base line, and below it.
 const UPPER_FILLET_ELEMENTS: usize = 2;
 const LOWER_FILLET_ELEMENTS: usize = 2;
@@ -199,7 +199,7 @@ impl FlankEdge {
 /// Lengths of the involute's elements from the tip on: growing from a fine one up to a greatest.
 fn element_lengths(height_mm: f64, module_mm: f64) -> Vec<f64> {
     let mean = height_mm / FLANK_ELEMENTS as f64;
-    let (first, greatest) = ((TIP_ELEMENT_MODULES * module_mm).min(0.5 * mean), GREATEST_OVER_MEAN * mean);
+    let (first, greatest) = ((TIP_ELEMENT_MODULES * module_mm).min(0.5 * mean), MAX_OVER_MEAN * mean);
     let lengths = |growth: f64| -> Vec<f64> {
         (0..FLANK_ELEMENTS).map(|i| (first * growth.powi(i as i32)).min(greatest)).collect()
     };

@@ -20,7 +20,7 @@ const TOLERANCE_RAD: f64 = 1e-11;
 /// Half of the length of flank in modules over which the curvature is taken.
 const CURVATURE_REACH_MODULES: f64 = 0.05;
 /// Least relative curvature in 1/modules: flatter flanks, as wear may leave them, count as this.
-const LEAST_CURVATURE: f64 = 0.06;
+const MIN_CURVATURE: f64 = 0.06;
 
 /// The first touch of one pair of teeth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -285,8 +285,7 @@ impl<'a> ToothPair<'a> {
         let three = [middle - step, middle, middle + step].map(|alpha| at(alpha).1.phi2_rad);
         let half_length = 0.5 * distance(position(middle - step), position(middle + step));
         let bend = (2.0 * three[1] - three[0] - three[2]) * arms_mm[1] / (half_length * half_length);
-        let curvature_per_mm =
-            if bend.is_finite() { bend } else { 0.0 }.max(LEAST_CURVATURE / self.module_mm);
+        let curvature_per_mm = if bend.is_finite() { bend } else { 0.0 }.max(MIN_CURVATURE / self.module_mm);
 
         let from_driven_tip = if tip_reaches { distance(places[0], position(low)) } else { f64::INFINITY };
         let from_driving_tip = distance(places[0], position(self.driving.gear.tip_angle_rad));

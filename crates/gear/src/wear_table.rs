@@ -5,7 +5,7 @@ use serde::Deserialize;
 use super::{GearError, GearPair, WearPoint};
 
 /// Most lines of one table.
-const MOST_POINTS: usize = 10_000;
+const MAX_POINTS: usize = 10_000;
 
 /// Depth over radius through given points: the piecewise cubic of Fritsch and Carlson (SIAM J. Numer. Anal.
 /// 17, 1980) with the three-point slopes of Fritsch and Butland, so depth and slope are continuous and no
@@ -72,11 +72,11 @@ fn knot_slope(points: &[(f64, f64)], i: usize) -> f64 {
 
 /// The inline table of a pair file, scaled so that its greatest depth is `h_max_mm`.
 pub(super) fn from_points(table: &[WearPoint], h_max_mm: f64) -> Result<[DepthCurve; 2], GearError> {
-    if table.len() > MOST_POINTS {
+    if table.len() > MAX_POINTS {
         return Err(GearError::field(
             "wear.table",
             format!("{} points", table.len()),
-            format!("at most {MOST_POINTS}"),
+            format!("at most {MAX_POINTS}"),
         ));
     }
     let mut points = [Vec::new(), Vec::new()];
@@ -155,8 +155,8 @@ pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], G
             _ => return Err(row_error(line, "depth_um", row.depth_um, "a number from 0 (µm)")),
         };
         points[gear].push((radius_mm, depth_um * 1e-3, line));
-        if points[gear].len() > MOST_POINTS {
-            return Err(row_error(line, "gear", row.gear, &format!("at most {MOST_POINTS} lines a gear")));
+        if points[gear].len() > MAX_POINTS {
+            return Err(row_error(line, "gear", row.gear, &format!("at most {MAX_POINTS} lines a gear")));
         }
     }
     if points.iter().all(Vec::is_empty) {

@@ -105,7 +105,7 @@ struct Ramp {
 
 impl Ramp {
     /// Lines from which on it is told.
-    const LEAST_LINES: u64 = 4;
+    const MIN_LINES: u64 = 4;
 
     fn add(&mut self, value: f32) {
         if let Some(last) = self.last.replace(value) {
@@ -117,7 +117,7 @@ impl Ramp {
     }
 
     fn is_even(&self) -> bool {
-        self.lines >= Self::LEAST_LINES && !self.broken
+        self.lines >= Self::MIN_LINES && !self.broken
     }
 }
 

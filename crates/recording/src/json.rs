@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::RecordingError;
 use super::block::DecodedBlock;
-use super::pulses::{MOST_PULSES, Pulses};
+use super::pulses::{MAX_PULSES, Pulses};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record};
 
 /// Longest text taken in a message, in bytes: errors quote it, each of its characters written with up to six.
@@ -257,7 +257,7 @@ fn samples<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f32>, D::Er
 /// Reads the times of pulses, stopping at one more than are taken.
 fn pulse_times<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<i64>, D::Error> {
     deserializer.deserialize_seq(Numbers {
-        most: MOST_PULSES,
+        most: MAX_PULSES,
         expected: "pulse_time_ns, a list of whole numbers",
         too_many: "pulses, send them in shorter messages",
         kind: PhantomData,
@@ -355,12 +355,12 @@ mod tests {
         };
         let decode_tachometer =
             |pulses| JsonTachometer::decode(tachometer(pulses).as_bytes()).map_err(|error| error.to_string());
-        assert_eq!(decode_tachometer(MOST_PULSES).unwrap().time_ns.len(), MOST_PULSES);
+        assert_eq!(decode_tachometer(MAX_PULSES).unwrap().time_ns.len(), MAX_PULSES);
         let refused = "more than 4194304 pulses, send them in shorter messages";
-        assert!(decode_tachometer(MOST_PULSES + 1).unwrap_err().contains(refused));
+        assert!(decode_tachometer(MAX_PULSES + 1).unwrap_err().contains(refused));
         let block = format!(
             r#"{{"sample_rate_hz": 1, "samples": [1], "tachometer": {}}}"#,
-            tachometer(MOST_PULSES + 1)
+            tachometer(MAX_PULSES + 1)
         );
         assert!(decode(&block).unwrap_err().contains(refused));
     }

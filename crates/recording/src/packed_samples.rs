@@ -6,7 +6,7 @@ use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_f
 const SAMPLES: u32 = 5;
 
 /// Bytes besides the samples up to which a message is split: they are copied.
-const MOST_OTHER_BYTES: usize = 1 << 16;
+const MAX_OTHER_BYTES: usize = 1 << 16;
 
 /// Samples of a `WaveformBlock` message that are packed, and the bytes of its other fields in their order.
 ///
@@ -22,7 +22,7 @@ pub(super) fn split(bytes: &[u8]) -> Option<(Vec<f32>, Vec<u8>)> {
         if tag != SAMPLES {
             skip_field(wire_type, tag, &mut left, DecodeContext::default()).ok()?;
             let field = &field[..field.len() - left.len()];
-            if others.len() + field.len() > MOST_OTHER_BYTES {
+            if others.len() + field.len() > MAX_OTHER_BYTES {
                 return None;
             }
             others.extend_from_slice(field);
@@ -79,7 +79,7 @@ mod tests {
         for bytes in [&unpacked[..], &whole[..9], &[0x2a, 3, 0, 0, 0], &[0x2a, 0xff], &[0x0f]] {
             assert_eq!(split(bytes), None);
         }
-        let long = WaveformBlock { unit: "g".repeat(MOST_OTHER_BYTES + 1), ..Default::default() };
+        let long = WaveformBlock { unit: "g".repeat(MAX_OTHER_BYTES + 1), ..Default::default() };
         assert_eq!(split(&long.encode_to_vec()), None);
     }
 }

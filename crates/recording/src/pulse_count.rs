@@ -4,7 +4,7 @@
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 
 use super::RecordingError;
-use super::pulses::MOST_PULSES;
+use super::pulses::MAX_PULSES;
 
 /// Number of the field `tachometer` in `WaveformBlock`.
 const TACHOMETER: u32 = 9;
@@ -23,7 +23,7 @@ pub(super) fn check_block(message: &[u8]) -> Result<(), RecordingError> {
 }
 
 fn check(pulses: usize) -> Result<(), RecordingError> {
-    if pulses > MOST_PULSES {
+    if pulses > MAX_PULSES {
         return Err(RecordingError::field(
             "the number of tachometer pulses",
             pulses,
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn one_more_than_are_taken_is_refused_also_in_two_parts() {
-        let most = Tachometer { pulse_time_ns: vec![1; MOST_PULSES], ..Default::default() };
+        let most = Tachometer { pulse_time_ns: vec![1; MAX_PULSES], ..Default::default() };
         let block = WaveformBlock { tachometer: Some(most.clone()), ..Default::default() };
         let (most, block) = (most.encode_to_vec(), block.encode_to_vec());
         assert!(check_tachometer(&most).is_ok() && check_block(&block).is_ok());

@@ -15,10 +15,10 @@ const DRIVING: [&str; 2] = ["", "driving"];
 pub(super) const DRIVEN: &str = "driven";
 
 /// Most pulses of a message, and most kept of a shaft: one at 100 Hz with 60 pulses a turn for 11 minutes.
-pub(super) const MOST_PULSES: usize = 1 << 22;
+pub(super) const MAX_PULSES: usize = 1 << 22;
 
 /// Most pulses kept of all assets of a recording: 64 MiB. Each asset has its share.
-const MOST_OF_ALL: usize = 2 * MOST_PULSES;
+const MAX_OF_ALL: usize = 2 * MAX_PULSES;
 
 /// Pulses as they stand in a message.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -154,8 +154,8 @@ impl PulseTrains {
             return;
         }
         let is_new = !self.by_asset.contains_key(asset);
-        let share = MOST_OF_ALL / (self.by_asset.len() + usize::from(is_new));
-        let most = share.min(MOST_PULSES);
+        let share = MAX_OF_ALL / (self.by_asset.len() + usize::from(is_new));
+        let most = share.min(MAX_PULSES);
         if is_new {
             for train in self.by_asset.values_mut() {
                 train.keep_latest(most);
@@ -221,7 +221,7 @@ mod tests {
 
     #[test]
     fn the_assets_of_a_recording_share_what_is_kept() {
-        let most = i64::try_from(MOST_PULSES).unwrap();
+        let most = i64::try_from(MAX_PULSES).unwrap();
         let mut trains = PulseTrains::default();
         let kept = |trains: &PulseTrains| -> Vec<usize> {
             let held = ["a", "b", "c"].iter().filter_map(|asset| trains.of(asset));
@@ -231,10 +231,10 @@ mod tests {
         trains.take("a", &pulses((most..most + 10).collect()));
         assert_eq!(trains.of("a").unwrap().time_ns.front(), Some(&10));
         trains.take("b", &pulses((0..most).collect()));
-        assert_eq!(kept(&trains), [MOST_PULSES, MOST_PULSES]);
+        assert_eq!(kept(&trains), [MAX_PULSES, MAX_PULSES]);
         trains.take("c", &pulses((0..most).collect()));
-        assert_eq!(kept(&trains), [MOST_OF_ALL / 3; 3]);
-        assert!(trains.by_asset.values().all(|train| train.time_ns.capacity() <= MOST_PULSES));
+        assert_eq!(kept(&trains), [MAX_OF_ALL / 3; 3]);
+        assert!(trains.by_asset.values().all(|train| train.time_ns.capacity() <= MAX_PULSES));
         assert_eq!(trains.of("a").unwrap().time_ns.back(), Some(&(most + 9)));
     }
 

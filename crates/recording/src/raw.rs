@@ -14,7 +14,7 @@ use flankwatch_signal::Record;
 const MEDIA_TYPE: &str = "application/octet-stream";
 
 /// Most channels of one recording.
-const MOST_CHANNELS: u32 = 256;
+const MAX_CHANNELS: u32 = 256;
 
 /// How one sample is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -90,7 +90,7 @@ impl RawLayout {
         channels: u32,
         scale: Option<f64>,
     ) -> Result<Self, RecordingError> {
-        if !(1..=MOST_CHANNELS).contains(&channels) {
+        if !(1..=MAX_CHANNELS).contains(&channels) {
             return Err(RecordingError::field("channels", channels, "a number from 1 to 256"));
         }
         let scale = scale.unwrap_or_else(|| sample.default_scale());

@@ -5,7 +5,7 @@ use super::checks::{insert_checks, insert_shaft_lines};
 use super::envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch, band_bins};
 use super::faults::fault;
 use super::features::{Extent, Features};
-use super::indicators::{Absence, Indicators};
+use super::indicators::{Indicators, NotComputed};
 use super::kurtogram::KurtogramWork;
 use super::line::read_line;
 use super::mesh_lines::{MeshLine, MeshPositions};
@@ -15,7 +15,7 @@ use super::record_spectrum::RecordSpectrum;
 use super::resampling::Resampler;
 use super::spectrum::Spectrum;
 use super::speed::{LocatedMesh, MeshContext, ShaftSpeed, SpeedSource, given_speed, locate};
-use super::steadying::{Mesh, steady};
+use super::speed_compensation::{Mesh, compensate};
 use super::transform::spectrum_length;
 use super::velocity::{VELOCITY_RMS, velocity_rms};
 
@@ -143,10 +143,11 @@ impl Analyzer {
         let mut mesh_lines = Vec::new();
         let harmonics = if mesh.teeth > 0 { self.settings.harmonics } else { 0 };
         for order in 1..=harmonics {
-            let line = lines.and_then(|lines| lines.read(work, order as f64).ok_or(Absence::AboveNyquist));
+            let line =
+                lines.and_then(|lines| lines.read(work, order as f64).ok_or(NotComputed::AboveNyquist));
             let is_own = lines.is_ok_and(|lines| lines.is_own(order as f64, 0.0));
-            let amplitude =
-                line.and_then(|(line, _)| if is_own { Ok(line.amplitude) } else { Err(Absence::OtherMesh) });
+            let amplitude = line
+                .and_then(|(line, _)| if is_own { Ok(line.amplitude) } else { Err(NotComputed::OtherMesh) });
             indicators.insert(format!("mesh_{order}"), amplitude);
             if order == 1 {
                 indicators.insert("omx", amplitude);
@@ -178,15 +179,17 @@ impl Analyzer {
         if let (Some(mesh_bins), Ok(deviation)) = (certain, deviation) {
             let place = Mesh { bins: mesh_bins, teeth: mesh.teeth, sample_rate_hz: record.sample_rate_hz() };
             let harmonics = self.settings.harmonics.max(FEATURE_HARMONICS);
-            let steadied = steady(work, place, harmonics);
-            if let (Some(steadied), Some(found)) = (&steadied, &mut speed)
+            let compensated = compensate(work, place, harmonics);
+            if let (Some(compensated), Some(found)) = (&compensated, &mut speed)
                 && found.source == SpeedSource::MeshComb
             {
-                found.mesh_frequency_hz = steadied.mesh_bins * resolution_hz;
+                found.mesh_frequency_hz = compensated.mesh_bins * resolution_hz;
                 found.shaft_speed_hz = found.mesh_frequency_hz / f64::from(mesh.teeth);
             }
-            let lines =
-                MeshPositions::new(steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins), mesh);
+            let lines = MeshPositions::new(
+                compensated.as_ref().map_or(mesh_bins, |compensated| compensated.mesh_bins),
+                mesh,
+            );
             for order in (1..=harmonics).filter(|order| lines.is_own(*order as f64, 0.0)) {
                 if let Some((line, noise)) = lines.read(work, order as f64) {
                     features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
@@ -194,8 +197,8 @@ impl Analyzer {
             }
             lines.sidebands(work, deviation, &mut features);
             lines.envelopes(work, deviation, &mut features);
-            if let Some(steadied) = steadied {
-                steadied.undo(work);
+            if let Some(compensated) = compensated {
+                compensated.undo(work);
             }
         }
         features.extent = Some(Extent {
@@ -207,7 +210,7 @@ impl Analyzer {
             torque_nm: record.operating_point().torque_nm,
             ..OperatingPoint::default()
         };
-        let flagged = record.quality().clipped.then_some(Absence::Clipped);
+        let flagged = record.quality().clipped.then_some(NotComputed::Clipped);
         features.fault = fault(record.samples(), moments.range).or(flagged);
         Analysis { indicators, features, shaft_speed: speed, mesh_lines }
     }
@@ -430,15 +433,15 @@ mod tests {
         let noise = record((0..20_000).map(|_| StandardNormal.sample(&mut random)).collect());
         let got = analyze(&noise, MESH);
         assert_eq!((got.shaft_speed, got.mesh_lines.len()), (None, 0));
-        assert_eq!(got.indicators.absent["omx"], Absence::NoSpeed);
+        assert_eq!(got.indicators.absent["omx"], NotComputed::NoSpeed);
         assert_eq!(got.features.values.keys().collect::<Vec<_>>(), ["ln_kurtosis", "ln_rms"]);
 
         for (samples, reason) in [
-            (vec![0.0; 20_000], Absence::Constant),
-            (vec![-9.81; 199_999], Absence::Constant),
-            (vec![1.0], Absence::Constant),
-            (vec![1.0, 2.0], Absence::TooShort),
-            (noise.samples()[..150].to_vec(), Absence::TooShort),
+            (vec![0.0; 20_000], NotComputed::Constant),
+            (vec![-9.81; 199_999], NotComputed::Constant),
+            (vec![1.0], NotComputed::Constant),
+            (vec![1.0, 2.0], NotComputed::TooShort),
+            (noise.samples()[..150].to_vec(), NotComputed::TooShort),
         ] {
             for given in [false, true] {
                 let record = record(samples.clone());
@@ -450,7 +453,7 @@ mod tests {
         }
 
         let got = analyze(&at_speed(gear(20_000, 0.05, 0.0), 100.0), MESH);
-        assert_eq!(got.indicators.absent["mesh_5"], Absence::AboveNyquist);
+        assert_eq!(got.indicators.absent["mesh_5"], NotComputed::AboveNyquist);
         assert!(got.indicators.get("mesh_4").is_some());
         for shaft_speed_hz in [1e5, 1e6, 1e-300] {
             assert_eq!(analyze(&at_speed(gear(2000, 0.05, 0.0), shaft_speed_hz), MESH).mesh_lines, []);
@@ -458,7 +461,7 @@ mod tests {
         for nominal_shaft_speed_hz in [0.0, -5.0, f64::NAN, f64::INFINITY] {
             for nominal_is_exact in [false, true] {
                 let mesh = MeshContext { nominal_shaft_speed_hz, nominal_is_exact, ..MESH };
-                assert_eq!(analyze(&noise, mesh).indicators.absent["omx"], Absence::NoSpeed);
+                assert_eq!(analyze(&noise, mesh).indicators.absent["omx"], NotComputed::NoSpeed);
             }
         }
     }

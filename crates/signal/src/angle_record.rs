@@ -12,7 +12,7 @@ use super::spectrum::hann_amplitude;
 use super::transform::Transforms;
 
 /// Bins to each side of a line up to which it costs less to sum these bins than to transform everything.
-const MOST_SUMMED_REACH: usize = 8;
+const MAX_SUMMED_REACH: usize = 8;
 
 /// Bins that are summed at once: more sums than this do not fit the registers.
 const BINS_AT_ONCE: usize = 3;
@@ -87,14 +87,14 @@ impl AngleRecord {
         }
         // The line's neighbours, and those that the window adds to them.
         let reach = search_reach(position as f64).ceil() as usize + 2;
-        if reach > MOST_SUMMED_REACH || position <= reach || position + reach >= half {
+        if reach > MAX_SUMMED_REACH || position <= reach || position + reach >= half {
             return read_line(&self.order_spectrum(transforms).amplitude, position as f64);
         }
         let first = position - reach;
         let count = 2 * reach + 1;
         let bins = self.bins(first, count, transforms);
         let one_sided = 4.0 / self.samples.len() as f64;
-        let mut amplitude = [0.0; 2 * MOST_SUMMED_REACH];
+        let mut amplitude = [0.0; 2 * MAX_SUMMED_REACH];
         for (amplitude, w) in amplitude.iter_mut().zip(bins[..count].windows(3)) {
             *amplitude = one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm();
         }
@@ -108,7 +108,7 @@ impl AngleRecord {
         first: usize,
         count: usize,
         transforms: &mut Transforms,
-    ) -> [Complex<f64>; 2 * MOST_SUMMED_REACH + 1 + BINS_AT_ONCE] {
+    ) -> [Complex<f64>; 2 * MAX_SUMMED_REACH + 1 + BINS_AT_ONCE] {
         let arch = Arch::new();
         let (total, per_turn) = (self.samples.len(), self.samples_per_turn);
         let [mut step, mut current, mut roots] = [(); 3].map(|()| transforms.complex_room());
@@ -118,7 +118,7 @@ impl AngleRecord {
         let mut waves: [[Vec<f64>; 2]; BINS_AT_ONCE] =
             std::array::from_fn(|_| [transforms.room(), transforms.room()]);
         waves.as_flattened_mut().iter_mut().for_each(|wave| wave.resize(per_turn, 0.0));
-        let mut bins = [Complex::default(); 2 * MOST_SUMMED_REACH + 1 + BINS_AT_ONCE];
+        let mut bins = [Complex::default(); 2 * MAX_SUMMED_REACH + 1 + BINS_AT_ONCE];
         for done in (0..count).step_by(BINS_AT_ONCE) {
             for [cos, sin] in &mut waves {
                 for ((wave, step), (re, im)) in current.iter_mut().zip(&step).zip(cos.iter_mut().zip(sin)) {

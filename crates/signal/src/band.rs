@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::spectrum::HANN_BANDWIDTH_BINS;
 use super::velocity::to_mm_per_s;
 
@@ -52,7 +52,7 @@ impl Band {
         samples: usize,
         resolution_hz: f64,
         unit: &str,
-    ) -> Result<f64, Absence> {
+    ) -> Result<f64, NotComputed> {
         rms_between(self.band_hz, self.quantity, amplitude, samples, resolution_hz, unit)
     }
 }
@@ -72,18 +72,18 @@ pub(super) fn rms_between(
     samples: usize,
     resolution_hz: f64,
     unit: &str,
-) -> Result<f64, Absence> {
+) -> Result<f64, NotComputed> {
     let (factor, integrates) = match quantity {
         BandQuantity::Record => (1.0, false),
-        BandQuantity::Velocity => to_mm_per_s(unit).ok_or(Absence::NotAcceleration)?,
+        BandQuantity::Velocity => to_mm_per_s(unit).ok_or(NotComputed::NotAcceleration)?,
     };
     let [low, high] = band_hz.map(|frequency| frequency / resolution_hz);
     if high > 0.5 * samples as f64 {
-        return Err(Absence::AboveNyquist);
+        return Err(NotComputed::AboveNyquist);
     }
     let (first, last) = ((low.ceil() as usize).max(1), high.floor() as usize);
     if first > last {
-        return Err(Absence::TooShort);
+        return Err(NotComputed::TooShort);
     }
     let power = |k: usize| {
         let sides = if 2 * k == samples { 1.0 } else { 0.5 };
@@ -102,7 +102,7 @@ mod tests {
     use super::super::{AnalysisSettings, Analyzer, MeshContext, Record};
     use super::*;
 
-    fn value(band_hz: [f64; 2], quantity: BandQuantity, unit: &str) -> Result<f64, Absence> {
+    fn value(band_hz: [f64; 2], quantity: BandQuantity, unit: &str) -> Result<f64, NotComputed> {
         let samples = (0..8000)
             .map(|i| (3.0 + 2.0 * (2.0 * PI * 159.3 * f64::from(i) / 8000.0).sin()) as f32)
             .collect();
@@ -132,8 +132,8 @@ mod tests {
 
     #[test]
     fn bands_that_have_no_value_say_why() {
-        assert_eq!(value([10.0, 1000.0], BandQuantity::Velocity, "V"), Err(Absence::NotAcceleration));
-        assert_eq!(value([10.0, 4001.0], BandQuantity::Record, "V"), Err(Absence::AboveNyquist));
-        assert_eq!(value([10.2, 10.4], BandQuantity::Record, "V"), Err(Absence::TooShort));
+        assert_eq!(value([10.0, 1000.0], BandQuantity::Velocity, "V"), Err(NotComputed::NotAcceleration));
+        assert_eq!(value([10.0, 4001.0], BandQuantity::Record, "V"), Err(NotComputed::AboveNyquist));
+        assert_eq!(value([10.2, 10.4], BandQuantity::Record, "V"), Err(NotComputed::TooShort));
     }
 }

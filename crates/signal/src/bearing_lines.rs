@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::bearing::{Bearing, BearingLine};
-use super::indicators::{Absence, Indicators};
+use super::indicators::{Indicators, NotComputed};
 use super::line::{MAIN_LOBE_BINS, STANDING_OUT, fits, noise_amplitude, read_line};
 
 /// Harmonics of a fault frequency that are summed up.
@@ -30,7 +30,7 @@ const TAKEN: f64 = 3.0;
 const BACKGROUND_BINS: [f64; 2] = [8.0, 32.0];
 
 /// Fewest bins of a background.
-const FEWEST_BACKGROUND_BINS: usize = 8;
+const MIN_BACKGROUND_BINS: usize = 8;
 
 /// Bins of one background where the strongest line is looked for.
 const BLOCK_BINS: usize = 64;
@@ -153,7 +153,7 @@ impl EnvelopeLines<'_> {
             bearings.iter().flat_map(|bearing| BearingLine::ALL.map(|line| (bearing, line))).collect();
         let (mut taken, mut standing) = (Vec::new(), Vec::new());
         while !open.is_empty() {
-            let read: Vec<Result<Reading, Absence>> =
+            let read: Vec<Result<Reading, NotComputed>> =
                 open.iter().map(|(bearing, line)| self.read(bearing, *line, &taken, scratch)).collect();
             let ratio = |index: &usize| read[*index].map_or(0.0, |reading| reading.to_background);
             let highest = (0..open.len()).max_by(|a, b| ratio(a).total_cmp(&ratio(b))).unwrap_or(0);
@@ -188,19 +188,19 @@ impl EnvelopeLines<'_> {
         line: BearingLine,
         taken: &[Comb],
         scratch: &mut Vec<f64>,
-    ) -> Result<Reading, Absence> {
-        let (shaft_hz, uncertainty) = self.shaft.ok_or(Absence::NoSpeed)?;
+    ) -> Result<Reading, NotComputed> {
+        let (shaft_hz, uncertainty) = self.shaft.ok_or(NotComputed::NoSpeed)?;
         let slip = SLIP + uncertainty;
         let position = bearing.order(line) * shaft_hz / self.resolution_hz;
         let [low, high] = [position * (1.0 - slip), position * (1.0 + slip)];
         if low < RESOLVED_BINS {
-            return Err(Absence::TooShort);
+            return Err(NotComputed::TooShort);
         }
         let orders = (1..=HARMONICS)
             .take_while(|order| fits(*order as f64 * high + 2.0, self.amplitude.len()))
             .count();
         if orders == 0 {
-            return Err(Absence::AboveEnvelope);
+            return Err(NotComputed::AboveEnvelope);
         }
         let shafts = [1.0, bearing.shaft_turns].map(|turns| Comb {
             spacing: turns * shaft_hz / self.resolution_hz,
@@ -213,7 +213,7 @@ impl EnvelopeLines<'_> {
         let mut noise = [0.0; HARMONICS];
         for (order, noise) in (1..).zip(&mut noise[..orders]) {
             let window = [f64::from(order) * low, f64::from(order) * high];
-            *noise = self.background(window, position, &is_others, scratch).ok_or(Absence::TooShort)?;
+            *noise = self.background(window, position, &is_others, scratch).ok_or(NotComputed::TooShort)?;
         }
         let noise = &noise[..orders];
         let score = |position: f64| -> f64 {
@@ -264,7 +264,7 @@ impl EnvelopeLines<'_> {
         let is_beside = |bin: &usize| !(clear[0]..=clear[1]).contains(&(*bin as f64)) && !is_others(*bin);
         scratch.clear();
         scratch.extend((first..=last).filter(is_beside).map(|bin| self.amplitude[bin]));
-        if scratch.len() < FEWEST_BACKGROUND_BINS {
+        if scratch.len() < MIN_BACKGROUND_BINS {
             return None;
         }
         noise_amplitude(scratch).filter(|noise| *noise > 0.0)

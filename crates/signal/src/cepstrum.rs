@@ -4,7 +4,7 @@ use realfft::num_complex::Complex;
 use serde::Serialize;
 
 use super::analyzer::Analyzer;
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::record::Record;
 
 /// The least amplitude as a part of the highest: no logarithm of zero.
@@ -25,13 +25,13 @@ impl Analyzer {
     /// turn.
     ///
     /// # Errors
-    /// [`Absence::Constant`] where there is no amplitude to take the logarithm of.
-    pub fn cepstrum(&mut self, record: &Record) -> Result<Cepstrum, Absence> {
+    /// [`NotComputed::Constant`] where there is no amplitude to take the logarithm of.
+    pub fn cepstrum(&mut self, record: &Record) -> Result<Cepstrum, NotComputed> {
         let work = &mut self.work;
         let moments = work.transform(record);
         let highest = work.amplitude.iter().copied().fold(0.0, f64::max);
         let cepstrum = if moments.constant || highest == 0.0 {
-            Err(Absence::Constant)
+            Err(NotComputed::Constant)
         } else {
             let floor = AMPLITUDE_FLOOR * highest;
             let mut logarithms: Vec<Complex<f64>> =
@@ -68,6 +68,6 @@ mod tests {
     #[test]
     fn a_constant_has_no_cepstrum() {
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", vec![2.0; 100]).unwrap();
-        assert_eq!(Analyzer::new(AnalysisSettings::default()).cepstrum(&record), Err(Absence::Constant));
+        assert_eq!(Analyzer::new(AnalysisSettings::default()).cepstrum(&record), Err(NotComputed::Constant));
     }
 }

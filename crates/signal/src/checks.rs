@@ -16,13 +16,13 @@ const OCTAVES: usize = 6;
 
 /// Of a gear, octaves below its mesh frequency are not read, but so many are: what is there is the shaft's
 /// own, and what little noise there is moves with everything.
-const LEAST_OCTAVES: usize = 3;
+const MIN_OCTAVES: usize = 3;
 
 /// The upper end leaves out where anti-aliasing filters act.
-const HIGHEST_PART: f64 = 0.9;
+const MAX_PART: f64 = 0.9;
 
 /// Fewest bins of an octave.
-const LEAST_BINS: usize = 16;
+const MIN_BINS: usize = 16;
 
 /// Bins that a band's noise floor is taken from.
 const FLOOR_BINS: usize = 400;
@@ -128,14 +128,14 @@ struct Octave {
 
 /// The highest octaves that a spectrum of so many bins holds and that do not end below a frequency.
 fn octaves(bins: usize, resolution_hz: f64, lowest_hz: f64) -> impl Iterator<Item = Octave> {
-    let highest_hz = HIGHEST_PART * bins.saturating_sub(1) as f64 * resolution_hz;
+    let highest_hz = MAX_PART * bins.saturating_sub(1) as f64 * resolution_hz;
     let top = (highest_hz / 1000.0 / SQRT_2).log2().floor();
     let octave = move |below: usize| {
         let centre_hz = 1000.0 * (top - below as f64).exp2();
         let edge = |hz: f64| (hz / resolution_hz).ceil() as usize;
         let (first, end) = (edge(centre_hz / SQRT_2).max(1), edge(centre_hz * SQRT_2));
-        let wanted = below < LEAST_OCTAVES || centre_hz * SQRT_2 > lowest_hz;
-        (wanted && end <= bins && end >= first + LEAST_BINS)
+        let wanted = below < MIN_OCTAVES || centre_hz * SQRT_2 > lowest_hz;
+        (wanted && end <= bins && end >= first + MIN_BINS)
             .then(|| Octave { centre_hz, bins: [first, end - 1] })
     };
     (0..OCTAVES).filter_map(octave)

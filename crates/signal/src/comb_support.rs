@@ -14,7 +14,7 @@ const ORDERS: usize = 10;
 const STANDS_OUT: f64 = 4.0;
 
 /// A line's ratio to the noise counts up to this one: one strong line is no comb.
-const MOST_OF_ONE: f64 = 32.0;
+const MAX_OF_ONE: f64 = 32.0;
 
 /// A line counts for a harmonic within this part of its position, and this many bins.
 const REACH_FRACTION: f64 = 7e-4;
@@ -41,7 +41,7 @@ const BETTER: f64 = 1.25;
 const BETTER_BY: f64 = 2.0;
 
 /// Fewest harmonics of a comb.
-const FEWEST_HARMONICS: u32 = 2;
+const MIN_HARMONICS: u32 = 2;
 
 /// Shaft rates around the mesh harmonics are looked for up to this order of sideband, around so many
 /// harmonics.
@@ -56,7 +56,7 @@ const OTHER_SHAFTS: [f64; 2] = [0.75, 1.33];
 const SAME_SHAFT: f64 = 0.012;
 
 /// So many lines have to stand at another shaft rate, and its sum has to be so much larger, before it is one.
-const FEWEST_SHAFT_LINES: u32 = 7;
+const MIN_SHAFT_LINES: u32 = 7;
 const BETTER_SHAFT_BY: f64 = 8.0;
 
 /// What the lines say of a comb.
@@ -108,7 +108,7 @@ pub(super) fn support(
         None
     } else if let Some(other) = lines.other_mesh(mesh, sought) {
         Some(CombDoubt::OtherMesh(other))
-    } else if found < FEWEST_HARMONICS {
+    } else if found < MIN_HARMONICS {
         Some(CombDoubt::FewHarmonics)
     } else {
         lines.other_shaft(mesh, context).map(CombDoubt::OtherShaft)
@@ -162,7 +162,7 @@ impl<'a> Lines<'a> {
                 if here < STANDS_OUT * noise || here < amplitude[bin - 1] || here < amplitude[bin + 1] {
                     continue;
                 }
-                let value = (here / noise).min(MOST_OF_ONE).ln();
+                let value = (here / noise).min(MAX_OF_ONE).ln();
                 let reach = (REACH_BINS + REACH_FRACTION * bin as f64) as usize;
                 for says in &mut says[bin.saturating_sub(reach)..=(bin + reach).min(length - 1)] {
                     *says = says.max(value);
@@ -270,7 +270,7 @@ impl<'a> Lines<'a> {
             .filter(|other| known.iter().all(|shaft| (other / shaft - 1.0).abs() > SAME_SHAFT))
             .map(|other| (other, lines_of(other)))
             .max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
-        let stands = count >= FEWEST_SHAFT_LINES && sum > own + BETTER_SHAFT_BY;
+        let stands = count >= MIN_SHAFT_LINES && sum > own + BETTER_SHAFT_BY;
         stands.then_some(other)
     }
 }

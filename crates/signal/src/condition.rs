@@ -8,7 +8,7 @@ use super::band::Band;
 use super::features::PREPROCESSING;
 use super::gear_indicators::AngleUsed;
 use super::impacts::BearingSettings;
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::record::{Quality, Record};
 use super::speed::MeshContext;
 
@@ -65,7 +65,7 @@ impl Analyzer {
         let turned = if wanted {
             self.turned_located(record, mesh, &located, analysis.features.fault)
         } else {
-            Err(Absence::NoSpeed)
+            Err(NotComputed::NoSpeed)
         };
         self.insert_tooth_checks(mesh, &turned, &mut analysis.features);
         let mut basis =
@@ -73,7 +73,7 @@ impl Analyzer {
         let mut clipped = record.quality().clipped;
         if gear_indicators {
             let gear = self.gear_indicators_turned(mesh, &turned);
-            clipped |= gear.indicators.absent.values().any(|reason| *reason == Absence::Clipped);
+            clipped |= gear.indicators.absent.values().any(|reason| *reason == NotComputed::Clipped);
             analysis.indicators.extend(gear.indicators);
             basis.preprocessing = format!("{PREPROCESSING}+{GEAR_PREPROCESSING}");
             basis.shaft_angle = gear.angle;
@@ -81,7 +81,7 @@ impl Analyzer {
         if clipped {
             for name in SPOILT_BY_CLIPPING {
                 analysis.indicators.values.remove(name);
-                analysis.indicators.insert(name, Err(Absence::Clipped));
+                analysis.indicators.insert(name, Err(NotComputed::Clipped));
             }
         }
         self.take_back(turned);

@@ -3,7 +3,7 @@
 use super::analyzer::Analyzer;
 use super::angle_record::AngleRecord;
 use super::gear_signals::GearSignals;
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::order_tracking::split;
 use super::record::Record;
 use super::shaft_angle::{AngleSource, ShaftAngle};
@@ -57,7 +57,7 @@ impl Analyzer {
     /// teeth, so that a tachometer's first pulse, or the record's beginning, is its zero too.
     ///
     /// # Errors
-    /// As for [`angle_record`](Self::angle_record), with the turns of this gear; [`Absence::NoSpeed`] for a
+    /// As for [`angle_record`](Self::angle_record), with the turns of this gear; [`NotComputed::NoSpeed`] for a
     /// driven gear whose teeth are not known.
     pub fn turn_average(
         &mut self,
@@ -65,11 +65,11 @@ impl Analyzer {
         mesh: &MeshContext,
         gear: Gear,
         angle: Option<&ShaftAngle>,
-    ) -> Result<TurnAverage, Absence> {
+    ) -> Result<TurnAverage, NotComputed> {
         let (turned, seen) = match gear {
             Gear::Driving => (self.angle_record(record, mesh, angle)?, *mesh),
             Gear::Driven => {
-                let seen = mesh.seen_from_driven().ok_or(Absence::NoSpeed)?;
+                let seen = mesh.seen_from_driven().ok_or(NotComputed::NoSpeed)?;
                 (self.driven_record(record, mesh, &seen, angle)?, seen)
             }
         };
@@ -85,9 +85,9 @@ impl Analyzer {
         mesh: &MeshContext,
         seen: &MeshContext,
         angle: Option<&ShaftAngle>,
-    ) -> Result<AngleRecord, Absence> {
+    ) -> Result<AngleRecord, NotComputed> {
         let turns = mesh.driven_turns();
-        let geared = |angle: &ShaftAngle| angle.geared(turns).ok_or(Absence::NoSpeed);
+        let geared = |angle: &ShaftAngle| angle.geared(turns).ok_or(NotComputed::NoSpeed);
         if let Some(angle) = angle {
             return self.resampled(record, seen, &geared(angle)?);
         }
@@ -256,7 +256,7 @@ mod tests {
         let record = record(&[], &[]);
         let alone = MeshContext { mate_teeth: 0, ..mesh(TEETH, 25.0) };
         let got = analyzer().turn_average(&record, &alone, Gear::Driven, None);
-        assert_eq!(got, Err(Absence::NoSpeed));
+        assert_eq!(got, Err(NotComputed::NoSpeed));
         assert!(analyzer().turn_average(&record, &alone, Gear::Driving, None).is_ok());
     }
 }

@@ -6,7 +6,7 @@ use rustfft::FftDirection;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::spectrum::hann_amplitude;
 use super::sums::mean_of;
 use super::transform::Transforms;
@@ -16,7 +16,7 @@ use super::transform::Transforms;
 const OVERSAMPLING: usize = 4;
 
 /// The fewest bins in a band.
-const FEWEST_BINS: usize = 3;
+const MIN_BINS: usize = 3;
 
 /// Where an envelope's band came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -109,7 +109,7 @@ pub enum BandError {
     },
     /// It holds fewer spectral lines than an envelope needs.
     #[error(
-        "band_hz is [{low}, {high}], which holds {bins} lines {resolution_hz} Hz apart, expected at least {FEWEST_BINS}: widen it or take a longer record"
+        "band_hz is [{low}, {high}], which holds {bins} lines {resolution_hz} Hz apart, expected at least {MIN_BINS}: widen it or take a longer record"
     )]
     TooNarrow {
         /// Its first frequency in hertz.
@@ -125,10 +125,10 @@ pub enum BandError {
 
 impl BandError {
     /// Why an indicator of the band is absent.
-    pub(super) fn absence(self) -> Absence {
+    pub(super) fn absence(self) -> NotComputed {
         match self {
-            Self::AboveNyquist { .. } => Absence::AboveNyquist,
-            Self::Order { .. } | Self::TooNarrow { .. } => Absence::TooShort,
+            Self::AboveNyquist { .. } => NotComputed::AboveNyquist,
+            Self::Order { .. } | Self::TooNarrow { .. } => NotComputed::TooShort,
         }
     }
 }
@@ -151,7 +151,7 @@ pub(super) fn band_bins(
     let first = ((low / resolution_hz).ceil() as usize).max(1);
     let last = ((high / resolution_hz).floor() as usize).min((length - 1) / 2);
     let bins = (last + 1).saturating_sub(first);
-    if bins < FEWEST_BINS {
+    if bins < MIN_BINS {
         return Err(BandError::TooNarrow { low, high, bins, resolution_hz });
     }
     Ok([first, last])

@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 
 /// This many equal samples in a row are no vibration.
 const GAP_SAMPLES: usize = 64;
@@ -28,7 +28,7 @@ const STRIDE: usize = 64;
 
 /// What makes indicators of a record's shape meaningless: a gap filled with one value, or clipping. `low` and
 /// `high` are the samples' lowest and highest value.
-pub(super) fn fault(samples: &[f32], range: [f32; 2]) -> Option<Absence> {
+pub(super) fn fault(samples: &[f32], range: [f32; 2]) -> Option<NotComputed> {
     Arch::new().dispatch(Looking { samples, range })
 }
 
@@ -39,18 +39,18 @@ struct Looking<'a> {
 }
 
 impl WithSimd for Looking<'_> {
-    type Output = Option<Absence>;
+    type Output = Option<NotComputed>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Option<Absence> {
+    fn with_simd<S: Simd>(self, _: S) -> Option<NotComputed> {
         fault_within(self.samples, self.range)
     }
 }
 
 #[inline(always)]
-fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
+fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<NotComputed> {
     if low >= high {
-        return Some(Absence::Constant);
+        return Some(NotComputed::Constant);
     }
     let mut clipped = [(0_usize, 0.0); 2];
     let mut first = 0;
@@ -65,7 +65,7 @@ fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
         let run = samples[first..].iter().take_while(|&&x| x == value).count();
         let past = first + run;
         if run >= GAP_SAMPLES {
-            return Some(Absence::Gaps);
+            return Some(NotComputed::Gaps);
         }
         for (side, limit) in [low, high].into_iter().enumerate() {
             if value == limit && run >= CLIPPED_SAMPLES {
@@ -82,7 +82,7 @@ fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     let steep = |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= STEEP_PART * range;
     let cut = clipped.into_iter().any(steep)
         || [low, high].into_iter().any(|limit| piled_up(samples, limit, high - low));
-    cut.then_some(Absence::Clipped)
+    cut.then_some(NotComputed::Clipped)
 }
 
 /// Whether samples pile up at a limit: many more at it than next to it.
@@ -107,7 +107,7 @@ mod tests {
 
     use super::*;
 
-    fn fault(samples: &[f32]) -> Option<Absence> {
+    fn fault(samples: &[f32]) -> Option<NotComputed> {
         let low = samples.iter().copied().fold(f32::INFINITY, f32::min);
         let high = samples.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         super::fault(samples, [low, high])
@@ -126,11 +126,11 @@ mod tests {
 
     #[test]
     fn clipped_and_missing_samples_are_seen() {
-        assert_eq!(fault(&sine(50.3, 0.9)), Some(Absence::Clipped));
+        assert_eq!(fault(&sine(50.3, 0.9)), Some(NotComputed::Clipped));
         let mut gap = sine(50.3, 1.0);
         gap[1000..1064].fill(0.25);
-        assert_eq!(fault(&gap), Some(Absence::Gaps));
-        assert_eq!(fault(&[2.5; 10]), Some(Absence::Constant));
+        assert_eq!(fault(&gap), Some(NotComputed::Gaps));
+        assert_eq!(fault(&[2.5; 10]), Some(NotComputed::Constant));
     }
 
     /// Impacts and noise that pass the limit for one or two samples each.
@@ -140,7 +140,7 @@ mod tests {
         let normal: Vec<f32> = (0..20_000).map(|_| StandardNormal.sample(&mut random)).collect();
         for limit in [1.5, 2.0, 2.5] {
             let clipped: Vec<f32> = normal.iter().map(|x| x.clamp(-limit, limit)).collect();
-            assert_eq!(fault(&clipped), Some(Absence::Clipped), "{limit}");
+            assert_eq!(fault(&clipped), Some(NotComputed::Clipped), "{limit}");
         }
         // Whole, at every coarseness of the converter down to 5 bits.
         for steps in [4.0, 16.0, 256.0, 8192.0] {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::bearing_lines::EnvelopeLine;
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::record::OperatingPoint;
 
 /// Identifier of what the features are made by. Values are comparable only where it is the same.
@@ -77,7 +77,7 @@ pub struct Features {
     pub envelope_line: Option<EnvelopeLine>,
     /// What is wrong with the samples themselves: they do not vary, are clipped, or have gaps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fault: Option<Absence>,
+    pub fault: Option<NotComputed>,
 }
 
 /// How long a record is, and how densely sampled: records that differ in this cannot always be compared.

@@ -17,7 +17,7 @@ use super::speed::MeshContext;
 pub(super) const NEAR_ORDER_BINS: f64 = 2.0;
 
 /// Mesh harmonics of the own mesh up to which lines are taken out: nothing is read above them.
-const HIGHEST_HARMONIC: f64 = 10.5;
+const MAX_HARMONIC: f64 = 10.5;
 
 impl AngleRecord {
     /// The record without the lines of the other meshes that are known of; as it is where there are none.
@@ -26,7 +26,7 @@ impl AngleRecord {
             return self;
         }
         let (per_turn, turns) = (self.samples_per_turn, self.turns);
-        let highest = (HIGHEST_HARMONIC * f64::from(mesh.teeth)).min(0.5 * per_turn as f64 - 1.0);
+        let highest = (MAX_HARMONIC * f64::from(mesh.teeth)).min(0.5 * per_turn as f64 - 1.0);
         let near = NEAR_ORDER_BINS / turns as f64;
         let weights: Vec<f64> = (0..turns)
             .map(|turn| 2.0 * (0.5 * TAU * (turn as f64 + 0.5) / turns as f64).sin().powi(2) / turns as f64)

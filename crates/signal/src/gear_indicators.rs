@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::gear_signals::GearSignals;
-use super::indicators::{Absence, Indicators};
+use super::indicators::{Indicators, NotComputed};
 use super::shaft_angle::AngleSource;
 
 /// Names of all indicators of this kind.
@@ -50,7 +50,7 @@ pub struct GearAnalysis {
 
 impl GearAnalysis {
     /// All indicators absent for one reason.
-    pub(super) fn absent(reason: Absence) -> Self {
+    pub(super) fn absent(reason: NotComputed) -> Self {
         let mut analysis = Self::default();
         for name in NAMES {
             analysis.indicators.insert(name, Err(reason));
@@ -61,7 +61,7 @@ impl GearAnalysis {
     /// The indicators of a split average and of the mesh line of all turns, H mesh harmonics in FM0.
     pub(super) fn of(
         signals: &GearSignals,
-        tracked: Result<f64, Absence>,
+        tracked: Result<f64, NotComputed>,
         angle: AngleUsed,
         harmonics: usize,
     ) -> Self {
@@ -70,8 +70,8 @@ impl GearAnalysis {
         let deviation = mean_power(&signals.average, 2).sqrt();
         let ratio = |above: Option<f64>, below: Option<f64>| match (above, below) {
             (Some(above), Some(below)) if below > ROUNDING * deviation => Ok(above / below),
-            (Some(_), Some(_)) => Err(Absence::NoSignal),
-            _ => Err(Absence::AboveNyquist),
+            (Some(_), Some(_)) => Err(NotComputed::NoSignal),
+            _ => Err(NotComputed::AboveNyquist),
         };
         let first = signals.mesh_line(1);
         indicators.insert("sideband_energy_ratio", ratio(signals.sideband_sum(), first));
@@ -87,7 +87,7 @@ impl GearAnalysis {
             let moment = if difference.sqrt() > ROUNDING * deviation {
                 Ok(mean_power(&signals.difference, power) / difference.powi(power / 2))
             } else {
-                Err(Absence::NoSignal)
+                Err(NotComputed::NoSignal)
             };
             indicators.insert(name, moment);
         }
@@ -118,16 +118,16 @@ impl RunMean {
     /// Takes one more record with E\[r²\] and E\[r⁴\] of its signal, in time order: E\[r⁴\] / (mean of
     /// E\[r²\] over the run, this record among it)², which is N·Σr⁴/(mean of Σr²)² where records have as many
     /// samples a turn. Numbers that are not finite do not count.
-    pub fn update(&mut self, variance: f64, fourth_moment: f64) -> Result<f64, Absence> {
+    pub fn update(&mut self, variance: f64, fourth_moment: f64) -> Result<f64, NotComputed> {
         let usable = variance >= 0.0 && variance.is_finite() && fourth_moment.is_finite();
         if !usable {
-            return Err(Absence::NoSignal);
+            return Err(NotComputed::NoSignal);
         }
         self.records += 1;
         self.variances += variance;
         let mean = self.variances / self.records as f64;
         let value = fourth_moment / (mean * mean);
-        if value.is_finite() { Ok(value) } else { Err(Absence::NoSignal) }
+        if value.is_finite() { Ok(value) } else { Err(NotComputed::NoSignal) }
     }
 
     /// Records so far.

@@ -4,12 +4,12 @@ use super::analyzer::{Analysis, Analyzer};
 use super::bearing::Bearing;
 use super::bearing_lines::EnvelopeLines;
 use super::envelope::{EnvelopeBand, EnvelopeSearch, band_bins};
-use super::indicators::{Absence, Indicators};
+use super::indicators::{Indicators, NotComputed};
 use super::record::Record;
 use super::speed::SpeedSource;
 
 /// The strongest line is looked for up to this part of the sampling rate.
-const HIGHEST_LINE: f64 = 1.0 / 16.0;
+const MAX_LINE: f64 = 1.0 / 16.0;
 
 /// A record without described bearings is looked at from this kurtosis on.
 const IMPULSIVE_KURTOSIS: f64 = 4.0;
@@ -45,7 +45,7 @@ impl Analyzer {
         let band_hz = self.impact_band(record, settings);
         let work = &mut self.work;
         let band = match band_bins(band_hz, work.length, record.sample_rate_hz()) {
-            _ if kurtosis.is_none() => Err(Absence::Constant),
+            _ if kurtosis.is_none() => Err(NotComputed::Constant),
             Ok(band) => Ok(band),
             Err(error) => Err(error.absence()),
         };
@@ -63,7 +63,7 @@ impl Analyzer {
             }),
         };
         let standing = lines.indicate(bearings, &mut work.sorting, &mut analysis.indicators);
-        let highest_hz = HIGHEST_LINE * record.sample_rate_hz();
+        let highest_hz = MAX_LINE * record.sample_rate_hz();
         analysis.features.envelope_line = lines.strongest(&standing, band_hz, highest_hz, &mut work.sorting);
     }
 
@@ -80,7 +80,7 @@ impl Analyzer {
     }
 }
 
-fn absent(bearings: &[Bearing], absence: Absence, indicators: &mut Indicators) {
+fn absent(bearings: &[Bearing], absence: NotComputed, indicators: &mut Indicators) {
     for bearing in bearings {
         for name in bearing.all_indicators() {
             indicators.insert(name, Err(absence));
@@ -197,14 +197,14 @@ mod tests {
     #[test]
     fn lines_that_cannot_be_read_say_why() {
         let short = analysed(&bearing_fault(0.1, 3.0, 0), None);
-        assert_eq!(short.indicators.absent["bearing_de_ftf"], Absence::TooShort);
+        assert_eq!(short.indicators.absent["bearing_de_ftf"], NotComputed::TooShort);
         let narrow = analysed(&bearing_fault(1.0, 3.0, 0), Some([4200.0, 4300.0]));
-        assert_eq!(narrow.indicators.absent["bearing_de_bpfi"], Absence::AboveEnvelope);
+        assert_eq!(narrow.indicators.absent["bearing_de_bpfi"], NotComputed::AboveEnvelope);
         let above = analysed(&bearing_fault(1.0, 3.0, 0), Some([4200.0, 14_300.0]));
-        assert_eq!(above.indicators.absent["bearing_de_bpfo_to_background"], Absence::AboveNyquist);
+        assert_eq!(above.indicators.absent["bearing_de_bpfo_to_background"], NotComputed::AboveNyquist);
         let constant = Record::new("a", Timestamp::UNIX_EPOCH, RATE_HZ, "g", vec![1.0; 5000]).unwrap();
-        assert_eq!(analysed(&constant, None).indicators.absent["bearing_de_bpfo"], Absence::Constant);
+        assert_eq!(analysed(&constant, None).indicators.absent["bearing_de_bpfo"], NotComputed::Constant);
         let unknown = bearing_fault(1.0, 3.0, 0).with_operating_point(OperatingPoint::default()).unwrap();
-        assert_eq!(analysed(&unknown, None).indicators.absent["bearing_de_bpfo"], Absence::NoSpeed);
+        assert_eq!(analysed(&unknown, None).indicators.absent["bearing_de_bpfo"], NotComputed::NoSpeed);
     }
 }

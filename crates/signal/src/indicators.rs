@@ -15,7 +15,7 @@ pub const INDICATORS: &str = "indicators-2";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Absence {
+pub enum NotComputed {
     /// The shaft speed is neither given nor found in the spectrum.
     NoSpeed,
     /// The record is too short to resolve what the indicator needs.
@@ -85,12 +85,12 @@ pub struct Indicators {
     pub values: BTreeMap<String, f64>,
     /// Reason by the name of an indicator that is missing.
     #[serde(default)]
-    pub absent: BTreeMap<String, Absence>,
+    pub absent: BTreeMap<String, NotComputed>,
 }
 
 impl Indicators {
     /// Puts down a value or why there is none.
-    pub(super) fn insert(&mut self, name: impl Into<String>, value: Result<f64, Absence>) {
+    pub(super) fn insert(&mut self, name: impl Into<String>, value: Result<f64, NotComputed>) {
         match value {
             Ok(value) => {
                 self.values.insert(name.into(), value);

@@ -19,7 +19,7 @@ const PHASES: usize = 256;
 const COEFFICIENTS: usize = 4;
 
 /// Points up to so many places apart are taken one after the other.
-const MOST_STRIDE: usize = 64;
+const MAX_STRIDE: usize = 64;
 
 /// Added to a number below 2³¹ and taken off again, it leaves the nearest whole number, whose bits stand at
 /// the end of the sum: in contrast to a conversion, the compiler makes this wide.
@@ -156,7 +156,7 @@ fn stride(positions: &[f64]) -> usize {
         let moved = stride as f64 * step;
         (moved - moved.round()).abs()
     };
-    (1..=MOST_STRIDE).min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(1)
+    (1..=MAX_STRIDE).min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(1)
 }
 
 /// sinc·Blackman at the 32 samples around a point this part of an interval after the sixteenth, over their

@@ -4,15 +4,15 @@ use realfft::num_complex::Complex;
 use serde::Serialize;
 
 use super::analyzer::Analyzer;
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::record::Record;
 use super::transform::Transforms;
 
 /// The fewest bins of a band: the kurtosis of noise scatters by 2/√64 = 0.25 there.
-const FEWEST_BINS: usize = 64;
+const MIN_BINS: usize = 64;
 
 /// The finest division: 2⁸ bands.
-const MOST_BANDS: usize = 256;
+const MAX_BANDS: usize = 256;
 
 /// Plans kept: one for each division.
 const KEPT_PLANS: usize = 18;
@@ -78,17 +78,17 @@ impl Analyzer {
     /// the full sampling rate. Divisions go on to 256 bands or while a band has 64 bins.
     ///
     /// # Errors
-    /// [`Absence::Constant`], or [`Absence::TooShort`] below 129 samples.
-    pub fn kurtogram(&mut self, record: &Record) -> Result<Kurtogram, Absence> {
+    /// [`NotComputed::Constant`], or [`NotComputed::TooShort`] below 129 samples.
+    pub fn kurtogram(&mut self, record: &Record) -> Result<Kurtogram, NotComputed> {
         let moments = self.work.transform(record);
         let answer =
-            if moments.constant { Err(Absence::Constant) } else { self.kurtogram_transformed(record) };
+            if moments.constant { Err(NotComputed::Constant) } else { self.kurtogram_transformed(record) };
         self.give_back(record);
         answer
     }
 
     /// The same of the record that was transformed last, which is not constant.
-    pub(super) fn kurtogram_transformed(&mut self, record: &Record) -> Result<Kurtogram, Absence> {
+    pub(super) fn kurtogram_transformed(&mut self, record: &Record) -> Result<Kurtogram, NotComputed> {
         let resolution_hz = self.work.resolution_hz(record);
         let usable = (self.work.length - 1) / 2;
         let nyquist_hz = 0.5 * record.sample_rate_hz();
@@ -103,7 +103,7 @@ impl KurtogramWork {
         bins: &[Complex<f64>],
         resolution_hz: f64,
         nyquist_hz: f64,
-    ) -> Result<Kurtogram, Absence> {
+    ) -> Result<Kurtogram, NotComputed> {
         let mut levels = Vec::new();
         let mut best: Option<(f64, KurtogramBand)> = None;
         let strongest = bins.iter().map(|bin| bin.norm_sqr()).fold(0.0, f64::max);
@@ -125,7 +125,7 @@ impl KurtogramWork {
             let bandwidth_hz = bins.len() as f64 / bands as f64 * resolution_hz;
             levels.push(KurtogramLevel { bandwidth_hz, kurtosis });
         }
-        let (_, best) = best.ok_or(Absence::TooShort)?;
+        let (_, best) = best.ok_or(NotComputed::TooShort)?;
         Ok(Kurtogram { levels, best })
     }
 
@@ -165,7 +165,7 @@ fn divisions(bins: usize) -> impl Iterator<Item = usize> {
         .flat_map(|bands| [bands, bands + bands / 2])
         // Of one band there is no half more.
         .skip(1)
-        .take_while(move |bands| *bands <= MOST_BANDS && bins / bands >= FEWEST_BINS)
+        .take_while(move |bands| *bands <= MAX_BANDS && bins / bands >= MIN_BINS)
 }
 
 /// The smallest number from `least` on without a prime factor above 5.
@@ -292,10 +292,10 @@ mod tests {
 
     #[test]
     fn short_and_constant_records_say_why() {
-        assert_eq!(analyzer().kurtogram(&record(vec![1.0; 1000])), Err(Absence::Constant));
+        assert_eq!(analyzer().kurtogram(&record(vec![1.0; 1000])), Err(NotComputed::Constant));
         let short =
             |samples: usize| analyzer().kurtogram(&record((0..samples).map(|i| (i % 7) as f32).collect()));
-        assert_eq!(short(128), Err(Absence::TooShort));
+        assert_eq!(short(128), Err(NotComputed::TooShort));
         assert_eq!(short(129).unwrap().levels.len(), 1);
         let band = analyzer().envelope_band(&record(vec![1.0, 2.0]), None, EnvelopeSearch::Kurtogram);
         assert_eq!((band.source, band.spectral_kurtosis), (BandSource::Whole, None));

@@ -26,7 +26,7 @@ pub(super) const MEDIAN_OF_NOISE: f64 = 0.832_554_611_157_697_7;
 const BACKGROUND_BINS: usize = 32;
 
 /// The fewest bins that give a background.
-const FEWEST_BACKGROUND_BINS: usize = 8;
+const MIN_BACKGROUND_BINS: usize = 8;
 
 /// A line as it was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -150,7 +150,7 @@ pub(super) fn background(
         ..=highest.min((position - clear).max(0.0) as usize);
     scratch.extend(above.filter(|&k| is_between_lines(k)).take(BACKGROUND_BINS).map(|k| amplitude[k]));
     scratch.extend(below.rev().filter(|&k| is_between_lines(k)).take(BACKGROUND_BINS).map(|k| amplitude[k]));
-    if scratch.len() < FEWEST_BACKGROUND_BINS {
+    if scratch.len() < MIN_BACKGROUND_BINS {
         return None;
     }
     noise_amplitude(scratch)

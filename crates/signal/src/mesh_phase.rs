@@ -37,7 +37,7 @@ const STEPS: usize = 3;
 const LOST_LINE: f64 = 0.25;
 
 /// A line must stand this far above the background, as a ratio of amplitudes.
-const LEAST_RATIO: f64 = 4.0;
+const MIN_RATIO: f64 = 4.0;
 
 /// From this ratio on no turn of the phase is lost or gained in noise, and the harmonic with the least error
 /// of the angle is the best one; below it the one that stands out most.
@@ -186,7 +186,7 @@ impl MeshBand<'_> {
         }
         transforms.keep(moves);
         match standing {
-            Some((ratio, true)) if ratio >= LEAST_RATIO => {
+            Some((ratio, true)) if ratio >= MIN_RATIO => {
                 Some(Followed { harmonic, ratio, orders, first, left_out, phase })
             }
             _ => {

@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::indicators::{Absence, Indicators};
+use super::indicators::{Indicators, NotComputed};
 
 /// Every so manyth sample gives the value that moments are first taken about.
 const STRIDE: usize = 64;
@@ -122,16 +122,16 @@ impl Moments {
     }
 
     /// Standard deviation over the population: the root mean square with the mean removed.
-    pub(super) fn deviation(&self) -> Result<f64, Absence> {
+    pub(super) fn deviation(&self) -> Result<f64, NotComputed> {
         match self {
-            Self { samples: 1, .. } => Err(Absence::TooShort),
-            Self { constant: true, .. } => Err(Absence::Constant),
+            Self { samples: 1, .. } => Err(NotComputed::TooShort),
+            Self { constant: true, .. } => Err(NotComputed::Constant),
             _ => Ok(self.variance.sqrt()),
         }
     }
 
     /// Kurtosis, not excess.
-    pub(super) fn kurtosis(&self) -> Result<f64, Absence> {
+    pub(super) fn kurtosis(&self) -> Result<f64, NotComputed> {
         self.deviation().map(|_| self.fourth / (self.variance * self.variance))
     }
 
@@ -140,7 +140,8 @@ impl Moments {
         indicators.insert("rms", Ok(self.rms));
         indicators.insert("peak", Ok(self.peak));
         indicators.insert("kurtosis", self.kurtosis());
-        let crest_factor = if self.peak > 0.0 { Ok(self.peak / self.rms) } else { Err(Absence::Constant) };
+        let crest_factor =
+            if self.peak > 0.0 { Ok(self.peak / self.rms) } else { Err(NotComputed::Constant) };
         indicators.insert("crest_factor", crest_factor);
     }
 }
@@ -188,13 +189,13 @@ mod tests {
     #[test]
     fn constant_zero_and_single_samples_say_why() {
         let constant = indicators(&[0.1; 1000]);
-        assert_eq!(constant.absent["kurtosis"], Absence::Constant);
+        assert_eq!(constant.absent["kurtosis"], NotComputed::Constant);
         assert!((constant.values["rms"] - f64::from(0.1_f32)).abs() < 1e-15);
         let zero = indicators(&[0.0; 10]);
         assert_eq!(zero.values["rms"], 0.0);
-        assert_eq!(zero.absent["crest_factor"], Absence::Constant);
+        assert_eq!(zero.absent["crest_factor"], NotComputed::Constant);
         let single = indicators(&[3.0]);
-        assert_eq!(single.absent["kurtosis"], Absence::TooShort);
+        assert_eq!(single.absent["kurtosis"], NotComputed::TooShort);
         assert_eq!(single.values["crest_factor"], 1.0);
     }
 

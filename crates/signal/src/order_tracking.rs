@@ -7,11 +7,11 @@ use super::features::Features;
 use super::foreign_lines::NEAR_ORDER_BINS;
 use super::gear_indicators::{AngleUsed, GearAnalysis};
 use super::gear_signals::GearSignals;
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::mesh_phase::MeshBand;
 use super::moments::Moments;
 use super::record::Record;
-use super::resampling::LEAST_TURNS;
+use super::resampling::MIN_TURNS;
 use super::shaft_angle::ShaftAngle;
 use super::speed::{LocatedMesh, MeshContext, given_speed};
 use super::tooth_contrast;
@@ -19,7 +19,7 @@ use super::transform::Transforms;
 
 /// A record over its shaft's angle, and why its tachometer was not used where it has one that was not; or why
 /// there is no angle.
-pub(super) type Turned = Result<(AngleRecord, Option<String>), Absence>;
+pub(super) type Turned = Result<(AngleRecord, Option<String>), NotComputed>;
 
 impl Analyzer {
     /// The angle of the driving shaft over a record without a tachometer: the phase of a mesh harmonic near
@@ -28,7 +28,7 @@ impl Analyzer {
     ///
     /// # Errors
     /// Why there is no shaft speed: as for the mesh lines of [`analyze`](Self::analyze).
-    pub fn shaft_angle(&mut self, record: &Record, mesh: &MeshContext) -> Result<ShaftAngle, Absence> {
+    pub fn shaft_angle(&mut self, record: &Record, mesh: &MeshContext) -> Result<ShaftAngle, NotComputed> {
         let (moments, located) = self.locate(record, mesh);
         let angle = self.followed_angle(record, mesh, moments.constant, located.mesh);
         self.give_back(record);
@@ -41,8 +41,8 @@ impl Analyzer {
         record: &Record,
         mesh: &MeshContext,
         constant: bool,
-        located: Result<f64, Absence>,
-    ) -> Result<ShaftAngle, Absence> {
+        located: Result<f64, NotComputed>,
+    ) -> Result<ShaftAngle, NotComputed> {
         let work = &mut self.work;
         let resolution_hz = work.resolution_hz(record);
         let speed_hz = given_speed(record).map_or(mesh.nominal_shaft_speed_hz, |(speed_hz, _)| speed_hz);
@@ -71,7 +71,7 @@ impl Analyzer {
         match (angle, located_hz) {
             (Some(angle), _) => Ok(angle),
             (None, Ok(mesh_hz)) => ShaftAngle::constant(mesh_hz / f64::from(mesh.teeth), record.duration_s())
-                .ok_or(Absence::NoSpeed),
+                .ok_or(NotComputed::NoSpeed),
             (None, Err(absence)) => Err(absence),
         }
     }
@@ -80,14 +80,14 @@ impl Analyzer {
     /// tachometer where its pulses can be used, else [`shaft_angle`](Self::shaft_angle).
     ///
     /// # Errors
-    /// Why there is no angle, or [`Absence::TooFewTurns`], [`Absence::AboveNyquist`],
-    /// [`Absence::SpeedVaries`].
+    /// Why there is no angle, or [`NotComputed::TooFewTurns`], [`NotComputed::AboveNyquist`],
+    /// [`NotComputed::SpeedVaries`].
     pub fn angle_record(
         &mut self,
         record: &Record,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
-    ) -> Result<AngleRecord, Absence> {
+    ) -> Result<AngleRecord, NotComputed> {
         if let Some(angle) = angle {
             return self.resampled(record, mesh, angle);
         }
@@ -103,7 +103,7 @@ impl Analyzer {
         record: &Record,
         mesh: &MeshContext,
         angle: &ShaftAngle,
-    ) -> Result<AngleRecord, Absence> {
+    ) -> Result<AngleRecord, NotComputed> {
         self.resampler.resample(record, angle, f64::from(mesh.teeth) + 1.0)
     }
 
@@ -112,10 +112,12 @@ impl Analyzer {
     fn by_tachometer(&mut self, record: &Record, mesh: &MeshContext) -> Option<Result<AngleRecord, String>> {
         Some(match record.tachometer_angle()? {
             Ok(angle) => self.resampled(record, mesh, &angle).map_err(|absence| match absence {
-                Absence::TooFewTurns => {
-                    format!("its pulses leave fewer than {LEAST_TURNS} whole turns of the record")
+                NotComputed::TooFewTurns => {
+                    format!("its pulses leave fewer than {MIN_TURNS} whole turns of the record")
                 }
-                Absence::AboveNyquist => "at its speed the mesh lies above half the sampling rate".to_owned(),
+                NotComputed::AboveNyquist => {
+                    "at its speed the mesh lies above half the sampling rate".to_owned()
+                }
                 _ => "its speed varies too much".to_owned(),
             }),
             Err(error) => Err(error.to_string()),
@@ -129,7 +131,7 @@ impl Analyzer {
         record: &Record,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
-    ) -> Result<OrderSpectrum, Absence> {
+    ) -> Result<OrderSpectrum, NotComputed> {
         let turned = self.angle_record(record, mesh, angle)?;
         Ok(turned.order_spectrum(&mut self.work.transforms))
     }
@@ -141,7 +143,7 @@ impl Analyzer {
         record: &Record,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
-    ) -> Result<GearSignals, Absence> {
+    ) -> Result<GearSignals, NotComputed> {
         let turned = self.angle_record(record, mesh, angle)?.without_lines_of(mesh);
         split(&turned, mesh, &mut self.work.transforms)
     }
@@ -163,7 +165,7 @@ impl Analyzer {
         record: &Record,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
-    ) -> Result<GearAnalysis, Absence> {
+    ) -> Result<GearAnalysis, NotComputed> {
         let (moments, located) = self.locate(record, mesh);
         let turned = usable(record, &moments).and_then(|()| match angle {
             Some(angle) => {
@@ -185,7 +187,7 @@ impl Analyzer {
         record: &Record,
         mesh: &MeshContext,
         (moments, located): &(Moments, LocatedMesh),
-        fault: Option<Absence>,
+        fault: Option<NotComputed>,
     ) -> Turned {
         match fault {
             Some(fault) => Err(fault),
@@ -251,10 +253,12 @@ impl Analyzer {
         mesh: &MeshContext,
         turned: &AngleRecord,
         refused: Option<String>,
-    ) -> Result<GearAnalysis, Absence> {
+    ) -> Result<GearAnalysis, NotComputed> {
         let transforms = &mut self.work.transforms;
-        let tracked =
-            turned.mesh_line(mesh.teeth, transforms).map(|line| line.amplitude).ok_or(Absence::AboveNyquist);
+        let tracked = turned
+            .mesh_line(mesh.teeth, transforms)
+            .map(|line| line.amplitude)
+            .ok_or(NotComputed::AboveNyquist);
         let signals = split(turned, mesh, transforms)?;
         let angle = AngleUsed { source: turned.angle, turns: turned.turns, tachometer_refused: refused };
         let analysis = GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics);
@@ -268,7 +272,7 @@ pub(super) fn split(
     turned: &AngleRecord,
     mesh: &MeshContext,
     transforms: &mut Transforms,
-) -> Result<GearSignals, Absence> {
+) -> Result<GearSignals, NotComputed> {
     let [mut average, mut odd] = [transforms.room(), transforms.room()];
     turned.average_into([&mut average, &mut odd]);
     // Lines between two orders are taken out before; those near to one cannot be told from it.
@@ -277,12 +281,12 @@ pub(super) fn split(
     let signals = GearSignals::split(&average, mesh.teeth, &is_foreign, transforms);
     transforms.keep(average);
     transforms.keep(odd);
-    signals.ok_or(Absence::AboveNyquist)
+    signals.ok_or(NotComputed::AboveNyquist)
 }
 
 /// Whether a record's shape is the machine's: not that of a converter's limit or of missing samples.
-fn usable(record: &Record, moments: &Moments) -> Result<(), Absence> {
-    let flagged = record.quality().clipped.then_some(Absence::Clipped);
+fn usable(record: &Record, moments: &Moments) -> Result<(), NotComputed> {
+    let flagged = record.quality().clipped.then_some(NotComputed::Clipped);
     match fault(record.samples(), moments.range).or(flagged) {
         Some(fault) => Err(fault),
         None => Ok(()),

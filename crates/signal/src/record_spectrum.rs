@@ -20,8 +20,8 @@ pub(super) struct RecordSpectrum {
     pub(super) sorting: Vec<f64>,
     /// What lines say for combs, by bin.
     pub(super) says: Vec<f64>,
-    /// Room for bins and amplitudes at a steadied speed.
-    pub(super) steadied: (Vec<Complex<f64>>, Vec<f64>),
+    /// Room for bins and amplitudes at a compensated speed.
+    pub(super) compensated: (Vec<Complex<f64>>, Vec<f64>),
     pub(super) length: usize,
     /// The shaft's angle by a line near the located mesh, once it was asked for: none inside where no line
     /// could be followed.

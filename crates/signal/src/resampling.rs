@@ -3,17 +3,17 @@
 use pulp::{Simd, WithSimd};
 
 use super::angle_record::AngleRecord;
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::interpolation::{Kernel, REACH};
 use super::record::Record;
 use super::shaft_angle::ShaftAngle;
 use super::sums::mean_of;
 
 /// The fewest whole turns that are averaged.
-pub(super) const LEAST_TURNS: usize = 4;
+pub(super) const MIN_TURNS: usize = 4;
 
 /// A record whose speed varies so much that it would grow by more than this when resampled is refused.
-const MOST_GROWTH: f64 = 4.0;
+const MAX_GROWTH: f64 = 4.0;
 
 /// Resamples records. What it works in is kept from record to record: pages of memory that are new cost as
 /// much as a tenth of the work.
@@ -39,29 +39,29 @@ impl Resampler {
     /// highest order that must be kept.
     ///
     /// # Errors
-    /// [`Absence::TooFewTurns`] below 4, [`Absence::AboveNyquist`] where `orders` lies above half the
-    /// sampling rate at the slowest speed, [`Absence::SpeedVaries`] where the speed varies so much that the
+    /// [`NotComputed::TooFewTurns`] below 4, [`NotComputed::AboveNyquist`] where `orders` lies above half the
+    /// sampling rate at the slowest speed, [`NotComputed::SpeedVaries`] where the speed varies so much that the
     /// record would grow fourfold.
     pub(super) fn resample(
         &mut self,
         record: &Record,
         angle: &ShaftAngle,
         orders: f64,
-    ) -> Result<AngleRecord, Absence> {
+    ) -> Result<AngleRecord, NotComputed> {
         let samples = record.samples();
         let rate_hz = record.sample_rate_hz();
         if samples.len() <= 2 * REACH {
-            return Err(Absence::TooShort);
+            return Err(NotComputed::TooShort);
         }
         let least = rate_hz / angle.lowest_speed_hz();
         let holds_orders = least > 2.0 * orders;
         if !holds_orders {
-            return Err(Absence::AboveNyquist);
+            return Err(NotComputed::AboveNyquist);
         }
         let known = angle.revolutions();
-        let most = MOST_GROWTH * samples.len() as f64;
+        let most = MAX_GROWTH * samples.len() as f64;
         if least >= samples.len() as f64 {
-            return Err(Absence::TooFewTurns);
+            return Err(NotComputed::TooFewTurns);
         }
         let samples_per_turn = smooth_at_least(least.ceil() as usize);
         // Pulses may have come for long before and after the record: its ends say which turns it holds.
@@ -72,12 +72,12 @@ impl Resampler {
         let past =
             first_such(first, high + 1.0, |revolution| revolution > high || position(revolution) > end);
         let turns = past - 1.0 - first;
-        let enough = turns >= LEAST_TURNS as f64 && position(first) >= begin;
+        let enough = turns >= MIN_TURNS as f64 && position(first) >= begin;
         if !enough {
-            return Err(Absence::TooFewTurns);
+            return Err(NotComputed::TooFewTurns);
         }
         if turns * samples_per_turn as f64 > most {
-            return Err(Absence::SpeedVaries);
+            return Err(NotComputed::SpeedVaries);
         }
         let turns = turns as usize;
         let Self { kernel, centred, steps, positions, spare } = self;

@@ -214,8 +214,8 @@ impl ShaftAngle {
 /// differences over √20, which for independent errors of one deviation is that deviation. A steady change of
 /// speed leaves no third difference.
 fn pulse_scatter_s(pulse_times_s: &[f64]) -> Option<f64> {
-    const FEWEST_PULSES: usize = 5;
-    if pulse_times_s.len() < FEWEST_PULSES {
+    const MIN_PULSES: usize = 5;
+    if pulse_times_s.len() < MIN_PULSES {
         return None;
     }
     let squares: f64 = pulse_times_s.windows(4).map(|w| (w[3] - w[0] - 3.0 * (w[2] - w[1])).powi(2)).sum();

@@ -18,25 +18,25 @@ const STEP: f64 = 0.5;
 
 /// The noise beside a window is taken from there to there, in half-widths, and from so many bins at least.
 const BESIDE: [f64; 2] = [1.5, 5.0];
-const LEAST_BESIDE: f64 = 32.0;
+const MIN_BESIDE: f64 = 32.0;
 
 /// Bins of a Hann spectrum that are worth one independent one.
 const BINS_PER_DEGREE: f64 = 1.5;
 
 /// One harmonic adds no more than this to the logarithm of a comb's likelihood ratio: one line is no comb.
-const MOST_OF_ONE: f64 = 12.0;
+const MAX_OF_ONE: f64 = 12.0;
 
 /// The sum from which on a comb is accepted: fewer than one record of white noise in a thousand passes it.
-const LEAST_SUM: f64 = 30.0;
+const MIN_SUM: f64 = 30.0;
 
 /// So many harmonics have to stand out by themselves, by this logarithm each.
-const LEAST_HARMONICS: usize = 2;
+const MIN_HARMONICS: usize = 2;
 const STANDS_OUT: f64 = 4.0;
 
 /// Looks for the comb h·f with f from `low` to `high` bins.
 pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f64>) -> Option<MeshComb> {
     let orders = (1..=ORDERS).take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len())).count();
-    if orders < LEAST_HARMONICS {
+    if orders < MIN_HARMONICS {
         return None;
     }
     let mut best: Option<(f64, f64, f64)> = None;
@@ -48,10 +48,10 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f
                 (1..=orders).filter_map(|order| harmonic(amplitude, order as f64 * mesh, part, scratch));
             let (mut sum, mut standing) = (0.0, 0);
             for (likelihood, _) in harmonics {
-                sum += likelihood.min(MOST_OF_ONE);
+                sum += likelihood.min(MAX_OF_ONE);
                 standing += usize::from(likelihood > STANDS_OUT);
             }
-            if standing >= LEAST_HARMONICS && sum > best.map_or(LEAST_SUM, |(sum, ..)| sum) {
+            if standing >= MIN_HARMONICS && sum > best.map_or(MIN_SUM, |(sum, ..)| sum) {
                 best = Some((sum, mesh, part));
             }
             mesh *= ratio;
@@ -76,7 +76,7 @@ fn harmonic(amplitude: &[f64], position: f64, part: f64, scratch: &mut Vec<f64>)
 }
 
 fn noise_beside(amplitude: &[f64], position: f64, half: f64, scratch: &mut Vec<f64>) -> Option<f64> {
-    let (near, far) = (BESIDE[0] * half, (BESIDE[1] * half).max(BESIDE[0] * half + LEAST_BESIDE));
+    let (near, far) = (BESIDE[0] * half, (BESIDE[1] * half).max(BESIDE[0] * half + MIN_BESIDE));
     scratch.clear();
     for (from, to) in [(position - far, position - near), (position + near, position + far)] {
         let (from, to) = (from.max(1.0) as usize, (to as usize).min(amplitude.len().saturating_sub(1)));
@@ -103,8 +103,8 @@ fn refined(amplitude: &[f64], mesh: f64, part: f64, orders: usize, scratch: &mut
         }
         squares += energy / noise;
         if likelihood > STANDS_OUT && energy > 0.0 {
-            weights += likelihood.min(MOST_OF_ONE);
-            weighted += likelihood.min(MOST_OF_ONE) * moment / energy / order;
+            weights += likelihood.min(MAX_OF_ONE);
+            weighted += likelihood.min(MAX_OF_ONE) * moment / energy / order;
         }
     }
     MeshComb {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::comb_support::{CombDoubt, Support, support};
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::line::{MAIN_LOBE_BINS, STANDING_OUT, background, fits, read_line};
 use super::mesh_comb::{self, MESH_RESOLVED_BINS, MeshComb};
 use super::other_meshes::OtherMeshes;
@@ -160,7 +160,7 @@ const NEAR_OTHER: f64 = 0.005;
 
 /// Harmonics of a shaft without teeth that are looked for, and how many of them have to stand out.
 const SHAFT_HARMONICS: u32 = 5;
-const LEAST_SHAFT_HARMONICS: u32 = 2;
+const MIN_SHAFT_HARMONICS: u32 = 2;
 
 /// The mesh in one record's spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -168,7 +168,7 @@ pub(super) struct LocatedMesh {
     /// The shaft speed, where it is known.
     pub(super) speed: Option<ShaftSpeed>,
     /// The mesh frequency in bins as the lines show it, or why there are no lines to read.
-    pub(super) mesh: Result<f64, Absence>,
+    pub(super) mesh: Result<f64, NotComputed>,
 }
 
 /// The speed that comes with a record: what it says itself before the mean of its tachometer.
@@ -227,7 +227,7 @@ fn find_shaft(
         line.zip(noise).is_some_and(|(line, noise)| line.amplitude >= STANDING_OUT * noise)
     };
     let found = sought.iter().filter(&mut stands_out).count() as u32;
-    (found >= LEAST_SHAFT_HARMONICS).then(|| ShaftSpeed {
+    (found >= MIN_SHAFT_HARMONICS).then(|| ShaftSpeed {
         comb_to_background: Some(comb.to_background),
         harmonics_found: found,
         harmonics_sought: sought.len() as u32,
@@ -262,7 +262,7 @@ pub(super) fn locate(
             }
             None => None,
         };
-        let absence = if constant { Absence::Constant } else { Absence::NoSpeed };
+        let absence = if constant { NotComputed::Constant } else { NotComputed::NoSpeed };
         return LocatedMesh { speed: shaft, mesh: Err(absence) };
     }
     let (centre_hz, tolerance) = match given {
@@ -271,13 +271,13 @@ pub(super) fn locate(
     };
     let centre = teeth * centre_hz / resolution_hz;
     let absence = if constant {
-        Some(Absence::Constant)
+        Some(NotComputed::Constant)
     } else if !(centre > 0.0 && centre.is_finite()) {
-        Some(Absence::NoSpeed)
+        Some(NotComputed::NoSpeed)
     } else if amplitude.len() < 2 || centre * (1.0 + tolerance) < MESH_RESOLVED_BINS {
-        Some(Absence::TooShort)
+        Some(NotComputed::TooShort)
     } else if !fits(centre * (1.0 - tolerance).max(0.0), amplitude.len()) {
-        Some(Absence::AboveNyquist)
+        Some(NotComputed::AboveNyquist)
     } else {
         None
     };
@@ -320,7 +320,7 @@ pub(super) fn locate(
                 harmonics_sought,
                 doubt,
             }),
-            mesh: absence.map_or(comb.map(|comb| comb.mesh).ok_or(Absence::NoSpeed), Err),
+            mesh: absence.map_or(comb.map(|comb| comb.mesh).ok_or(NotComputed::NoSpeed), Err),
         },
     }
 }

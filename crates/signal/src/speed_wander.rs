@@ -33,7 +33,7 @@ const SLACK: i64 = 1;
 
 /// The mean over windows of the path's score over that of a typical path, in nats, that says that something
 /// was followed.
-const LEAST_GAIN: f64 = 2.0;
+const MIN_GAIN: f64 = 2.0;
 
 /// Periods of the mesh that the shaft is ahead of the constant speed `mesh_hz`, at even times over the
 /// record.
@@ -64,7 +64,7 @@ impl SpeedWander {
         };
         let gain: f64 =
             scores.iter().zip(&path).map(|(scores, &state)| scores[state] - typical(scores)).sum();
-        if gain < LEAST_GAIN * windows as f64 {
+        if gain < MIN_GAIN * windows as f64 {
             return None;
         }
         let first_s = 0.5 * WINDOW_TURNS / shaft_hz;

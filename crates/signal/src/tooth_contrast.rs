@@ -18,7 +18,7 @@ use super::transform::Transforms;
 const LEFT_OUT: usize = 3;
 
 /// With fewer teeth hardly any order is left between the harmonics.
-const LEAST_TEETH: usize = 10;
+const MIN_TEETH: usize = 10;
 
 /// Below this part of the average's deviation a signal is rounding.
 const ROUNDING: f64 = 1e-9;
@@ -28,7 +28,7 @@ const ROUNDING: f64 = 1e-9;
 const GROUPS: [usize; 4] = [128, 32, 8, 2];
 
 /// So many of the largest groups that a record fills are taken.
-const MOST_GROUPS: usize = 3;
+const MAX_GROUPS: usize = 3;
 
 /// Puts down, of what lies between the harmonics of this mesh and of others, three ratios of a turn that no
 /// gain of the sensor changes, as natural logarithms of amplitudes, for averages of 128, 32, 8 or 2 turns;
@@ -42,7 +42,7 @@ pub(super) fn insert_tooth_checks(
     features: &mut Features,
 ) {
     let (teeth, per_turn) = (mesh.teeth as usize, turned.samples_per_turn);
-    if teeth < LEAST_TEETH || 2 * (teeth + 1) >= per_turn {
+    if teeth < MIN_TEETH || 2 * (teeth + 1) >= per_turn {
         return;
     }
     let highest = (harmonics * teeth + teeth / 2).min((per_turn - 1) / 2);
@@ -52,8 +52,8 @@ pub(super) fn insert_tooth_checks(
         let left_out = beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0);
         f64::from(u8::from(!left_out))
     }));
-    let filled = GROUPS.into_iter().filter(|group| *group <= turned.turns).take(MOST_GROUPS);
-    let mut levels: [Option<Contrast>; MOST_GROUPS] = [const { None }; MOST_GROUPS];
+    let filled = GROUPS.into_iter().filter(|group| *group <= turned.turns).take(MAX_GROUPS);
+    let mut levels: [Option<Contrast>; MAX_GROUPS] = [const { None }; MAX_GROUPS];
     for (level, group) in levels.iter_mut().zip(filled) {
         *level = Some(Contrast::of(group, teeth, transforms));
     }

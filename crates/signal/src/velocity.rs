@@ -1,7 +1,7 @@
 //! The root mean square of velocity that ISO 20816 judges machines by.
 
 use super::band::{BandQuantity, rms_between};
-use super::indicators::Absence;
+use super::indicators::NotComputed;
 use super::motion::Motion;
 
 /// The name of the indicator.
@@ -11,7 +11,7 @@ pub const VELOCITY_RMS: &str = "velocity_rms";
 const BAND_HZ: [f64; 2] = [10.0, 1000.0];
 
 /// The band's lower end lies so many bins from zero: integration would raise what leaks from below it.
-const LEAST_BINS: f64 = 2.0;
+const MIN_BINS: f64 = 2.0;
 
 /// The unit's factor to mm/s, and whether samples in it have to be integrated for that.
 pub(super) fn to_mm_per_s(unit: &str) -> Option<(f64, bool)> {
@@ -29,9 +29,9 @@ pub(super) fn velocity_rms(
     samples: usize,
     resolution_hz: f64,
     unit: &str,
-) -> Result<f64, Absence> {
+) -> Result<f64, NotComputed> {
     let value = rms_between(BAND_HZ, BandQuantity::Velocity, amplitude, samples, resolution_hz, unit)?;
-    if BAND_HZ[0] < LEAST_BINS * resolution_hz { Err(Absence::TooShort) } else { Ok(value) }
+    if BAND_HZ[0] < MIN_BINS * resolution_hz { Err(NotComputed::TooShort) } else { Ok(value) }
 }
 
 #[cfg(test)]
@@ -50,7 +50,7 @@ mod tests {
         velocity_rms_mm_per_s: f64,
     }
 
-    fn value(unit: &str, sample_rate_hz: f64, samples: Vec<f32>) -> Result<f64, Absence> {
+    fn value(unit: &str, sample_rate_hz: f64, samples: Vec<f32>) -> Result<f64, NotComputed> {
         let record = Record::new("1", Timestamp::UNIX_EPOCH, sample_rate_hz, unit, samples).unwrap();
         let indicators =
             Analyzer::new(AnalysisSettings::default()).analyze(&record, &MeshContext::unknown()).indicators;
@@ -74,9 +74,9 @@ mod tests {
         let noise = |count: usize| (0..count).map(|k| (1.7 * k as f32).sin() * (0.3 * k as f32).cos());
         let of = |unit: &str, rate_hz: f64, count: usize| value(unit, rate_hz, noise(count).collect());
         assert!(of("m/s2", 4000.0, 800).is_ok());
-        assert_eq!(of("V", 4000.0, 4000), Err(Absence::NotAcceleration));
-        assert_eq!(of("g", 1900.0, 4000), Err(Absence::AboveNyquist));
-        assert_eq!(of("g", 4000.0, 796), Err(Absence::TooShort));
-        assert_eq!(value("g", 4000.0, vec![1.0; 4000]), Err(Absence::Constant));
+        assert_eq!(of("V", 4000.0, 4000), Err(NotComputed::NotAcceleration));
+        assert_eq!(of("g", 1900.0, 4000), Err(NotComputed::AboveNyquist));
+        assert_eq!(of("g", 4000.0, 796), Err(NotComputed::TooShort));
+        assert_eq!(value("g", 4000.0, vec![1.0; 4000]), Err(NotComputed::Constant));
     }
 }

@@ -20,7 +20,7 @@ const NAME: &str = "sensor";
 const EVERY: Duration = Duration::from_millis(100);
 
 /// Most samples sent at once, after the machine was suspended for example.
-const MOST_AT_ONCE: u64 = 1 << 16;
+const MAX_AT_ONCE: u64 = 1 << 16;
 
 /// Seconds over which one record passes into the next.
 const BLEND_S: f64 = 0.02;
@@ -49,7 +49,7 @@ pub(super) async fn send(
             () = sender.taken_over() => return Ok(()),
         };
         let all = (now.duration_since(began).as_secs_f64() * rate_hz) as u64;
-        let count = all.saturating_sub(sent).min(MOST_AT_ONCE);
+        let count = all.saturating_sub(sent).min(MAX_AT_ONCE);
         sent = all;
         let upcoming = latest.borrow().clone();
         let samples = (0..count).map(|_| playback.next(upcoming.as_ref()));

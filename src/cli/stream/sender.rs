@@ -15,7 +15,7 @@ use crate::recording::stream::StreamFormat;
 
 /// Wait before a block is sent again, and the longest one.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
-const LONGEST_WAIT: Duration = Duration::from_secs(10);
+const MAX_WAIT: Duration = Duration::from_secs(10);
 
 /// How long one request may take.
 const TIMEOUT: Duration = Duration::from_secs(60);
@@ -132,7 +132,7 @@ impl Sender {
             eprintln!("cannot send now, samples are kept here: {reason}");
         }
         let wait = self.wait;
-        self.wait = (wait * 2).min(LONGEST_WAIT);
+        self.wait = (wait * 2).min(MAX_WAIT);
         Ok(Sent::Later(wait))
     }
 

@@ -10,7 +10,7 @@ use super::super::CliError;
 const MEMORY_BYTES: u64 = 4 << 20;
 
 /// Bytes in memory where there is none.
-const MOST_WITHOUT_FOLDER: u64 = 64 << 20;
+const MAX_WITHOUT_FOLDER: u64 = 64 << 20;
 
 /// Bytes of the time in front of the samples in a file.
 const HEAD_BYTES: usize = 8;
@@ -73,7 +73,7 @@ impl Spool {
     /// Adds a block; returns the bytes of samples that were given up for it, the oldest.
     pub(super) fn push(&mut self, block: Block) -> Result<u64, CliError> {
         let bytes = block.bytes.len() as u64;
-        let most = if self.folder.is_some() { MEMORY_BYTES } else { MOST_WITHOUT_FOLDER };
+        let most = if self.folder.is_some() { MEMORY_BYTES } else { MAX_WITHOUT_FOLDER };
         if self.folder.is_none() || self.files.is_empty() && self.memory_bytes + bytes <= most {
             self.memory_bytes += bytes;
             self.memory.push_back(block);

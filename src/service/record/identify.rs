@@ -19,7 +19,7 @@ use crate::store::{Asset, Objects, Store};
 const MAX_UNIT_BYTES: usize = 64;
 
 /// The greatest depth in µm that is known of a gear, as of an inspection.
-const GREATEST_DEPTH_UM: f64 = 1e5;
+const MAX_DEPTH_UM: f64 = 1e5;
 
 /// A record with its identifier and its raw bytes' name, before anything is stored.
 pub(crate) struct IdentifiedRecord {
@@ -128,7 +128,7 @@ fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceE
         return refuse("start_time", record.start_time().to_string(), expected);
     }
     match reference_wear_um {
-        Some(wear) if !(0.0..=GREATEST_DEPTH_UM).contains(&wear) => {
+        Some(wear) if !(0.0..=MAX_DEPTH_UM).contains(&wear) => {
             refuse("reference_wear_um", wear.to_string(), "a depth from 0 to 100000")
         }
         _ => Ok(()),

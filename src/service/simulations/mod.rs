@@ -17,7 +17,7 @@ use tokio::sync::{mpsc, watch};
 use super::keys::{analysis_keys, fold_key};
 use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::{ChannelEstimator, EstimatorSettings, LibraryLack};
-use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryShelf, library_id};
+use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryCache, library_id};
 use job::{Ensembles, Job, lock};
 pub(crate) use source::LibrarySource;
 pub use status::{Readiness, Simulation, SimulationProgress, SimulationStage};
@@ -112,8 +112,8 @@ impl Simulations {
     }
 
     /// The folder of all libraries. Its methods block on the disk.
-    pub fn shelf(&self) -> Arc<LibraryShelf> {
-        Arc::clone(self.source.shelf())
+    pub fn cache(&self) -> Arc<LibraryCache> {
+        Arc::clone(self.source.cache())
     }
 
     /// The identifier of an asset's library, and how far it is; starts it where nobody has asked for it yet.

@@ -10,7 +10,7 @@ use tokio::runtime::Handle;
 use super::failures::Failures;
 use crate::gear::PairSpec;
 use crate::library::{
-    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, decode,
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryCache, LibraryError, decode,
     decode_ensemble, encode, encode_ensemble, ensemble_id, library_id,
 };
 use crate::service::clock::Clock;
@@ -26,7 +26,7 @@ const SAID_EVERY: Duration = Duration::from_secs(15);
 /// one of the runtime.
 #[derive(Clone)]
 pub(crate) struct LibrarySource {
-    shelf: Arc<LibraryShelf>,
+    cache: Arc<LibraryCache>,
     shared: Option<Shared>,
 }
 
@@ -43,36 +43,36 @@ struct Shared {
 impl LibrarySource {
     /// Of a folder, and of the store where processes share it; there a process that does not build leaves
     /// that to others. To be called inside the runtime.
-    pub(crate) fn new(shelf: Arc<LibraryShelf>, store: &Store, clock: &Arc<dyn Clock>, builds: bool) -> Self {
+    pub(crate) fn new(cache: Arc<LibraryCache>, store: &Store, clock: &Arc<dyn Clock>, builds: bool) -> Self {
         let shared = store.is_shared().then(|| Shared {
             store: store.clone(),
             clock: Arc::clone(clock),
             runtime: Handle::current(),
             builds,
         });
-        Self { shelf, shared }
+        Self { cache, shared }
     }
 
     /// Of a folder that no other process uses.
     #[cfg(test)]
     pub(super) fn alone(folder: &std::path::Path) -> Self {
-        Self { shelf: Arc::new(LibraryShelf::new(folder.to_owned())), shared: None }
+        Self { cache: Arc::new(LibraryCache::new(folder.to_owned())), shared: None }
     }
 
     /// The folder.
-    pub(crate) fn shelf(&self) -> &Arc<LibraryShelf> {
-        &self.shelf
+    pub(crate) fn cache(&self) -> &Arc<LibraryCache> {
+        &self.cache
     }
 
     /// Why libraries could not be simulated in this process.
     pub(super) fn failures(&self) -> Failures {
-        Failures::new(self.shelf.folder().join("failures"))
+        Failures::new(self.cache.folder().join("failures"))
     }
 
     /// The library of these inputs, where it was simulated before.
     pub(super) fn kept(&self, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
         let id = library_id(pair, grid);
-        if let Ok(Some(library)) = self.shelf.get(&id)
+        if let Ok(Some(library)) = self.cache.get(&id)
             && is_it(&library, pair, grid)
         {
             return Some(library);
@@ -81,14 +81,14 @@ impl LibrarySource {
         if !is_it(&library, pair, grid) {
             return None;
         }
-        self.shelf.put(&library).ok()?;
+        self.cache.put(&library).ok()?;
         Some(Arc::new(library))
     }
 
     /// Keeps an ensemble for the next start. One that cannot be kept, on a full disk for example, is used all
     /// the same.
     fn keep_ensemble(&self, ensemble: &Ensemble) {
-        if let Err(error) = self.shelf.put_ensemble(ensemble) {
+        if let Err(error) = self.cache.put_ensemble(ensemble) {
             let id = ensemble.id();
             tracing::warn!(ensemble = id, %error, "failed to keep the ensemble; the next start simulates it again");
         }
@@ -105,10 +105,10 @@ impl LibrarySource {
         // Nobody may want it any more when its turn has come.
         check(cancel)?;
         match &self.shared {
-            Some(shared) => shared.get_or_build(&self.shelf, pair, grid, progress, cancel),
+            Some(shared) => shared.get_or_build(&self.cache, pair, grid, progress, cancel),
             None => {
                 let control = BuildControl::with_progress(progress).cancelled_by(cancel);
-                self.shelf.get_or_build(pair, grid, &control)
+                self.cache.get_or_build(pair, grid, &control)
             }
         }
     }
@@ -119,7 +119,7 @@ impl LibrarySource {
         library: &Arc<Library>,
         settings: &EnsembleSettings,
     ) -> Option<Ensemble> {
-        match self.shelf.kept_ensemble(library, settings) {
+        match self.cache.kept_ensemble(library, settings) {
             Ok(None) => {}
             Ok(kept) => return kept,
             Err(error) => {
@@ -177,14 +177,14 @@ fn check(cancel: &AtomicBool) -> Result<(), LibraryError> {
 impl Shared {
     fn get_or_build(
         &self,
-        shelf: &LibraryShelf,
+        cache: &LibraryCache,
         pair: &PairSpec,
         grid: &GridSettings,
         progress: &(dyn Fn(usize, usize) + Sync),
         cancel: &AtomicBool,
     ) -> Result<Arc<Library>, LibraryError> {
         let id = library_id(pair, grid);
-        if let Ok(Some(library)) = shelf.get(&id)
+        if let Ok(Some(library)) = cache.get(&id)
             && is_it(&library, pair, grid)
         {
             return Ok(library);
@@ -193,7 +193,7 @@ impl Shared {
             check(cancel)?;
             match self.fetch(&id) {
                 Ok(Some(library)) if is_it(&library, pair, grid) => {
-                    shelf.put(&library)?;
+                    cache.put(&library)?;
                     return Ok(Arc::new(library));
                 }
                 Ok(_) => match self.begin(&id) {
@@ -218,7 +218,7 @@ impl Shared {
             }
         };
         let built =
-            shelf.get_or_build(pair, grid, &BuildControl::with_progress(&progress).cancelled_by(cancel));
+            cache.get_or_build(pair, grid, &BuildControl::with_progress(&progress).cancelled_by(cancel));
         if built.is_err()
             && let Err(error) = self.runtime.block_on(self.store.end_building(&id))
         {

@@ -17,7 +17,7 @@ use crate::store::StoreError;
 
 /// Wait before a record is tried again, and the longest one.
 const RETRY_AFTER: Duration = Duration::from_millis(200);
-const LONGEST_RETRY: Duration = Duration::from_secs(30);
+const MAX_RETRY: Duration = Duration::from_secs(30);
 
 impl Streams {
     /// Has records that are cut stored, one after the other.
@@ -50,7 +50,7 @@ impl Streams {
                     tracing::warn!(%asset, name, %error, "a record of a stream has to wait");
                     tokio::select! {
                         _ = over.wait_for(|over| *over) => return,
-                        () = tokio::time::sleep(wait) => wait = (wait * 2).min(LONGEST_RETRY),
+                        () = tokio::time::sleep(wait) => wait = (wait * 2).min(MAX_RETRY),
                     }
                 }
             }

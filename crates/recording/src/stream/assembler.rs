@@ -17,7 +17,7 @@ const MAX_HELD: usize = 4096;
 const MAX_HELD_BYTES: usize = 4 << 20;
 
 /// The longest gap in seconds: beyond it an index is a mistake.
-const LONGEST_GAP_S: f64 = 366.0 * 24.0 * 3600.0;
+const MAX_GAP_S: f64 = 366.0 * 24.0 * 3600.0;
 
 /// Consecutive samples of all channels.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -132,7 +132,7 @@ impl Assembler {
     }
 
     fn check_index(&self, next: u64, end: u64) -> Result<(), RecordingError> {
-        let longest = (LONGEST_GAP_S * self.sample_rate_hz) as u64;
+        let longest = (MAX_GAP_S * self.sample_rate_hz) as u64;
         if end > MAX_INDEX || end.saturating_sub(next) > longest {
             let expected = "an index below 2^53 and within a year of samples of the next one";
             return Err(RecordingError::field("first index", end, expected));

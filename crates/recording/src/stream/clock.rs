@@ -6,19 +6,19 @@ use serde::{Deserialize, Serialize};
 const WINDOW_S: f64 = 10.0;
 
 /// Windows that the rate is measured over: ten minutes.
-const MOST_POINTS: usize = 60;
+const MAX_POINTS: usize = 60;
 
 /// Windows from which on the rate is known.
-const FEWEST_POINTS: usize = 6;
+const MIN_POINTS: usize = 6;
 
 /// Seconds by which a clock has jumped, or observations are late for long.
 const JUMP_S: f64 = 0.5;
 
 /// The greatest drift that is followed; crystals stay within 1e-4.
-const GREATEST_DRIFT: f64 = 5e-4;
+const MAX_DRIFT: f64 = 5e-4;
 
 /// How fast a time that is off is brought back, in seconds a second.
-const GREATEST_STEERING: f64 = 2e-4;
+const MAX_STEERING: f64 = 2e-4;
 
 /// Gives each sample a time.
 ///
@@ -100,7 +100,7 @@ impl StreamClock {
     /// By how much samples come faster than the sender's rate says, in parts per million; none while it is
     /// not known.
     pub fn drift_ppm(&self) -> Option<f64> {
-        (self.points.len() >= FEWEST_POINTS).then_some(self.drift * 1e6)
+        (self.points.len() >= MIN_POINTS).then_some(self.drift * 1e6)
     }
 
     /// How often the sender's clock jumped.
@@ -125,15 +125,15 @@ impl StreamClock {
         self.late_s = window.late_s;
         let by_index_s = (window.index - anchor.first_index) as f64 / self.sample_rate_hz;
         let by_clock_s = (window.time_ns as f64 - anchor.first_ns as f64) / 1e9 - self.offset_s;
-        if self.points.len() == MOST_POINTS {
+        if self.points.len() == MAX_POINTS {
             self.points.remove(0);
         }
         self.points.push((by_index_s, by_clock_s));
-        if self.points.len() < FEWEST_POINTS {
+        if self.points.len() < MIN_POINTS {
             return;
         }
-        self.drift = (1.0 / slope(&self.points) - 1.0).clamp(-GREATEST_DRIFT, GREATEST_DRIFT);
-        let steering = (window.late_s / (WINDOW_S * 10.0)).clamp(-GREATEST_STEERING, GREATEST_STEERING);
+        self.drift = (1.0 / slope(&self.points) - 1.0).clamp(-MAX_DRIFT, MAX_DRIFT);
+        let steering = (window.late_s / (WINDOW_S * 10.0)).clamp(-MAX_STEERING, MAX_STEERING);
         let time_ns = self.time_ns(index).unwrap_or(anchor.time_ns);
         self.anchor = Some(Anchor { index, time_ns, drift: self.drift - steering, ..anchor });
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::super::{RawLayout, RawSample, RecordingError};
 
 /// The highest sampling rate in hertz.
-const HIGHEST_RATE_HZ: f64 = 1e7;
+const MAX_RATE_HZ: f64 = 1e7;
 
 /// How the samples of a stream are written. It stays the same for the whole stream.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,7 +31,7 @@ impl StreamFormat {
         channels: u32,
         scale: Option<f64>,
     ) -> Result<Self, RecordingError> {
-        if !(1.0..=HIGHEST_RATE_HZ).contains(&sample_rate_hz) {
+        if !(1.0..=MAX_RATE_HZ).contains(&sample_rate_hz) {
             return Err(RecordingError::field("sample_rate_hz", sample_rate_hz, "a rate from 1 to 1e7 Hz"));
         }
         RawLayout::new(sample, sample_rate_hz, channels, scale)?;

@@ -6,10 +6,10 @@ use super::comparability::Comparability;
 use flankwatch_signal::Features;
 
 /// A line enters the comparison when its healthy amplitude stands above the noise beside it by this factor.
-const LEAST_LINE_TO_BACKGROUND: f64 = 2.0;
+const MIN_LINE_TO_BACKGROUND: f64 = 2.0;
 
 /// Records that the fit over the speed is made of: of a longer baseline, as many evenly spread ones.
-const MOST_RECORDS: usize = 40;
+const MAX_RECORDS: usize = 40;
 
 /// The feature that says how impulsive a record is.
 pub(super) const KURTOSIS: &str = "ln_kurtosis";
@@ -51,7 +51,7 @@ pub(super) struct Baseline {
 impl Baseline {
     /// The baseline of these records; features that any of them lacks are left out.
     pub(super) fn of(records: &[Features]) -> Self {
-        let stride = records.len().div_ceil(MOST_RECORDS).max(1);
+        let stride = records.len().div_ceil(MAX_RECORDS).max(1);
         let records: Vec<&Features> = records.iter().step_by(stride).collect();
         let is_line = |name: &&String| {
             ["ln_mesh_", "ln_sideband_", "ln_env_"].iter().any(|kind| name.starts_with(kind))
@@ -68,9 +68,8 @@ impl Baseline {
                 values: values?,
                 background: noise.map(|noise| noise.iter().sum::<f64>() / noise.len() as f64),
             };
-            let drowned = feature
-                .background
-                .is_some_and(|noise| feature.mean() < noise + LEAST_LINE_TO_BACKGROUND.ln());
+            let drowned =
+                feature.background.is_some_and(|noise| feature.mean() < noise + MIN_LINE_TO_BACKGROUND.ln());
             (!drowned).then_some(feature)
         });
         let checks = first.into_iter().flat_map(|record| record.checks.keys()).filter_map(|name| {

@@ -10,11 +10,11 @@ use nalgebra::{DMatrix, SymmetricEigen};
 use super::healthy_lines::Measured;
 
 /// Fewest lines and records that a direction is told from.
-const LEAST_LINES: usize = 6;
-const LEAST_RECORDS: usize = 12;
+const MIN_LINES: usize = 6;
+const MIN_RECORDS: usize = 12;
 
 /// Part of the lines' scatter that the direction has to hold. Six independent lines of 20 records have 0.3.
-const LEAST_PART: f64 = 0.5;
+const MIN_PART: f64 = 0.5;
 
 /// A record has moved along it by more than this many standard deviations of the healthy ones, ...
 const MOVED: f64 = 3.0;
@@ -36,14 +36,14 @@ impl CommonMovement {
     /// direction stands out.
     pub(super) fn of(lines: &[(usize, &[f64])]) -> Option<Self> {
         let records = lines.iter().map(|(_, values)| values.len()).min().unwrap_or(0);
-        if lines.len() < LEAST_LINES || records < LEAST_RECORDS {
+        if lines.len() < MIN_LINES || records < MIN_RECORDS {
             return None;
         }
         let values = DMatrix::from_fn(records, lines.len(), |record, line| lines[line].1[record]);
         let eigen = SymmetricEigen::new(values.tr_mul(&values) / records as f64);
         let most = eigen.eigenvalues.imax();
         let variance = eigen.eigenvalues[most];
-        if variance < LEAST_PART * eigen.eigenvalues.sum() {
+        if variance < MIN_PART * eigen.eigenvalues.sum() {
             return None;
         }
         let direction = eigen.eigenvectors.column(most);
@@ -63,7 +63,7 @@ impl CommonMovement {
         }
         // The distance along it that fits best, and what of the squared change that explains.
         let moved = along / f64::max(square, f64::MIN_POSITIVE);
-        square > LEAST_PART && moved.abs() > MOVED * self.deviation && along * moved > ALONG * change
+        square > MIN_PART && moved.abs() > MOVED * self.deviation && along * moved > ALONG * change
     }
 }
 

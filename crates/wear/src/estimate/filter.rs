@@ -312,7 +312,7 @@ struct Packed(Vec<u16>);
 
 /// Bits of a single-precision fraction that are dropped, and the exponent below which nothing is kept.
 const DROPPED_BITS: u32 = 12;
-const LEAST_EXPONENT: u32 = (127 - 31) << 23;
+const MIN_EXPONENT: u32 = (127 - 31) << 23;
 
 impl Packed {
     fn of(values: &[f32]) -> Self {
@@ -325,7 +325,7 @@ impl Packed {
         let scale = 1.0 / highest;
         let packed = |value: &f32| {
             let bits = (value * scale).to_bits().saturating_add(1 << (DROPPED_BITS - 1));
-            (bits.saturating_sub(LEAST_EXPONENT) >> DROPPED_BITS).min(u32::from(u16::MAX)) as u16
+            (bits.saturating_sub(MIN_EXPONENT) >> DROPPED_BITS).min(u32::from(u16::MAX)) as u16
         };
         Self(values.iter().map(packed).collect())
     }
@@ -333,7 +333,7 @@ impl Packed {
     fn unpacked(&self) -> Vec<f32> {
         let value = |packed: &u16| match packed {
             0 => 0.0,
-            packed => f32::from_bits((u32::from(*packed) << DROPPED_BITS) + LEAST_EXPONENT),
+            packed => f32::from_bits((u32::from(*packed) << DROPPED_BITS) + MIN_EXPONENT),
         };
         self.0.iter().map(value).collect()
     }

@@ -16,7 +16,7 @@ use crate::library::{MESH_LINES, line_name};
 use flankwatch_signal::Features;
 
 /// Least standard deviation of a line from record to record.
-const LEAST_SCATTER: f64 = 0.08;
+const MIN_SCATTER: f64 = 0.08;
 
 /// Variance of a line's logarithm over the square of the noise beside it as a part of its amplitude: ½ for
 /// Gaussian noise, and a little for reading the line at its highest point.
@@ -69,7 +69,7 @@ impl TorquePower {
         let pairs = log_torques.iter().zip(values).map(|(x, y)| (x - mean_log_torque, y - mean_value));
         let (square, product, scatter) =
             pairs.fold((0.0, 0.0, 0.0), |(xx, xy, yy), (x, y)| (xx + x * x, xy + x * y, yy + y * y));
-        let scatter = (scatter / values.len().max(1) as f64).max(LEAST_SCATTER * LEAST_SCATTER);
+        let scatter = (scatter / values.len().max(1) as f64).max(MIN_SCATTER * MIN_SCATTER);
         let precision = square + scatter / (TORQUE_POWER * TORQUE_POWER);
         Self { mean_log_torque, power: product / precision, variance: scatter / precision }
     }
@@ -173,7 +173,7 @@ impl HealthyLines {
             Line {
                 index,
                 kernel,
-                variance: kernels.variance(kernel, &values).max(LEAST_SCATTER * LEAST_SCATTER),
+                variance: kernels.variance(kernel, &values).max(MIN_SCATTER * MIN_SCATTER),
                 constant,
                 weights,
                 torque,

@@ -1,7 +1,7 @@
 //! One answer from all channels of a mesh.
 //!
 //! It follows from the latest estimates of the channels alone, so it is the same whatever the order in which
-//! their records came. Each channel's novelty already pools its own records (`chart`); here the channels'
+//! their records came. Each channel's novelty already pools its own records (`cusum`); here the channels'
 //! evidence is pooled, and the depths of those that wear explains are mixed.
 
 use jiff::{SignedDuration, Timestamp};
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::depth_grid::DepthGrid;
 use super::deviation::normal_tail;
-use super::novelty::{LEAST_P_VALUE, Novelty};
+use super::novelty::{MIN_P_VALUE, Novelty};
 use super::wear::{Interval, WearEstimate, WearStatus};
 
 /// Correlation that is assumed between what channels of one machine deviate by: load and temperature move
@@ -112,7 +112,7 @@ impl JointEstimate {
         // A part of the library leaves open what its rest may explain.
         let is_open = latest.iter().any(|(_, wear)| wear.status == WearStatus::Provisional);
         match pooled {
-            Some(p_value) if !alone && !is_open && p_value < LEAST_P_VALUE => {
+            Some(p_value) if !alone && !is_open && p_value < MIN_P_VALUE => {
                 leading = most_novel(latest).unwrap_or(leading);
                 wear = outside(latest, leading, p_value);
             }

@@ -17,13 +17,13 @@ const NEWEST_PART: f64 = 0.15;
 const LEVEL_VARIANCE: f64 = NEWEST_PART / (2.0 - NEWEST_PART);
 
 /// A gain that changed moves everything by at least this logarithm ...
-const LEAST_GAIN: f64 = 0.15;
+const MIN_GAIN: f64 = 0.15;
 
 /// ... leaves no more than this part of the sum of squares ...
 const GAIN_LEAVES: f64 = 0.3;
 
 /// ... which is no more than chance leaves: so many standard deviations, of values that are correlated.
-const MOST_LEFT: f64 = 3.0;
+const MAX_LEFT: f64 = 3.0;
 const INFLATION: f64 = 2.0;
 
 /// It stays what it is to this logarithm.
@@ -33,14 +33,14 @@ const UNSTEADY: f64 = 0.2;
 const RECORDS_TO_PROVE: u8 = 3;
 
 /// Least standard deviation of a value from record to record.
-const LEAST_SCATTER: f64 = 0.03;
+const MIN_SCATTER: f64 = 0.03;
 
 /// Lines fall with the noise floor where none is left higher than this logarithm above it: what wear and the
 /// slope of a loss within the octave do to a line is less.
 const FELL_TOGETHER: f64 = 1.8;
 
 /// Fewest values that a gain is told from.
-const LEAST_VALUES: usize = 6;
+const MIN_VALUES: usize = 6;
 
 /// The kurtosis stands out of the healthy ones beyond so many of their standard deviations, and this
 /// logarithm.
@@ -83,7 +83,7 @@ impl Levels {
         kurtosis: Option<&Deviation>,
         freedom: f64,
     ) -> Option<f64> {
-        if values.len() < LEAST_VALUES {
+        if values.len() < MIN_VALUES {
             return None;
         }
         let moved: Vec<Deviation> = values.iter().map(|value| self.moved(value)).collect();
@@ -96,7 +96,7 @@ impl Levels {
         };
         let left = squares(gain);
         let alike = left < GAIN_LEAVES * squares(0.0);
-        let by_chance = chi_square_score(left / INFLATION, moved.len() - 1) < MOST_LEFT;
+        let by_chance = chi_square_score(left / INFLATION, moved.len() - 1) < MAX_LEFT;
         let shape_stays =
             |d: &Deviation| d.residual.abs() <= IMPULSIVE_LOGARITHM.max(IMPULSIVE_DEVIATIONS * d.deviation);
         let proven = match self.since {
@@ -106,7 +106,7 @@ impl Levels {
                 by_chance && kurtosis.is_none_or(|kurtosis| shape_stays(&self.moved(kurtosis)))
             }
         };
-        (gain.abs() > LEAST_GAIN && alike && proven).then_some(gain)
+        (gain.abs() > MIN_GAIN && alike && proven).then_some(gain)
     }
 
     /// Whether the lines of the highest octave that has a noise floor have fallen as far as that floor has,
@@ -146,7 +146,7 @@ impl Levels {
         let [level, lately] = self.levels.get(&value.name).map_or([0.0; 2], |level| level.map(f64::from));
         // With wear, a line may scatter more than when it was healthy.
         let variance = (1.0 + LEVEL_VARIANCE) * (value.deviation * value.deviation).max(lately)
-            + LEAST_SCATTER * LEAST_SCATTER;
+            + MIN_SCATTER * MIN_SCATTER;
         Deviation { name: value.name.clone(), residual: value.residual - level, deviation: variance.sqrt() }
     }
 }

@@ -13,7 +13,7 @@ const FREEDOM: f32 = 4.0;
 
 /// A line that is further off counts as this far off: the factor of its distribution by which it is less
 /// likely than where it is expected, to the power 2/(ν + 1).
-const MOST_TAIL: f32 = 200.0;
+const MAX_TAIL: f32 = 200.0;
 
 /// A record against all members at all depths.
 pub(super) struct Likelihood {
@@ -106,7 +106,7 @@ impl Comparison<'_> {
                     let residual = line.change - expected[lane];
                     let variance = line.factor * (variance[lane] + line.variance);
                     let tail = variance + of_square * residual * residual;
-                    tails[lane] *= tail.min(MOST_TAIL * variance);
+                    tails[lane] *= tail.min(MAX_TAIL * variance);
                     spreads[lane] *= variance;
                 }
             }

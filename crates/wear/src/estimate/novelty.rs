@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 
 use self::signs::TEETH;
 pub use self::signs::{MachineSign, SensorFault};
-use super::chart::Charts;
+use super::cusum::Cusums;
 use super::deviation::{Deviation, chi_square_score, normal_tail};
-use flankwatch_signal::{Absence, EnvelopeLine, Features};
+use flankwatch_signal::{EnvelopeLine, Features, NotComputed};
 
 /// Below this p-value a record is not explained.
-pub(super) const LEAST_P_VALUE: f64 = 1e-4;
+pub(super) const MIN_P_VALUE: f64 = 1e-4;
 
 /// Deviations are correlated: the sum of squares is this much wider than that of independent ones.
 const INFLATION_LINES: f64 = 2.0;
@@ -55,14 +55,14 @@ const LOOSE_LOSS: f64 = -1.4;
 const LOOSE_SLOPE: f64 = -0.7;
 
 /// Fewest noise floors that a fault of the sensor is told from.
-const LEAST_FLOORS: usize = 4;
+const MIN_FLOORS: usize = 4;
 
 /// So many standard deviations of a check of the teeth are one tooth's doing, whatever else has grown.
 const TOOTH_STANDS_OUT: f64 = 4.0;
 
 /// What has grown by fewer standard deviations is no sign of anything where the record does not deviate by
 /// itself.
-const LEAST_GROWN: f64 = 3.0;
+const MIN_GROWN: f64 = 3.0;
 
 /// How one feature deviates from what the best state expects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -135,7 +135,7 @@ pub(super) fn judge(
     [lines, checks]: &[Vec<Deviation>; 2],
     freedom: f64,
     circumstances: Circumstances,
-    charts: &mut Charts,
+    charts: &mut Cusums,
 ) -> Novelty {
     let squares = |deviations: &[Deviation], fallen: f64| -> f64 {
         let weight = |d: &Deviation| if d.residual < 0.0 { fallen } else { 1.0 };
@@ -154,12 +154,12 @@ pub(super) fn judge(
     let p_record = twice(p_lines.min(p_checks));
     let p_with_falls = twice(p_lines.min(normal_tail(of_checks(1.0))));
     // What has been unlike the healthy records and now reaches the end of the range is no fault of the sensor.
-    let has_lasted = charts.highest().is_some_and(|(_, p)| p < LEAST_P_VALUE);
+    let has_lasted = charts.highest().is_some_and(|(_, p)| p < MIN_P_VALUE);
     let sensor_fault = match record.fault {
-        Some(Absence::Constant) => Some(SensorFault::Dead),
-        Some(Absence::Clipped) if !has_lasted => Some(SensorFault::Clipped),
-        Some(Absence::Gaps) => Some(SensorFault::Gaps),
-        _ if p_with_falls < LEAST_P_VALUE => sensor_fault(checks, circumstances.lines_fell)
+        Some(NotComputed::Constant) => Some(SensorFault::Dead),
+        Some(NotComputed::Clipped) if !has_lasted => Some(SensorFault::Clipped),
+        Some(NotComputed::Gaps) => Some(SensorFault::Gaps),
+        _ if p_with_falls < MIN_P_VALUE => sensor_fault(checks, circumstances.lines_fell)
             .or(circumstances.gain.map(|_| SensorFault::GainChanged)),
         _ => None,
     };
@@ -173,23 +173,22 @@ pub(super) fn judge(
     }
     let lasting = charts.highest().filter(|_| sensor_fault.is_none());
     let p_value = lasting.map_or(p_record, |(_, p)| p.min(p_record));
-    let outside = p_value < LEAST_P_VALUE;
+    let outside = p_value < MIN_P_VALUE;
     // What a record says by itself comes before what has lasted.
-    let by_itself =
-        if sensor_fault.is_none() && p_checks < LEAST_P_VALUE { grown_most(checks) } else { None };
-    let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < LEAST_P_VALUE);
+    let by_itself = if sensor_fault.is_none() && p_checks < MIN_P_VALUE { grown_most(checks) } else { None };
+    let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < MIN_P_VALUE);
     let sign_of = |check: &str| MachineSign::of(check, circumstances.impulsive);
     // Where the fit as a whole has been poor, what has grown is what this record shows.
     let whole = |check: &str| {
         let grown = WHOLE.contains(&check).then(|| grown_most(checks)).flatten();
-        grown.filter(|grown| grown.score() > LEAST_GROWN)
+        grown.filter(|grown| grown.score() > MIN_GROWN)
     };
     let check = by_itself.or_else(|| {
         let (check, _) = lasting?;
         whole(check).or_else(|| checks.iter().find(|d| d.name == check))
     });
     // What one tooth does is heard between the mesh lines too, in some records more than over its own pitch.
-    let tooth = charts.highest_of(TEETH).filter(|(_, p)| *p < LEAST_P_VALUE);
+    let tooth = charts.highest_of(TEETH).filter(|(_, p)| *p < MIN_P_VALUE);
     let tooth = tooth.and_then(|(tooth, _)| checks.iter().find(|d| d.name == tooth));
     let check = check.map(|check| tooth.filter(|tooth| tooth.residual > 0.0).unwrap_or(check));
     let machine_sign = check.and_then(|check| sign_of(&check.name));
@@ -238,7 +237,7 @@ fn also(
     sign_of: impl Fn(&str) -> Option<MachineSign>,
 ) -> Vec<MachineSign> {
     let mut grown: Vec<&Deviation> =
-        checks.iter().filter(|d| d.score() > LEAST_GROWN.max(0.5 * most.score())).collect();
+        checks.iter().filter(|d| d.score() > MIN_GROWN.max(0.5 * most.score())).collect();
     grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
     for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {
@@ -261,7 +260,7 @@ pub(super) fn octave_hz(check: &str) -> Option<[f64; 2]> {
 fn sensor_fault(checks: &[Deviation], lines_fell: Option<bool>) -> Option<SensorFault> {
     let is_noise = |d: &&Deviation| d.name.starts_with("ln_floor_") || d.name.starts_with("ln_rest_");
     let noise: Vec<&Deviation> = checks.iter().filter(is_noise).collect();
-    if noise.len() < LEAST_FLOORS {
+    if noise.len() < MIN_FLOORS {
         return None;
     }
     if noise.iter().all(|d| d.residual < DEAD) {
@@ -294,7 +293,7 @@ mod tests {
             &[deviations("ln_mesh", lines), checks],
             20.0,
             Circumstances::default(),
-            &mut Charts::default(),
+            &mut Cusums::default(),
         )
     }
 
@@ -317,7 +316,7 @@ mod tests {
     /// Records that each deviate too little by themselves, and then a strong one.
     #[test]
     fn what_lasts_is_told_and_named() {
-        let mut charts = Charts::default();
+        let mut charts = Cusums::default();
         let mut take = |tooth: f64, shaft: f64| {
             let checks =
                 [("ln_tooth_worst", tooth), ("ln_shaft_1", shaft), ("ln_rest_1", 0.0), ("ln_rest_2", 0.01)];
@@ -353,7 +352,7 @@ mod tests {
     /// lasts.
     #[test]
     fn a_fit_that_stays_poor_is_told() {
-        let mut charts = Charts::default();
+        let mut charts = Cusums::default();
         let mut take = |off: f64| {
             judge(
                 &Features::default(),
@@ -372,24 +371,24 @@ mod tests {
 
     #[test]
     fn faults_of_the_samples_speak_for_themselves() {
-        let record = Features { fault: Some(Absence::Clipped), ..Features::default() };
+        let record = Features { fault: Some(NotComputed::Clipped), ..Features::default() };
         let judged =
-            judge(&record, &[Vec::new(), Vec::new()], 20.0, Circumstances::default(), &mut Charts::default());
+            judge(&record, &[Vec::new(), Vec::new()], 20.0, Circumstances::default(), &mut Cusums::default());
         assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
     }
 
     /// A record of a failing bearing that reaches the end of the converter's range.
     #[test]
     fn a_machine_that_has_become_too_loud_for_its_sensor_is_no_fault_of_the_sensor() {
-        let mut charts = Charts::default();
-        let mut take = |rest: f64, fault: Option<Absence>| {
+        let mut charts = Cusums::default();
+        let mut take = |rest: f64, fault: Option<NotComputed>| {
             let record = Features { fault, ..Features::default() };
             let checks = deviations("ln_rest", &[rest; 8]);
             judge(&record, &[Vec::new(), checks], 20.0, Circumstances::default(), &mut charts).sensor_fault
         };
-        assert_eq!(take(0.0, Some(Absence::Clipped)), Some(SensorFault::Clipped));
+        assert_eq!(take(0.0, Some(NotComputed::Clipped)), Some(SensorFault::Clipped));
         assert!((0..5).all(|_| take(1.0, None).is_none()));
-        assert_eq!(take(1.2, Some(Absence::Clipped)), None);
-        assert_eq!(take(1.2, Some(Absence::Gaps)), Some(SensorFault::Gaps));
+        assert_eq!(take(1.2, Some(NotComputed::Clipped)), None);
+        assert_eq!(take(1.2, Some(NotComputed::Gaps)), Some(SensorFault::Gaps));
     }
 }

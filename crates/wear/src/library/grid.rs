@@ -6,7 +6,7 @@ use super::LibraryError;
 use flankwatch_gear::PairSpec;
 
 /// Most torques and most speeds.
-const MOST_FACTORS: usize = 32;
+const MAX_FACTORS: usize = 32;
 /// Least and greatest part of the pair's own torque or speed.
 const FACTORS: (f64, f64) = (0.01, 100.0);
 
@@ -120,7 +120,7 @@ impl GridSettings {
             let sound = factors.iter().all(|factor| (FACTORS.0..=FACTORS.1).contains(factor))
                 && factors.windows(2).all(|two| two[0] < two[1])
                 && factors.contains(&1.0)
-                && factors.len() <= MOST_FACTORS;
+                && factors.len() <= MAX_FACTORS;
             if !sound {
                 return refuse(
                     field,

@@ -1,9 +1,11 @@
 //! The grid of simulated wear states and operating points: its building and its file format.
 //!
-//! A [`Library`] is simulated once for a gear pair and kept on a [`LibraryShelf`] under the hash of
+//! A [`Library`] is simulated once for a gear pair and kept on a [`LibraryCache`] under the hash of
 //! everything that it depends on.
 
 mod build;
+#[cfg(feature = "files")]
+mod cache;
 #[cfg(feature = "files")]
 mod checkpoint;
 mod control;
@@ -12,8 +14,6 @@ mod file;
 mod grid;
 mod operating;
 mod part;
-#[cfg(feature = "files")]
-mod shelf;
 #[cfg(test)]
 pub(crate) mod testing;
 
@@ -24,6 +24,8 @@ use thiserror::Error;
 
 pub use build::{build, library_id};
 #[cfg(feature = "files")]
+pub use cache::{LibraryCache, build_into, keep};
+#[cfg(feature = "files")]
 pub use checkpoint::checkpoint_beside;
 pub use control::BuildControl;
 pub use ensemble::{
@@ -33,8 +35,6 @@ pub use ensemble::{
 pub(crate) use ensemble::{LANES, Lanes, line_name};
 pub use file::{FORMAT_VERSION, decode, encode};
 pub use grid::{GridSettings, OperatingRange};
-#[cfg(feature = "files")]
-pub use shelf::{LibraryShelf, build_into, keep};
 
 use operating::FeatureCurves;
 

@@ -7,7 +7,7 @@ const RESONANCES: usize = 8;
 
 /// Lowest resonance in hertz, and the highest as a part of the sampling rate.
 const LOWEST_HZ: f64 = 200.0;
-const HIGHEST_PART: f64 = 0.45;
+const MAX_PART: f64 = 0.45;
 
 /// Seconds after which the path's slowest resonance has died away (ζ = 1 % at 200 Hz: e^{-2π·2·0.5} = 0.2 %).
 pub(super) const SETTLING_S: f64 = 0.5;
@@ -38,7 +38,7 @@ impl TransmissionPath {
     pub fn random(rng: &mut impl Rng, sample_rate_hz: f64) -> Self {
         let resonances = (0..RESONANCES)
             .map(|_| {
-                let highest_hz = HIGHEST_PART * sample_rate_hz;
+                let highest_hz = MAX_PART * sample_rate_hz;
                 let frequency_hz = LOWEST_HZ * (highest_hz / LOWEST_HZ).powf(rng.random::<f64>());
                 let damping_ratio = rng.random_range(0.01..0.05);
                 let gain =

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 const CELLS: i64 = 24;
 
 /// No rate is told before the readings reach over this part of the stretch.
-const LEAST_REACH: f64 = 0.5;
+const MIN_REACH: f64 = 0.5;
 
 const SECONDS_A_DAY: f64 = 86_400.0;
 
@@ -54,7 +54,7 @@ impl RateWindow {
         };
         let reach_s = after_s - points().next()?.0;
         let count = self.cells.len() as f64;
-        if count < 3.0 || reach_s < LEAST_REACH * over_s {
+        if count < 3.0 || reach_s < MIN_REACH * over_s {
             return None;
         }
         let sum = points().fold((0.0, 0.0), |sum, point| (sum.0 + point.0, sum.1 + point.1));

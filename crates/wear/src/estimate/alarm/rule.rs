@@ -82,10 +82,10 @@ impl Default for AlarmSettings {
 }
 
 /// The most readings that a rule may look back on.
-const MOST_READINGS: u32 = 100;
+const MAX_READINGS: u32 = 100;
 
 /// No level is further from zero than this: with it and any hysteresis a reading can be compared.
-const GREATEST_LEVEL: f64 = 1e30;
+const MAX_LEVEL: f64 = 1e30;
 
 /// A change is measured over a second to a hundred years.
 const OVER_S: [f64; 2] = [1.0, 3.2e9];
@@ -120,7 +120,7 @@ impl AlarmRule {
         for (field, level) in levels {
             let Some(value) = level else { continue };
             // NaN lies within no bound.
-            if !(-GREATEST_LEVEL..=GREATEST_LEVEL).contains(&value) {
+            if !(-MAX_LEVEL..=MAX_LEVEL).contains(&value) {
                 return refuse(field, value, "a number from -1e30 to 1e30");
             }
             match self.quantity {
@@ -140,7 +140,7 @@ impl AlarmRule {
                 _ => {}
             }
         }
-        if !(0.0..=GREATEST_LEVEL).contains(&self.hysteresis) {
+        if !(0.0..=MAX_LEVEL).contains(&self.hysteresis) {
             return refuse("hysteresis", self.hysteresis, "a number from 0 to 1e30");
         }
         self.check_order()?;
@@ -156,7 +156,7 @@ impl AlarmRule {
         }
         let AlarmSettings { raise, raise_of, clear, clear_of } = self.settings;
         for (field, some, of) in [("raise", raise, raise_of), ("clear", clear, clear_of)] {
-            if some == 0 || some > of || of > MOST_READINGS {
+            if some == 0 || some > of || of > MAX_READINGS {
                 return refuse(
                     field,
                     f64::from(some),

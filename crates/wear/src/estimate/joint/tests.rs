@@ -2,7 +2,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::super::chart::Charts;
+use super::super::cusum::Cusums;
 use super::*;
 use crate::estimate::{BaselineProgress, Posterior};
 
@@ -47,13 +47,13 @@ fn estimated(low_um: f64, high_um: f64) -> WearEstimate {
 struct Machine {
     random: ChaCha8Rng,
     correlation: f64,
-    charts: Vec<Charts>,
+    charts: Vec<Cusums>,
 }
 
 impl Machine {
     fn new(seed: u64, correlation: f64) -> Self {
         let random = ChaCha8Rng::seed_from_u64(seed);
-        Self { random, correlation, charts: vec![Charts::default(); CHANNELS] }
+        Self { random, correlation, charts: vec![Cusums::default(); CHANNELS] }
     }
 
     fn record(&mut self, shift: f64) -> [f64; CHANNELS] {
@@ -77,7 +77,7 @@ impl Machine {
 fn healthy_channels_pass_a_level_no_more_often_than_is_told() {
     for (seed, correlation) in [(1, 0.0), (2, 0.3), (3, 0.5), (4, CORRELATION)] {
         let mut machine = Machine::new(seed, correlation);
-        let levels = [1e-2, 1e-3, LEAST_P_VALUE];
+        let levels = [1e-2, 1e-3, MIN_P_VALUE];
         let mut passed = [0_u32; 3];
         for _ in 0..50_000 {
             let p = pooled_p_value(machine.record(0.0).into_iter()).unwrap();
@@ -109,8 +109,8 @@ fn what_is_small_on_each_channel_is_seen_on_all_together() {
             joint = joint.min(pooled_p_value(p_values.into_iter()).unwrap());
             single = single.min(p_values[0]);
         }
-        together += u32::from(joint < LEAST_P_VALUE);
-        alone += u32::from(single < LEAST_P_VALUE);
+        together += u32::from(joint < MIN_P_VALUE);
+        alone += u32::from(single < MIN_P_VALUE);
     }
     assert!(together > 180 && together > alone, "{together} together, {alone} alone, of 200");
 }

@@ -6,7 +6,7 @@ use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::{Novelty, SensorFault};
 use crate::estimate::wear::{BaselineProgress, BestState, Interval, LibraryLack, WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, Library};
-use flankwatch_signal::{Absence, Features};
+use flankwatch_signal::{Features, NotComputed};
 
 /// An interval of the tracked depth wider than this part of the library says that the records do not tell.
 const WIDEST_INTERVAL: f64 = 0.6;
@@ -51,7 +51,7 @@ impl Tracker {
             };
             answer.reason = format!("{what}: off are {}", most_deviating(&novelty));
         }
-        if novelty.outside && novelty.sensor_fault.is_none() && features.fault == Some(Absence::Clipped) {
+        if novelty.outside && novelty.sensor_fault.is_none() && features.fault == Some(NotComputed::Clipped) {
             answer.reason = format!("{}; {}", answer.reason, SensorFault::Clipped.words());
         }
         answer.novelty = Some(novelty);

@@ -7,8 +7,8 @@ use super::Tracker;
 use super::healthy::Prepared;
 use super::tracking::Tracking;
 use crate::estimate::baseline::Baseline;
-use crate::estimate::chart::Charts;
 use crate::estimate::comparability::go_together;
+use crate::estimate::cusum::Cusums;
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::Filter;
 use crate::estimate::healthy_checks::Drift;
@@ -17,10 +17,10 @@ use crate::estimate::wear::{LibraryLack, WearEstimate, WearStatus};
 use flankwatch_signal::Features;
 
 /// Fewest records of a chosen baseline; with fewer it is learnt as any other.
-const LEAST_CHOSEN: usize = 8;
+const MIN_CHOSEN: usize = 8;
 
 /// Most records of a chosen baseline.
-const MOST_CHOSEN: usize = 10_000;
+const MAX_CHOSEN: usize = 10_000;
 
 /// The records of a baseline so far.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -39,7 +39,7 @@ pub(super) struct Collecting {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 struct Meshless {
     records: Vec<Features>,
-    charts: Charts,
+    charts: Cusums,
     #[serde(skip)]
     prepared: Prepared,
 }
@@ -90,7 +90,7 @@ impl Tracker {
     /// of one that is learnt as any other.
     pub(super) fn end_chosen(&self, collecting: &mut Collecting, at: Timestamp) -> Option<Tracking> {
         let over = collecting.chosen.take()?;
-        if collecting.records.len() < LEAST_CHOSEN {
+        if collecting.records.len() < MIN_CHOSEN {
             return None;
         }
         let (began, ended) = (collecting.start.unwrap_or(at), over.latest.unwrap_or(at));
@@ -119,7 +119,7 @@ impl Tracker {
         }
         collecting.start.get_or_insert(at);
         if let Some(chosen) = &mut collecting.chosen {
-            if collecting.records.len() < MOST_CHOSEN {
+            if collecting.records.len() < MAX_CHOSEN {
                 collecting.records.push(features.clone());
                 chosen.latest = Some(at);
             }

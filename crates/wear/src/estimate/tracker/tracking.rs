@@ -9,8 +9,8 @@ use super::Tracker;
 use super::healthy::{Healthy, Prepared};
 use crate::estimate::anchor::Anchor;
 use crate::estimate::baseline::Baseline;
-use crate::estimate::chart::Charts;
 use crate::estimate::comparability::sampled_too_slowly;
+use crate::estimate::cusum::Cusums;
 use crate::estimate::deviation::Deviation;
 use crate::estimate::event::Inspection;
 use crate::estimate::expectation::{Expectations, Reference};
@@ -27,7 +27,7 @@ use crate::library::{DEPTHS, Ensemble, MESH_LINES};
 use flankwatch_signal::Features;
 
 /// Fewest lines that a comparison is made on.
-const LEAST_LINES: usize = 3;
+const MIN_LINES: usize = 3;
 
 /// Longest interval between two records in units of growth: what a machine does while nobody records is not
 /// known.
@@ -63,7 +63,7 @@ pub(super) struct Tracking {
     recent: Vec<Option<f32>>,
     disagreeing: u8,
     #[serde(default)]
-    charts: Charts,
+    charts: Cusums,
     #[serde(default)]
     levels: Levels,
     #[serde(skip)]
@@ -132,7 +132,7 @@ impl Tracker {
             anchor: None,
             recent: vec![None; MESH_LINES],
             disagreeing: 0,
-            charts: Charts::default(),
+            charts: Cusums::default(),
             levels: Levels::default(),
             prepared: Prepared::default(),
             hindsight: None,
@@ -188,9 +188,9 @@ impl Tracker {
             };
             return self.track_by_checks(tracking, &healthy, features, answer);
         };
-        if healthy.lines.len() < LEAST_LINES {
+        if healthy.lines.len() < MIN_LINES {
             let reason = format!(
-                "{} lines stand above the noise in the baseline, expected at least {LEAST_LINES}: this channel cannot show wear",
+                "{} lines stand above the noise in the baseline, expected at least {MIN_LINES}: this channel cannot show wear",
                 healthy.lines.len()
             );
             let answer = self.no_number(WearStatus::NotIdentifiable, need, &reason);
@@ -348,7 +348,7 @@ fn sampling_refuses(
     measured: &Measured,
     features: &Features,
 ) -> Option<String> {
-    let speed_hz = features.operating_point.shaft_speed_hz.filter(|_| measured.lines.len() < LEAST_LINES)?;
+    let speed_hz = features.operating_point.shaft_speed_hz.filter(|_| measured.lines.len() < MIN_LINES)?;
     let teeth = f64::from(ensemble.described().pair().geometry.teeth[0]);
-    sampled_too_slowly(features, healthy.lines.rate_needed_hz(LEAST_LINES, teeth * speed_hz))
+    sampled_too_slowly(features, healthy.lines.rate_needed_hz(MIN_LINES, teeth * speed_hz))
 }

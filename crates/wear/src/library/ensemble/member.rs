@@ -18,7 +18,7 @@ const SAMPLES_A_PERIOD: f64 = 40.0;
 const PERIODS: f64 = 2.0;
 
 /// Least amplitude in m/s² whose logarithm is taken.
-const LEAST_AMPLITUDE: f64 = 1e-12;
+const MIN_AMPLITUDE: f64 = 1e-12;
 
 /// A place on a flank where its wear may be measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -248,7 +248,7 @@ fn log_amplitudes(response: &[f64]) -> Vec<f64> {
             re += value * cos;
             im += value * sin;
         }
-        (2.0 * re.hypot(im) / response.len() as f64).max(LEAST_AMPLITUDE).ln()
+        (2.0 * re.hypot(im) / response.len() as f64).max(MIN_AMPLITUDE).ln()
     };
     (0..MESH_LINES).map(amplitude).collect()
 }

@@ -21,7 +21,7 @@ use flankwatch_gear::{
 };
 
 /// Ratio of root to bore radius above which a gear's body can be modelled.
-const LEAST_ROOT_TO_BORE: f64 = 1.45;
+const MIN_ROOT_TO_BORE: f64 = 1.45;
 
 /// Points of a drawn shape's table on each flank.
 const SHAPE_POINTS: usize = 40;
@@ -99,7 +99,7 @@ pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Dra
     let (bore, other) = (dice.between(0.75, 1.9), dice.between(0.9, 1.1));
     for (i, factor) in [bore, bore * other].into_iter().enumerate() {
         let radius = &mut spec.geometry.bore_radius_mm[i];
-        *radius = (*radius * factor).min(roots[i] / LEAST_ROOT_TO_BORE);
+        *radius = (*radius * factor).min(roots[i] / MIN_ROOT_TO_BORE);
     }
     spec.wear = wear.spec(&spec.resolve()?);
     let coordinate = dice.coordinate;

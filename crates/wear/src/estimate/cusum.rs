@@ -14,26 +14,26 @@ use serde::{Deserialize, Serialize};
 const ALLOWANCE: f64 = 1.0;
 
 /// One record counts for no more than this.
-const MOST_DEVIATIONS: f64 = 5.0;
+const MAX_DEVIATIONS: f64 = 5.0;
 
 /// A sum stays below this, so that it comes down soon after the fault is gone.
-const HIGHEST_SUM: f64 = 15.0;
+const MAX_SUM: f64 = 15.0;
 
 /// How far sums of normal deviates overshoot a level on average (Siegmund 1985).
 const OVERSHOOT: f64 = 0.583;
 
 /// Sums of one measuring channel; an exact copy in JSON goes on with the same bits.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Charts {
+pub(super) struct Cusums {
     sums: BTreeMap<String, f64>,
 }
 
-impl Charts {
+impl Cusums {
     /// Takes the deviations of a record's checks, in standard deviations.
     pub(super) fn update<'a>(&mut self, deviations: impl Iterator<Item = (&'a str, f64)>) {
         for (name, z) in deviations {
             let sum = self.sums.entry(name.to_owned()).or_insert(0.0);
-            *sum = (*sum + z.min(MOST_DEVIATIONS) - ALLOWANCE).clamp(0.0, HIGHEST_SUM);
+            *sum = (*sum + z.min(MAX_DEVIATIONS) - ALLOWANCE).clamp(0.0, MAX_SUM);
         }
     }
 
@@ -77,7 +77,7 @@ mod tests {
     #[test]
     fn healthy_records_pass_a_level_as_often_as_is_told() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut charts = Charts::default();
+        let mut charts = Cusums::default();
         let levels = [1e-1, 1e-2, 1e-3];
         let mut passed = [0_u32; 3];
         for _ in 0..100_000 {
@@ -99,7 +99,7 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let mut seen = 0;
         for _ in 0..200 {
-            let mut charts = Charts::default();
+            let mut charts = Cusums::default();
             for _ in 0..50 {
                 charts.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
             }

@@ -18,12 +18,12 @@ const EXTENSION: &str = "fwlib";
 
 /// A folder of libraries.
 #[derive(Debug, Clone)]
-pub struct LibraryShelf {
+pub struct LibraryCache {
     folder: PathBuf,
 }
 
-impl LibraryShelf {
-    /// A shelf in a folder, which is made when the first library is kept.
+impl LibraryCache {
+    /// A cache in a folder, which is made when the first library is kept.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into() }
     }
@@ -144,7 +144,7 @@ impl LibraryShelf {
         }
     }
 
-    /// What is on the shelf, by name; files that cannot be used are left out and reported.
+    /// What is on the cache, by name; files that cannot be used are left out and reported.
     pub fn list(&self) -> Result<Vec<Manifest>, LibraryError> {
         let entries = match fs::read_dir(&self.folder) {
             Ok(entries) => entries,
@@ -224,13 +224,13 @@ mod tests {
     #[test]
     fn threads_that_keep_the_same_library_do_not_disturb_each_other() {
         let folder = tempfile::tempdir().unwrap();
-        let (shelf, library) = (LibraryShelf::new(folder.path()), made_up_library());
+        let (cache, library) = (LibraryCache::new(folder.path()), made_up_library());
         thread::scope(|scope| {
             for _ in 0..8 {
-                scope.spawn(|| (0..10).for_each(|_| shelf.put(&library).unwrap()));
+                scope.spawn(|| (0..10).for_each(|_| cache.put(&library).unwrap()));
             }
         });
-        assert_eq!(*shelf.get(library.id()).unwrap().unwrap(), library);
+        assert_eq!(*cache.get(library.id()).unwrap().unwrap(), library);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

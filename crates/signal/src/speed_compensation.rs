@@ -28,12 +28,12 @@ const WIDE: f64 = 1.15;
 const CLEAR: f64 = 4.0;
 
 /// Error of the highest harmonic's phase up to which no better angle is looked for: 2 % of its amplitude.
-const MOST_ERROR_DEG: f64 = 12.0;
+const MAX_ERROR_DEG: f64 = 12.0;
 
 /// A wander that swings the highest harmonic's phase by no more than this to either side leaves it a line.
-const LEAST_SWING_TURNS: f64 = 0.1;
+const MIN_SWING_TURNS: f64 = 0.1;
 
-/// What is steadied around each mesh harmonic, in shaft rates: the sidebands that features read, and a little
+/// What is compensated around each mesh harmonic, in shaft rates: the sidebands that features read, and a little
 /// more.
 const REACH_SHAFTS: f64 = 2.75;
 
@@ -49,26 +49,30 @@ pub(super) struct Mesh {
 }
 
 /// What was done to a transform, and what it was before.
-pub(super) struct Steadied {
+pub(super) struct SpeedCompensated {
     /// The mean mesh frequency in bins, which the lines have now.
     pub(super) mesh_bins: f64,
     bins: Vec<Complex<f64>>,
     amplitude: Vec<f64>,
 }
 
-impl Steadied {
+impl SpeedCompensated {
     /// Puts the transform back.
     pub(super) fn undo(self, work: &mut RecordSpectrum) {
         let bins = std::mem::replace(&mut work.bins, self.bins);
         let amplitude = std::mem::replace(&mut work.amplitude, self.amplitude);
-        work.steadied = (bins, amplitude);
+        work.compensated = (bins, amplitude);
     }
 }
 
 /// Replaces the bins around the mesh harmonics by those the record would have at its mean speed: the band's
 /// analytic signal is turned back by the harmonic's share of the mesh phase's wander. `None` where nothing
 /// was done because the speed does not wander or cannot be followed.
-pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) -> Option<Steadied> {
+pub(super) fn compensate(
+    work: &mut RecordSpectrum,
+    mesh: Mesh,
+    harmonics: usize,
+) -> Option<SpeedCompensated> {
     let shaft_bins = mesh.bins / f64::from(mesh.teeth);
     if shaft_bins < SHAFT_RESOLVED_BINS {
         return None;
@@ -107,11 +111,11 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
     let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
     // Revolutions ahead of the mean speed.
     let ahead = Wander::of(&angle, mean_bins / f64::from(mesh.teeth) / duration_s, duration_s);
-    if ahead.swing() * f64::from(mesh.teeth) * (harmonics as f64) < LEAST_SWING_TURNS {
+    if ahead.swing() * f64::from(mesh.teeth) * (harmonics as f64) < MIN_SWING_TURNS {
         return None;
     }
-    let mut steadied = std::mem::take(&mut work.steadied.0);
-    steadied.clone_from(&work.bins);
+    let mut compensated = std::mem::take(&mut work.compensated.0);
+    compensated.clone_from(&work.bins);
     for order in 1..=harmonics {
         let centre = order as f64 * mean_bins;
         let inner = REACH_SHAFTS * mean_bins / f64::from(mesh.teeth);
@@ -135,22 +139,22 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
         let kept = (centre - inner).ceil() as usize..=(centre + inner).floor() as usize;
         for bin in kept.filter(|bin| (first..=last).contains(bin)) {
             let m = bin - first + 1;
-            steadied[bin] = signal[m] * scale;
+            compensated[bin] = signal[m] * scale;
         }
         work.transforms.keep_complex(signal);
     }
-    let bins = std::mem::replace(&mut work.bins, steadied);
-    let room = std::mem::take(&mut work.steadied.1);
+    let bins = std::mem::replace(&mut work.bins, compensated);
+    let room = std::mem::take(&mut work.compensated.1);
     let amplitude = std::mem::replace(&mut work.amplitude, room);
     hann_amplitude(&work.bins, work.length, &mut work.amplitude);
-    Some(Steadied { mesh_bins: mean_bins, bins, amplitude })
+    Some(SpeedCompensated { mesh_bins: mean_bins, bins, amplitude })
 }
 
 /// Whether an angle is good enough for this order: an error of its phase takes half its square off a line's
 /// amplitude.
 fn serves(angle: &ShaftAngle, order: usize) -> bool {
     match angle.source() {
-        AngleSource::MeshPhase { angle_error_deg, .. } => angle_error_deg * order as f64 <= MOST_ERROR_DEG,
+        AngleSource::MeshPhase { angle_error_deg, .. } => angle_error_deg * order as f64 <= MAX_ERROR_DEG,
         _ => true,
     }
 }
