@@ -1,16 +1,16 @@
 -- Fills the tables of a PostgreSQL store with many records and measures the service's own statements on them.
 --
---   psql postgres://127.0.0.1/test -v schema=rows -v channels=1000 -v records=10000 -v indicators=10 -v
--- features=6 -f benches/rows.sql
+--   psql postgres://127.0.0.1/test -v schema=rows -v channels=1000 -v records=10000 \
+--     -v indicators=10 -v features=6 -f benches/rows.sql
 --
--- The schema's tables are made by flankwatch: start it once on `postgres://…?options[search_path]=rows`, and
--- stop it. Rows come in the order of time over all channels, as records do; their texts are as long as asked
--- for.
+-- flankwatch creates the schema's tables: start it once on `postgres://…?options[search_path]=rows`, and stop it.
+-- Rows are inserted in time order over all channels, like records. `indicators` and `features` set the length of
+-- their texts.
 \set ON_ERROR_STOP on
 \timing on
 SET search_path TO :schema;
 SET synchronous_commit = off;
--- Filled without looking at each foreign key, which the measurements do not use.
+-- Foreign keys are not checked during the fill; the measurements do not use them.
 SET session_replication_role = replica;
 
 \echo '--- assets and channels'
@@ -44,7 +44,7 @@ SELECT relname, reltuples::bigint AS rows, pg_size_pretty(pg_relation_size(oid))
         round(pg_total_relation_size(oid) / greatest(reltuples, 1)::numeric) AS bytes_per_row
     FROM pg_class WHERE relnamespace = :'schema'::regnamespace AND relname IN ('segments', 'analyses', 'wear_estimates');
 
-\echo '--- one piece of a trend: 4096 records of a channel from a time on (first cold, then again)'
+\echo '--- a block of a trend: 4096 records of a channel after a time (cold, then repeated)'
 PREPARE trend (bigint, bigint, text, bigint) AS
     SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason,
         w.median_um, w.mean_um, w.p05_um, w.p95_um, w.log_evidence
@@ -55,7 +55,7 @@ PREPARE trend (bigint, bigint, text, bigint) AS
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 * 60000000000::bigint, '', 4096);
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 * 60000000000::bigint, '', 4096);
 
-\echo '--- the latest 50 segments of a channel with their wear (first cold, then again)'
+\echo '--- the latest 50 segments of a channel with their wear (cold, then repeated)'
 PREPARE latest (bigint) AS
     SELECT s.*, c.asset_id, c.name AS channel, a.indicators, a.features, w.estimate, w.run_indicators, p.wear_um, p.probability
     FROM (
@@ -71,5 +71,5 @@ PREPARE latest (bigint) AS
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest(7);
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest(7);
 
-\echo '--- a record that was stored before is found'
+\echo '--- finding a repeated record'
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) SELECT * FROM segments WHERE id IN (lpad(to_hex(17179869184 + 300), 9, '0') || left(md5('5/7'), 15), lpad(to_hex(17179869184 + 540), 9, '0') || left(md5('9/11'), 15));

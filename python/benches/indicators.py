@@ -1,4 +1,4 @@
-"""The package's indicators of a record of 200 000 samples beside what SciPy takes for all that the service keeps.
+"""Times the package's indicators of a record of 200 000 samples, and SciPy on the same quantities.
 
     pip install ./python pyperf scipy
     python3 python/benches/indicators.py
@@ -25,5 +25,5 @@ def indicators():
 
 
 runner = pyperf.Runner()
-runner.bench_func("SciPy, all that the service keeps", scipy_set.whole)
+runner.bench_func("SciPy, same quantities", scipy_set.whole)
 runner.bench_func("flankwatch.indicators", indicators)

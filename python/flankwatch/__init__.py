@@ -1,8 +1,8 @@
 """Condition monitoring for spur gears: indicators, gear model, wear estimate, and a client of the service.
 
-Samples are one-dimensional arrays of real numbers, rates are in hertz, times are RFC 3339 text, ``datetime``,
-``numpy.datetime64`` or seconds since 1970. What cannot be used raises ``ValueError`` with the argument, its value and
-what was expected.
+Samples are one-dimensional arrays of real numbers, rates are in hertz, and times are RFC 3339 text,
+``datetime``, ``numpy.datetime64`` or seconds since 1970. Invalid arguments raise ``ValueError`` with the
+argument, its value and what was expected.
 """
 
 from ._flankwatch import (

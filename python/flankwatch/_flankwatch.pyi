@@ -10,9 +10,10 @@ _Path: TypeAlias = str | PathLike[str]
 _Contact: TypeAlias = Literal["threshold", "loaded"]
 
 class Spectrum:
-    """A one-sided spectrum of a record with its mean removed, under a Hann window.
+    """The one-sided spectrum of a record with its mean removed, under a Hann window.
 
-    ``frequency_hz`` and ``amplitude`` have shape ``(n // 2 + 1,)``; ``quantity`` is ``"amplitude_peak"`` or ``"psd"``.
+    ``frequency_hz`` and ``amplitude`` have shape ``(n // 2 + 1,)``; ``quantity`` is ``"amplitude_peak"`` or
+    ``"psd"``.
     """
 
     @property
@@ -51,7 +52,10 @@ class EnvelopeSpectrum:
     def amplitude(self) -> NDArray[np.float64]: ...
 
 class Kurtogram:
-    """Spectral kurtosis by division of the spectrum: ``bandwidth_hz[i]`` and ``kurtosis[i]`` are those of one division."""
+    """Spectral kurtosis at several divisions of the spectrum.
+
+    ``bandwidth_hz[i]`` and ``kurtosis[i]`` belong to division i.
+    """
 
     @property
     def bandwidth_hz(self) -> list[float]: ...
@@ -73,7 +77,10 @@ class Cepstrum:
     def value(self) -> NDArray[np.float64]: ...
 
 class AngleRecord:
-    """Whole turns of the shaft: ``samples`` has shape ``(turns, samples_per_turn)``; ``angle`` says where the angle came from."""
+    """A record resampled over whole turns of the shaft.
+
+    ``samples`` has shape ``(turns, samples_per_turn)``; ``angle`` describes the source of the angle.
+    """
 
     @property
     def unit(self) -> str: ...
@@ -131,7 +138,7 @@ class MeshCycle:
     def mean_stiffness_n_per_m(self) -> float: ...
 
 class ToothContact:
-    """Where and at which rotations one pair of teeth touches, from the start to the end of its contact."""
+    """Contact points and rotations of one pair of teeth, from the start to the end of its contact."""
 
     @property
     def alpha1_rad(self) -> NDArray[np.float64]: ...
@@ -155,7 +162,7 @@ class Flank:
     def y_mm(self) -> NDArray[np.float64]: ...
 
 class Simulation:
-    """A simulated vibration in m/s², with the wear, speed and torque that it was made with."""
+    """A simulated vibration in m/s², with its wear, speed and torque."""
 
     @property
     def samples(self) -> NDArray[np.float64]: ...
@@ -175,28 +182,29 @@ class Simulation:
 class Pair:
     """A pair of spur gears, described as in a pair file.
 
-    Wear is given as ``wear_um``, the greatest depth in µm in the pair's own shape; as ``profile``, a table of gear, radius
-    in mm and depth in µm of shape ``(n, 3)`` or as CSV; or as ``turns`` of the driving gear by Archard's law.
+    Wear is given in one of three ways: ``wear_um``, the greatest depth in µm with the pair's own wear shape;
+    ``profile``, a table of gear, radius in mm and depth in µm, of shape ``(n, 3)`` or as CSV; or ``turns`` of
+    the driving gear, which wear it by Archard's law.
     """
 
     @staticmethod
     def from_toml(text: str) -> Pair:
-        """A pair from the text of a pair file."""
+        """Returns the pair that the text of a pair file describes."""
 
     @staticmethod
     def from_file(path: _Path) -> Pair:
-        """A pair from a pair file."""
+        """Returns the pair of a pair file."""
 
     @staticmethod
     def from_dict(description: dict[str, Any]) -> Pair:
-        """A pair from the tables of a pair file."""
+        """Returns the pair that the tables of a pair file describe."""
 
     @staticmethod
     def shen2022() -> Pair:
-        """The pair of Shen et al. 2022, Table 1."""
+        """Returns the pair of Shen et al. 2022, Table 1."""
 
     def to_dict(self) -> dict[str, Any]:
-        """The description with all defaults."""
+        """Returns the description including all defaults."""
 
     @property
     def name(self) -> str: ...
@@ -218,10 +226,10 @@ class Pair:
         contact: _Contact | None = None,
         points: int = 1000,
     ) -> MeshCycle:
-        """Mesh stiffness and transmission error over one mesh period, at ``points`` evenly spaced rotations.
+        """Computes mesh stiffness and transmission error over one mesh period, at ``points`` rotations.
 
         Raises:
-            ValueError: for wear or torque that the model cannot take.
+            ValueError: if the wear or torque is outside the model's range.
         """
 
     def tooth_contact(
@@ -231,7 +239,7 @@ class Pair:
         profile: str | ArrayLike | None = None,
         turns: float | None = None,
     ) -> ToothContact:
-        """The contact of one pair of teeth, at 601 points."""
+        """Computes the contact of one pair of teeth, at 601 points."""
 
     def flank(
         self,
@@ -242,7 +250,7 @@ class Pair:
         turns: float | None = None,
         points: int = 201,
     ) -> Flank:
-        """The working flank of gear 1 (driving) or 2 (driven)."""
+        """Returns the working flank of gear 1 (driving) or 2 (driven)."""
 
     def simulate(
         self,
@@ -258,10 +266,10 @@ class Pair:
         seed: int | None = None,
         start_phase_turns: float = 0.0,
     ) -> Simulation:
-        """The vibration of the worn pair, ``rate_hz × seconds`` samples in m/s²."""
+        """Simulates the vibration of the worn pair, ``rate_hz × seconds`` samples in m/s²."""
 
 class SimulatedRecord:
-    """One record of a run, with the true wear."""
+    """One record of a simulated run, with the true wear."""
 
     @property
     def samples(self) -> NDArray[np.float32]: ...
@@ -277,7 +285,7 @@ class SimulatedRecord:
     def wear_um(self) -> float: ...
 
 class Run:
-    """A simulated run to failure through a random transmission path; a sequence of records."""
+    """A simulated run to failure through a random transmission path, as a sequence of records."""
 
     def __new__(
         cls,
@@ -315,17 +323,18 @@ class Library:
         seed: int = 1,
         progress: Callable[[int, int], object] | None = None,
     ) -> Library:
-        """Simulates the states on all cores. ``progress`` is called with the simulations done and their number in all.
+        """Simulates the states on all cores.
 
-        Ctrl-C, or an exception of ``progress``, stops the build and is raised.
+        ``progress`` is called with the numbers of finished and of all simulations. Ctrl-C, or an exception in
+        ``progress``, stops the build and is raised.
         """
 
     @staticmethod
     def load(path: _Path) -> Library:
-        """A library from a file."""
+        """Loads a library from a file."""
 
     def save(self, path: _Path) -> None:
-        """Writes the library to a file; ``flankwatch analyze`` takes it as ``DATA/libraries/`` + ``file_name``."""
+        """Writes the library to a file; ``flankwatch analyze`` reads ``DATA/libraries/`` + ``file_name``."""
 
     @property
     def id(self) -> str: ...
@@ -338,25 +347,25 @@ class Library:
     @property
     def indicator_names(self) -> list[str]: ...
     def indicator(self, name: str) -> NDArray[np.float64]:
-        """An indicator over the wear states; NaN where a state lacks it."""
+        """Returns an indicator over the wear states, NaN for states without it."""
 
     def mesh(self, state: int) -> dict[str, list[float]]:
-        """Mesh stiffness and transmission error of one state."""
+        """Returns the mesh stiffness and transmission error of one state."""
 
     def __len__(self) -> int: ...
 
 class Ensemble:
-    """Pairs that a machine may be: the described one, and others around it."""
+    """The described pair and variations of it, any of which may be the machine's."""
 
     @staticmethod
     def build(
         library: Library, *, members: int = 1280, progress: Callable[[int, int], object] | None = None
     ) -> Ensemble:
-        """Simulates the members on all cores; ``progress`` and Ctrl-C as for :meth:`Library.build`."""
+        """Simulates the members on all cores; ``progress`` and Ctrl-C work as in :meth:`Library.build`."""
 
     @staticmethod
     def load(path: _Path, library: Library) -> Ensemble:
-        """An ensemble from a file, around its library."""
+        """Loads the ensemble of a library from a file."""
 
     def save(self, path: _Path) -> None:
         """Writes the ensemble to a file."""
@@ -368,14 +377,14 @@ class Ensemble:
     def __len__(self) -> int: ...
 
 class Tracker:
-    """The wear of one measuring channel, record by record in time order.
+    """Estimates the wear of one measuring channel, record by record in time order.
 
     Args:
-        library: a library, or an ensemble for an estimate that knows what is uncertain of the pair.
-        teeth, nominal_shaft_speed_hz: those of the library's pair where not given.
-        tolerance: how far from nominal the speed is looked for, as a fraction.
-        baseline_records: records that teach what healthy looks like, at least 8.
-        limit_um: wear depth in µm that the prognosis is about.
+        library: a library, or an ensemble for an estimate that includes the uncertainty of the pair.
+        teeth, nominal_shaft_speed_hz: default to those of the library's pair.
+        tolerance: search range of the speed around nominal, as a fraction.
+        baseline_records: number of records in the healthy baseline, at least 8.
+        limit_um: wear depth in µm for which the prognosis is made.
         unit: unit of the samples.
     """
 
@@ -401,25 +410,25 @@ class Tracker:
         pulse_times_s: ArrayLike | None = None,
         pulses_per_revolution: int = 1,
     ) -> dict[str, Any]:
-        """Takes a record; answers with ``time``, ``indicators``, ``absent``, ``shaft_speed`` and the estimate ``wear``."""
+        """Adds a record; returns ``time``, ``indicators``, ``absent``, ``shaft_speed`` and ``wear``."""
 
     def maintenance(
         self, kind: str, time: _Time, *, inspection: dict[str, Any] | None = None, until: _Time | None = None
     ) -> None:
-        """Takes maintenance between two records; kinds are those of the HTTP API."""
+        """Adds maintenance between two records; kinds are those of the HTTP API."""
 
     @property
     def state(self) -> str:
-        """What is known after the records so far, as JSON."""
+        """The state after the records so far, as JSON."""
 
     def restore(self, state: str) -> None:
-        """Goes on from a state."""
+        """Replaces the state."""
 
     def save(self, path: _Path) -> None:
         """Writes the state to a file."""
 
     def load(self, path: _Path) -> None:
-        """Goes on from the state in a file."""
+        """Replaces the state with that of a file."""
 
 def condition(
     x: ArrayLike,
@@ -437,10 +446,10 @@ def condition(
     gear_indicators: bool = True,
 ) -> dict[str, Any]: ...
 def amplitude_spectrum(x: ArrayLike, rate_hz: float, *, unit: str = "1") -> Spectrum:
-    """The Hann amplitude (peak) spectrum of samples of shape ``(n,)``."""
+    """Computes the Hann amplitude (peak) spectrum of samples of shape ``(n,)``."""
 
 def power_spectral_density(x: ArrayLike, rate_hz: float, *, unit: str = "1") -> Spectrum:
-    """The power spectral density: SciPy's ``periodogram`` with a Hann window."""
+    """Computes the power spectral density, as SciPy's ``periodogram`` with a Hann window."""
 
 def envelope_spectrum(
     x: ArrayLike,
@@ -454,13 +463,13 @@ def envelope_spectrum(
     tolerance: float = 0.05,
     unit: str = "1",
 ) -> EnvelopeSpectrum:
-    """The envelope spectrum of a band in hertz, or of the band that ``search`` finds."""
+    """Computes the envelope spectrum of a band in hertz, or of the band that ``search`` finds."""
 
 def kurtogram(x: ArrayLike, rate_hz: float) -> Kurtogram:
-    """The fast kurtogram."""
+    """Computes the fast kurtogram."""
 
 def cepstrum(x: ArrayLike, rate_hz: float) -> Cepstrum:
-    """The real cepstrum."""
+    """Computes the real cepstrum."""
 
 def angle_record(
     x: ArrayLike,
@@ -474,10 +483,12 @@ def angle_record(
     pulses_per_revolution: int = 1,
     unit: str = "1",
 ) -> AngleRecord:
-    """The record over the angle of its shaft: by a tachometer, else by the phase of a mesh line, else at constant speed.
+    """Resamples the record over the angle of its shaft.
+
+    The angle comes from a tachometer, else from the phase of a mesh line, else from a constant speed.
 
     Raises:
-        ValueError: where there is no speed, or fewer than 4 whole turns.
+        ValueError: if there is no speed, or fewer than 4 whole turns.
     """
 
 def order_spectrum(
@@ -492,7 +503,7 @@ def order_spectrum(
     pulses_per_revolution: int = 1,
     unit: str = "1",
 ) -> OrderSpectrum:
-    """The amplitude spectrum over orders of the shaft; arguments as for :func:`angle_record`."""
+    """Computes the amplitude spectrum over orders of the shaft; arguments as for :func:`angle_record`."""
 
 def gear_signals(
     x: ArrayLike,
@@ -506,4 +517,4 @@ def gear_signals(
     pulses_per_revolution: int = 1,
     unit: str = "1",
 ) -> GearSignals:
-    """The synchronous average, its regular, residual and difference signals, and the envelope of the mesh line."""
+    """Computes the synchronous average, its regular, residual and difference signals, and the mesh envelope."""

@@ -17,10 +17,10 @@ from .frames import as_frame
 from .reading import read
 from .reading.guess import as_time
 
-#: Answers after which the same request may succeed.
-WORTH_REPEATING = {429, 502, 503, 504, 507}
+#: Statuses after which the same request may succeed.
+RETRIED_STATUSES = {429, 502, 503, 504, 507}
 
-#: Files that the service reads itself, by their first bytes.
+#: Media types of files that the service reads itself, by their first bytes.
 READ_BY_SERVICE = {
     b"RIFF": "audio/wav",
     b"RIFX": "audio/wav",
@@ -30,12 +30,12 @@ READ_BY_SERVICE = {
 
 
 class ServiceError(Exception):
-    """The service refused a request.
+    """Raised when the service refuses a request.
 
     Attributes:
         status: HTTP status.
-        detail: what is wrong, in words.
-        field, value, expected: the field at fault, where one is.
+        detail: the reason, in words.
+        field, value, expected: the field at fault, if there is one.
     """
 
     def __init__(self, status: int, problem: Mapping[str, Any]) -> None:
@@ -49,7 +49,7 @@ class ServiceError(Exception):
 
 @dataclass
 class Event:
-    """One event of the service: its kind, its identifier for taking up the stream again, and its content."""
+    """One event of the service: its kind, its identifier for resuming the stream, and its content."""
 
     kind: str
     id: str
@@ -57,12 +57,12 @@ class Event:
 
 
 def without_none(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Those values that there are."""
+    """Returns the values that are not ``None``."""
     return {name: value for name, value in values.items() if value is not None}
 
 
 def rfc3339(time: Any) -> str | None:
-    """A time as the service writes it."""
+    """Formats a time as the service writes it."""
     if time is None:
         return None
     if isinstance(time, (int, float)):
@@ -76,13 +76,13 @@ def rfc3339(time: Any) -> str | None:
 
 
 class Client:
-    """A connection to the service at ``url``, with a token where it asks for one.
+    """A connection to the service at ``url``, with a token if the service requires one.
 
     Args:
         url: address of the service.
         token: a token made with ``flankwatch token create``.
-        timeout_s: how long an answer may take, in seconds.
-        repeats: how often a request is sent again that the service could not take now.
+        timeout_s: timeout of an answer in seconds.
+        repeats: number of retries of a request that the service could not accept.
         verify: ``False`` to accept any certificate, or the path of a private one.
     """
 
@@ -106,31 +106,31 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Ends the connection."""
+        """Closes the connection."""
         self._http.close()
 
     def request(self, method: str, path: str, **arguments: Any) -> Any:
-        """Sends a request and answers with the decoded JSON; repeats it where the service asks for that.
+        """Sends a request and returns the decoded JSON; retries it if the service is busy.
 
         Raises:
-            ServiceError: where the service refuses.
-            httpx.TransportError: where it cannot be reached.
+            ServiceError: if the service refuses the request.
+            httpx.TransportError: if the service cannot be reached.
         """
         return self._send(method, path, **arguments).json()
 
     def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:
         for attempt in range(self._repeats + 1):
-            answer = self._http.request(method, path, **arguments)
-            if answer.status_code not in WORTH_REPEATING or attempt == self._repeats:
+            response = self._http.request(method, path, **arguments)
+            if response.status_code not in RETRIED_STATUSES or attempt == self._repeats:
                 break
-            clock.sleep(min(float(answer.headers.get("retry-after") or 1), 30.0))
-        if answer.status_code >= 400:
+            clock.sleep(min(float(response.headers.get("retry-after") or 1), 30.0))
+        if response.status_code >= 400:
             try:
-                problem = answer.json()
+                problem = response.json()
             except ValueError:
-                problem = {"detail": answer.text}
-            raise ServiceError(answer.status_code, problem)
-        return answer
+                problem = {"detail": response.text}
+            raise ServiceError(response.status_code, problem)
+        return response
 
     def _pages(self, path: str, parameters: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         cursor = None
@@ -144,11 +144,11 @@ class Client:
     # Assets
 
     def assets(self) -> list[dict[str, Any]]:
-        """All assets with their summaries."""
+        """Returns all assets with their summaries."""
         return list(self._pages("/v1/assets", {}))
 
     def asset(self, asset: str) -> dict[str, Any]:
-        """One asset."""
+        """Returns one asset."""
         answer: dict[str, Any] = self.request("GET", f"/v1/assets/{asset}")
         return answer
 
@@ -184,16 +184,17 @@ class Client:
         reference_wear_um: float | None = None,
         idempotency_key: str | None = None,
     ) -> dict[str, Any]:
-        """Sends samples as one record a channel; they are stored in single precision.
+        """Sends samples as one record per channel; they are stored in single precision.
 
         Args:
             asset: the asset's id.
             x: samples, shape ``(n,)`` or ``(channels, n)``.
             rate_hz: sampling rate in hertz.
-            start_time: time of the first sample; that of receipt where not given.
+            start_time: time of the first sample; defaults to the time of receipt.
             unit: unit of the samples.
             channel, channel_names: names of the measuring points.
-            idempotency_key: a repeat with the same key is the same upload; made from the content where a start time is given.
+            idempotency_key: uploads with the same key are stored once; defaults to a hash of the content if a
+                start time is given.
 
         Returns:
             The segment, or ``{"segments": [...]}`` for several channels.
@@ -237,9 +238,13 @@ class Client:
         start_time: Any = None,
         **parameters: Any,
     ) -> dict[str, Any]:
-        """Sends a recording in a file: WAV, MCAP and CSV as they are, other formats as :func:`flankwatch.read` reads them.
+        """Sends a recording in a file.
 
-        Channels of one rate and start go together; the answer is that of the last upload.
+        WAV, MCAP and CSV are sent unchanged, other formats as :func:`flankwatch.read` reads them.
+        Channels of the same rate, unit, start and length are sent together.
+
+        Returns:
+            The answer to the upload, or ``{"uploads": [...]}`` for several uploads.
         """
         path = Path(path)
         with path.open("rb") as file:
@@ -250,10 +255,10 @@ class Client:
         if path.suffix.lower() == ".csv":
             media_type = "text/csv"
         if media_type is not None:
-            given = without_none({"unit": unit, "start_time": rfc3339(start_time), **parameters})
+            query = without_none({"unit": unit, "start_time": rfc3339(start_time), **parameters})
             if media_type == "text/csv" and rate_hz is not None:
-                given["sample_rate_hz"] = repr(float(rate_hz))
-            return self._upload(asset, path.read_bytes(), media_type, given, idempotency_key)
+                query["sample_rate_hz"] = repr(float(rate_hz))
+            return self._upload(asset, path.read_bytes(), media_type, query, idempotency_key)
         recording = read(path, channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time)
         answers = []
         groups: dict[tuple[Any, ...], list[Any]] = {}
@@ -294,59 +299,62 @@ class Client:
             key = content.hexdigest()
         if key is not None:
             headers["idempotency-key"] = key
-        sent = self._send(
+        response = self._send(
             "POST", f"/v1/assets/{asset}/segments", content=body, headers=headers, params=dict(parameters)
         )
-        answer: dict[str, Any] = sent.json()
-        if sent.headers.get("idempotency-replayed") == "true":
+        answer: dict[str, Any] = response.json()
+        if response.headers.get("idempotency-replayed") == "true":
             answer["replayed"] = True
         return answer
 
     def segments(self, asset: str, **parameters: Any) -> Iterator[dict[str, Any]]:
-        """The records of an asset in time order; ``channel``, ``order``, ``operating_bin``."""
+        """Returns the records of an asset in time order; ``channel``, ``order``, ``operating_bin``."""
         return self._pages(f"/v1/assets/{asset}/segments", parameters)
 
     def segment(self, segment: str) -> dict[str, Any]:
-        """One record with its indicators and its wear estimate."""
+        """Returns one record with its indicators and its wear estimate."""
         answer: dict[str, Any] = self.request("GET", f"/v1/segments/{segment}")
         return answer
 
     def waveform(self, segment: str, **parameters: Any) -> dict[str, Any]:
-        """The samples of a record; ``max_points``, ``from_s``, ``to_s``."""
+        """Returns the samples of a record; ``max_points``, ``from_s``, ``to_s``."""
         answer: dict[str, Any] = self.request("GET", f"/v1/segments/{segment}/waveform", params=parameters)
         return answer
 
     # Wear and trends
 
     def wear(self, asset: str) -> dict[str, Any]:
-        """The latest wear estimate."""
+        """Returns the latest wear estimate."""
         answer: dict[str, Any] = self.request("GET", f"/v1/assets/{asset}/wear")
         return answer
 
     def wear_history(self, asset: str, *, frame: str | None = None, **parameters: Any) -> Any:
-        """The wear over time: a list of rows, or a frame for ``frame="pandas"`` or ``"polars"``."""
+        """Returns the wear over time: a list of rows, or a frame for ``frame="pandas"`` or ``"polars"``."""
         return as_frame(self.request("GET", f"/v1/assets/{asset}/wear/history", params=parameters), frame)
 
     def trend(self, asset: str, names: Sequence[str], *, frame: str | None = None, **parameters: Any) -> Any:
-        """Indicators over time, as :meth:`wear_history`; ``channel``, ``from``, ``to``, ``max_points``."""
+        """Returns indicators over time; ``channel``, ``from``, ``to``, ``max_points``; ``frame`` as above."""
         parameters["names"] = ",".join(names)
         return as_frame(self.request("GET", f"/v1/assets/{asset}/indicators", params=parameters), frame)
 
     # Replays
 
     def start_replay(self, asset: str, file: str, *, pace: str = "max") -> dict[str, Any]:
-        """Replays a recording of the service's folder; ``pace`` is ``"max"``, ``"realtime"`` or a factor such as ``"10x"``."""
+        """Starts a replay of a recording in the service's folder.
+
+        ``pace`` is ``"max"``, ``"realtime"`` or a factor such as ``"10x"``.
+        """
         answer: dict[str, Any] = self.request(
             "POST", "/v1/replays", json={"asset": asset, "file": file, "pace": pace}
         )
         return answer
 
     def replays(self) -> list[dict[str, Any]]:
-        """All replays."""
+        """Returns all replays."""
         return list(self._pages("/v1/replays", {}))
 
     def replay(self, replay: str) -> dict[str, Any]:
-        """One replay with its progress."""
+        """Returns one replay with its progress."""
         answer: dict[str, Any] = self.request("GET", f"/v1/replays/{replay}")
         return answer
 
@@ -359,20 +367,20 @@ class Client:
     def events(
         self, asset: str | None = None, *, last_event_id: str | None = None, reconnect: bool = True
     ) -> Iterator[Event]:
-        """Events as they happen; a lost connection is taken up where it ended.
+        """Iterates over events as they happen, and resumes after a lost connection.
 
-        The iterator waits for the next event. It does not end by itself while ``reconnect`` is true.
+        The iterator waits for the next event. It does not end while ``reconnect`` is true.
         """
         while True:
             headers = without_none({"accept": "text/event-stream", "last-event-id": last_event_id})
             try:
                 with self._http.stream(
                     "GET", "/v1/events", params=without_none({"asset": asset}), headers=headers, timeout=None
-                ) as answer:
-                    if answer.status_code >= 400:
-                        answer.read()
-                        raise ServiceError(answer.status_code, {"detail": answer.text})
-                    for event in parse_events(answer.iter_lines()):
+                ) as response:
+                    if response.status_code >= 400:
+                        response.read()
+                        raise ServiceError(response.status_code, {"detail": response.text})
+                    for event in parse_events(response.iter_lines()):
                         last_event_id = event.id or last_event_id
                         yield event
             except httpx.TransportError:
@@ -384,7 +392,7 @@ class Client:
 
 
 def parse_events(lines: Iterator[str]) -> Iterator[Event]:
-    """The events in the lines of a stream."""
+    """Parses the events in the lines of a stream."""
     kind, number = "message", ""
     data: list[str] = []
     for line in lines:

@@ -11,14 +11,14 @@ from . import _flankwatch
 
 
 class Indicators(dict[str, float]):
-    """Indicators by name, and what they rest on.
+    """Indicators by name, with the shaft speed and mesh lines they are based on.
 
     Attributes:
-        absent: reason by the name of an indicator that cannot be computed.
-        shaft_speed_hz: rotational frequency of the shaft in hertz; ``None`` where it is neither given nor found.
+        absent: reasons why indicators could not be computed, by name.
+        shaft_speed_hz: rotational frequency of the shaft in hertz; ``None`` if it is neither given nor found.
         shaft_speed_source: ``"record"``, ``"tachometer"``, ``"asset"`` or ``"mesh_comb"``.
         mesh_frequency_hz: teeth times shaft speed in hertz.
-        mesh_lines: order, frequency in hertz and peak amplitude of each mesh harmonic that could be read.
+        mesh_lines: order, frequency in hertz and peak amplitude of each detected mesh harmonic.
         basis: identifier of the method, the quality of the samples, and the source of the shaft's angle.
     """
 
@@ -45,25 +45,25 @@ def indicators(
     bands: Iterable[Mapping[str, Any]] | None = None,
     gear_indicators: bool = True,
 ) -> Indicators:
-    """The condition indicators that the service keeps of a record.
+    """Computes the condition indicators that the service stores for a record.
 
     Args:
-        x: samples, shape ``(n,)``, in ``unit``; single precision is used as it is.
+        x: samples, shape ``(n,)``, in ``unit``; single precision is not converted.
         rate_hz: sampling rate in hertz.
         teeth: teeth of the gear on the shaft; without it only indicators that need no mesh are computed.
         shaft_speed_hz: rotational frequency of that shaft in hertz.
-        nominal_shaft_speed_hz: where to look for the speed, in hertz, if it is not given.
-        tolerance: how far from nominal to look, as a fraction.
+        nominal_shaft_speed_hz: centre of the search for the speed in hertz, if it is not given.
+        tolerance: search range around nominal, as a fraction.
         torque_nm: torque on the shaft in N·m.
         pulse_times_s: times of a tachometer's pulses in seconds after the first sample.
-        pulses_per_revolution: pulses in one turn of the shaft.
+        pulses_per_revolution: pulses per turn of the shaft.
         unit: unit of the samples, for example ``"m/s2"`` or ``"g"``.
-        bands: bands whose root mean square becomes an indicator ``band_NAME``: ``name``, ``band_hz``, ``quantity``
-            (``"record"`` or ``"velocity"``).
-        gear_indicators: whether to compute those over the shaft's angle (FM0, FM4, …).
+        bands: bands whose root mean square becomes the indicator ``band_NAME``, each with ``name``,
+            ``band_hz`` and ``quantity`` (``"record"`` or ``"velocity"``).
+        gear_indicators: whether to compute the indicators over the shaft's angle (FM0, FM4, …).
 
     Raises:
-        ValueError: for samples that are not finite or not one-dimensional, and for arguments out of range.
+        ValueError: if samples are not finite or not one-dimensional, or an argument is out of range.
     """
     result = _flankwatch.condition(
         x,
@@ -79,19 +79,19 @@ def indicators(
         bands=None if bands is None else [dict(band) for band in bands],
         gear_indicators=gear_indicators,
     )
-    found = Indicators(result["indicators"])
+    values = Indicators(result["indicators"])
     speed = result["shaft_speed"] or {}
-    found.absent = result["absent"]
-    found.shaft_speed_hz = speed.get("shaft_speed_hz")
-    found.shaft_speed_source = speed.get("source")
-    found.mesh_frequency_hz = speed.get("mesh_frequency_hz") or None
-    found.mesh_lines = result["mesh_lines"]
-    found.basis = result["basis"]
-    return found
+    values.absent = result["absent"]
+    values.shaft_speed_hz = speed.get("shaft_speed_hz")
+    values.shaft_speed_source = speed.get("source")
+    values.mesh_frequency_hz = speed.get("mesh_frequency_hz") or None
+    values.mesh_lines = result["mesh_lines"]
+    values.basis = result["basis"]
+    return values
 
 
 def synchronous_average(x: ArrayLike, rate_hz: float, *, teeth: int, **machine: Any) -> NDArray[np.float64]:
-    """The mean over all turns of the shaft, shape ``(samples_per_turn,)``, in the unit of the samples.
+    """Computes the mean over all turns of the shaft, shape ``(samples_per_turn,)``, in the samples' unit.
 
     Arguments and errors are those of :func:`flankwatch.angle_record`.
     """

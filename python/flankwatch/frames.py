@@ -1,4 +1,4 @@
-"""Rows of the service as frames of pandas or polars."""
+"""Rows of the service as pandas or polars frames."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def as_frame(answer: Any, frame: str | None) -> Any:
-    """Rows as they are, or as a frame with the time in UTC in the column ``start_time``."""
+    """Returns the rows unchanged, or as a frame with the time in UTC in the column ``start_time``."""
     rows = answer["items"] if isinstance(answer, dict) else answer
     if frame is None:
         return rows

@@ -1,4 +1,4 @@
-"""``flankwatch-import``: the recordings of a folder, sent to a service."""
+"""``flankwatch-import``: sends the recordings of a folder to a service."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import httpx
 
 from .client import Client, ServiceError
 
-#: Endings of files that are looked at.
-ENDINGS = {
+#: Extensions of the files that are sent.
+EXTENSIONS = {
     ".mat",
     ".tdms",
     ".uff",
@@ -34,49 +34,49 @@ ENDINGS = {
 }
 
 
-def arguments() -> argparse.ArgumentParser:
-    """The arguments of the command."""
+def argument_parser() -> argparse.ArgumentParser:
+    """Returns the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="flankwatch-import",
-        description="Send the recordings of a folder to a flankwatch service. The same command goes on after a stop: "
-        "what the service has already is not stored twice.",
+        description="Send the recordings of a folder to a flankwatch service. After an interruption, run the "
+        "same command again: recordings that the service already has are not stored twice.",
     )
     parser.add_argument(
-        "folder", type=Path, help="folder with recordings, searched with all folders in it; or one file"
+        "folder", type=Path, help="folder with recordings, searched recursively; or one file"
     )
-    parser.add_argument("--asset", required=True, help="asset that they belong to")
+    parser.add_argument("--asset", required=True, help="asset that the recordings belong to")
     parser.add_argument("--url", default="http://127.0.0.1:8600", help="address of the service")
     parser.add_argument(
-        "--token", default=os.environ.get("FLANKWATCH_TOKEN"), help="token; else that of FLANKWATCH_TOKEN"
+        "--token", default=os.environ.get("FLANKWATCH_TOKEN"), help="token; default: FLANKWATCH_TOKEN"
     )
     parser.add_argument("--ca", help="private certificate of the service")
-    parser.add_argument("--rate-hz", type=float, help="sampling rate in hertz, where files do not say")
+    parser.add_argument("--rate-hz", type=float, help="sampling rate in hertz, for files without one")
     parser.add_argument("--unit", help="unit of the samples")
-    parser.add_argument("--channels", help="names of the channels to send, with commas between them")
+    parser.add_argument("--channels", help="names of the channels to send, separated by commas")
     parser.add_argument(
         "--shaft-speed-hz", type=float, help="rotational frequency of the driving shaft in hertz"
     )
     parser.add_argument("--torque-nm", type=float, help="torque on the driving shaft in N·m")
     parser.add_argument(
         "--time-pattern",
-        help="how a file's name without its ending says the UTC time of its first sample, as in strptime: %%Y%%m%%d_%%H%%M%%S",
+        help="strptime pattern of the UTC start time in file names without extension: %%Y%%m%%d_%%H%%M%%S",
     )
     return parser
 
 
 def start_time(path: Path, pattern: str | None) -> str:
-    """The time of a file's first sample: by its name, else when it was last written."""
+    """Returns the time of a file's first sample: from its name, else the time of its last modification."""
     if pattern is None:
-        written = path.stat().st_mtime_ns
-        return f"{datetime.fromtimestamp(written // 10**9, timezone.utc):%Y-%m-%dT%H:%M:%S}.{written % 10**9:09d}Z"
+        modified = path.stat().st_mtime_ns
+        return f"{datetime.fromtimestamp(modified // 10**9, timezone.utc):%Y-%m-%dT%H:%M:%S}.{modified % 10**9:09d}Z"
     try:
         return datetime.strptime(path.stem, pattern).isoformat() + "Z"
     except ValueError as error:
         raise ValueError(f"{path}: the name is {path.stem!r}, expected a time as in {pattern!r}") from error
 
 
-def key_of(path: Path, options: Sequence[object]) -> str:
-    """A key that is the same for the same content sent in the same way."""
+def idempotency_key(path: Path, options: Sequence[object]) -> str:
+    """Returns an idempotency key: the same for the same content with the same options."""
     content = hashlib.sha256(repr(list(options)).encode())
     with path.open("rb") as file:
         while block := file.read(1 << 20):
@@ -85,25 +85,25 @@ def key_of(path: Path, options: Sequence[object]) -> str:
 
 
 def send(client: Client, path: Path, options: argparse.Namespace) -> str:
-    """Sends one file; answers with what became of it in words."""
+    """Sends one file. Returns the outcome in words."""
     from .reading import read
     from .reading.detect import detect
 
-    when: str | None = start_time(path, options.time_pattern)
+    time: str | None = start_time(path, options.time_pattern)
     channels = options.channels.split(",") if options.channels else None
-    said_by_file = path.suffix.lower() == ".mcap"
-    if not said_by_file and path.suffix.lower() not in (".wav", ".csv") and options.time_pattern is None:
+    file_has_time = path.suffix.lower() == ".mcap"
+    if not file_has_time and path.suffix.lower() not in (".wav", ".csv") and options.time_pattern is None:
         detect(path)
-        said = [
+        times = [
             channel.start_time
             for channel in read(path, channels=channels, rate_hz=options.rate_hz, unit=options.unit)
         ]
-        said_by_file = all(time is not None for time in said)
-    if said_by_file:
-        when = None
-    sent = [
+        file_has_time = all(known is not None for known in times)
+    if file_has_time:
+        time = None
+    identity = [
         options.asset,
-        when,
+        time,
         channels,
         options.rate_hz,
         options.unit,
@@ -114,41 +114,41 @@ def send(client: Client, path: Path, options: argparse.Namespace) -> str:
     answer = client.upload_file(
         options.asset,
         path,
-        idempotency_key=key_of(path, sent),
+        idempotency_key=idempotency_key(path, identity),
         channels=channels,
         rate_hz=options.rate_hz,
         unit=options.unit,
-        start_time=when,
+        start_time=time,
         **{name: value for name, value in parameters.items() if value is not None},
     )
     answers = answer.get("uploads", [answer])
-    return "was there already" if all(part.get("replayed") for part in answers) else "stored"
+    return "already stored" if all(part.get("replayed") for part in answers) else "stored"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command; the exit status is 0 where every file was sent."""
-    options = arguments().parse_args(argv)
+    """Runs the command. Returns the exit status, 0 if every file was sent."""
+    options = argument_parser().parse_args(argv)
     if options.folder.is_dir():
         files = sorted(
-            path for path in options.folder.rglob("*") if path.suffix.lower() in ENDINGS and path.is_file()
+            path for path in options.folder.rglob("*") if path.suffix.lower() in EXTENSIONS and path.is_file()
         )
     else:
         files = [options.folder]
     if not files:
         print(
-            f"error: no recording in {options.folder}, expected files that end with {', '.join(sorted(ENDINGS))}",
+            f"error: no recording in {options.folder}, expected one of {', '.join(sorted(EXTENSIONS))}",
             file=sys.stderr,
         )
         return 1
     failed = 0
-    begun = clock.monotonic()
+    started = clock.monotonic()
     with Client(options.url, options.token, verify=options.ca or True) as client:
         for number, path in enumerate(files, 1):
             try:
                 outcome = send(client, path, options)
             except KeyboardInterrupt:
                 print(
-                    f"stopped after {number - 1} of {len(files)} files; the same command goes on",
+                    f"stopped after {number - 1} of {len(files)} files; run the same command to continue",
                     file=sys.stderr,
                 )
                 return 130
@@ -157,8 +157,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             except httpx.TransportError as error:
                 print(f"error: {options.url} cannot be reached: {error}", file=sys.stderr)
                 return 1
-            left_s = (clock.monotonic() - begun) / number * (len(files) - number)
-            print(f"[{number}/{len(files)}, {left_s:.0f} s left] {path}: {outcome}", flush=True)
+            remaining_s = (clock.monotonic() - started) / number * (len(files) - number)
+            print(f"[{number}/{len(files)}, {remaining_s:.0f} s left] {path}: {outcome}", flush=True)
     if failed:
         print(f"error: {failed} of {len(files)} files were not sent", file=sys.stderr)
     return 1 if failed else 0

@@ -16,10 +16,10 @@ class Channel:
 
     Attributes:
         name: its name in the file.
-        samples: shape ``(n,)``, in the type that the file has.
-        rate_hz: sampling rate in hertz; ``None`` where nobody says.
-        unit: unit of the samples; ``None`` where nobody says.
-        start_time: time of the first sample in UTC; ``None`` where nobody says.
+        samples: shape ``(n,)``, in the file's data type.
+        rate_hz: sampling rate in hertz; ``None`` if unknown.
+        unit: unit of the samples; ``None`` if unknown.
+        start_time: time of the first sample in UTC; ``None`` if unknown.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Channel:
 
 @dataclass
 class Recording:
-    """What a file holds: its channels in their order, by number or by name."""
+    """The channels of a file in their order, accessible by number or by name."""
 
     path: Path
     format: str
@@ -53,5 +53,5 @@ class Recording:
 
     @property
     def names(self) -> list[str]:
-        """The channels' names."""
+        """Names of the channels."""
         return [channel.name for channel in self.channels]

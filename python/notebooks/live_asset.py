@@ -1,6 +1,6 @@
 # %% [markdown]
 # # Watch a live asset
-# `FLANKWATCH_URL` is the address of a running service. A thread plays the machine; this notebook follows the events.
+# `FLANKWATCH_URL` is the address of a running service. A thread simulates the machine; this notebook prints the events.
 
 # %%
 import os
@@ -25,8 +25,8 @@ with flankwatch.Client(url, token) as client:
 
 
 # %%
-def play() -> None:
-    """The machine: five records, one after the other."""
+def simulate_machine() -> None:
+    """Uploads five records, one after the other, in place of a machine."""
     run = flankwatch.Run(pair, records=5, seconds=1.0)
     with flankwatch.Client(url, token) as machine:
         for record in run:
@@ -38,7 +38,7 @@ def play() -> None:
 # %%
 with flankwatch.Client(url, token) as client:
     events = client.events(name)
-    threading.Timer(0.5, play).start()
+    threading.Timer(0.5, simulate_machine).start()
     seen = 0
     for event in events:
         print(event.kind, event.data.get("start_time", ""))

@@ -1,6 +1,6 @@
 # %% [markdown]
 # # Figures 8, 15, 17 and 22 of Shen et al. 2022
-# Contact points, mesh stiffness and indicators of the paper's pair, from the model.
+# Contact points, mesh stiffness and indicators of the paper's pair, computed by the model.
 
 # %%
 import flankwatch
@@ -11,7 +11,7 @@ pair = flankwatch.Pair.shen2022()
 depths_um = [0.0, 50.0, 100.0, 150.0]
 
 # %% [markdown]
-# Figure 8: where the flanks of one pair of teeth touch, worn and unworn.
+# Figure 8: contact points of one pair of teeth, worn and unworn.
 
 # %%
 figure, axes = plt.subplots()
@@ -22,7 +22,7 @@ axes.set(xlabel="φ₁ in rad", ylabel="α₁ in rad", title="Figure 8a")
 axes.legend()
 
 # %% [markdown]
-# Figure 15: mesh stiffness over one mesh period, by the paper's rule of contact.
+# Figure 15: mesh stiffness over one mesh period, with the paper's contact rule.
 
 # %%
 figure, axes = plt.subplots()

@@ -1,6 +1,6 @@
 # %% [markdown]
-# # Indicators of a real gearbox beside SciPy
-# A recording of the folder that `FLANKWATCH_DATA` names; without it a simulated one takes its place.
+# # Indicators of a real gearbox compared with SciPy
+# Uses a recording from the folder in `FLANKWATCH_DATA`, or else a simulated one.
 
 # %%
 import gzip
@@ -23,7 +23,7 @@ else:
     rate_hz, teeth, nominal_hz, unit = run.rate_hz, pair.teeth[0], run.shaft_speed_hz, run.unit
 
 # %%
-found = flankwatch.indicators(x, rate_hz, teeth=teeth, nominal_shaft_speed_hz=nominal_hz, unit=unit)
+indicators = flankwatch.indicators(x, rate_hz, teeth=teeth, nominal_shaft_speed_hz=nominal_hz, unit=unit)
 exact = x.astype(float)
 by_scipy = {
     "rms": np.sqrt(np.mean(exact**2)),
@@ -31,11 +31,11 @@ by_scipy = {
     "crest_factor": np.max(np.abs(exact)) / np.sqrt(np.mean(exact**2)),
 }
 for name, value in by_scipy.items():
-    print(f"{name:14} {found[name]:12.6f} {value:12.6f}")
-    assert np.isclose(found[name], value, rtol=1e-10)
+    print(f"{name:14} {indicators[name]:12.6f} {value:12.6f}")
+    assert np.isclose(indicators[name], value, rtol=1e-10)
 
 # %% [markdown]
-# The envelope spectrum of a band: the analytic signal of a Butterworth filter has the same lines.
+# The envelope spectrum of a band has the same lines as the analytic signal after a Butterworth filter.
 
 # %%
 band_hz = [1000.0, 2000.0]

@@ -1,6 +1,6 @@
 # %% [markdown]
-# # A run to failure: the estimate beside the truth
-# The pair's library is simulated once. The run goes through a transmission path that the estimate does not know.
+# # A run to failure: the estimate and the true wear
+# The pair's library is simulated once. The estimate does not know the transmission path of the run.
 
 # %%
 import flankwatch
@@ -30,4 +30,4 @@ axes.plot(median, label="median")
 axes.plot(truth, "k--", label="truth")
 axes.set(xlabel="record", ylabel="wear depth in µm")
 axes.legend()
-assert np.nanmax(median) > 100, "the wear is seen"
+assert np.nanmax(median) > 100, "the wear is detected"

@@ -1,4 +1,4 @@
-"""The program, a running service, and signals."""
+"""Fixtures: the program, a running service, and signals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="session")
 def program() -> Path:
-    """The program: that of FLANKWATCH_PROGRAM, else the debug build."""
+    """Path of the program: FLANKWATCH_PROGRAM, else the debug build."""
     path = Path(os.environ.get("FLANKWATCH_PROGRAM", ROOT / "target/debug/flankwatch"))
     assert path.is_file(), f"no program at {path}: cargo build, or set FLANKWATCH_PROGRAM"
     return path
@@ -31,9 +31,9 @@ def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
             line = process.stdout.readline()
-            found = re.search(r"http://\S+", line)
-            assert found, f"the service said {line!r}"
-            yield found[0], folder
+            match = re.search(r"http://\S+", line)
+            assert match, f"the service printed {line!r}"
+            yield match[0], folder
         finally:
             process.terminate()
             process.wait(20)

@@ -24,7 +24,7 @@ NAMES = itertools.count()
 
 @pytest.fixture
 def asset(client):
-    """An asset of its own for each test."""
+    """A separate asset for each test."""
     name = f"rig-{next(NAMES)}"
     client.create_asset(
         {"id": name, "gear": {"teeth": [24, 36], "shaft_speed_hz": 24.5}, "sensor": {"unit": "m/s2"}}
@@ -32,7 +32,7 @@ def asset(client):
     return name
 
 
-def test_assets_are_made_changed_and_deleted(client, asset):
+def test_assets_are_created_changed_and_deleted(client, asset):
     assert asset in [each["id"] for each in client.assets()]
     description = {"id": asset, "name": "Bench", "gear": {"teeth": [24, 36], "shaft_speed_hz": 25.0}}
     client.replace_asset(asset, description)
@@ -42,7 +42,7 @@ def test_assets_are_made_changed_and_deleted(client, asset):
         client.asset(asset)
 
 
-def test_an_upload_has_the_indicators_that_are_computed_here(client, asset):
+def test_the_service_computes_the_same_indicators_for_an_upload(client, asset):
     x = gear_signal(1).astype(np.float32)
     segment = client.upload(asset, x, RATE_HZ, start_time="2026-03-01T08:00:00Z", shaft_speed_hz=25.0)
     here = flankwatch.indicators(
@@ -56,7 +56,7 @@ def test_an_upload_has_the_indicators_that_are_computed_here(client, asset):
     assert repeat["replayed"] and repeat["id"] == segment["id"]
 
 
-def test_a_csv_file_goes_as_it_is(client, asset, tmp_path):
+def test_a_csv_file_is_sent_unchanged(client, asset, tmp_path):
     path = tmp_path / "recording.csv"
     x = np.round(gear_signal(5)[:8000], 6).astype(np.float32)
     lines = [f"{n / RATE_HZ:.6f};{value!s}".replace(".", ",") for n, value in enumerate(x)]
@@ -69,7 +69,7 @@ def test_a_csv_file_goes_as_it_is(client, asset, tmp_path):
         client.upload_file(asset, path, rate_hz=21_000.0)
 
 
-def test_several_channels_go_together(client, asset):
+def test_several_channels_are_sent_together(client, asset):
     x = np.stack([gear_signal(1), gear_signal(2)])
     answer = client.upload(asset, x, RATE_HZ, start_time=0, channel_names=["in", "out"], unit="g")
     assert [segment["channel"] for segment in answer["segments"]] == ["in", "out"]
@@ -95,7 +95,7 @@ def test_trends_are_rows_or_frames(client, asset):
 
 
 @pytest.mark.parametrize("path", ["indicators?names=rms,omx,kurtosis", "wear/history"])
-def test_trends_are_parquet_for_others(client, service, asset, path):
+def test_other_clients_get_trends_as_parquet(client, service, asset, path):
     for hour in range(3):
         client.upload(asset, gear_signal(hour), RATE_HZ, start_time=f"2026-03-01T0{hour}:00:00Z")
     url = f"{service[0]}/v1/assets/{asset}/{path}"
@@ -121,18 +121,18 @@ def test_trends_are_parquet_for_others(client, service, asset, path):
         (lambda client, asset: client.upload(asset, [1.0], 1.0, start_time="noon"), "time is 'noon'"),
     ],
 )
-def test_what_cannot_be_sent_is_refused_here(client, asset, call, message):
+def test_invalid_samples_and_times_raise_before_sending(client, asset, call, message):
     with pytest.raises(ValueError, match=message):
         call(client, asset)
 
 
-def test_a_refusal_names_the_field(client, asset):
+def test_a_service_error_names_the_field(client, asset):
     with pytest.raises(flankwatch.ServiceError) as refused:
         client.upload(asset, [1.0, 2.0], -1.0)
     assert refused.value.status in (400, 422) and "sample_rate_hz" in refused.value.detail
 
 
-def test_events_come_as_they_happen(client, service, asset):
+def test_events_are_received(client, service, asset):
     events, seen = [], threading.Event()
 
     def listen():
@@ -154,12 +154,12 @@ def test_events_come_as_they_happen(client, service, asset):
     assert events[-1].id and events[-1].data["asset_id"] == asset
 
 
-def test_a_stream_is_taken_apart():
+def test_events_are_parsed():
     lines = ["id: 7", "event: wear", 'data: {"a":', "data: 1}", "", ": comment", "data: words", ""]
     assert list(parse_events(iter(lines))) == [Event("wear", "7", {"a": 1}), Event("message", "7", "words")]
 
 
-def test_a_service_that_is_busy_is_asked_again(monkeypatch):
+def test_a_request_to_a_busy_service_is_retried(monkeypatch):
     answers = [
         httpx.Response(503, headers={"retry-after": "0"}),
         httpx.Response(200, json={"items": [], "next_cursor": None}),
@@ -172,7 +172,7 @@ def test_a_service_that_is_busy_is_asked_again(monkeypatch):
     assert client.assets() == [] and not answers
 
 
-def test_a_replay_is_followed(client, service, asset):
+def test_replays_are_started_and_listed(client, service, asset):
     recordings = service[1] / "recordings"
     recordings.mkdir(exist_ok=True)
     soundfile.write(recordings / "run.wav", gear_signal(4).astype(np.float32), int(RATE_HZ), subtype="FLOAT")
@@ -197,11 +197,11 @@ def test_a_folder_is_imported_once(client, service, asset, tmp_path, capsys):
     (folder / "notes.txt").write_text("no recording")
     command = [str(tmp_path), "--asset", asset, "--url", service[0], "--time-pattern", "%Y%m%d_%H%M%S"]
     assert main(command) == 1
-    said = capsys.readouterr()
-    assert said.out.count(": stored") == 4 and "20260301_050000.mat: error: " in said.out
-    assert "1 of 5 files were not sent" in said.err and "[5/5, 0 s left]" in said.out
+    output = capsys.readouterr()
+    assert output.out.count(": stored") == 4 and "20260301_050000.mat: error: " in output.out
+    assert "1 of 5 files were not sent" in output.err and "[5/5, 0 s left]" in output.out
     assert main(command) == 1
-    assert capsys.readouterr().out.count(": was there already") == 4
+    assert capsys.readouterr().out.count(": already stored") == 4
     segments = list(client.segments(asset))
     assert [segment["start_time"] for segment in segments] == [
         f"2026-03-01T0{hour}:00:00Z" for hour in (0, 1, 2, 4)
@@ -212,7 +212,7 @@ def test_a_folder_is_imported_once(client, service, asset, tmp_path, capsys):
     )
 
 
-def test_what_cannot_be_imported_is_said(service, asset, tmp_path, capsys):
+def test_import_errors_are_reported(service, asset, tmp_path, capsys):
     assert main([str(tmp_path), "--asset", asset, "--url", service[0]]) == 1
     assert "no recording in" in capsys.readouterr().err
     np.save(tmp_path / "x.npy", np.arange(100.0))

@@ -33,7 +33,7 @@ def test_wear_softens_the_mesh(pair):
     assert flank.depth_um.max() == pytest.approx(100.0, rel=1e-3) and flank.radius_mm.shape == (201,)
 
 
-def test_a_simulation_says_its_truth(pair):
+def test_a_simulation_contains_its_wear(pair):
     run = pair.simulate(20_000.0, 0.5, wear_um=80.0, torque_nm=900.0)
     assert run.samples.shape == (10_000,) and run.samples.dtype == np.float64
     assert (run.wear_um, run.torque_nm, run.shaft_speed_hz, run.unit) == (80.0, 900.0, 16.64, "m/s2")
@@ -66,12 +66,12 @@ def test_a_simulation_says_its_truth(pair):
         ),
     ],
 )
-def test_errors_name_argument_value_and_what_was_expected(pair, call, message):
+def test_errors_name_the_argument_its_value_and_the_expectation(pair, call, message):
     with pytest.raises(ValueError, match=message):
         call(pair)
 
 
-def test_files_that_cannot_be_read_are_named(tmp_path, pair, library):
+def test_errors_name_unreadable_files(tmp_path, pair, library):
     for call in (
         lambda path: flankwatch.Pair.from_file(path),
         lambda path: flankwatch.Library.load(path),
@@ -87,7 +87,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path, pair, library):
         flankwatch.Tracker(library).restore("{}")
 
 
-def test_a_library_tells_its_progress(library, pair):
+def test_a_library_build_reports_progress(library, pair):
     told = []
     again = flankwatch.Library.build(
         pair, states=5, seconds=0.5, progress=lambda done, total: told.append((done, total))
@@ -100,7 +100,7 @@ def test_a_library_tells_its_progress(library, pair):
         library.indicator("rmss")
 
 
-def test_an_exception_of_the_callback_stops_the_build(pair):
+def test_an_exception_in_the_callback_stops_the_build(pair):
     class Enough(Exception):
         pass
 
@@ -112,7 +112,7 @@ def test_an_exception_of_the_callback_stops_the_build(pair):
 
 
 def test_ctrl_c_stops_the_build(pair):
-    # Python takes over that the signal is ignored, as it is for a shell's background jobs.
+    # Python inherits an ignored SIGINT, as in background jobs of a shell.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
@@ -122,7 +122,7 @@ def test_ctrl_c_stops_the_build(pair):
         signal.signal(signal.SIGINT, before)
 
 
-def test_a_tracker_learns_and_goes_on_from_its_state(pair, library, tmp_path):
+def test_a_tracker_continues_from_its_saved_state(pair, library, tmp_path):
     run = flankwatch.Run(pair, records=10, seconds=1.0, interval_s=3600.0, snr_db=30.0)
     assert len(run) == 10 and run[-1].wear_um > run[0].wear_um == 0.0
     assert np.array_equal(run[3].samples, run[3].samples)
@@ -149,7 +149,7 @@ def test_a_tracker_learns_and_goes_on_from_its_state(pair, library, tmp_path):
     assert after["wear"]["status"] == "collecting_baseline"
 
 
-def test_an_ensemble_is_kept_in_a_file(library, tmp_path):
+def test_an_ensemble_is_saved_and_loaded(library, tmp_path):
     told = []
     ensemble = flankwatch.Ensemble.build(library, members=4, progress=lambda *now: told.append(now))
     ensemble.save(tmp_path / "ensemble")

@@ -1,4 +1,4 @@
-"""The notebooks run, and so do the examples of the documentation and the README."""
+"""Runs the notebooks, and the examples of the documentation and the README."""
 
 from __future__ import annotations
 

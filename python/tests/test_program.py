@@ -1,4 +1,4 @@
-"""The same numbers as the program, to the bit."""
+"""The package computes the same numbers as the program, to the bit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import soundfile
 from conftest import ROOT, gear_signal
 
 
-def printed(program: Path, *arguments: object) -> list[dict]:
+def run_json(program: Path, *arguments: object) -> list[dict]:
     done = subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -33,21 +33,21 @@ def printed(program: Path, *arguments: object) -> list[dict]:
         ),
     ],
 )
-def test_a_mesh_is_that_of_the_model_command(program, arguments, wanted):
-    rows = printed(program, "model", "--format", "json", *arguments)
+def test_mesh_equals_the_model_command(program, arguments, wanted):
+    rows = run_json(program, "model", "--format", "json", *arguments)
     cycle = flankwatch.Pair.shen2022().mesh(**wanted)
     for name in ("phi1_rad", "phi2_rad", "stiffness_n_per_m", "uste_rad", "pairs_in_contact"):
         assert [row[name] for row in rows] == getattr(cycle, name).tolist(), name
 
 
-def test_a_wear_table_is_that_of_the_model_command(program, tmp_path):
+def test_wear_table_equals_the_model_command(program, tmp_path):
     rows = [[1, 68.0, 12.5], [1, 72.0, 3.25], [2, 74.0, 8.125], [2, 80.0, 1 / 3]]
     table = tmp_path / "wear.csv"
     table.write_text(
         "gear,radius_mm,depth_um\n"
         + "".join(f"{gear},{radius!r},{depth!r}\n" for gear, radius, depth in rows)
     )
-    expected = printed(program, "model", "--format", "json", "--profile", table, "--points", 40)
+    expected = run_json(program, "model", "--format", "json", "--profile", table, "--points", 40)
     cycle = flankwatch.Pair.shen2022().mesh(profile=np.array(rows), points=40)
     assert [row["stiffness_n_per_m"] for row in expected] == cycle.stiffness_n_per_m.tolist()
     assert (
@@ -67,26 +67,26 @@ unit = "m/s2"
 
 
 @pytest.mark.parametrize("speed_hz", [None, 25.0])
-def test_indicators_are_those_of_the_analyze_command(program, tmp_path, speed_hz):
+def test_indicators_equal_the_analyze_command(program, tmp_path, speed_hz):
     asset, wav = tmp_path / "rig.toml", tmp_path / "record.wav"
     asset.write_text(ASSET)
     x = gear_signal(3).astype(np.float32)
     soundfile.write(wav, x, 20_000, subtype="FLOAT")
     speed = [] if speed_hz is None else ["--shaft-speed-hz", speed_hz]
-    (record,) = printed(program, "analyze", wav, "--asset", asset, "--format", "json", *speed)
+    (record,) = run_json(program, "analyze", wav, "--asset", asset, "--format", "json", *speed)
     found = flankwatch.indicators(
         x, 20_000.0, teeth=24, nominal_shaft_speed_hz=24.5, shaft_speed_hz=speed_hz, unit="m/s2"
     )
-    # What needs the records before is of a channel, not of a record.
-    of_run = {"na4", "nb4", "novelty"}
-    assert {name: value for name, value in record["indicators"].items() if name not in of_run} == dict(found)
-    assert {name: why for name, why in record["absent"].items() if name not in of_run} == found.absent
+    # These depend on earlier records of the channel.
+    stateful = {"na4", "nb4", "novelty"}
+    assert {name: value for name, value in record["indicators"].items() if name not in stateful} == dict(found)
+    assert {name: why for name, why in record["absent"].items() if name not in stateful} == found.absent
     assert record["shaft_speed_hz"] == found.shaft_speed_hz
     assert record["preprocessing"] == found.basis["preprocessing"]
 
 
-def test_an_estimate_is_that_of_the_analyze_command(program, tmp_path):
-    """The library is built here, and the program takes it from the folder."""
+def test_estimate_equals_the_analyze_command(program, tmp_path):
+    """The program loads the library that the package builds."""
     pair_toml = (ROOT / "fixtures/pairs/shen2022.toml").read_text()
     pair = flankwatch.Pair.from_toml(pair_toml)
     assert pair.to_dict() == flankwatch.Pair.from_dict(tomllib.loads(pair_toml)).to_dict()
@@ -117,7 +117,7 @@ def test_an_estimate_is_that_of_the_analyze_command(program, tmp_path):
             assert half.update(record.samples, record.rate_hz, number)["wear"] == estimates[-1]
     assert half.state == tracker.state
     # The program's records follow each other, one second apart.
-    records = printed(
+    records = run_json(
         program,
         "analyze",
         *files,

@@ -1,4 +1,4 @@
-"""Each reader gives the samples of the library that wrote the file, ten files a format."""
+"""Each reader returns the samples written by another library, in ten files per format."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TYPES = [np.float64, np.float32, np.int16, np.int32]
 
 
 def signals(number: int) -> dict[str, np.ndarray]:
-    """Two channels; their type and length go with the number."""
+    """Two channels whose type and length depend on the number."""
     rng = np.random.default_rng(number)
     kind = TYPES[number % len(TYPES)]
     count = 50 + 37 * number
@@ -38,7 +38,7 @@ def write_mat(path: Path, x: dict[str, np.ndarray], number: int) -> None:
 
 
 def write_mat73(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    """As MATLAB writes it: HDF5 behind a block of 512 bytes, axes the other way round, text as numbers."""
+    """Writes as MATLAB does: HDF5 after a block of 512 bytes, axes reversed, text as numbers."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, samples in x.items():
             dataset = file.create_dataset(
@@ -150,7 +150,7 @@ def test_samples_rate_and_unit_are_those_written(tmp_path, name, number):
         assert found.name.removeprefix(prefix).split(" ")[0] == channel
         expected = samples
         if name == "uff":
-            # Text has as many digits as the format has.
+            # Text formats have a limited number of digits.
             sets = pyuff.UFF(str(path)).read_sets()
             expected = sets[list(x).index(channel)]["data"]
             assert np.allclose(expected, samples, rtol=1e-4, atol=1e-4)
@@ -229,7 +229,7 @@ def test_a_time_column_with_a_gap_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", [*WRITERS, "npy", "flac"])
-def test_cut_files_are_refused_with_their_name(tmp_path, name):
+def test_truncated_files_are_refused_by_name(tmp_path, name):
     path = tmp_path / f"recording.{name}"
     write = {"npy": write_npy, "flac": write_flac, **WRITERS}[name]
     write(path, signals(1 if name == "uff" else 8), 1 if name == "uff" else 8)
@@ -241,7 +241,7 @@ def test_cut_files_are_refused_with_their_name(tmp_path, name):
         except ValueError as error:
             assert str(path) in str(error)
         else:
-            # Formats of segments may end after any of them.
+            # Segmented formats may end after any segment.
             assert all(channel.samples.size <= 346 for channel in cut)
 
 
@@ -253,10 +253,10 @@ def test_cut_files_are_refused_with_their_name(tmp_path, name):
         (b"\x1f\x8b\x08\x00", "compressed with gzip"),
         (b"time,a1\n0,1\n", "the file is text"),
         (b"\x7fELF\x02\x01", "the file begins with 7f 45 4c 46"),
-        (b"\x93NUMPY\x01\x00\xff\xff", "not a whole .npy file"),
+        (b"\x93NUMPY\x01\x00\xff\xff", "damaged or incomplete .npy file"),
     ],
 )
-def test_other_files_are_named(tmp_path, content, message):
+def test_unsupported_files_are_refused(tmp_path, content, message):
     path = tmp_path / "file.bin"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=message):

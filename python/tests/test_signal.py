@@ -1,4 +1,4 @@
-"""Indicators and spectra beside SciPy and NumPy."""
+"""Indicators and spectra compared with SciPy and NumPy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_indicators_are_those_of_scipy():
     assert found["mesh_2"] == pytest.approx(0.3, rel=1e-2)
     assert found.shaft_speed_hz == 25.0 and found.mesh_frequency_hz == 600.0
     assert "fm4" in found and "velocity_rms" in found and not found.absent
-    # Without a unit nothing is an acceleration.
+    # Without a unit no record is an acceleration.
     unknown = flankwatch.indicators(x, RATE_HZ, teeth=24, shaft_speed_hz=25.0)
     assert unknown.absent == {"velocity_rms": "not_acceleration"}
 
@@ -41,7 +41,7 @@ def test_the_speed_is_found_around_nominal():
     assert found.shaft_speed_hz == pytest.approx(25.0, abs=0.01)
 
 
-def test_what_cannot_be_computed_is_absent_with_its_reason():
+def test_indicators_that_cannot_be_computed_are_omitted_with_a_reason():
     found = flankwatch.indicators(gear_signal(), RATE_HZ)
     assert found.absent == {"velocity_rms": "not_acceleration"} and "mesh_1" not in found
     assert found.shaft_speed_hz is None
@@ -131,12 +131,12 @@ def test_turns_are_averaged():
         (dict(x=[1.0], rate_hz=1.0, bands=[{"nam": "a"}]), "bands: "),
     ],
 )
-def test_errors_name_argument_value_and_what_was_expected(arguments, message):
+def test_errors_name_the_argument_its_value_and_the_expectation(arguments, message):
     with pytest.raises(ValueError, match=message):
         flankwatch.indicators(**arguments)
 
 
-def test_no_result_says_why():
+def test_errors_give_the_reason():
     with pytest.raises(ValueError, match="no cepstrum: the samples do not vary"):
         flankwatch.cepstrum(np.ones(1000), 1000.0)
     with pytest.raises(ValueError, match="fewer than 4 whole turns"):
@@ -144,7 +144,7 @@ def test_no_result_says_why():
 
 
 def test_computing_releases_the_interpreter():
-    """While one thread computes for long, another one goes on with Python."""
+    """While one thread computes, another one runs Python code."""
     x = np.random.default_rng(0).normal(size=1_000_000).astype(np.float32)
     flankwatch.kurtogram(x[:100_000], RATE_HZ)
     begun, ended = threading.Event(), threading.Event()
@@ -169,7 +169,7 @@ def test_computing_releases_the_interpreter():
 
 
 def test_two_threads_use_two_cores():
-    """The processor's time of two threads goes on faster than the clock's, where there are two cores that are free."""
+    """Two threads use more processor time than wall-clock time if two cores are free."""
     pair = flankwatch.Pair.shen2022()
 
     def compute():
@@ -187,6 +187,6 @@ def test_two_threads_use_two_cores():
         best = max(best, (time.process_time() - processor) / (time.perf_counter() - wall))
         if best > 1.2:
             break
-    # With the interpreter held it is at most 1; on one core, or a busy machine, it is less.
+    # Without releasing the interpreter the ratio is at most 1; on one core, or a busy machine, it is lower.
     if len(os.sched_getaffinity(0)) > 1 and os.getloadavg()[0] < 2:
         assert best > 1.2, best

@@ -1,4 +1,4 @@
-"""Recordings in the formats of laboratories, by the libraries that know them."""
+"""Readers of laboratory file formats, each based on the format's library."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..recording import Channel, Recording
 from . import arrays, audio, hdf5, matlab, parquet, tdms, uff
 from .detect import detect
-from .guess import Given, complete
+from .guess import Overrides, complete
 
 READERS = {
     "mat": matlab.read,
@@ -48,21 +48,21 @@ def read(
 ) -> Recording:
     """Reads a recording: MATLAB (v5 and v7.3), TDMS, UFF58, HDF5, Parquet, NumPy, FLAC or WAV.
 
-    The content says what the format is, not the name. Samples are those of the file, in its own type.
+    The format is detected from the content, not from the file name. Samples keep the file's data type.
 
     Args:
         path: the file.
-        channels: names of the channels to take, in this order; all that look like signals where not given.
-        rate_hz: sampling rate in hertz, where the file does not say.
-        unit: unit of the samples, for all channels or by name, in place of what the file says.
-        start_time: time of the first sample, in place of what the file says.
-        time_column: name of the channel that holds the time in seconds; guessed where not given.
+        channels: names of the channels to read, in this order; defaults to all that look like signals.
+        rate_hz: sampling rate in hertz, for a file without one.
+        unit: unit of the samples, for all channels or by name, instead of that of the file.
+        start_time: time of the first sample, instead of that of the file.
+        time_column: name of the channel that holds the time in seconds; guessed by default.
 
     Raises:
-        ValueError: for a file that is not such a recording, a channel that is not there, or a rate that contradicts
-            the time column by more than 0.1 %.
-        ImportError: for a library that is not installed; the message names it.
-        OSError: where the file cannot be read.
+        ValueError: if the file is not such a recording, a channel does not exist, or a rate contradicts the
+            time column by more than 0.1 %.
+        ImportError: if the format's library is not installed; the message names it.
+        OSError: if the file cannot be read.
     """
     path = Path(path)
     name = detect(path)
@@ -70,12 +70,12 @@ def read(
         content = READERS[name](path)
     except (ImportError, MemoryError):
         raise
-    except Exception as error:  # What the libraries raise for damaged files is of many kinds.
-        raise ValueError(f"{path}: not a whole {NAMES[name]} file: {error}") from error
-    given = Given(
+    except Exception as error:  # The libraries raise many kinds of errors for damaged files.
+        raise ValueError(f"{path}: damaged or incomplete {NAMES[name]} file: {error}") from error
+    overrides = Overrides(
         channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time, time_column=time_column
     )
-    return Recording(path=path, format=name, channels=complete(path, content, given))
+    return Recording(path=path, format=name, channels=complete(path, content, overrides))
 
 
 __all__ = ["Channel", "Recording", "read"]

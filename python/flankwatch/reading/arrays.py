@@ -1,4 +1,4 @@
-"""NumPy's own files."""
+"""NumPy files: ``.npy`` and ``.npz``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .guess import Content
 
 
 def read_npy(path: Path) -> Content:
-    """One array; fields of a structured one are arrays of their own."""
+    """Reads one array; the fields of a structured array become separate arrays."""
     array = np.load(path, allow_pickle=False)
     if array.dtype.names:
         return Content(arrays={name: array[name] for name in array.dtype.names})
@@ -18,7 +18,7 @@ def read_npy(path: Path) -> Content:
 
 
 def read_npz(path: Path) -> Content:
-    """The arrays of an archive by their names."""
+    """Reads the arrays of an archive by name."""
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     texts = {

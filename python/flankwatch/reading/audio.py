@@ -1,4 +1,4 @@
-"""FLAC and WAV, by soundfile."""
+"""FLAC and WAV, read with soundfile."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .guess import Content
 
 
 def read(path: Path) -> Content:
-    """The channels ``"1"``, ``"2"``, …; integers are scaled to a full scale of 1."""
+    """Reads the channels ``"1"``, ``"2"``, …; integers are scaled to a full scale of 1."""
     soundfile = require("soundfile", "soundfile", "FLAC and WAV")
     samples, rate_hz = soundfile.read(path, dtype="float64", always_2d=True)
     arrays = {str(number): samples[:, number - 1] for number in range(1, samples.shape[1] + 1)}

@@ -1,4 +1,4 @@
-"""What a file is, by its first bytes."""
+"""Detection of a file's format from its first bytes."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ MAGIC = [
     (b"RF64", "audio"),
 ]
 
-OF_THE_PROGRAM = [
+NOT_READ_HERE = [
     (b"\x89MCAP0\r\n", "an MCAP recording: `flankwatch analyze` and Client.upload_file read it"),
     (b"\x1f\x8b", "compressed with gzip: decompress it first"),
 ]
 
 
 def detect(path: Path) -> str:
-    """The name of a file's format."""
+    """Returns the name of a file's format."""
     with path.open("rb") as file:
         beginning = file.read(512)
     for magic, name in MAGIC:
         if beginning.startswith(magic):
             return name
-    for magic, words in OF_THE_PROGRAM:
+    for magic, reason in NOT_READ_HERE:
         if beginning.startswith(magic):
-            raise ValueError(f"{path}: {words}")
+            raise ValueError(f"{path}: {reason}")
     # A block of a universal file begins with a line that holds −1 in columns 5 and 6.
     if any(line.rstrip() == b"    -1" for line in beginning.splitlines()[:2]):
         return "uff"

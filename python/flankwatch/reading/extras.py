@@ -1,4 +1,4 @@
-"""The libraries that read foreign formats, which are optional."""
+"""The optional libraries that read other formats."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def require(module: str, package: str, what: str) -> Any:
-    """A library, or an error that says how to install it."""
+    """Imports a library. The error for a missing one says how to install it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

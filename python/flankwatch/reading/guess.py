@@ -1,4 +1,4 @@
-"""Channels, rate, units and time of a file's arrays, as they are said or usually called."""
+"""Channels, rate, units and time of a file's arrays, from its metadata or from usual names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..recording import Channel
 
-#: Most that a rate may differ from the time column.
+#: Maximum relative difference of a rate from the time column.
 RATE_TOLERANCE = 1e-3
 
 RATE_NAMES = {
@@ -34,7 +34,7 @@ TIME_UNITS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1
 
 @dataclass
 class Content:
-    """What a reader found: arrays by name with what the file says of each, and what it says of all."""
+    """The content of a file: arrays by name, metadata of each array, and metadata common to all."""
 
     arrays: dict[str, np.ndarray[Any, Any]] = field(default_factory=dict)
     attributes: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -42,8 +42,8 @@ class Content:
 
 
 @dataclass
-class Given:
-    """What the caller says of a file."""
+class Overrides:
+    """Values from the caller that override those of the file."""
 
     channels: Sequence[str] | None = None
     rate_hz: float | None = None
@@ -53,19 +53,19 @@ class Given:
 
 
 def plain(name: str) -> str:
-    """A name without case, signs and the unit of a rate."""
+    """Returns a name in lower case, without punctuation and without a trailing ``hz``."""
     letters = re.sub(r"[^a-z0-9]", "", name.rsplit("/", 1)[-1].rsplit(".", 1)[-1].lower())
     return letters.removesuffix("hz") or letters
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """The stem and the unit of a name such as ``acc [m/s2]`` or ``Zeit (ms)``."""
+    """Returns the stem and the unit of a name such as ``acc [m/s2]`` or ``Zeit (ms)``."""
     match = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", name)
     return (match[1], match[2]) if match else (name, None)
 
 
 def as_time(value: Any) -> np.datetime64 | None:
-    """A time in UTC, or nothing where the value is none."""
+    """Returns a time in UTC, or ``None`` if the value is not a time."""
     if value is None:
         return None
     if isinstance(value, np.ndarray) and value.size == 1:
@@ -90,7 +90,7 @@ def as_time(value: Any) -> np.datetime64 | None:
 
 
 def number(value: Any) -> float | None:
-    """A positive number, or nothing where the value is none."""
+    """Returns a positive number, or ``None`` if the value is not one."""
     try:
         array = np.asarray(value, dtype=float).reshape(-1)
     except (TypeError, ValueError):
@@ -99,19 +99,19 @@ def number(value: Any) -> float | None:
 
 
 def look_up(values: Mapping[str, Any], names: set[str]) -> Any:
-    """The first value that has one of the names."""
+    """Returns the first value with one of the names."""
     return next((value for name, value in values.items() if plain(name) in names and value is not None), None)
 
 
-def said_rate(values: Mapping[str, Any]) -> float | None:
-    """The sampling rate that a file says."""
+def stated_rate(values: Mapping[str, Any]) -> float | None:
+    """Returns the sampling rate in a file's metadata."""
     rate = number(look_up(values, RATE_NAMES))
     interval = number(look_up(values, INTERVAL_NAMES))
     return rate if rate is not None else 1.0 / interval if interval is not None else None
 
 
-def said_unit(values: Mapping[str, Any]) -> str | None:
-    """The unit that a file says."""
+def stated_unit(values: Mapping[str, Any]) -> str | None:
+    """Returns the unit in a file's metadata."""
     unit = look_up(values, UNIT_NAMES)
     if isinstance(unit, bytes):
         unit = unit.decode("utf-8", "replace")
@@ -119,7 +119,7 @@ def said_unit(values: Mapping[str, Any]) -> str | None:
 
 
 def is_time(name: str) -> bool:
-    """Whether a name says that the array holds the time."""
+    """Returns whether an array with this name holds the time."""
     stem, unit = split_unit(name.rsplit("/", 1)[-1])
     words = re.split(r"[ _]", stem.strip().lower())
     unit = unit if unit is not None else words[1] if len(words) == 2 else ""
@@ -127,7 +127,7 @@ def is_time(name: str) -> bool:
 
 
 def time_rate(path: Path, name: str, time: np.ndarray[Any, Any]) -> tuple[float | None, np.datetime64 | None]:
-    """Rate in hertz and start that a time column says."""
+    """Returns the rate in hertz and the start of a time column."""
     start = None
     if time.dtype.kind == "M":
         start = as_time(time[0])
@@ -143,7 +143,7 @@ def time_rate(path: Path, name: str, time: np.ndarray[Any, Any]) -> tuple[float 
     steps = np.diff(seconds)
     step = (seconds[-1] - seconds[0]) / (seconds.size - 1)
     if not step > 0 or not np.all(steps > 0):
-        raise ValueError(f"{path}: the time column {name!r} does not rise")
+        raise ValueError(f"{path}: the time column {name!r} is not increasing")
     if np.max(np.abs(steps - step)) > 0.5 * step:
         at = int(np.argmax(np.abs(steps - step))) + 1
         raise ValueError(
@@ -153,76 +153,78 @@ def time_rate(path: Path, name: str, time: np.ndarray[Any, Any]) -> tuple[float 
 
 
 def columns(content: Content) -> dict[str, np.ndarray[Any, Any]]:
-    """One-dimensional arrays of numbers or times; columns of a matrix have its name and their number."""
-    found: dict[str, np.ndarray[Any, Any]] = {}
+    """Returns the one-dimensional arrays; columns of a matrix get its name and their number."""
+    result: dict[str, np.ndarray[Any, Any]] = {}
     for name, array in content.arrays.items():
         if array.dtype.kind not in "fiuM":
             continue
         array = np.squeeze(array)
         if array.ndim == 1 and array.size > 1:
-            found[name] = array
+            result[name] = array
         elif array.ndim == 2:
             series = array if array.shape[0] <= array.shape[1] else array.T
-            for number_of, column in enumerate(series, 1):
-                key = f"{name}_{number_of}"
-                found[key] = column
+            for index, column in enumerate(series, 1):
+                key = f"{name}_{index}"
+                result[key] = column
                 content.attributes.setdefault(key, content.attributes.get(name, {}))
-    return found
+    return result
 
 
-def complete(path: Path, content: Content, given: Given) -> list[Channel]:
-    """The channels of a file with all that is said or can be guessed of them."""
-    found = columns(content)
+def complete(path: Path, content: Content, overrides: Overrides) -> list[Channel]:
+    """Returns the channels of a file with their stated or guessed rate, unit and time."""
+    arrays = columns(content)
     scalars = {name: array.reshape(-1)[0] for name, array in content.arrays.items() if array.size == 1}
     common = {**scalars, **content.common}
-    if given.time_column is not None and given.time_column not in found:
-        raise ValueError(f"{path}: no time column {given.time_column!r}, expected one of {', '.join(found)}")
+    if overrides.time_column is not None and overrides.time_column not in arrays:
+        raise ValueError(
+            f"{path}: no time column {overrides.time_column!r}, expected one of {', '.join(arrays)}"
+        )
     times = (
-        [given.time_column]
-        if given.time_column
-        else [name for name in found if is_time(name) or found[name].dtype.kind == "M"]
+        [overrides.time_column]
+        if overrides.time_column
+        else [name for name in arrays if is_time(name) or arrays[name].dtype.kind == "M"]
     )
-    if given.channels is not None:
-        wanted = list(given.channels)
-        unknown = next((name for name in wanted if name not in found), None)
+    if overrides.channels is not None:
+        wanted = list(overrides.channels)
+        unknown = next((name for name in wanted if name not in arrays), None)
         if unknown is not None:
-            raise ValueError(f"{path}: no channel {unknown!r}, expected one of {', '.join(found)}")
+            raise ValueError(f"{path}: no channel {unknown!r}, expected one of {', '.join(arrays)}")
     else:
-        signals = [name for name in found if name not in times]
-        longest = max((found[name].size for name in signals), default=0)
-        wanted = [name for name in signals if 2 * found[name].size > longest]
+        signals = [name for name in arrays if name not in times]
+        longest = max((arrays[name].size for name in signals), default=0)
+        wanted = [name for name in signals if 2 * arrays[name].size > longest]
     if not wanted:
         raise ValueError(f"{path}: no channel with samples among {', '.join(content.arrays) or 'nothing'}")
-    return [channel(path, content, given, found, common, times, name) for name in wanted]
+    return [channel(path, content, overrides, arrays, common, times, name) for name in wanted]
 
 
 def channel(
     path: Path,
     content: Content,
-    given: Given,
-    found: Mapping[str, np.ndarray[Any, Any]],
+    overrides: Overrides,
+    arrays: Mapping[str, np.ndarray[Any, Any]],
     common: Mapping[str, Any],
     times: Sequence[str],
     name: str,
 ) -> Channel:
-    """One channel with its rate, unit and time."""
+    """Returns one channel with its rate, unit and time."""
     own = content.attributes.get(name, {})
-    clock = next((time for time in times if found[time].size == found[name].size), None)
-    of_clock, clock_start = (None, None) if clock is None else time_rate(path, clock, found[clock])
-    said = given.rate_hz or said_rate(own) or said_rate(common)
-    if said is not None and of_clock is not None and abs(said / of_clock - 1) > RATE_TOLERANCE:
+    clock = next((time for time in times if arrays[time].size == arrays[name].size), None)
+    time_rate_hz, clock_start = (None, None) if clock is None else time_rate(path, clock, arrays[clock])
+    rate = overrides.rate_hz or stated_rate(own) or stated_rate(common)
+    if rate is not None and time_rate_hz is not None and abs(rate / time_rate_hz - 1) > RATE_TOLERANCE:
         raise ValueError(
-            f"{path}: the rate is {said:g} Hz, expected {of_clock:g} Hz as in the time column {clock!r} (at most 0.1 % apart)"
+            f"{path}: the rate is {rate:g} Hz, expected {time_rate_hz:g} Hz as in the time column {clock!r} (at most 0.1 % apart)"
         )
-    unit = given.unit if isinstance(given.unit, str) else (given.unit or {}).get(name)
-    start = as_time(given.start_time)
-    if given.start_time is not None and start is None:
-        raise ValueError(f"start_time is {given.start_time!r}, expected a time")
+    unit = overrides.unit if isinstance(overrides.unit, str) else (overrides.unit or {}).get(name)
+    start = as_time(overrides.start_time)
+    if overrides.start_time is not None and start is None:
+        raise ValueError(f"start_time is {overrides.start_time!r}, expected a time")
     return Channel(
         name=name,
-        samples=found[name],
-        rate_hz=said or of_clock,
-        unit=unit or said_unit(own) or split_unit(name)[1] or said_unit(common),
+        samples=arrays[name],
+        rate_hz=rate or time_rate_hz,
+        unit=unit or stated_unit(own) or split_unit(name)[1] or stated_unit(common),
         start_time=start
         or as_time(look_up(own, START_NAMES))
         or as_time(look_up(common, START_NAMES))

@@ -1,4 +1,4 @@
-"""HDF5, and MATLAB files of version 7.3, which are HDF5, by h5py."""
+"""HDF5, and MATLAB files of version 7.3, which are HDF5, read with h5py."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .guess import Content
 
 
 def read(path: Path) -> Content:
-    """All datasets of numbers with their attributes; those of groups and of the file hold for all."""
+    """Reads all numeric datasets with their attributes; those of groups and of the file apply to all."""
     h5py = require("h5py", "h5py", "HDF5")
     content = Content()
     with open_file(h5py, path) as file:
@@ -32,20 +32,20 @@ def read(path: Path) -> Content:
 
 
 def read_matlab(path: Path) -> Content:
-    """A MATLAB file of version 7.3."""
+    """Reads a MATLAB file of version 7.3."""
     return read(path)
 
 
 def open_file(h5py: Any, path: Path) -> Any:
-    """The file, or an error with its name."""
+    """Opens the file; an error names it."""
     try:
         return h5py.File(path, "r")
     except OSError as error:
-        raise ValueError(f"{path}: not a whole HDF5 file: {error}") from error
+        raise ValueError(f"{path}: damaged or incomplete HDF5 file: {error}") from error
 
 
 def add(content: Content, name: str, dataset: Any, matlab: bool) -> None:
-    """Puts down a dataset; MATLAB's have their axes the other way round, and its texts are numbers."""
+    """Adds a dataset; MATLAB reverses the axes of its datasets and stores text as numbers."""
     kind = dataset.attrs.get("MATLAB_class", b"")
     key = name.replace("/", ".") if matlab else name
     if kind == b"char":
@@ -59,7 +59,7 @@ def add(content: Content, name: str, dataset: Any, matlab: bool) -> None:
 
 
 def plain_values(attributes: Any) -> dict[str, Any]:
-    """Attributes as plain values."""
+    """Returns attributes as plain values, arrays of one element as that element."""
     return {
         name: value[0] if isinstance(value, np.ndarray) and value.size == 1 else value
         for name, value in attributes.items()

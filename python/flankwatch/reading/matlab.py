@@ -1,4 +1,4 @@
-"""MATLAB files of version 5 and older, by SciPy."""
+"""MATLAB files of version 5 and older, read with SciPy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .guess import Content
 
 
 def read(path: Path) -> Content:
-    """The variables of a file; fields of structs have dotted names."""
+    """Reads the variables of a file; fields of structs have dotted names."""
     io = require("scipy.io", "SciPy", "MATLAB files")
     variables = io.loadmat(str(path), simplify_cells=True)
     content = Content()
@@ -23,7 +23,7 @@ def read(path: Path) -> Content:
 
 
 def add(content: Content, name: str, value: Any) -> None:
-    """Puts down a variable, or the fields of a struct."""
+    """Adds a variable, or the fields of a struct."""
     if isinstance(value, dict):
         for field, part in value.items():
             add(content, f"{name}.{field}", part)

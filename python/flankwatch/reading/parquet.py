@@ -1,4 +1,4 @@
-"""Parquet, by pyarrow."""
+"""Parquet, read with pyarrow."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .guess import Content
 
 
 def read(path: Path) -> Content:
-    """All columns of numbers and times, with the metadata of fields and file."""
+    """Reads all columns of numbers and times, with the metadata of fields and file."""
     pa = require("pyarrow", "pyarrow", "Parquet")
     parquet = require("pyarrow.parquet", "pyarrow", "Parquet")
     table = parquet.read_table(path)
@@ -31,7 +31,7 @@ def read(path: Path) -> Content:
 
 
 def texts(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
-    """Metadata as texts."""
+    """Returns metadata as text."""
     return {
         key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
         for key, value in (metadata or {}).items()

@@ -1,4 +1,4 @@
-"""TDMS, by npTDMS."""
+"""TDMS, read with npTDMS."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .guess import Content
 
 
 def read(path: Path) -> Content:
-    """All channels, scaled as the file says, with their properties."""
+    """Reads all channels with their scaling and properties."""
     nptdms = require("nptdms", "npTDMS", "TDMS")
     content = Content()
     file = nptdms.TdmsFile.read(path)

@@ -1,4 +1,4 @@
-"""Universal files, dataset 58, by pyuff."""
+"""Universal files, dataset 58, read with pyuff."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TIME_RESPONSE = 1
 
 
 def read(path: Path) -> Content:
-    """The time responses among the datasets 58."""
+    """Reads the time responses among the datasets 58."""
     pyuff = require("pyuff", "pyuff", "UFF58")
     file = pyuff.UFF(str(path))
     sets = [file.read_sets(number) for number, kind in enumerate(file.get_set_types()) if int(kind) == 58]
@@ -41,14 +41,14 @@ def read(path: Path) -> Content:
 
 
 def channel_name(dataset: dict[str, Any], number: int, content: Content) -> str:
-    """The name of the response, else the first identification line, else the number."""
+    """Returns the name of the response, else the first identification line, else the number."""
     candidates = [str(dataset.get(key, "")).strip() for key in ("rsp_ent_name", "id1")]
     name = next((text for text in candidates if text and text.upper() != "NONE"), str(number))
     return f"{name} {number}" if name in content.arrays else name
 
 
 def start_time(dataset: dict[str, Any]) -> str | None:
-    """The time in the third identification line, as the format has it."""
+    """Parses the time in the third identification line."""
     text = str(dataset.get("id3", "")).strip()
     for pattern in ("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S", "%Y-%m-%dT%H:%M:%S"):
         try:
