@@ -1,4 +1,5 @@
-//! What is monitored ([`AssetSpec`]) and one analysed stretch of its vibration ([`Segment`]).
+//! The description of a monitored asset ([`AssetSpec`]) and one analysed segment of its vibration
+//! ([`Segment`]).
 
 mod alarm_rules;
 mod analysis;
