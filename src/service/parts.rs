@@ -1,4 +1,4 @@
-//! The parts of the service put together.
+//! The service, which connects its parts.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -29,49 +29,49 @@ use crate::asset::AssetId;
 use crate::library::{GridSettings, LibraryCache};
 use crate::store::Store;
 
-/// Minutes between two searches for raw objects that nothing refers to.
+/// Minutes between two searches for unreferenced raw objects.
 const SWEPT_EVERY_MINUTES: u32 = 24 * 60;
 
-/// Between two searches for long histories that are not kept as columns yet.
+/// Time between two searches for long histories that are not stored as columns yet.
 const TRENDS_KEPT_EVERY: Duration = Duration::from_secs(10);
 
-/// Everything that works on records, on one store.
+/// All parts of the service, on one store.
 pub struct Service {
-    /// The store, for reading.
+    /// The store; other modules only read it.
     pub store: Store,
-    /// The threads that compute.
+    /// The worker threads.
     pub workers: Arc<Workers>,
     /// The libraries of the assets.
     pub simulations: Arc<Simulations>,
-    /// The way of records.
+    /// Processes records.
     pub pipeline: Arc<Pipeline>,
     /// The histories of all channels.
     pub history: Arc<History>,
-    /// Stored records, read again.
+    /// Reads stored records.
     pub records: StoredRecords,
-    /// The assets, for changing.
+    /// Changes assets.
     pub assets: Assets,
-    /// The alarms, for changing.
+    /// Changes alarms.
     pub alarms: Arc<Alarms>,
-    /// Maintenance events, for changing.
+    /// Changes maintenance events.
     pub maintenance: Maintenance,
     /// Removes records.
     pub removals: Removals,
-    /// Takes records out of their histories, and in again.
+    /// Excludes records from their histories, and includes them again.
     pub exclusions: Exclusions,
-    /// Recordings that are replayed.
+    /// Replays of recordings.
     pub replays: Replays,
     /// Live streams.
     pub streams: Arc<Streams>,
     /// Pieces of resumable uploads.
     pub uploads: Arc<UploadPieces>,
-    /// Ways in beside HTTP.
+    /// Sources of records other than HTTP.
     pub feeds: Feeds,
-    /// What went through since the start.
+    /// Counts of records since the start.
     pub tally: Arc<Tally>,
-    /// What happens.
+    /// Live events.
     pub events: Announcer,
-    /// What this process does of a record's way.
+    /// The role of this process.
     pub role: Role,
     clock: Arc<dyn Clock>,
     raw: Arc<RawObjects>,
@@ -81,10 +81,10 @@ pub struct Service {
 }
 
 impl Service {
-    /// Puts the parts together on a store. To be called inside the runtime. `grid` says how libraries are
-    /// simulated.
+    /// Connects the parts on a store; `grid` sets how libraries are simulated. Must be called inside a Tokio
+    /// runtime.
     ///
-    /// Errors: a folder cannot be made, or no threads are to be had.
+    /// Errors: a folder cannot be created, or the worker threads cannot be started.
     pub fn new(
         store: Store,
         folders: ServiceFolders,
@@ -225,17 +225,16 @@ impl Service {
         }))
     }
 
-    /// The time now, by the clock that the service was started with.
+    /// The current time, by the clock with which the service was started.
     pub fn now(&self) -> jiff::Timestamp {
         self.clock.now()
     }
 
-    /// Goes on where the process before ended, in the background: starts the library of every asset, computes
-    /// again what was computed under other settings, and moves raw objects that no record refers to into
-    /// quarantine. Where
-    /// other processes work on the same store, it also looks after what they leave.
+    /// Resumes the work of the previous process in the background: starts to simulate the library of every
+    /// asset, recomputes what was computed under other settings, and moves raw objects that no record refers
+    /// to into quarantine. On a shared store it also finishes what other processes left undone.
     ///
-    /// An API node does nothing: workers do. On a damaged database nothing is done.
+    /// Does nothing on an API node, where the workers do this, and nothing on a damaged database.
     pub async fn resume(&self) -> Result<(), ServiceError> {
         if self.role.is_api_node() || self.store.damage().is_some() {
             return Ok(());
@@ -280,7 +279,7 @@ impl Service {
         Ok(())
     }
 
-    /// Notes beside the raw objects what a process that ended had not noted of assets.
+    /// Writes the notes of assets that the previous process did not write beside the raw objects.
     fn note_in_background(&self, assets: Vec<AssetId>) {
         let raw = Arc::clone(&self.raw);
         tokio::spawn(async move {
@@ -290,7 +289,7 @@ impl Service {
         });
     }
 
-    /// Keeps long histories as columns too.
+    /// Stores long histories as columns too.
     fn keep_trends_in_background(&self) {
         let store = self.store.clone();
         tokio::spawn(async move {
@@ -300,21 +299,21 @@ impl Service {
                     return;
                 }
                 if let Err(error) = store.keep_trend_blocks().await {
-                    tracing::warn!(%error, "failed to keep histories as columns: they are read row by row");
+                    tracing::warn!(%error, "failed to store histories as columns: reading them row by row");
                 }
             }
         });
     }
 
-    /// Keeps the raw objects of a process that has its store to itself: searches for those that nothing
-    /// refers to now and every day, and says how far the database has come.
+    /// Maintains the raw objects of a process that is alone on its store: searches for unreferenced ones now
+    /// and once a day, and raises the generation of the store.
     fn sweep_in_background(&self) {
         let (raw, retention, store) =
             (Arc::clone(&self.raw), Arc::clone(&self.retention), self.store.clone());
         tokio::spawn(async move {
             while !store.is_closed() {
                 if let Err(error) = raw.sweep().await {
-                    tracing::warn!(%error, "failed to look for raw objects that no record refers to");
+                    tracing::warn!(%error, "failed to search for raw objects that no record refers to");
                 }
                 retention.apply_in_background();
                 for _ in 0..SWEPT_EVERY_MINUTES {
@@ -323,7 +322,7 @@ impl Service {
                         return;
                     }
                     if let Err(error) = store.raise_generation_if_changed().await {
-                        tracing::warn!(%error, "failed to mark how far the database has come");
+                        tracing::warn!(%error, "failed to raise the generation of the store");
                     }
                 }
             }

@@ -69,7 +69,8 @@ impl Removals {
             let _exclusive = self.raw.exclusive().await;
             let _pause = self.committer.pause().await;
             let (mut segments, mut orphans) = (Vec::new(), Vec::new());
-            // The asset itself comes last: the loop ends once it has no more records in the range.
+            // The owner of the sensor comes last: once its records are gone, those of the others would not be
+            // looked for again.
             for of in assets.iter().rev() {
                 let removed = self.store.remove_records(of, range, AT_ONCE).await?;
                 if of == asset {

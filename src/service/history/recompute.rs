@@ -1,5 +1,5 @@
-//! Histories computed again in the background: after a change of the description, the library or the method,
-//! or where records came late. The old answers are served until the new ones are complete, and then all at
+//! Recomputation of histories in the background: after a change of the description, the library or the
+//! method, or after late records. The old history is served until the new one is complete and replaces it at
 //! once.
 
 use std::sync::Arc;
@@ -24,40 +24,41 @@ use crate::store::{
     Store, StoreError, WearGeneration,
 };
 
-/// Records folded in one piece: bounds the memory and the length of a transaction.
+/// Records folded in one batch: bounds the memory and the length of a transaction.
 const FOLDED_AT_ONCE: u32 = 256;
 
-/// Records analysed in one piece.
+/// Records analysed in one batch.
 const ANALYSED_AT_ONCE: u32 = 32;
 
 /// Rows removed in one transaction.
 const REMOVED_AT_ONCE: u32 = 500;
 
-/// How often what other processes bring meanwhile is folded before a history is begun again later.
+/// Maximum number of times that records added by other processes are folded before the recomputation is
+/// retried later.
 const MAX_TURNS: u32 = 100;
 
-/// Who brings a history up to date.
+/// The outcome of bringing a history up to date.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Made {
-    /// This process; it is done.
+    /// It is up to date.
     Here,
-    /// Another one, which is at it.
+    /// Another process is computing it.
     Elsewhere,
-    /// Nobody before the asset's library is there: this process is told then.
+    /// It waits for the asset's library, whose completion triggers it again.
     WithItsLibrary,
 }
 
-/// The generations that are being made.
+/// The generations being written.
 #[derive(Debug, Clone, Copy)]
 struct Generations {
     analyses: AnalysisGeneration,
     wear: WearGeneration,
 }
 
-/// A history as far as it is folded again.
+/// The state of a history that is being folded again.
 #[derive(Debug)]
 struct Refolded {
-    /// The state after the last record folded; none before the first one.
+    /// The state after the last record folded; `None` before the first one.
     point: Option<FoldPoint>,
     /// All changes of alarms so far.
     alarms: AlarmRun,
@@ -69,7 +70,7 @@ impl Refolded {
     }
 }
 
-/// Computes histories again.
+/// Recomputes histories.
 pub(crate) struct Recomputer {
     pub(crate) store: Store,
     pub(crate) workers: Arc<Workers>,
@@ -82,7 +83,7 @@ pub(crate) struct Recomputer {
 }
 
 impl Recomputer {
-    /// Brings the channels of an asset up to what is asked for now.
+    /// Brings the channels of an asset up to date.
     pub(crate) async fn recompute_asset(&self, asset: &AssetId) -> Result<Made, ServiceError> {
         let mut made = Made::Here;
         let version = match self.store.asset(asset).await {
@@ -110,7 +111,7 @@ impl Recomputer {
         Ok(made)
     }
 
-    /// Computes a channel again as long as it is not what is asked for.
+    /// Recomputes a channel until it is up to date.
     async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<Made, ServiceError> {
         loop {
             let description = described(&self.store, asset).await?;
@@ -126,7 +127,7 @@ impl Recomputer {
             }
             let served = self.simulations.estimator_of(&channel.keys.fold);
             if estimator.awaits_library() && !served.is_some_and(|served| served.is_without_library()) {
-                // What was folded with a library is served until there is another one.
+                // The history folded with a library is served until the new library is ready.
                 return Ok(Made::WithItsLibrary);
             }
             let is_other_fold = channel.keys.analysed == wanted.analysed && channel.keys.fold != wanted.fold;
@@ -134,7 +135,8 @@ impl Recomputer {
                 && self.store.is_shared()
                 && self.simulations.awaits_neighbours(&description.spec)
             {
-                // Who has them already made the history with them, and would do so again.
+                // A process that has the neighbours already has computed the history with them, and would do
+                // so again.
                 return Ok(Made::Elsewhere);
             }
             let Some(wear) = self.store.begin_making(&channel, self.clock.now()).await? else {
@@ -142,12 +144,12 @@ impl Recomputer {
             };
             match self.recompute(&description, &estimator, &channel, wear, wanted).await {
                 Ok(()) => {}
-                // Another process took its place, or its description changed: looked at from the start.
+                // Another process took over, or the description changed: start again.
                 Err(ServiceError::Store(StoreError::Outdated(what))) => {
                     tracing::debug!(%asset, channel = name, what, "restarting a recomputation");
                 }
                 Err(error) => {
-                    // The error that counts is the first one.
+                    // The first error is the one to report.
                     let _ = self.store.stop_making(&channel, wear).await;
                     return Err(error);
                 }
@@ -183,14 +185,14 @@ impl Recomputer {
         while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await?
             >= FOLDED_AT_ONCE as usize
         {}
-        // From here on this process brings nothing new: what came meanwhile is little. What another one
-        // brings is folded in another turn.
+        // Under the lock this process adds no records, and few have arrived since. Those that another process
+        // adds are folded in a further turn.
         let mut slot = slot.lock().await;
         let mut turns = 0;
         let (notices, now) = loop {
             let current_asset = described(&self.store, asset).await?;
             if analysis_keys(&current_asset.spec) != wanted.analysed {
-                // Changed again meanwhile; what was made is not what is asked for.
+                // The description changed again in the meantime: this history is outdated already.
                 return Ok(store.stop_making(channel, wear).await?);
             }
             let (current, changed_from) = store.take_changes(channel, wear).await?;
@@ -207,7 +209,7 @@ impl Recomputer {
                 let stored = store.state_of_generation(channel, wear, &earliest).await?;
                 history.point = stored.and_then(|stored| read_point(channel, stored));
             }
-            // Also where no record is left: what operators did since the last one.
+            // Also if no record is left: operator actions after the last one.
             while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await? > 0 {}
             let alarms = history.alarms.folded(estimator, false);
             let from = MadeFrom { asset: current_asset.version(), channel: current.version() };
@@ -220,7 +222,7 @@ impl Recomputer {
         slot.clear();
         drop(slot);
         self.events.announce_alarms(notices);
-        tracing::info!(%asset, channel = name, records = channel.segments, "computed a history again");
+        tracing::info!(%asset, channel = name, records = channel.segments, "recomputed a history");
         self.progress.update(asset, name, |shown| {
             shown.state = RecomputationState::Finished;
             shown.finished_at = Some(now);
@@ -229,7 +231,7 @@ impl Recomputer {
         Ok(())
     }
 
-    /// What happened between the records of a channel, without what is held of it.
+    /// The current timeline of a channel, read from the store instead of from the slot.
     async fn timeline_now(
         &self,
         asset: &Asset,
@@ -238,7 +240,7 @@ impl Recomputer {
         self.folding.timeline(asset, Some(channel), &mut Slot::default()).await
     }
 
-    /// Analyses again what is not analysed yet in a generation.
+    /// Analyses the records that have no analysis in a generation yet.
     async fn analyse_again(
         &self,
         spec: &AssetSpec,
@@ -253,21 +255,21 @@ impl Recomputer {
                 return Ok(());
             };
             after = Some(last.key());
-            // One task for each record, so that records that come in meanwhile have their turn in between.
+            // One task for each record, so that new records are processed in between.
             let mut tasks = tokio::task::JoinSet::new();
             for segment in segments {
                 let (store, workers, spec) = (self.store.clone(), Arc::clone(&self.workers), spec.clone());
                 tasks.spawn(async move {
                     let samples = usize::try_from(segment.samples).unwrap_or(usize::MAX);
                     let again = move || analyse_one(&store, &spec, segment);
-                    workers.run_analysis("analyse a record again", samples, again).await
+                    workers.run_analysis("reanalyse a record", samples, again).await
                 });
             }
             let mut analyses: Vec<(SegmentId, Analysed)> = Vec::new();
             let mut without_raw = 0;
             while let Some(done) = tasks.join_next().await {
                 let (id, analysed, is_new) =
-                    done.map_err(|_| ServiceError::WorkerLost("analyse a record again"))??;
+                    done.map_err(|_| ServiceError::WorkerLost("reanalyse a record"))??;
                 without_raw += u64::from(!is_new);
                 analyses.push((id, analysed));
             }
@@ -280,8 +282,7 @@ impl Recomputer {
         }
     }
 
-    /// Folds the records after what is folded so far, at most so many at once, and returns how many they
-    /// were.
+    /// Folds the next batch of records and returns its size; 0 at the end of the history.
     async fn fold_piece(
         &self,
         estimator: &KeyedEstimator,
@@ -327,7 +328,8 @@ impl Recomputer {
     }
 }
 
-/// What a stored record says when it is asked again; what it said before where its raw bytes cannot be had.
+/// Analyses a stored record again; keeps its old analysis if its raw bytes cannot be read. The flag says
+/// whether the analysis is up to date.
 fn analyse_one(store: &Store, spec: &AssetSpec, segment: NewSegment) -> (SegmentId, Analysed, bool) {
     if segment.analysed.keys == analysis_keys(spec) {
         return (segment.id, segment.analysed, true);
@@ -335,7 +337,7 @@ fn analyse_one(store: &Store, spec: &AssetSpec, segment: NewSegment) -> (Segment
     match StoredRecord::from(&segment).read(store) {
         Ok(record) => (segment.id, analyse(&record, spec), true),
         Err(error) => {
-            tracing::debug!(segment = %segment.id, %error, "failed to analyse a record again: keeping its results");
+            tracing::debug!(segment = %segment.id, %error, "failed to reanalyse a record: keeping its results");
             (segment.id, segment.analysed, false)
         }
     }

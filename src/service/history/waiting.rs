@@ -1,16 +1,16 @@
-//! Assets that wait for their recomputation.
+//! The queue of assets whose histories are to be brought up to date.
 
 use std::collections::{HashSet, VecDeque};
 
 use crate::asset::AssetId;
 
-/// Assets in the order in which they are looked at, each once.
+/// A queue of assets, each at most once.
 #[derive(Debug, Default)]
 pub(crate) struct Waiting {
     order: VecDeque<AssetId>,
-    /// The same ones: at a start that is the whole fleet.
+    /// The same assets as a set, since at a start the queue holds the whole fleet.
     assets: HashSet<AssetId>,
-    /// Somebody takes them out.
+    /// Whether a task is working on the queue.
     pub(crate) is_running: bool,
 }
 
@@ -21,7 +21,7 @@ impl Waiting {
         }
     }
 
-    /// The next asset; where there is none, nobody takes them out any more.
+    /// Removes and returns the next asset; if there is none, the task working on the queue ends.
     pub(crate) fn pop(&mut self) -> Option<AssetId> {
         let next = self.order.pop_front();
         self.is_running = next.is_some();

@@ -1,5 +1,5 @@
-//! Why libraries could not be simulated, kept beside them: a restart gives the same answer and does not try
-//! again what would fail again.
+//! Reasons why libraries could not be simulated, stored beside them, so that a restart does not repeat a
+//! simulation that would fail again.
 
 use std::fs;
 use std::io;
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-/// Another version of the program may simulate what this one cannot.
+/// A failure is valid only for this version: another one may be able to simulate the library.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The failures in a folder, a file for each library.
@@ -23,20 +23,20 @@ struct Failure {
 }
 
 impl Failures {
-    /// In a folder, which is made when the first failure is kept.
+    /// The failures in a folder, which is created with the first failure.
     pub(super) fn new(folder: PathBuf) -> Self {
         Self { folder }
     }
 
-    /// Why this version of the program could not simulate a library; none where it has not tried, or where
-    /// the file cannot be read.
+    /// Why this version of the program could not simulate a library; `None` if it has not tried, or if the
+    /// file cannot be read.
     pub(super) fn reason(&self, library: &str) -> Option<String> {
         let bytes = fs::read(self.path(library)).ok()?;
         let failure: Failure = serde_json::from_slice(&bytes).ok()?;
         (failure.version == VERSION).then_some(failure.reason)
     }
 
-    /// Keeps a failure. Where that is not possible the next start tries again.
+    /// Stores a failure. If that fails, the next start simulates the library again.
     pub(super) fn keep(&self, library: &str, reason: &str) {
         let failure = Failure { version: VERSION.to_owned(), reason: reason.to_owned() };
         let kept = serde_json::to_vec(&failure).map_err(io::Error::from).and_then(|bytes| {
@@ -44,15 +44,15 @@ impl Failures {
             fs::write(self.path(library), bytes)
         });
         if let Err(error) = kept {
-            tracing::warn!(library, %error, "failed to keep why a simulation failed; the next start tries again");
+            tracing::warn!(library, %error, "failed to store the failure of a simulation: the next start repeats the simulation");
         }
     }
 
-    /// Lets a library be tried again.
+    /// Removes the failure of a library, so that it is simulated again.
     pub(super) fn forget(&self, library: &str) {
         match fs::remove_file(self.path(library)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                tracing::warn!(library, %error, "failed to forget a failed simulation; it is not tried again");
+                tracing::warn!(library, %error, "failed to remove the failure of a simulation: the simulation is not repeated");
             }
             _ => {}
         }

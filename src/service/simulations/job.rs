@@ -1,4 +1,4 @@
-//! The simulation of one library and of the pairs around it, on a thread of its own.
+//! The simulation of one library and of the neighbouring pairs, on a separate thread.
 
 use std::any::Any;
 use std::collections::HashMap;
@@ -17,14 +17,14 @@ use crate::library::{
     BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, VARIANTS,
 };
 
-/// Pairs that are simulated in one turn, some seconds on two cores: an asset that waits for its library comes
-/// between.
+/// Pairs simulated in one turn, a few seconds on two cores, so that an asset waiting for its library is
+/// served in between.
 const MEMBERS_A_TURN: usize = 32 * VARIANTS;
 
-/// By the id of the library that they are around.
+/// Ensembles by the id of their central library.
 pub(super) type Ensembles = Mutex<HashMap<String, Arc<Ensemble>>>;
 
-/// One library that is asked for.
+/// The simulation of one requested library.
 pub(super) struct Job {
     pub(super) id: String,
     pub(super) pair: PairSpec,
@@ -36,27 +36,27 @@ pub(super) struct Job {
     pub(super) turns: Arc<Turns>,
     pub(super) ensembles: Arc<Ensembles>,
     pub(super) simulation: watch::Sender<Simulation>,
-    /// Nobody wants it any more.
+    /// Set when the library is no longer needed.
     pub(super) cancel: Arc<AtomicBool>,
-    /// Tells the assets that there is more to compare with, or that there will be nothing.
+    /// Notifies the assets that the library is ready, has more members, or has failed.
     pub(super) tell: Box<dyn Fn() + Send + Sync>,
 }
 
 impl Job {
-    /// Loads or simulates it. Whatever becomes of that, it is said.
+    /// Loads or simulates the library and publishes the outcome.
     pub(super) fn run(self) {
         match self.load_or_simulate() {
-            Ok(()) => tracing::info!(library = %self.id, "simulated or loaded"),
+            Ok(()) => tracing::info!(library = %self.id, "library ready"),
             Err(End::Cancelled) => {
-                tracing::info!(library = %self.id, "stopped a simulation that no asset needs any more");
+                tracing::info!(library = %self.id, "stopped the simulation of a library that no asset needs");
                 return;
             }
             Err(End::FailedBefore(reason)) => {
-                tracing::error!(library = %self.id, reason, "failed to simulate before; not tried again");
+                tracing::error!(library = %self.id, reason, "skipped the simulation of a library: it failed before");
                 self.simulation.send_modify(|simulation| simulation.fail(reason));
             }
             Err(End::Failed { reason, is_of_pair }) => {
-                tracing::error!(library = %self.id, reason, "failed to simulate");
+                tracing::error!(library = %self.id, reason, "failed to simulate a library");
                 if is_of_pair {
                     self.source.failures().keep(&self.id, &reason);
                 }
@@ -73,7 +73,7 @@ impl Job {
         let Some(reason) = self.source.failures().reason(&self.id) else {
             return guarded(|| self.simulate());
         };
-        // Where the pairs around it failed, it is there itself.
+        // The library itself exists if only its neighbours failed.
         let is_ready = matches!(self.simulation.borrow().readiness, Readiness::Ready(_));
         if !is_ready && let Some(library) = self.source.kept(&self.pair, &self.grid) {
             let alone = Ensemble::of(Arc::clone(&library));
@@ -98,8 +98,7 @@ impl Job {
             self.ready(library, alone, None);
             return Ok(());
         }
-        // Estimates wait for the first members alone: when the rest are there, histories are folded again
-        // with them.
+        // Estimates wait only for the first members; histories are folded again when the rest are ready.
         let first = {
             let _turn = self.turns.wait(SimulationStage::FirstMembers);
             self.begin(SimulationStage::FirstMembers);
@@ -120,7 +119,7 @@ impl Job {
         Ok(())
     }
 
-    /// All members, some more in each turn.
+    /// Simulates all members, some more in each turn.
     fn remaining(&self, first: Ensemble) -> Result<Ensemble, LibraryError> {
         let (begin, all) = (self.neighbours.first().members, self.neighbours.members);
         let progress = self.progress();
@@ -139,7 +138,8 @@ impl Job {
         Ok(so_far)
     }
 
-    /// Takes what was kept from before, the first members where not all are; returns whether that is all.
+    /// Loads the library and its members from the cache, only the first members if not all are cached;
+    /// returns whether everything was loaded.
     fn load(&self) -> bool {
         let _turn = lock(&self.loading);
         let Some(library) = self.source.kept(&self.pair, &self.grid) else {
@@ -186,7 +186,7 @@ impl Job {
         }
     }
 
-    /// There is this to compare with, while what is `next` is simulated.
+    /// Publishes the library and its ensemble; the stage `next` is simulated meanwhile.
     fn ready(&self, library: Arc<Library>, ensemble: Ensemble, next: Option<SimulationStage>) {
         lock(&self.ensembles).insert(self.id.clone(), Arc::new(ensemble));
         self.simulation.send_modify(|simulation| {
@@ -197,21 +197,22 @@ impl Job {
     }
 }
 
-/// How a simulation ends that does not succeed.
+/// Why a simulation ends without success.
 #[derive(Debug, PartialEq, Eq)]
 enum End {
     Cancelled,
-    /// At an earlier start, for this reason.
+    /// It failed at an earlier start, for this reason.
     FailedBefore(String),
     Failed {
         reason: String,
-        /// It would fail again; else, with a full disk for example, the next start may succeed.
+        /// Whether the pair is the cause and it would fail again; otherwise, for example with a full disk,
+        /// the next start may succeed.
         is_of_pair: bool,
     },
 }
 
 fn guarded<T>(simulate: impl FnOnce() -> Result<T, LibraryError>) -> Result<T, End> {
-    // What a panic leaves behind is only read where it is whole.
+    // State left by a panic is read only if it is complete.
     match catch_unwind(AssertUnwindSafe(simulate)) {
         Ok(Ok(done)) => Ok(done),
         Ok(Err(LibraryError::Cancelled)) => Err(End::Cancelled),
@@ -253,7 +254,7 @@ mod tests {
         assert_eq!(panicked, Err(End::Failed { reason, is_of_pair: true }));
     }
 
-    /// How a job ends, of a pair that can be simulated, with this many wear states.
+    /// The final status of a job for a valid pair, with this many wear states.
     fn ends(folder: &std::path::Path, id: &str, states: usize) -> Simulation {
         let (simulation, receiver) = watch::channel(Simulation::begin());
         let job = Job {
@@ -279,7 +280,7 @@ mod tests {
         let failed = ends(folder.path(), "a1", 0);
         let reason = failed.error.unwrap();
         assert!(reason.contains("states"), "{reason}");
-        // It would succeed now, but is not tried.
+        // It would succeed now, but is skipped.
         let again = ends(folder.path(), "a1", 3);
         assert_eq!((again.readiness.name(), again.error), ("failed", Some(reason)));
         LibrarySource::alone(folder.path()).failures().forget("a1");

@@ -1,5 +1,5 @@
-//! Where libraries come from: the folder of this process, else, where processes share a store, the one of
-//! them that built it, else a build.
+//! The sources of libraries: the folder of this process, else, on a shared store, the process that built it,
+//! else a build.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,33 +16,33 @@ use crate::library::{
 use crate::service::clock::Clock;
 use crate::store::{Store, StoreError};
 
-/// When a library that another process builds, or a store that is away, is asked again.
+/// Interval at which a library that another process builds, or an unavailable store, is checked again.
 const ASKED_AGAIN: Duration = Duration::from_secs(2);
 
-/// How often a process that builds says so.
+/// Interval at which a process renews its right to build a library.
 const SAID_EVERY: Duration = Duration::from_secs(15);
 
-/// Libraries by the hash of their inputs. Every method blocks: to be called on a thread of its own, not on
-/// one of the runtime.
+/// Libraries by the hash of their inputs. Every method blocks: to be called on a separate thread, not on one
+/// of the runtime.
 #[derive(Clone)]
 pub(crate) struct LibrarySource {
     cache: Arc<LibraryCache>,
     shared: Option<Shared>,
 }
 
-/// What processes share libraries through.
+/// The store through which processes share libraries.
 #[derive(Clone)]
 struct Shared {
     store: Store,
     clock: Arc<dyn Clock>,
     runtime: Handle,
-    /// Else it waits until another process has built.
+    /// Whether this process builds libraries; otherwise it waits until another one has.
     builds: bool,
 }
 
 impl LibrarySource {
-    /// Of a folder, and of the store where processes share it; there a process that does not build leaves
-    /// that to others. To be called inside the runtime.
+    /// The libraries in a folder, and in the store if it is shared; unless `builds`, other processes build
+    /// them there. Must be called inside a Tokio runtime.
     pub(crate) fn new(cache: Arc<LibraryCache>, store: &Store, clock: &Arc<dyn Clock>, builds: bool) -> Self {
         let shared = store.is_shared().then(|| Shared {
             store: store.clone(),
@@ -53,7 +53,7 @@ impl LibrarySource {
         Self { cache, shared }
     }
 
-    /// Of a folder that no other process uses.
+    /// The libraries in a folder that no other process uses.
     #[cfg(test)]
     pub(super) fn alone(folder: &std::path::Path) -> Self {
         Self { cache: Arc::new(LibraryCache::new(folder.to_owned())), shared: None }
@@ -69,7 +69,7 @@ impl LibrarySource {
         Failures::new(self.cache.folder().join("failures"))
     }
 
-    /// The library of these inputs, where it was simulated before.
+    /// The cached library of these inputs.
     pub(super) fn kept(&self, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
         let id = library_id(pair, grid);
         if let Ok(Some(library)) = self.cache.get(&id)
@@ -85,12 +85,12 @@ impl LibrarySource {
         Some(Arc::new(library))
     }
 
-    /// Keeps an ensemble for the next start. One that cannot be kept, on a full disk for example, is used all
-    /// the same.
+    /// Caches an ensemble for the next start. If that fails, for example on a full disk, the ensemble is used
+    /// all the same.
     fn keep_ensemble(&self, ensemble: &Ensemble) {
         if let Err(error) = self.cache.put_ensemble(ensemble) {
             let id = ensemble.id();
-            tracing::warn!(ensemble = id, %error, "failed to keep the ensemble; the next start simulates it again");
+            tracing::warn!(ensemble = id, %error, "failed to cache an ensemble: the next start simulates it again");
         }
     }
 
@@ -102,7 +102,7 @@ impl LibrarySource {
         progress: &(dyn Fn(usize, usize) + Sync),
         cancel: &AtomicBool,
     ) -> Result<Arc<Library>, LibraryError> {
-        // Nobody may want it any more when its turn has come.
+        // It may have been cancelled while it waited for its turn.
         check(cancel)?;
         match &self.shared {
             Some(shared) => shared.get_or_build(&self.cache, pair, grid, progress, cancel),
@@ -113,7 +113,7 @@ impl LibrarySource {
         }
     }
 
-    /// The ensemble with these settings around a library, where it was simulated before.
+    /// The cached ensemble with these settings around a library.
     pub(super) fn kept_ensemble(
         &self,
         library: &Arc<Library>,
@@ -123,7 +123,7 @@ impl LibrarySource {
             Ok(None) => {}
             Ok(kept) => return kept,
             Err(error) => {
-                tracing::warn!(library = library.id(), %error, "failed to read the kept ensemble; simulating it again");
+                tracing::warn!(library = library.id(), %error, "failed to read a cached ensemble: simulating it again");
             }
         }
         let id = ensemble_id(library.id(), settings);
@@ -138,8 +138,8 @@ impl LibrarySource {
         None
     }
 
-    /// The ensemble with these settings around the library of a smaller one: as it was simulated before, else
-    /// simulated with what the smaller one has.
+    /// The ensemble with these settings around the library of a smaller one: from the cache, else simulated
+    /// as an extension of the smaller one.
     pub(super) fn ensemble(
         &self,
         smaller: &Ensemble,
@@ -155,8 +155,8 @@ impl LibrarySource {
             && let Err(error) =
                 shared.store.objects().put_library(ensemble.id(), encode_ensemble(&ensemble).into())
         {
-            // Another process simulates the same bits.
-            tracing::warn!(ensemble = ensemble.id(), %error, "failed to share the ensemble");
+            // Another process then simulates the same ensemble, bit for bit.
+            tracing::warn!(ensemble = ensemble.id(), %error, "failed to share an ensemble");
         }
         Ok(ensemble)
     }
@@ -166,7 +166,7 @@ fn is_it(library: &Library, pair: &PairSpec, grid: &GridSettings) -> bool {
     library.pair() == pair && library.manifest().grid == *grid
 }
 
-/// Ends what nobody wants any more.
+/// Returns an error if the build is cancelled.
 fn check(cancel: &AtomicBool) -> Result<(), LibraryError> {
     if cancel.load(Ordering::Relaxed) {
         return Err(LibraryError::Cancelled);
@@ -211,9 +211,9 @@ impl Shared {
             let mut said = said.lock().unwrap_or_else(PoisonError::into_inner);
             if said.elapsed() >= SAID_EVERY {
                 *said = Instant::now();
-                // Where this is not heard, another process builds the same: the same bits.
+                // If this fails, another process may build the same library, bit for bit.
                 if let Err(error) = self.runtime.block_on(self.store.go_on_building(&id, self.clock.now())) {
-                    tracing::warn!(%error, "failed to say that a library is being built");
+                    tracing::warn!(%error, "failed to renew the right to build a library");
                 }
             }
         };
@@ -222,7 +222,7 @@ impl Shared {
         if built.is_err()
             && let Err(error) = self.runtime.block_on(self.store.end_building(&id))
         {
-            tracing::warn!(%error, "failed to say that a library is no longer being built: it is tried again after a minute");
+            tracing::warn!(%error, "failed to release the right to build a library: it expires after a minute");
         }
         let library = built?;
         let bytes = encode(&library);
@@ -233,7 +233,7 @@ impl Shared {
         Ok(library)
     }
 
-    /// The library as another process built it; none where there is none that can be used.
+    /// The library as another process built it; `None` if there is none, or if it cannot be used.
     fn fetch(&self, id: &str) -> Result<Option<Library>, StoreError> {
         let Some(bytes) = self.store.objects().library(id)? else {
             return Ok(None);
@@ -242,7 +242,7 @@ impl Shared {
             Ok(library) if library.id() == id => Ok(Some(library)),
             Ok(_) => Ok(None),
             Err(error) => {
-                tracing::warn!(library = id, %error, "failed to decode the shared library: building it again");
+                tracing::warn!(library = id, %error, "failed to decode a shared library: building it again");
                 Ok(None)
             }
         }
@@ -256,7 +256,7 @@ impl Shared {
     }
 
     fn wait_for_store(&self, error: &StoreError) {
-        tracing::warn!(%error, "failed to reach the store for a library: trying again");
+        tracing::warn!(%error, "failed to access the store for a library: retrying");
         std::thread::sleep(ASKED_AGAIN);
     }
 }
@@ -268,7 +268,7 @@ mod tests {
     #[test]
     fn an_ensemble_that_cannot_be_kept_is_used() {
         let folder = tempfile::tempdir().unwrap();
-        // Where its folder would be there is a file.
+        // A file takes the place of its folder.
         std::fs::write(folder.path().join("ensembles"), "").unwrap();
         let source = LibrarySource::alone(folder.path());
         let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap();
