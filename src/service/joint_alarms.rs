@@ -1,5 +1,5 @@
-//! Alarms on the novelty of all channels together. The history of one channel does not know the others, so
-//! it is looked for as records come.
+//! Alarms on the joint novelty of all channels of an asset. The history of one channel does not contain the
+//! others, so these alarms are checked periodically.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -12,19 +12,19 @@ use crate::asset::AssetId;
 use crate::estimate::{AlarmAction, AlarmQuantity, MaintenanceKind};
 use crate::store::{DescriptionsMark, StoredAlarm};
 
-/// How often it is looked for.
+/// Time between two checks.
 const INTERVAL: Duration = Duration::from_secs(2);
 
-/// What has been looked at.
+/// The state at the last check.
 #[derive(Default)]
 struct LookedAt {
     descriptions: Option<DescriptionsMark>,
-    /// The revisions of assets' channels.
+    /// The sum of the channel revisions of each asset.
     revisions: HashMap<AssetId, i64>,
 }
 
 impl Alarms {
-    /// Raises and ends these alarms in the background, as long as somebody holds the service.
+    /// Raises and clears these alarms in the background for as long as the service exists.
     pub(crate) fn watch_joint_novelty_in_background(self: &Arc<Self>) {
         let alarms = Arc::downgrade(self);
         tokio::spawn(async move {
@@ -36,7 +36,7 @@ impl Alarms {
                     return;
                 }
                 if let Err(error) = alarms.watch_joint_novelty(&mut looked_at).await {
-                    tracing::warn!(%error, "failed to look for novelty of all channels together");
+                    tracing::warn!(%error, "failed to check the joint novelty of all channels");
                 }
             }
         });
@@ -56,8 +56,8 @@ impl Alarms {
         Ok(())
     }
 
-    /// Brings the alarm of an asset in line with what its channels say together. It is kept with the channel
-    /// that was seen first.
+    /// Updates the alarm of an asset to the joint novelty of its channels. The alarm belongs to the first
+    /// channel.
     async fn tell_joint_novelty(&self, asset: &AssetId) -> Result<(), ServiceError> {
         let store = &self.store;
         let asset = store.asset(asset).await?;
@@ -68,7 +68,7 @@ impl Alarms {
         let channels = store.channels(&asset.spec.id).await?;
         let speakers = JointWear::speakers(&asset, &channels);
         let [first, _, ..] = speakers[..] else { return Ok(()) };
-        // What was read before another gear, sensor or baseline says nothing of now.
+        // Readings from before a change of the gear, sensor or baseline do not count.
         let events = store.maintenance(&asset.spec.id).await?;
         let begun = events.iter().rfind(|event| event.kind != MaintenanceKind::Inspected);
         let count = rule.settings.raise_of.max(rule.settings.clear_of);
@@ -88,7 +88,7 @@ impl Alarms {
             comment: String::new(),
         };
         match self.act_on(known, Some(first), told).await {
-            // Somebody was faster: another process, or a record.
+            // Another process or a record came first.
             Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
             Err(error) => Err(error),
         }

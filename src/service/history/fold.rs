@@ -83,7 +83,7 @@ impl AlarmRun {
     }
 
     /// Returns the alarms in the form that the store takes.
-        pub(crate) fn folded<'a>(&'a self, keyed: &'a KeyedEstimator, is_append: bool) -> FoldedAlarms<'a> {
+    pub(crate) fn folded<'a>(&'a self, keyed: &'a KeyedEstimator, is_append: bool) -> FoldedAlarms<'a> {
         FoldedAlarms {
             rules: keyed.estimator.rules(),
             panel: &self.panel,
@@ -126,12 +126,12 @@ impl FoldInput {
 
 impl FoldPoint {
     /// Decodes a stored state.
-        pub(crate) fn from_stored(stored: FoldState) -> Result<Self, serde_json::Error> {
+    pub(crate) fn from_stored(stored: FoldState) -> Result<Self, serde_json::Error> {
         Ok(Self { state: serde_json::from_str(&stored.state)?, last: stored.last, position: stored.position })
     }
 
     /// Encodes the state for the store.
-        pub(crate) fn to_stored(&self) -> Result<FoldState, ServiceError> {
+    pub(crate) fn to_stored(&self) -> Result<FoldState, ServiceError> {
         let state = serde_json::to_string(&self.state).map_err(|source| StoreError::Damaged {
             what: "state",
             of: self.last.id.to_string(),

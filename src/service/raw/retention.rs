@@ -73,7 +73,12 @@ impl Retention {
             if objects > 0 {
                 self.objects.remove(orphans).await?;
                 let of = asset.map_or("all", AssetId::as_str);
-                tracing::info!(of, objects, bytes, "deleted the oldest raw recordings to stay within the quota");
+                tracing::info!(
+                    of,
+                    objects,
+                    bytes,
+                    "deleted the oldest raw recordings to stay within the quota"
+                );
             }
             if is_within || objects == 0 {
                 return Ok(());

@@ -1,4 +1,4 @@
-//! What is kept of streams when an alarm is raised.
+//! Captures of stream samples around an alarm when it is raised.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -16,15 +16,16 @@ use crate::service::events::LiveEvent;
 use crate::service::workers::blocking;
 use crate::store::AlarmNotice;
 
-/// An alarm that is raised by a record this much older than the stream says nothing of what comes now.
+/// Maximum age, relative to the stream, of the record that raised an alarm: an older one is unrelated to the
+/// current samples.
 const OLD: SignedDuration = SignedDuration::from_hours(1);
 
-/// Severities that alarms were raised with, to tell what is worse than before.
+/// The severities of raised alarms, to detect increases.
 #[derive(Debug, Default)]
 struct Raised(HashMap<String, Severity>);
 
 impl Raised {
-    /// Whether an alarm is raised by this, or got worse.
+    /// Whether a notice raises an alarm or increases its severity.
     fn is_news(&mut self, notice: &AlarmNotice) -> bool {
         let Some(severity) = notice.change.severity else {
             self.0.remove(&notice.alarm.id);
@@ -38,7 +39,7 @@ impl Raised {
 }
 
 impl Streams {
-    /// Follows alarms for as long as the service is there.
+    /// Follows alarms in the background for as long as the service exists.
     pub(super) fn follow_alarms_in_background(self: &Arc<Self>) {
         let (mut events, mut over) = (self.events.follow(), self.follow_end());
         let streams = Arc::downgrade(self);
@@ -59,13 +60,13 @@ impl Streams {
                     && let Err(error) = streams.keep_around_alarm(&notice.alarm.asset_id, &notice).await
                 {
                     let asset = &notice.alarm.asset_id;
-                    tracing::warn!(%asset, %error, "failed to keep what is around an alarm");
+                    tracing::warn!(%asset, %error, "failed to capture samples around an alarm");
                 }
             }
         });
     }
 
-    /// Keeps what is around an alarm of every stream of its asset.
+    /// Captures the samples around an alarm in every stream of its asset.
     async fn keep_around_alarm(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -91,9 +92,9 @@ impl Streams {
                 let cutting = Cutting::of(&spec, &state.format)?;
                 stored.keep_around_alarm(&cutting)
             };
-            match blocking("keep what is around an alarm", move || keeper.with_stored(keep)).await? {
+            match blocking("capture samples around an alarm", move || keeper.with_stored(keep)).await? {
                 Ok(true) => self.cut_in_background(&stream),
-                // One of an asset of that name that is gone, too.
+                // Also the stream of a deleted asset of the same name.
                 Ok(false) | Err(ServiceError::StreamUnknown { .. }) => {}
                 Err(error) => return Err(error),
             }
