@@ -1,4 +1,4 @@
-//! Rows against objects: what is there of both, and what is not as it should be.
+//! Audit of a store: compares rows with objects and lists inconsistencies.
 
 use std::fmt;
 
@@ -6,35 +6,35 @@ use super::rows::get;
 use super::{Database, Objects, Store, StoreError, StoreSettings, integrity};
 use crate::asset::SegmentId;
 
-/// Names asked for by one statement.
+/// Rows read in one query.
 const AT_ONCE: i64 = 500;
 
-/// Findings that are kept by name; more are only counted.
+/// Maximum number of findings that are listed; further ones are only counted.
 const MAX_FINDINGS: usize = 1000;
 
-/// What is in a store, and what is wrong with it.
+/// The contents of a store, and its inconsistencies.
 #[derive(Debug, Clone, Default)]
 pub struct Audit {
     /// Records.
     pub records: u64,
-    /// Raw objects that records refer to.
+    /// Number of raw objects that records reference.
     pub objects: u64,
-    /// Their bytes.
+    /// Total size of these objects in bytes.
     pub bytes: u64,
-    /// Raw objects in quarantine.
+    /// Number of raw objects in quarantine.
     pub quarantined: u64,
-    /// What is wrong, at most the first thousand.
+    /// The findings, at most the first thousand.
     pub findings: Vec<Finding>,
-    /// How many things are wrong.
+    /// Number of all findings.
     pub found: u64,
 }
 
-/// Something that is not as it should be.
+/// An inconsistency of a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Finding {
-    /// The database's file.
+    /// The database file is damaged.
     Database(String),
-    /// The database and the objects are not of one store, or not of one time.
+    /// The database and the objects belong to different stores or generations.
     Marks(String),
     /// A record cannot be read.
     Record {
@@ -43,11 +43,11 @@ pub enum Finding {
         /// Why not.
         why: String,
     },
-    /// A record refers to an object that is not there.
+    /// A record references an object that does not exist.
     Missing(String),
     /// An object's bytes are not those that were stored.
     Damaged(String),
-    /// Nothing refers to an object.
+    /// An object is not referenced.
     Orphan(String),
 }
 
@@ -122,7 +122,7 @@ impl Store {
                 audit.records += 1;
                 let why = match self.segment(&segment).await {
                     Ok(Some(_)) => continue,
-                    Ok(None) => "its analysis or its estimate is missing".to_owned(),
+                    Ok(None) => "its analysis or estimate is missing".to_owned(),
                     Err(error) => error.to_string(),
                 };
                 audit.add(Finding::Record { segment, why });
@@ -158,7 +158,7 @@ impl Store {
                     Err(StoreError::ObjectDamaged { expected, .. }) => Finding::Damaged(expected),
                     Err(error) => return Err(error),
                 };
-                // It may have been given up meanwhile.
+                // The retention may have deleted it in the meantime.
                 if self.orphans_among(vec![name]).await?.is_empty() {
                     audit.add(finding);
                 }
@@ -176,7 +176,7 @@ impl Store {
         if suspects.is_empty() {
             return Ok(());
         }
-        // What a service stores just now has its rows in a moment.
+        // Objects that a running service is storing get their rows in a moment.
         tokio::time::sleep(std::time::Duration::from_secs(2)).await;
         for name in self.orphans_among(suspects).await? {
             let asked = name.clone();

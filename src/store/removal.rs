@@ -1,4 +1,4 @@
-//! Removing records of an asset.
+//! Removal of an asset's records.
 
 use std::collections::{BTreeSet, HashSet};
 
@@ -10,7 +10,7 @@ use super::rows::{from_ns, get, placeholders, to_ns};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::{AssetId, Segment, SegmentId};
 
-/// Which records of an asset.
+/// Selects records of an asset.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RecordRange {
     /// Only those of this channel.
@@ -19,12 +19,12 @@ pub struct RecordRange {
     pub from: Option<Timestamp>,
     /// Only those that start before this time.
     pub to: Option<Timestamp>,
-    /// Only those of these raw bytes.
+    /// Only those with these raw bytes.
     pub raw_sha256: Option<String>,
 }
 
 impl RecordRange {
-    /// One record.
+    /// Selects one record.
     pub fn of(segment: &Segment) -> Self {
         let next = segment.start_time.saturating_add(SignedDuration::from_nanos(1));
         Self {
@@ -36,24 +36,24 @@ impl RecordRange {
     }
 }
 
-/// Records that were removed.
+/// The records removed by one call.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RemovedRecords {
-    /// Which.
+    /// Their segments.
     pub segments: Vec<SegmentId>,
-    /// Names of the raw objects that nothing refers to any more.
+    /// Names of the raw objects that are no longer referenced.
     pub orphans: Vec<String>,
 }
 
-/// A record that is to go.
+/// A record to be removed.
 struct Going {
     key: SegmentKey,
     raw_sha256: String,
 }
 
 impl Store {
-    /// Removes up to `limit` records of each channel of an asset, the earliest ones, with everything that is
-    /// said of them. Histories that they were part of are to be folded again.
+    /// Removes up to `limit` records of each channel of an asset, the earliest first, with all their results.
+    /// Marks the histories that contained them for folding again.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn remove_records(
@@ -125,8 +125,8 @@ impl Commit {
         going.collect()
     }
 
-    /// Counts a channel's records again after some have gone, the first of them at a place; a channel without
-    /// any goes too, with its alarms.
+    /// Updates a channel after the removal of records, the earliest of which was at `first`. A channel
+    /// without records is deleted with its alarms.
     async fn without(&mut self, mut channel: ChannelSummary, first: SegmentKey) -> Result<(), StoreError> {
         let count = sqlx::query("SELECT COUNT(*) AS segments FROM segments WHERE channel_no = $1")
             .bind(channel.channel_no)
@@ -158,8 +158,8 @@ impl Commit {
         self.set_channel(&mut channel, true).await
     }
 
-    /// Counts raw objects of an asset no longer of which it has no record any more; returns those that no
-    /// asset keeps then.
+    /// Subtracts raw objects for which an asset has no record any more from its volume; returns those that no
+    /// asset references any more.
     async fn count_raw_gone(
         &mut self,
         asset: &AssetId,
