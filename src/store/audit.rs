@@ -38,9 +38,9 @@ pub enum Finding {
     Marks(String),
     /// A record cannot be read.
     Record {
-        /// Which.
+        /// The segment of the record.
         segment: SegmentId,
-        /// Why not.
+        /// Why it cannot be read.
         why: String,
     },
     /// A record references an object that does not exist.
@@ -74,10 +74,10 @@ impl Audit {
 }
 
 impl Store {
-    /// Opens a store to look at it, also while a service works on it. Nothing is written to a data
-    /// folder but the log and the index beside the database that SQLite reads with.
+    /// Opens a store for reading, also while a service uses it. Nothing is written to a data folder except
+    /// the files that SQLite needs beside the database to read it.
     ///
-    /// Errors: as for [`open`](Self::open); there is no database.
+    /// Errors: as for [`open`](Self::open); the database does not exist.
     pub async fn open_to_read(settings: &StoreSettings) -> Result<Self, StoreError> {
         match settings {
             StoreSettings::Folder(folder) => {
@@ -89,7 +89,7 @@ impl Store {
         }
     }
 
-    /// Compares rows and objects; `with_hashes` reads the bytes of every object.
+    /// Compares rows and objects; `with_hashes` also reads the bytes of every object and checks their hashes.
     pub async fn audit(&self, with_hashes: bool) -> Result<Audit, StoreError> {
         let mut audit = Audit::default();
         if let Some(path) = &self.inner.database.path {

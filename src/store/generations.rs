@@ -1,12 +1,13 @@
-//! Histories computed again beside the one that is served, and swapped in whole.
+//! Generations of a history: a recomputed history is written beside the served one and replaces it as a
+//! whole.
 //!
-//! Analyses and estimates carry a generation number; a channel says which of each is served. A new generation
-//! is written in small transactions that nobody sees, then one sets the channel's numbers, and the rows of
-//! the old generation are removed at leisure.
+//! Analyses and estimates carry a generation number, and a channel says which of each is served. A new
+//! generation is written in small transactions that are not visible to readers; a last transaction sets the
+//! channel's numbers, and the rows of the old generation are removed later.
 //!
-//! Several processes may want to make the same history. A channel says which generation of estimates is being
-//! made; only that one may be added to and served, so that a maker who was taken for dead and comes back
-//! changes nothing.
+//! Several processes may try to recompute the same history. A channel says which generation of estimates is
+//! being written, and only that one can be added to and served: it acts as a fencing token, so that a process
+//! whose lease has expired changes nothing.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -21,22 +22,22 @@ use super::{
 };
 use crate::asset::SegmentId;
 
-/// How long a maker counts as alive after it last added something, before another process begins in its
-/// place.
+/// Time after its last write for which the process that writes a generation counts as alive; then another one
+/// may take over.
 const MAKER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
 
-/// What a maker is told whose place was taken.
-const NOT_MADE_HERE: StoreError = StoreError::Outdated("the generation that is being made");
+/// The error for a process that lost its generation to another one.
+const NOT_MADE_HERE: StoreError = StoreError::Outdated("the generation being written");
 
 /// A generation of a channel's analyses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AnalysisGeneration(i64);
 
-/// A generation of a channel's estimates; who has it makes the channel's history.
+/// A generation of a channel's estimates; its holder recomputes the channel's history.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WearGeneration(i64);
 
-/// What a served history was made from: it is served only where the store still holds the same.
+/// The versions of the inputs of a history: it is served only if they are still current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MadeFrom {
     /// [`Asset::version`](super::Asset::version).
@@ -46,15 +47,14 @@ pub struct MadeFrom {
 }
 
 impl ChannelSummary {
-    /// The generation of analyses that is served.
+    /// The served generation of analyses.
     pub fn served_analyses(&self) -> AnalysisGeneration {
         AnalysisGeneration(self.analysis_generation)
     }
 }
 
 impl Store {
-    /// Begins to make a channel's history again: a new generation of estimates. None where another process is
-    /// at it.
+    /// Starts a new generation of a channel's estimates; returns `None` if another process is writing one.
     pub async fn begin_making(
         &self,
         channel: &ChannelSummary,
@@ -65,12 +65,12 @@ impl Store {
         let mut channel = commit.channel_again(channel).await?;
         let is_made_elsewhere =
             channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
-        // A process that has the store to itself is making nothing else.
+        // A process that is alone on its store writes no other generation of the channel.
         if is_made_elsewhere && self.is_shared() {
             return Ok(None);
         }
         channel.newest_generation += 1;
-        // Until it is served its rows are left over, whatever happens.
+        // Until it is served, its rows count as leftovers.
         channel.leftovers = true;
         channel.next_wear = Some(channel.newest_generation);
         channel.maker_until = Some(now.saturating_add(MAKER_ALIVE).unwrap_or(Timestamp::MAX));
@@ -80,7 +80,7 @@ impl Store {
         Ok(Some(WearGeneration(channel.newest_generation)))
     }
 
-    /// Gives up making a history, so that another process need not wait.
+    /// Abandons a generation, so that another process need not wait.
     pub async fn stop_making(
         &self,
         channel: &ChannelSummary,
@@ -98,10 +98,10 @@ impl Store {
         Ok(())
     }
 
-    /// The earliest place where a channel's history changed since it began to be made, or since this was
-    /// asked last, and the channel as it is then.
+    /// Takes the earliest place where a channel's history changed since the generation was started, or since
+    /// the last call, and reads the channel.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes it now.
+    /// Error: [`StoreError::Outdated`] if another process has taken over.
     pub async fn take_changes(
         &self,
         channel: &ChannelSummary,
@@ -117,7 +117,7 @@ impl Store {
         Ok((channel, changed_from))
     }
 
-    /// The generation of analyses under `key` that is being made, or a new one; one under another key is
+    /// The generation of analyses being written under `keys`, or a new one; a generation under other keys is
     /// dropped.
     pub async fn next_analyses(
         &self,
@@ -141,8 +141,8 @@ impl Store {
         Ok(AnalysisGeneration(generation))
     }
 
-    /// Up to `limit` segments of a channel that have no analysis in a generation, in the order of time, after
-    /// `after`.
+    /// Up to `limit` segments of a channel after `after` that have no analysis in a generation, in the order
+    /// of time.
     pub async fn not_analysed(
         &self,
         channel: &ChannelSummary,
@@ -173,9 +173,9 @@ impl Store {
         rows.iter().map(new_segment_of).collect()
     }
 
-    /// Adds analyses to a generation while the history is being made.
+    /// Adds analyses to a generation.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes it now.
+    /// Error: [`StoreError::Outdated`] if another process has taken over.
     pub async fn add_analyses(
         &self,
         channel: &ChannelSummary,
@@ -193,8 +193,8 @@ impl Store {
         commit.finish().await
     }
 
-    /// Up to `limit` segments of a channel with their features in a generation, in the order of time, after
-    /// `after`.
+    /// Up to `limit` segments of a channel after `after` with their features in a generation, in the order of
+    /// time.
     pub async fn features_of_generation(
         &self,
         channel: &ChannelSummary,
@@ -207,7 +207,7 @@ impl Store {
 
     /// Adds estimates to a generation, with states of the fold after position `after`.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes the history now.
+    /// Error: [`StoreError::Outdated`] if another process has taken over.
     pub async fn add_wears(
         &self,
         channel: &ChannelSummary,
@@ -231,7 +231,7 @@ impl Store {
         commit.finish().await
     }
 
-    /// The latest kept state of a generation in which neither `key` nor any later record is.
+    /// The latest stored state of a generation that includes neither `key` nor any later record.
     pub async fn state_of_generation(
         &self,
         channel: &ChannelSummary,
@@ -241,11 +241,10 @@ impl Store {
         self.state_before_in(channel, generation.0, key).await
     }
 
-    /// Serves these generations from now on, with the alarms that were folded with them; both must have every
-    /// segment of the channel. Returns what is new of the alarms.
+    /// Makes these generations the served ones, with the alarms folded with them; both must have every
+    /// segment of the channel. Returns the notices of changed alarms.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes the history now, or where something was
-    /// added to what it was made from.
+    /// Error: [`StoreError::Outdated`] if another process has taken over, or if the inputs have changed.
     pub async fn serve(
         &self,
         channel: &ChannelSummary,
@@ -280,8 +279,9 @@ impl Store {
         Ok(notices)
     }
 
-    /// Removes the rows of generations that are neither served nor being made, of up to `limit` segments
-    /// after `after`. Returns where to go on; none at the end, and where another process makes the history.
+    /// Removes the rows of generations that are neither served nor being written, of up to `limit` segments
+    /// after `after`. Returns where to continue; `None` at the end, or if another process is writing a
+    /// generation.
     pub async fn remove_leftovers(
         &self,
         channel: &ChannelSummary,
@@ -298,7 +298,7 @@ impl Store {
         {
             return Ok(None);
         }
-        // Its maker is dead: should it live after all, it finds that out before it adds anything.
+        // The lease of its writer has expired: should it still run, its next write fails.
         channel.next_wear = None;
         let (after_ns, after_id) = match after {
             Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
@@ -360,8 +360,7 @@ impl Store {
 }
 
 impl Commit {
-    /// A channel whose history is made with this generation; nobody else changes it before the transaction's
-    /// end.
+    /// Reads and locks a channel; returns an error if this generation is not the one being written.
     async fn made_channel(
         &mut self,
         channel: &ChannelSummary,
@@ -371,7 +370,7 @@ impl Commit {
         if channel.next_wear == Some(wear.0) { Ok(channel) } else { Err(NOT_MADE_HERE) }
     }
 
-    /// Says that the maker of a channel's history is alive.
+    /// Renews the lease of the process that writes a generation of a channel.
     async fn stay_maker(&mut self, channel: &ChannelSummary, now: Timestamp) -> Result<(), StoreError> {
         sqlx::query("UPDATE channels SET maker_until_ns = $2 WHERE channel_no = $1")
             .bind(channel.channel_no)

@@ -90,7 +90,7 @@ pub(super) fn finite(field: &str, value: f64) -> Result<f64, StoreError> {
     if value.is_finite() { Ok(value) } else { Err(StoreError::NotFinite { field: field.to_string(), value }) }
 }
 
-/// The same for a number that may be missing.
+/// Checks an optional number.
 pub(super) fn finite_or_none(field: &str, value: Option<f64>) -> Result<Option<f64>, StoreError> {
     value.map(|value| finite(field, value)).transpose()
 }
@@ -127,8 +127,8 @@ pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
     (0..rows).map(row).collect::<Vec<_>>().join(" OR ")
 }
 
-/// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: of a row that is there, what the one that was
-/// to be inserted says.
+/// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: an existing row takes the values of the
+/// rejected insert.
 pub(super) fn excluded(columns: &str) -> String {
     let set: Vec<String> =
         columns.split(", ").map(|column| format!("{column} = excluded.{column}")).collect();
