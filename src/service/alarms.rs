@@ -18,7 +18,7 @@ use crate::store::{AlarmNotice, ChannelSummary, SegmentKey, Store, StoredAlarm};
 const SHELVING_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Maximum number of shelvings ended at a time.
-const MAX_ENDED: u32 = 64;
+const MAX_EXPIRED: u32 = 64;
 
 /// An action of an operator on an alarm.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,12 +52,12 @@ impl Alarms {
     }
 
     /// Applies an action to an alarm in its state under the channel's lock; `known` is its state if it is not
-    /// stored yet. If a channel was `looked_at`, the action is applied only if no record has been stored
+    /// stored yet. If a channel was `observed`, the action is applied only if no record has been stored
     /// since.
     pub(crate) async fn act_on(
         &self,
         known: StoredAlarm,
-        looked_at: Option<&ChannelSummary>,
+        observed: Option<&ChannelSummary>,
         done: OperatorAction,
     ) -> Result<StoredAlarm, ServiceError> {
         let store = &self.store;
@@ -69,13 +69,13 @@ impl Alarms {
         let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
         let mut commit = store.begin().await?;
         let mut channel = commit.channel_again(&channel).await?;
-        if looked_at.is_some_and(|looked_at| looked_at.segments != channel.segments) {
+        if observed.is_some_and(|observed| observed.segments != channel.segments) {
             return Err(unknown());
         }
         // Read again under the lock: a recomputed history may have changed it.
         let mut stored = match store.alarm(&id).await? {
             Some(stored) => StoredAlarm { rule: stored.rule.or(known.rule), ..stored },
-            None if looked_at.is_some() => known,
+            None if observed.is_some() => known,
             None => return Err(unknown()),
         };
         let now = self.clock.now();
@@ -117,7 +117,7 @@ impl Alarms {
     }
 
     async fn end_shelvings(&self) -> Result<(), ServiceError> {
-        for alarm in self.store.ended_shelvings(self.clock.now(), MAX_ENDED).await? {
+        for alarm in self.store.expired_shelvings(self.clock.now(), MAX_EXPIRED).await? {
             let over = OperatorAction {
                 action: AlarmAction::ShelvingOver,
                 by: String::new(),

@@ -61,10 +61,10 @@ pub enum ServiceError {
     #[error(
         "the raw recording of segment {0} is no longer available: it was the oldest when the quota was exceeded; its results are kept"
     )]
-    RawGivenUp(SegmentId),
+    RawDeleted(SegmentId),
     /// The raw bytes of a queued record give another segment than the one that was queued.
     #[error("the raw bytes belong to segment {found}, expected the queued segment {expected}")]
-    QueuedOtherwise {
+    QueuedRecordMismatch {
         /// The segment derived from the raw bytes.
         found: SegmentId,
         /// The segment that was queued.
@@ -114,7 +114,9 @@ pub enum ServiceError {
     #[error("another connection now sends this stream, or the stream was removed")]
     StreamTaken,
     /// Live streams need a data folder, which belongs to one process.
-    #[error("live streams are not supported in a cluster: send them to a service with its own data folder")]
+    #[error(
+        "live streams are not supported in a cluster: send them to a service with a data folder of its own"
+    )]
     StreamsShared,
     /// There is no such replay.
     #[error("there is no replay {0:?}")]
@@ -136,10 +138,10 @@ pub enum ServiceError {
 impl ServiceError {
     /// Whether the raw bytes of a record are no longer available. Its results still are: a response on many
     /// records omits what needs the bytes.
-    pub fn is_without_raw(&self) -> bool {
+    pub fn is_raw_unavailable(&self) -> bool {
         matches!(
             self,
-            Self::RawGivenUp(_)
+            Self::RawDeleted(_)
                 | Self::Store(StoreError::ObjectMissing(_) | StoreError::ObjectDamaged { .. })
         )
     }

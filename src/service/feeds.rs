@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct Feed {
     name: &'static str,
     counts: [AtomicU64; FeedCount::ALL.len()],
-    standing: Mutex<Standing>,
+    state: Mutex<FeedState>,
 }
 
 /// A counter of a feed.
@@ -27,7 +27,7 @@ pub enum FeedCount {
 }
 
 #[derive(Debug, Default)]
-struct Standing {
+struct FeedState {
     is_connected: bool,
     lost: Option<String>,
     held: usize,
@@ -36,7 +36,7 @@ struct Standing {
 
 /// A message that is held back because it cannot be accepted now; dropped once it is.
 #[derive(Debug)]
-pub struct Holding(Arc<Feed>);
+pub struct HeldMessage(Arc<Feed>);
 
 impl FeedCount {
     /// All counters in order.
@@ -48,9 +48,9 @@ impl Feed {
         Self {
             name,
             counts: Default::default(),
-            standing: Mutex::new(Standing {
+            state: Mutex::new(FeedState {
                 lost: Some("not connected yet".to_owned()),
-                ..Standing::default()
+                ..FeedState::default()
             }),
         }
     }
@@ -72,53 +72,53 @@ impl Feed {
 
     /// Marks the feed as connected.
     pub fn connected(&self) {
-        let mut standing = self.standing();
-        standing.is_connected = true;
-        standing.lost = None;
+        let mut state = self.state();
+        state.is_connected = true;
+        state.lost = None;
     }
 
     /// Marks the feed as disconnected, because the connection was lost or could not be made.
     pub fn lost(&self, reason: String) {
-        let mut standing = self.standing();
-        standing.is_connected = false;
-        standing.lost = Some(reason);
+        let mut state = self.state();
+        state.is_connected = false;
+        state.lost = Some(reason);
     }
 
     /// Counts a message as held back, for this reason, until the returned guard is dropped.
-    pub fn hold(self: &Arc<Self>, reason: String) -> Holding {
-        let mut standing = self.standing();
-        standing.held += 1;
-        standing.held_for = Some(reason);
-        Holding(Arc::clone(self))
+    pub fn hold(self: &Arc<Self>, reason: String) -> HeldMessage {
+        let mut state = self.state();
+        state.held += 1;
+        state.held_for = Some(reason);
+        HeldMessage(Arc::clone(self))
     }
 
     /// Whether the feed is connected.
     pub fn is_connected(&self) -> bool {
-        self.standing().is_connected
+        self.state().is_connected
     }
 
     /// Number of messages held back.
     pub fn held(&self) -> usize {
-        self.standing().held
+        self.state().held
     }
 
     /// Why there is no connection, or else why messages are held back; `None` if neither is the case.
     pub fn trouble(&self) -> Option<String> {
-        let standing = self.standing();
-        standing.lost.clone().or_else(|| standing.held_for.clone())
+        let state = self.state();
+        state.lost.clone().or_else(|| state.held_for.clone())
     }
 
-    fn standing(&self) -> std::sync::MutexGuard<'_, Standing> {
-        self.standing.lock().unwrap_or_else(PoisonError::into_inner)
+    fn state(&self) -> std::sync::MutexGuard<'_, FeedState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Drop for Holding {
+impl Drop for HeldMessage {
     fn drop(&mut self) {
-        let mut standing = self.0.standing();
-        standing.held -= 1;
-        if standing.held == 0 {
-            standing.held_for = None;
+        let mut state = self.0.state();
+        state.held -= 1;
+        if state.held == 0 {
+            state.held_for = None;
         }
     }
 }
@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn trouble_is_over_with_its_cause() {
+    fn trouble_ends_with_its_cause() {
         let feed = Arc::new(Feed::new("test"));
         assert_eq!(feed.trouble().as_deref(), Some("not connected yet"));
         feed.connected();

@@ -17,7 +17,7 @@ const INTERVAL: Duration = Duration::from_secs(2);
 
 /// The state at the last check.
 #[derive(Default)]
-struct LookedAt {
+struct CheckedState {
     descriptions: Option<DescriptionsMark>,
     /// The sum of the channel revisions of each asset.
     revisions: HashMap<AssetId, i64>,
@@ -28,29 +28,29 @@ impl Alarms {
     pub(crate) fn watch_joint_novelty_in_background(self: &Arc<Self>) {
         let alarms = Arc::downgrade(self);
         tokio::spawn(async move {
-            let mut looked_at = LookedAt::default();
+            let mut checked = CheckedState::default();
             loop {
                 tokio::time::sleep(INTERVAL).await;
                 let Some(alarms) = alarms.upgrade() else { return };
                 if alarms.store.is_closed() {
                     return;
                 }
-                if let Err(error) = alarms.watch_joint_novelty(&mut looked_at).await {
+                if let Err(error) = alarms.watch_joint_novelty(&mut checked).await {
                     tracing::warn!(%error, "failed to check the joint novelty of all channels");
                 }
             }
         });
     }
 
-    async fn watch_joint_novelty(&self, looked_at: &mut LookedAt) -> Result<(), ServiceError> {
+    async fn watch_joint_novelty(&self, checked: &mut CheckedState) -> Result<(), ServiceError> {
         let mark = self.store.descriptions_mark().await?;
-        if looked_at.descriptions != Some(mark) {
-            *looked_at = LookedAt { descriptions: Some(mark), ..LookedAt::default() };
+        if checked.descriptions != Some(mark) {
+            *checked = CheckedState { descriptions: Some(mark), ..CheckedState::default() };
         }
         for (asset, revision) in self.store.revisions_of_several_channels().await? {
-            if looked_at.revisions.get(&asset) != Some(&revision) {
-                self.tell_joint_novelty(&asset).await?;
-                looked_at.revisions.insert(asset, revision);
+            if checked.revisions.get(&asset) != Some(&revision) {
+                self.update_joint_novelty_alarm(&asset).await?;
+                checked.revisions.insert(asset, revision);
             }
         }
         Ok(())
@@ -58,7 +58,7 @@ impl Alarms {
 
     /// Updates the alarm of an asset to the joint novelty of its channels. The alarm belongs to the first
     /// channel.
-    async fn tell_joint_novelty(&self, asset: &AssetId) -> Result<(), ServiceError> {
+    async fn update_joint_novelty_alarm(&self, asset: &AssetId) -> Result<(), ServiceError> {
         let store = &self.store;
         let asset = store.asset(asset).await?;
         let mut rules = asset.spec.alarm_rules().into_iter();
@@ -82,12 +82,12 @@ impl Alarms {
         if severity == known.alarm.severity() {
             return Ok(());
         }
-        let told = OperatorAction {
+        let action = OperatorAction {
             action: AlarmAction::Joint { severity, value },
             by: String::new(),
             comment: String::new(),
         };
-        match self.act_on(known, Some(first), told).await {
+        match self.act_on(known, Some(first), action).await {
             // Another process or a record came first.
             Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
             Err(error) => Err(error),

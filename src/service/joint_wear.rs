@@ -38,9 +38,9 @@ impl JointWear {
         let mut is_silent = RecordTimes::silent(&times.collect::<Vec<_>>()).into_iter();
         let (silent, mut speaking): (Vec<_>, Vec<_>) =
             latest.into_iter().partition(|_| is_silent.next().unwrap_or(false));
-        let told: Vec<(&str, &WearEstimate)> =
+        let estimates: Vec<(&str, &WearEstimate)> =
             speaking.iter().map(|(channel, segment)| (channel.channel.as_str(), &segment.wear)).collect();
-        let Some(mut joint) = JointEstimate::of(&told) else {
+        let Some(mut joint) = JointEstimate::of(&estimates) else {
             return Ok(None);
         };
         for (channel, segment) in &silent {
@@ -78,10 +78,10 @@ impl JointWear {
             let records =
                 latest.iter().filter_map(|(channel, segments)| Some((channel, segments.get(back)?)));
             let time = records.clone().map(|(_, segment)| segment.start_time).max()?;
-            let told: Vec<(&str, &WearEstimate)> =
+            let estimates: Vec<(&str, &WearEstimate)> =
                 records.map(|(channel, segment)| (channel.channel.as_str(), &segment.wear)).collect();
             // A single channel has its own novelty alarm.
-            let joint = JointEstimate::of(&told).filter(|_| told.len() > 1)?;
+            let joint = JointEstimate::of(&estimates).filter(|_| estimates.len() > 1)?;
             let novelty = joint.wear.novelty.filter(|novelty| novelty.sensor_fault.is_none());
             Some(AlarmReading { time, value: novelty.map(|novelty| novelty.score) })
         };

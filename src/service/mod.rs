@@ -66,7 +66,7 @@ pub use clock::{Clock, SystemClock};
 pub use error::ServiceError;
 pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace};
 pub use exclusion::Exclusions;
-pub use feeds::{Feed, FeedCount, Feeds, Holding};
+pub use feeds::{Feed, FeedCount, Feeds, HeldMessage};
 pub use history::History;
 pub use joint_wear::JointWear;
 pub use limits::{RawQuotas, ServiceFolders, WorkLimits};

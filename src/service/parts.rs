@@ -14,7 +14,7 @@ use super::feeds::Feeds;
 use super::history::History;
 use super::limits::{ServiceFolders, WorkLimits};
 use super::maintenance::Maintenance;
-use super::pipeline::{Committer, Pipeline, Waiting};
+use super::pipeline::{CommitQueue, Committer, Pipeline};
 use super::raw::{RawObjects, Retention, UploadPieces};
 use super::record::StoredRecords;
 use super::removal::Removals;
@@ -30,10 +30,10 @@ use crate::library::{GridSettings, LibraryCache};
 use crate::store::Store;
 
 /// Minutes between two searches for unreferenced raw objects.
-const SWEPT_EVERY_MINUTES: u32 = 24 * 60;
+const SWEEP_INTERVAL_MINUTES: u32 = 24 * 60;
 
 /// Time between two searches for long histories that are not stored as columns yet.
-const TRENDS_KEPT_EVERY: Duration = Duration::from_secs(10);
+const TREND_BLOCKS_INTERVAL: Duration = Duration::from_secs(10);
 
 /// All parts of the service, on one store.
 pub struct Service {
@@ -126,7 +126,7 @@ impl Service {
             retention: Arc::clone(&retention),
             clock: Arc::clone(&clock),
             events: events.clone(),
-            waiting: Waiting::default(),
+            queue: CommitQueue::default(),
         });
         let pipeline = Arc::new(Pipeline {
             store: store.clone(),
@@ -253,13 +253,13 @@ impl Service {
                 all.push(asset.spec.id);
             }
         }
-        self.note_in_background(all.clone());
+        self.write_notes_in_background(all.clone());
         self.history.recompute_in_background(all);
         self.catch_up.in_background(members);
         self.alarms.end_shelvings_in_background();
         self.alarms.watch_silence_in_background();
         self.alarms.watch_joint_novelty_in_background();
-        self.keep_trends_in_background();
+        self.store_trend_blocks_in_background();
         if self.store.is_shared() {
             let upkeep = Upkeep {
                 store: self.store.clone(),
@@ -280,7 +280,7 @@ impl Service {
     }
 
     /// Writes the notes of assets that the previous process did not write beside the raw objects.
-    fn note_in_background(&self, assets: Vec<AssetId>) {
+    fn write_notes_in_background(&self, assets: Vec<AssetId>) {
         let raw = Arc::clone(&self.raw);
         tokio::spawn(async move {
             for asset in assets {
@@ -290,15 +290,15 @@ impl Service {
     }
 
     /// Stores long histories as columns too.
-    fn keep_trends_in_background(&self) {
+    fn store_trend_blocks_in_background(&self) {
         let store = self.store.clone();
         tokio::spawn(async move {
             loop {
-                tokio::time::sleep(TRENDS_KEPT_EVERY).await;
+                tokio::time::sleep(TREND_BLOCKS_INTERVAL).await;
                 if store.is_closed() {
                     return;
                 }
-                if let Err(error) = store.keep_trend_blocks().await {
+                if let Err(error) = store.store_trend_blocks().await {
                     tracing::warn!(%error, "failed to store histories as columns: reading them row by row");
                 }
             }
@@ -316,7 +316,7 @@ impl Service {
                     tracing::warn!(%error, "failed to search for raw objects that no record refers to");
                 }
                 retention.apply_in_background();
-                for _ in 0..SWEPT_EVERY_MINUTES {
+                for _ in 0..SWEEP_INTERVAL_MINUTES {
                     tokio::time::sleep(Duration::from_secs(60)).await;
                     if store.is_closed() {
                         return;

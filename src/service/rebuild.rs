@@ -41,14 +41,14 @@ pub struct Rebuilt {
 
 impl Service {
     /// Ingests every asset and record that is noted beside the raw recordings and missing in the database,
-    /// records in the order of time. `told` is called with the numbers of records done and of all records. If
+    /// records in the order of time. `on_progress` is called with the numbers of records done and of all records. If
     /// none fails, the database then counts as the one that the raw recordings belong to.
     ///
     /// Records that users removed are skipped, unless `with_removed`.
     pub async fn rebuild(
         &self,
         with_removed: bool,
-        told: impl Fn(usize, usize),
+        on_progress: impl Fn(usize, usize),
     ) -> Result<Rebuilt, ServiceError> {
         let mut rebuilt = Rebuilt::default();
         let mut assets = self.on_objects(Objects::asset_notes).await?;
@@ -57,10 +57,10 @@ impl Service {
         let mut excluded: HashSet<SegmentId> = HashSet::new();
         for note in assets {
             excluded.extend(note.excluded.iter().cloned());
-            rebuilt.assets += u64::from(self.take_in_asset(note).await?);
+            rebuilt.assets += u64::from(self.restore_asset(note).await?);
         }
-        let removed = if with_removed { HashMap::new() } else { self.removed().await? };
-        let notes = self.noted(&removed, &mut rebuilt).await?;
+        let removed = if with_removed { HashMap::new() } else { self.removal_times().await? };
+        let notes = self.missing_records(&removed, &mut rebuilt).await?;
         let all = notes.len();
         let mut created: HashMap<AssetId, Option<Timestamp>> = HashMap::new();
         let mut missing = Vec::new();
@@ -74,16 +74,16 @@ impl Service {
                 created.insert(note.asset_id.clone(), asset);
             }
             match created.get(&note.asset_id).copied().flatten() {
-                Some(created_at) => missing.push(QueuedRecord::noted(note, created_at)),
+                Some(created_at) => missing.push(QueuedRecord::from_note(note, created_at)),
                 None => rebuilt.without_asset += 1,
             }
         }
-        let taken_in = stream::iter(&missing).map(|record| self.take_in(record));
-        let mut taken_in = taken_in.buffered(AT_ONCE);
+        let ingested = stream::iter(&missing).map(|record| self.ingest(record));
+        let mut ingested = ingested.buffered(AT_ONCE);
         let mut done = 0;
-        while let Some(outcome) = taken_in.next().await {
+        while let Some(outcome) = ingested.next().await {
             done += 1;
-            told(done, all);
+            on_progress(done, all);
             match outcome {
                 Ok(()) => rebuilt.records += 1,
                 Err(ServiceError::Store(StoreError::ObjectMissing(_))) => rebuilt.without_raw += 1,
@@ -111,7 +111,7 @@ impl Service {
     }
 
     /// Restores an asset and its maintenance events; returns whether it was missing.
-    async fn take_in_asset(&self, note: AssetNote) -> Result<bool, ServiceError> {
+    async fn restore_asset(&self, note: AssetNote) -> Result<bool, ServiceError> {
         let id = note.spec.id.clone();
         match self.store.insert_asset(&note.spec, None, note.created_at).await {
             Ok(_) => {}
@@ -126,7 +126,7 @@ impl Service {
         Ok(true)
     }
 
-    async fn take_in(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
+    async fn ingest(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
         let name = record.raw.sha256.clone();
         if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
             return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
@@ -143,7 +143,7 @@ impl Service {
     }
 
     /// The time of the last removal of each removed record.
-    async fn removed(&self) -> Result<HashMap<SegmentId, Timestamp>, ServiceError> {
+    async fn removal_times(&self) -> Result<HashMap<SegmentId, Timestamp>, ServiceError> {
         let mut removed = HashMap::new();
         for note in self.on_objects(Objects::removals).await? {
             for segment in note.segments {
@@ -155,7 +155,7 @@ impl Service {
     }
 
     /// The notes of records that the database does not have, by asset and in the order of time.
-    async fn noted(
+    async fn missing_records(
         &self,
         removed: &HashMap<SegmentId, Timestamp>,
         rebuilt: &mut Rebuilt,

@@ -68,26 +68,26 @@ impl Alarms {
             let severity = rule.severity_of_silence(silent_s);
             let untouched = StoredAlarm::untouched(&silence.channel, rule, now);
             if raised.get(&untouched.id).copied().flatten() != severity {
-                self.tell_silence(untouched, &silence, severity, silent_s).await?;
+                self.update_silence_alarm(untouched, &silence, severity, silent_s).await?;
             }
         }
         Ok(())
     }
 
     /// Updates an alarm to the time for which its channel has been silent.
-    async fn tell_silence(
+    async fn update_silence_alarm(
         &self,
         known: StoredAlarm,
         silence: &Silence,
         severity: Option<Severity>,
         silent_s: f64,
     ) -> Result<(), ServiceError> {
-        let told = OperatorAction {
+        let action = OperatorAction {
             action: AlarmAction::Stale { severity, silent_s: silent_s as u64 },
             by: String::new(),
             comment: String::new(),
         };
-        match self.act_on(known, Some(&silence.channel), told).await {
+        match self.act_on(known, Some(&silence.channel), action).await {
             // Another process or a record came first.
             Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
             Err(error) => Err(error),

@@ -30,7 +30,7 @@ impl Upkeep {
     pub(crate) fn in_background(self) {
         tokio::spawn(async move {
             while !self.store.is_closed() {
-                if let Err(error) = self.look_once().await {
+                if let Err(error) = self.run_once().await {
                     tracing::warn!(%error, "failed to maintain the shared store: retrying later");
                 }
                 tokio::time::sleep(self.interval).await;
@@ -38,8 +38,8 @@ impl Upkeep {
         });
     }
 
-    async fn look_once(&self) -> Result<(), ServiceError> {
-        let outdated = self.store.unsettled_assets(MAX_ASSETS).await?;
+    async fn run_once(&self) -> Result<(), ServiceError> {
+        let outdated = self.store.outdated_assets(MAX_ASSETS).await?;
         self.history.recompute_in_background(outdated);
         // A running catch-up may take longer than the time between two rounds.
         if !self.catch_up.is_busy() {

@@ -63,7 +63,7 @@ impl From<&QueuedRecord> for RecordNote {
 
 impl QueuedRecord {
     /// Creates a queued record from the note beside its raw bytes, for an asset created at a time.
-    pub(crate) fn noted(note: RecordNote, asset_created_at: Timestamp) -> Self {
+    pub(crate) fn from_note(note: RecordNote, asset_created_at: Timestamp) -> Self {
         Self {
             id: note.id,
             asset_id: note.asset_id,

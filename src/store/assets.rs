@@ -33,7 +33,7 @@ impl Asset {
     }
 
     /// The default channel: the one named by the description, else the first one.
-    pub fn speaking_channel<'a>(&self, channels: &'a [ChannelSummary]) -> Option<&'a ChannelSummary> {
+    pub fn default_channel<'a>(&self, channels: &'a [ChannelSummary]) -> Option<&'a ChannelSummary> {
         let named = |name: &str| channels.iter().find(|channel| channel.channel == name);
         self.spec.sensor.channel.as_deref().and_then(named).or(channels.first())
     }
@@ -207,7 +207,7 @@ impl Store {
     }
 
     /// Reads an asset.
-        ///
+    ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn asset(&self, id: &AssetId) -> Result<Asset, StoreError> {
         let row = sqlx::query("SELECT * FROM assets WHERE id = $1")

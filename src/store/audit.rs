@@ -15,7 +15,7 @@ const MAX_FINDINGS: usize = 1000;
 /// The contents of a store, and its inconsistencies.
 #[derive(Debug, Clone, Default)]
 pub struct Audit {
-    /// Records.
+    /// Number of records.
     pub records: u64,
     /// Number of raw objects that records reference.
     pub objects: u64,

@@ -37,14 +37,14 @@ pub struct Copied {
 pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     let (database, copy) = (data.join(DATABASE), to.join(DATABASE));
     if !database.exists() {
-        return Err(StoreError::Place {
+        return Err(StoreError::Folder {
             path: data.to_path_buf(),
             what: "has no flankwatch.db, expected a data folder",
         });
     }
     integrity::check_header(&database)?;
     if to.join("lock").exists() {
-        return Err(StoreError::Place {
+        return Err(StoreError::Folder {
             path: to.to_path_buf(),
             what: "is a data folder, expected an empty folder or an earlier backup",
         });
@@ -52,7 +52,7 @@ pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     let raw = Objects::open(to.join("raw"))?;
     let mark = mark_of(&database).await?;
     if raw.mark()?.is_some_and(|there| there.store != mark.store) {
-        return Err(StoreError::Place { path: to.to_path_buf(), what: "is a backup of another store" });
+        return Err(StoreError::Folder { path: to.to_path_buf(), what: "is a backup of another store" });
     }
     let mut streams = StreamCopies::make(data, to, false)?;
     copy_database(&database, &copy).await?;
@@ -76,14 +76,14 @@ pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
 pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     let (backup, database) = (from.join(DATABASE), data.join(DATABASE));
     if !backup.exists() {
-        return Err(StoreError::Place {
+        return Err(StoreError::Folder {
             path: from.to_path_buf(),
             what: "has no flankwatch.db, expected a backup",
         });
     }
     integrity::check_header(&backup)?;
     if database.exists() {
-        return Err(StoreError::Place {
+        return Err(StoreError::Folder {
             path: data.to_path_buf(),
             what: "has a database already, expected a folder without one: move its flankwatch.db* files away first",
         });
@@ -117,7 +117,7 @@ fn copy_objects(from: &Objects, to: &Objects, names: Vec<String>) -> Result<Copi
         }
         match from.get(&name) {
             Ok(bytes) => to.put_all(&[(name, bytes)], &[])?,
-            Err(error) if error.is_of_object() => {
+            Err(error) if error.is_object_error() => {
                 copied.failed.push(error.to_string());
                 copied.objects -= 1;
                 continue;

@@ -21,7 +21,7 @@ pub enum StoreError {
     },
     /// A folder is not usable for the operation.
     #[error("{path} {what}", path = path.display())]
-    Place {
+    Folder {
         /// The folder.
         path: PathBuf,
         /// Why it is not usable, and what was expected.
@@ -137,7 +137,9 @@ impl StoreError {
                 sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::WorkerCrashed => true,
                 // The connection ended in the middle of a response.
                 sqlx::Error::Protocol(_) => true,
-                sqlx::Error::Database(error) => error.code().is_some_and(|code| says_unavailable(&code)),
+                sqlx::Error::Database(error) => {
+                    error.code().is_some_and(|code| is_unavailability_code(&code))
+                }
                 _ => false,
             },
             Self::Bucket { .. } => true,
@@ -147,10 +149,10 @@ impl StoreError {
 
     /// Whether the cause may be the record itself: its values, or its raw object. Errors of disks,
     /// connections, locks, permissions and tables are not.
-    pub fn may_be_of_record(&self) -> bool {
+    pub fn may_be_caused_by_record(&self) -> bool {
         match self {
             Self::Database(error) => match error {
-                sqlx::Error::Database(error) => error.code().is_some_and(|code| says_of_values(&code)),
+                sqlx::Error::Database(error) => error.code().is_some_and(|code| is_value_code(&code)),
                 sqlx::Error::Encode(_) | sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => true,
                 _ => false,
             },
@@ -170,7 +172,7 @@ impl StoreError {
                 sqlx::Error::ColumnNotFound(_) | sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_),
             ) => true,
             Self::Database(sqlx::Error::Database(error)) => {
-                error.code().is_some_and(|code| says_damaged(&code))
+                error.code().is_some_and(|code| is_damage_code(&code))
                     || error.message().starts_with("no such ")
             }
             _ => false,
@@ -178,7 +180,7 @@ impl StoreError {
     }
 
     /// Whether a raw object is lost or damaged.
-    pub fn is_of_object(&self) -> bool {
+    pub fn is_object_error(&self) -> bool {
         matches!(self, Self::ObjectMissing(_) | Self::ObjectDamaged { .. })
     }
 
@@ -187,7 +189,7 @@ impl StoreError {
         match self {
             Self::Outdated(_) => true,
             Self::Database(sqlx::Error::Database(error)) => {
-                error.code().is_some_and(|code| says_conflict(&code))
+                error.code().is_some_and(|code| is_conflict_code(&code))
             }
             _ => false,
         }
@@ -208,7 +210,7 @@ impl StoreError {
 /// Whether a PostgreSQL SQLSTATE says that the server is unavailable: the connection was lost (08), disk,
 /// memory or connections are exhausted (53), the server starts, stops or cancelled a statement after its
 /// timeout (57), its disk fails (58), it ended an idle transaction (25P03), or it is read-only (25006).
-fn says_unavailable(code: &str) -> bool {
+fn is_unavailability_code(code: &str) -> bool {
     let is_of_class = |class| code.starts_with(class);
     code.len() == 5
         && (["08", "53", "57", "58"].into_iter().any(is_of_class) || ["25P03", "25006"].contains(&code))
@@ -217,22 +219,23 @@ fn says_unavailable(code: &str) -> bool {
 /// Whether a code is about the values of a statement. PostgreSQL SQLSTATEs: values out of range (22),
 /// violated constraints (23), values too large for a row or an index (54). SQLite: SQLITE_TOOBIG,
 /// SQLITE_CONSTRAINT, SQLITE_MISMATCH.
-fn says_of_values(code: &str) -> bool {
+fn is_value_code(code: &str) -> bool {
     if code.len() == 5 {
-        return ["22", "23", "54"].into_iter().any(|class| code.starts_with(class)) && !says_conflict(code);
+        return ["22", "23", "54"].into_iter().any(|class| code.starts_with(class))
+            && !is_conflict_code(code);
     }
     code.parse::<u32>().is_ok_and(|code| [18, 19, 20].contains(&(code & 0xff)))
 }
 
 /// Whether an SQLite code, whose lower byte is the primary code, says that the file is damaged. PostgreSQL
 /// SQLSTATEs have five characters.
-fn says_damaged(code: &str) -> bool {
+fn is_damage_code(code: &str) -> bool {
     code.len() < 5 && code.parse::<u32>().is_ok_and(|code| [11, 26].contains(&(code & 0xff)))
 }
 
 /// Whether a PostgreSQL SQLSTATE says that transactions conflicted, for example by inserting the same key at
 /// the same time.
-fn says_conflict(code: &str) -> bool {
+fn is_conflict_code(code: &str) -> bool {
     code.len() == 5 && (code.starts_with("40") || ["55P03", "23505"].contains(&code))
 }
 
@@ -246,22 +249,22 @@ mod tests {
             "08006", "53000", "53100", "53200", "53300", "57014", "57P01", "57P03", "58000", "58030",
             "25006", "25P03",
         ] {
-            assert!(says_unavailable(code), "{code}");
-            assert!(!says_of_values(code) && !says_conflict(code), "{code}");
+            assert!(is_unavailability_code(code), "{code}");
+            assert!(!is_value_code(code) && !is_conflict_code(code), "{code}");
         }
         for code in ["40001", "40003", "40P01", "55P03", "23505"] {
-            assert!(says_conflict(code), "{code}");
-            assert!(!says_of_values(code) && !says_unavailable(code), "{code}");
+            assert!(is_conflict_code(code), "{code}");
+            assert!(!is_value_code(code) && !is_unavailability_code(code), "{code}");
         }
         // Values, a constraint, a row that is too large; SQLITE_TOOBIG and an extended SQLITE_CONSTRAINT
         // code.
         for code in ["22003", "22021", "23502", "23503", "54000", "18", "1299"] {
-            assert!(says_of_values(code), "{code}");
-            assert!(!says_conflict(code) && !says_unavailable(code), "{code}");
+            assert!(is_value_code(code), "{code}");
+            assert!(!is_conflict_code(code) && !is_unavailability_code(code), "{code}");
         }
         // A permission, a table, an extension's error; SQLite: busy, read-only, I/O error, full.
         for code in ["42501", "42P01", "XX000", "P0001", "5", "8", "10", "13"] {
-            assert!(!says_of_values(code), "{code}");
+            assert!(!is_value_code(code), "{code}");
         }
     }
 }

@@ -24,10 +24,10 @@ use crate::asset::SegmentId;
 
 /// Time after its last write for which the process that writes a generation counts as alive; then another one
 /// may take over.
-const MAKER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
+const LEASE: SignedDuration = SignedDuration::from_secs(60);
 
 /// The error for a process that lost its generation to another one.
-const NOT_MADE_HERE: StoreError = StoreError::Outdated("the generation being written");
+const LEASE_LOST: StoreError = StoreError::Outdated("the generation being written");
 
 /// A generation of a channel's analyses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,7 +39,7 @@ pub struct WearGeneration(i64);
 
 /// The versions of the inputs of a history: it is served only if they are still current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct MadeFrom {
+pub struct GenerationInputs {
     /// [`Asset::version`](super::Asset::version).
     pub asset: i64,
     /// [`ChannelSummary::version`].
@@ -55,7 +55,7 @@ impl ChannelSummary {
 
 impl Store {
     /// Starts a new generation of a channel's estimates; returns `None` if another process is writing one.
-    pub async fn begin_making(
+    pub async fn begin_generation(
         &self,
         channel: &ChannelSummary,
         now: Timestamp,
@@ -63,17 +63,17 @@ impl Store {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
-        let is_made_elsewhere =
+        let is_leased_elsewhere =
             channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
         // A process that is alone on its store writes no other generation of the channel.
-        if is_made_elsewhere && self.is_shared() {
+        if is_leased_elsewhere && self.is_shared() {
             return Ok(None);
         }
         channel.newest_generation += 1;
         // Until it is served, its rows count as leftovers.
         channel.leftovers = true;
         channel.next_wear = Some(channel.newest_generation);
-        channel.maker_until = Some(now.saturating_add(MAKER_ALIVE).unwrap_or(Timestamp::MAX));
+        channel.maker_until = Some(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX));
         channel.changed_from = None;
         commit.set_channel(&mut channel, false).await?;
         commit.finish().await?;
@@ -81,7 +81,7 @@ impl Store {
     }
 
     /// Abandons a generation, so that another process need not wait.
-    pub async fn stop_making(
+    pub async fn abandon_generation(
         &self,
         channel: &ChannelSummary,
         wear: WearGeneration,
@@ -108,7 +108,7 @@ impl Store {
         wear: WearGeneration,
     ) -> Result<(ChannelSummary, Option<SegmentKey>), StoreError> {
         let mut commit = self.begin().await?;
-        let mut channel = commit.made_channel(channel, wear).await?;
+        let mut channel = commit.leased_channel(channel, wear).await?;
         let changed_from = channel.changed_from.take();
         if changed_from.is_some() {
             commit.set_channel(&mut channel, false).await?;
@@ -126,7 +126,7 @@ impl Store {
         keys: &AnalysisKeys,
     ) -> Result<AnalysisGeneration, StoreError> {
         let mut commit = self.begin().await?;
-        let mut channel = commit.made_channel(channel, wear).await?;
+        let mut channel = commit.leased_channel(channel, wear).await?;
         if let Some((generation, key)) = &channel.next_analysis
             && **key == *keys.analysis
         {
@@ -186,10 +186,10 @@ impl Store {
     ) -> Result<(), StoreError> {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
-        let channel = commit.made_channel(channel, wear).await?;
+        let channel = commit.leased_channel(channel, wear).await?;
         let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
         commit.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
-        commit.stay_maker(&channel, now).await?;
+        commit.renew_lease(&channel, now).await?;
         commit.finish().await
     }
 
@@ -218,7 +218,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
-        let channel = commit.made_channel(channel, generation).await?;
+        let channel = commit.leased_channel(channel, generation).await?;
         let wears = wears.iter().map(|(key, result)| WearRow {
             generation: generation.0,
             segment: &key.id,
@@ -227,7 +227,7 @@ impl Store {
         });
         commit.set_wears(&wears.collect::<Vec<_>>()).await?;
         commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
-        commit.stay_maker(&channel, now).await?;
+        commit.renew_lease(&channel, now).await?;
         commit.finish().await
     }
 
@@ -248,7 +248,7 @@ impl Store {
     pub async fn serve(
         &self,
         channel: &ChannelSummary,
-        from: MadeFrom,
+        from: GenerationInputs,
         (analyses, wear): (AnalysisGeneration, WearGeneration),
         keys: ChannelKeys,
         alarms: FoldedAlarms<'_>,
@@ -258,7 +258,7 @@ impl Store {
         if commit.asset(&channel.asset_id).await?.version() != from.asset {
             return Err(StoreError::Outdated("the asset's description"));
         }
-        let mut channel = commit.made_channel(channel, wear).await?;
+        let mut channel = commit.leased_channel(channel, wear).await?;
         if channel.version() != from.channel {
             return Err(StoreError::Outdated("the channel"));
         }
@@ -361,20 +361,20 @@ impl Store {
 
 impl Commit {
     /// Reads and locks a channel; returns an error if this generation is not the one being written.
-    async fn made_channel(
+    async fn leased_channel(
         &mut self,
         channel: &ChannelSummary,
         wear: WearGeneration,
     ) -> Result<ChannelSummary, StoreError> {
         let channel = self.channel_again(channel).await?;
-        if channel.next_wear == Some(wear.0) { Ok(channel) } else { Err(NOT_MADE_HERE) }
+        if channel.next_wear == Some(wear.0) { Ok(channel) } else { Err(LEASE_LOST) }
     }
 
     /// Renews the lease of the process that writes a generation of a channel.
-    async fn stay_maker(&mut self, channel: &ChannelSummary, now: Timestamp) -> Result<(), StoreError> {
+    async fn renew_lease(&mut self, channel: &ChannelSummary, now: Timestamp) -> Result<(), StoreError> {
         sqlx::query("UPDATE channels SET maker_until_ns = $2 WHERE channel_no = $1")
             .bind(channel.channel_no)
-            .bind(to_ns(now.saturating_add(MAKER_ALIVE).unwrap_or(Timestamp::MAX))?)
+            .bind(to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))?)
             .execute(&mut *self.transaction)
             .await?;
         Ok(())

@@ -13,8 +13,8 @@ use super::{Objects, Store, StoreError, StoreMark};
 
 impl Store {
     /// Why removals from the raw objects are suspended; `None` if the marks agree.
-    pub fn held(&self) -> Option<String> {
-        self.inner.held.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    pub fn removal_hold(&self) -> Option<String> {
+        self.inner.removal_hold.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Compares the marks of the database and of the objects, creates missing ones, and raises the generation
@@ -24,7 +24,7 @@ impl Store {
     /// `refuses_others`.
     pub(super) async fn compare_marks(&self, refuses_others: bool) -> Result<(), StoreError> {
         if self.damage().is_some() {
-            self.hold(Some("the database is damaged".to_owned()));
+            self.set_removal_hold(Some("the database is damaged".to_owned()));
             return Ok(());
         }
         let among = self.on_objects(Objects::mark).await?;
@@ -44,22 +44,22 @@ impl Store {
         if mine.store != among.store && self.is_shared() && refuses_others {
             return Err(StoreError::OtherStore { objects: among.store, database: mine.store });
         }
-        self.hold(reason(&mine, &among));
+        self.set_removal_hold(reason(&mine, &among));
         self.raise_generation().await
     }
 
     /// Compares the marks again before a removal; returns why removals are suspended, if they are.
     pub async fn check_marks(&self) -> Result<Option<String>, StoreError> {
-        if self.held().is_some() {
-            return Ok(self.held());
+        if self.removal_hold().is_some() {
+            return Ok(self.removal_hold());
         }
         self.check_whole()?;
         let why = self.marks_differ().await?;
         // A difference, once found, suspends removals until the next start.
         if why.is_some() {
-            self.hold(why);
+            self.set_removal_hold(why);
         }
-        Ok(self.held())
+        Ok(self.removal_hold())
     }
 
     /// How the current marks of the database and of the objects differ.
@@ -91,19 +91,19 @@ impl Store {
             .bind(among.generation.max(mine.generation))
             .execute(self.write())
             .await?;
-        self.hold(None);
+        self.set_removal_hold(None);
         self.raise_generation().await
     }
 
-    fn hold(&self, why: Option<String>) {
+    fn set_removal_hold(&self, why: Option<String>) {
         if let Some(why) = &why {
             tracing::warn!(why, "suspended removals from the raw recordings");
         }
-        *self.inner.held.lock().unwrap_or_else(PoisonError::into_inner) = why;
+        *self.inner.removal_hold.lock().unwrap_or_else(PoisonError::into_inner) = why;
     }
 
     async fn raise_generation(&self) -> Result<(), StoreError> {
-        if self.held().is_some() || self.damage().is_some() {
+        if self.removal_hold().is_some() || self.damage().is_some() {
             return Ok(());
         }
         sqlx::query("UPDATE store_identity SET generation = generation + 1 WHERE one = 1")
@@ -155,11 +155,11 @@ impl Store {
 }
 
 fn new_mark() -> Result<StoreMark, StoreError> {
-    let mut chance = [0; 8];
-    getrandom::fill(&mut chance).map_err(|source| {
+    let mut random = [0; 8];
+    getrandom::fill(&mut random).map_err(|source| {
         super::objects::file_error("name", "the store".as_ref(), std::io::Error::other(source.to_string()))
     })?;
-    Ok(StoreMark { store: hex::encode(chance), generation: 0 })
+    Ok(StoreMark { store: hex::encode(random), generation: 0 })
 }
 
 fn reason(mine: &StoreMark, among: &StoreMark) -> Option<String> {

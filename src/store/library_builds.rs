@@ -6,7 +6,7 @@ use super::rows::to_ns;
 use super::{Store, StoreError};
 
 /// How long a builder counts as alive after its last renewal.
-const BUILDER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
+const LEASE: SignedDuration = SignedDuration::from_secs(60);
 
 impl Store {
     /// Acquires the lease to build a library; returns false if another process has it.
@@ -25,7 +25,7 @@ impl Store {
     }
 
     /// Renews the lease to build a library.
-    pub async fn go_on_building(&self, library: &str, now: Timestamp) -> Result<(), StoreError> {
+    pub async fn renew_building(&self, library: &str, now: Timestamp) -> Result<(), StoreError> {
         let now = self.now(now).await?;
         sqlx::query("UPDATE library_builds SET builder_until_ns = $2 WHERE library_id = $1")
             .bind(library)
@@ -46,5 +46,5 @@ impl Store {
 }
 
 fn alive_until(now: Timestamp) -> Result<i64, StoreError> {
-    to_ns(now.saturating_add(BUILDER_ALIVE).unwrap_or(Timestamp::MAX))
+    to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))
 }

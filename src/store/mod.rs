@@ -70,7 +70,7 @@ pub use channel_rows::ChannelRows;
 pub use commit::Commit;
 pub use error::StoreError;
 pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
-pub use generations::{AnalysisGeneration, MadeFrom, WearGeneration};
+pub use generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
 pub use keyed_uploads::KeyedUpload;
 pub use latest_records::LatestRecord;
 pub use maintenance::StoredEvent;
@@ -109,7 +109,7 @@ struct Inner {
     /// may be about to commit a reference to it.
     orphan_age: Option<SignedDuration>,
     /// Why removals from the objects are suspended; `None` while they are allowed.
-    held: Mutex<Option<String>>,
+    removal_hold: Mutex<Option<String>>,
     /// Whether something may have been written since the generation was raised.
     is_changed: AtomicBool,
     /// Recipients of alarm notifications.
@@ -166,7 +166,7 @@ impl Store {
                 trends: TrendCache::default(),
                 curves: CurveCache::default(),
                 orphan_age,
-                held: Mutex::default(),
+                removal_hold: Mutex::default(),
                 is_changed: AtomicBool::default(),
                 recipients: OnceLock::new(),
             }),

@@ -133,9 +133,9 @@ impl Objects {
     }
 
     /// Checks that there is free space for a small record; always succeeds for a bucket.
-    pub fn check_room(&self) -> Result<(), StoreError> {
+    pub fn check_free_space(&self) -> Result<(), StoreError> {
         match &self.backend {
-            Backend::Folder(folder) => folder.check_room(),
+            Backend::Folder(folder) => folder.check_free_space(),
             #[cfg(feature = "s3")]
             Backend::Bucket(_) => Ok(()),
         }

@@ -44,7 +44,7 @@ impl Store {
     /// Deletes the rows of the oldest raw objects, of one asset or of all, until the rest is within `quota`
     /// bytes or `most` objects are deleted. One process at a time, so that no more are deleted than
     /// necessary. Their segments are kept. The caller removes the files.
-    pub async fn give_up_oldest(
+    pub async fn delete_oldest_raw(
         &self,
         asset: Option<&AssetId>,
         quota: u64,

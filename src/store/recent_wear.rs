@@ -32,13 +32,13 @@ impl Store {
             return Ok(Arc::default());
         };
         let cache = &self.inner.curves.0;
-        let held = cache
+        let cached = cache
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .get(&channel.channel_no)
-            .filter(|held| held.revision >= channel.revision)
-            .map(|held| Arc::clone(&held.curve));
-        if let Some(curve) = held {
+            .filter(|cached| cached.revision >= channel.revision)
+            .map(|cached| Arc::clone(&cached.curve));
+        if let Some(curve) = cached {
             return Ok(curve);
         }
         let (first_ns, last_ns) = (to_ns(first)?, to_ns(last)?);
@@ -72,12 +72,12 @@ impl Store {
             before = id;
         }
         let curve: Arc<[f64]> = curve.into();
-        let mut held = cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if held.len() >= MAX_CHANNELS {
-            held.clear();
+        let mut cached = cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if cached.len() >= MAX_CHANNELS {
+            cached.clear();
         }
         let entry = CachedCurve { revision: channel.revision, curve: Arc::clone(&curve) };
-        held.insert(channel.channel_no, entry);
+        cached.insert(channel.channel_no, entry);
         Ok(curve)
     }
 }

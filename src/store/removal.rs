@@ -46,7 +46,7 @@ pub struct RemovedRecords {
 }
 
 /// A record to be removed.
-struct Going {
+struct RemovableRecord {
     key: SegmentKey,
     raw_sha256: String,
 }
@@ -71,19 +71,19 @@ impl Store {
         let mut names = BTreeSet::new();
         for channel in &channels {
             let channel = commit.channel_again(channel).await?;
-            let going = commit.records_in(&channel, range, limit).await?;
-            let Some(first) = going.first().map(|going| going.key.clone()) else {
+            let records = commit.records_in(&channel, range, limit).await?;
+            let Some(first) = records.first().map(|record| record.key.clone()) else {
                 continue;
             };
-            for going in &going {
+            for record in &records {
                 sqlx::query("DELETE FROM segments WHERE id = $1")
-                    .bind(going.key.id.0.as_str())
+                    .bind(record.key.id.0.as_str())
                     .execute(&mut *commit.transaction)
                     .await?;
             }
             commit.without(channel, first).await?;
-            names.extend(going.iter().map(|going| going.raw_sha256.clone()));
-            removed.segments.extend(going.into_iter().map(|going| going.key.id));
+            names.extend(records.iter().map(|record| record.raw_sha256.clone()));
+            removed.segments.extend(records.into_iter().map(|record| record.key.id));
         }
         removed.orphans = commit.count_raw_gone(asset, names.into_iter().collect()).await?;
         commit.finish().await?;
@@ -100,7 +100,7 @@ impl Commit {
         channel: &ChannelSummary,
         range: &RecordRange,
         limit: u32,
-    ) -> Result<Vec<Going>, StoreError> {
+    ) -> Result<Vec<RemovableRecord>, StoreError> {
         let rows = sqlx::query(
             "SELECT id, start_time_ns, raw_sha256 FROM segments
              WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (raw_sha256 = $4 OR $4 = '')
@@ -113,8 +113,8 @@ impl Commit {
         .bind(i64::from(limit))
         .fetch_all(&mut *self.transaction)
         .await?;
-        let going = rows.iter().map(|row| {
-            Ok(Going {
+        let records = rows.iter().map(|row| {
+            Ok(RemovableRecord {
                 key: SegmentKey {
                     start_time: from_ns(get(row, "start_time_ns")?),
                     id: SegmentId(get(row, "id")?),
@@ -122,7 +122,7 @@ impl Commit {
                 raw_sha256: get(row, "raw_sha256")?,
             })
         });
-        going.collect()
+        records.collect()
     }
 
     /// Updates a channel after the removal of records, the earliest of which was at `first`. A channel

@@ -11,7 +11,7 @@ use super::{Store, StoreError};
 use crate::asset::AssetId;
 
 /// How long a process that reads an upload counts as alive after its last renewal.
-const READER_ALIVE: SignedDuration = SignedDuration::from_secs(20);
+const LEASE: SignedDuration = SignedDuration::from_secs(20);
 
 /// Length of the prefix of an identifier that is the same for all uploads of one client.
 const CLIENT_MARK: usize = 8;
@@ -210,7 +210,7 @@ impl Store {
     }
 
     /// Renews the right to read an upload.
-    pub async fn go_on_reading(&self, id: &str, now: Timestamp) -> Result<(), StoreError> {
+    pub async fn renew_reading(&self, id: &str, now: Timestamp) -> Result<(), StoreError> {
         let now = self.now(now).await?;
         sqlx::query(
             "UPDATE resumable_uploads SET reader_until_ns = $2 WHERE id = $1 AND progress = 'reading'",
@@ -318,7 +318,7 @@ impl Store {
 const UNREAD: &str = "received = length AND (progress = 'receiving' OR (progress = 'reading' AND COALESCE(reader_until_ns, 0) < $1))";
 
 fn alive_until(now: Timestamp) -> Result<i64, StoreError> {
-    to_ns(now.saturating_add(READER_ALIVE).unwrap_or(Timestamp::MAX))
+    to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))
 }
 
 fn upload_of(row: &AnyRow) -> Result<StoredUpload, StoreError> {

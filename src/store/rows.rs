@@ -1,4 +1,4 @@
-//! Between rows and domain types.
+//! Conversions between rows and domain types.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -32,7 +32,7 @@ pub(super) fn get_time(row: &AnyRow, column: &'static str) -> Result<Timestamp, 
     Ok(from_ns(get(row, column)?))
 }
 
-/// What the JSON text of a column says; `of` names the row in the error.
+/// Decodes the JSON text of a column; `of` names the row in the error.
 pub(super) fn get_json<T: DeserializeOwned>(
     row: &AnyRow,
     column: &'static str,
@@ -42,7 +42,7 @@ pub(super) fn get_json<T: DeserializeOwned>(
     from_json(&text, column, of)
 }
 
-/// The same of a column that older rows leave empty.
+/// Decodes the JSON text of a column that is null in older rows.
 pub(super) fn get_json_or_default<T: DeserializeOwned + Default>(
     row: &AnyRow,
     column: &'static str,
@@ -52,7 +52,7 @@ pub(super) fn get_json_or_default<T: DeserializeOwned + Default>(
     text.map_or_else(|| Ok(T::default()), |text| from_json(&text, column, of))
 }
 
-/// What a JSON text says.
+/// Decodes a JSON text.
 pub(super) fn from_json<T: DeserializeOwned>(
     text: &str,
     what: &'static str,
@@ -61,12 +61,12 @@ pub(super) fn from_json<T: DeserializeOwned>(
     serde_json::from_str(text).map_err(|source| StoreError::Damaged { what, of: of.to_string(), source })
 }
 
-/// JSON text of a value; `of` names the row in the error.
+/// Encodes a value as JSON text; `of` names the row in the error.
 pub(super) fn to_json<T: Serialize>(value: &T, what: &'static str, of: &str) -> Result<String, StoreError> {
     serde_json::to_string(value).map_err(|source| StoreError::Damaged { what, of: of.to_string(), source })
 }
 
-/// The asset of a name that the program has written.
+/// Converts a stored asset name.
 pub(super) fn asset_id(name: String) -> Result<AssetId, StoreError> {
     AssetId::new(name).map_err(|error| StoreError::Unexpected {
         what: "asset_id",

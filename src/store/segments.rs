@@ -82,7 +82,7 @@ pub struct RunResult {
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredFeatures {
     /// Sort key of the segment in its channel.
-        pub key: SegmentKey,
+    pub key: SegmentKey,
     /// Whether it is excluded from its history.
     pub excluded: bool,
     /// The key under which they were computed.

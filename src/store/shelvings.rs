@@ -7,7 +7,7 @@ use super::{Store, StoreError};
 
 impl Store {
     /// Identifiers of up to `limit` alarms whose shelving has expired at `now` and is not ended yet.
-    pub async fn ended_shelvings(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
+    pub async fn expired_shelvings(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
         let rows = sqlx::query(
             "SELECT id FROM alarms WHERE shelved_until_ns <= $1 ORDER BY shelved_until_ns, id LIMIT $2",
         )

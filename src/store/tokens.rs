@@ -41,11 +41,11 @@ pub struct StoredToken {
 /// The tokens of a service.
 #[derive(Debug, Clone)]
 pub struct TokenStore {
-    place: Place,
+    backend: Backend,
 }
 
 #[derive(Debug, Clone)]
-enum Place {
+enum Backend {
     File(PathBuf),
     Shared(Store),
 }
@@ -55,12 +55,12 @@ enum Place {
 pub struct TokensVersion(Option<u32>);
 
 /// A connection for one operation.
-enum Opened {
+enum TokenConnection {
     Own(Box<AnyConnection>),
     Pooled(PoolConnection<Any>),
 }
 
-impl Opened {
+impl TokenConnection {
     fn get(&mut self) -> &mut AnyConnection {
         match self {
             Self::Own(connection) => connection,
@@ -80,17 +80,17 @@ impl Opened {
 impl TokenStore {
     /// The tokens of a data folder, which may have none.
     pub fn in_folder(folder: &Path) -> Self {
-        Self { place: Place::File(folder.join(FILE)) }
+        Self { backend: Backend::File(folder.join(FILE)) }
     }
 
     /// The tokens of a shared store.
     pub fn shared(store: Store) -> Self {
-        Self { place: Place::Shared(store) }
+        Self { backend: Backend::Shared(store) }
     }
 
     /// The version of the tokens; `None` for a shared store, where it is not known without a query.
     pub fn version(&self) -> Result<Option<TokensVersion>, StoreError> {
-        let Place::File(path) = &self.place else {
+        let Backend::File(path) = &self.backend else {
             return Ok(None);
         };
         let mut head = [0; CHANGE_COUNTER + 4];
@@ -110,7 +110,7 @@ impl TokenStore {
 
     /// The valid tokens, the oldest first; `None` if there never were any.
     pub async fn tokens(&self) -> Result<Option<Vec<StoredToken>>, StoreError> {
-        if let Place::File(path) = &self.place
+        if let Backend::File(path) = &self.backend
             && !path.exists()
         {
             return Ok(None);
@@ -172,23 +172,23 @@ impl TokenStore {
         Ok(revoked?.rows_affected() > 0)
     }
 
-    async fn open(&self, to_write: bool) -> Result<Opened, StoreError> {
-        match &self.place {
-            Place::File(path) => {
+    async fn open(&self, to_write: bool) -> Result<TokenConnection, StoreError> {
+        match &self.backend {
+            Backend::File(path) => {
                 let opened = connect(path).await.map_err(|error| integrity::named(path, error))?;
-                Ok(Opened::Own(Box::new(opened)))
+                Ok(TokenConnection::Own(Box::new(opened)))
             }
-            Place::Shared(store) => {
+            Backend::Shared(store) => {
                 let pool = if to_write { store.write() } else { store.read() };
-                Ok(Opened::Pooled(pool.acquire().await?))
+                Ok(TokenConnection::Pooled(pool.acquire().await?))
             }
         }
     }
 
     fn named(&self, error: sqlx::Error) -> StoreError {
-        match &self.place {
-            Place::File(path) => integrity::named(path, error),
-            Place::Shared(_) => error.into(),
+        match &self.backend {
+            Backend::File(path) => integrity::named(path, error),
+            Backend::Shared(_) => error.into(),
         }
     }
 }

@@ -140,29 +140,29 @@ impl Trend {
 /// The cached histories.
 #[derive(Debug, Default)]
 pub(super) struct TrendCache {
-    held: Mutex<Held>,
+    held: Mutex<CachedTrends>,
     reading: tokio::sync::Mutex<()>,
 }
 
 #[derive(Debug, Default)]
-struct Held {
+struct CachedTrends {
     /// By channel number: the history, and the access count at its last use.
     trends: HashMap<i64, (Arc<Trend>, u64)>,
-    askings: u64,
+    accesses: u64,
 }
 
 impl TrendCache {
-    fn lock(&self) -> MutexGuard<'_, Held> {
+    fn lock(&self) -> MutexGuard<'_, CachedTrends> {
         // Entries are replaced as a whole, so a panic elsewhere cannot leave a partial one.
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn get(&self, channel_no: i64) -> Option<Arc<Trend>> {
         let mut held = self.lock();
-        held.askings += 1;
-        let now = held.askings;
-        let (trend, asked) = held.trends.get_mut(&channel_no)?;
-        *asked = now;
+        held.accesses += 1;
+        let now = held.accesses;
+        let (trend, last_access) = held.trends.get_mut(&channel_no)?;
+        *last_access = now;
         Some(Arc::clone(trend))
     }
 
@@ -173,11 +173,12 @@ impl TrendCache {
 
     fn put(&self, trend: Arc<Trend>) {
         let mut held = self.lock();
-        let now = held.askings;
+        let now = held.accesses;
         held.trends.insert(trend.channel_no, (trend, now));
         let mut records: usize = held.trends.values().map(|(trend, _)| trend.len()).sum();
         while records > MAX_RECORDS && held.trends.len() > 1 {
-            let Some((&oldest, _)) = held.trends.iter().min_by_key(|(_, (_, asked))| *asked) else {
+            let Some((&oldest, _)) = held.trends.iter().min_by_key(|(_, (_, last_access))| *last_access)
+            else {
                 break;
             };
             if let Some((trend, _)) = held.trends.remove(&oldest) {

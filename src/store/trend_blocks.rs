@@ -172,7 +172,7 @@ pub(super) async fn load(
 
 impl Store {
     /// Stores the missing blocks of long histories.
-    pub async fn keep_trend_blocks(&self) -> Result<(), StoreError> {
+    pub async fn store_trend_blocks(&self) -> Result<(), StoreError> {
         self.check_whole()?;
         let lacking = sqlx::query(
             "SELECT * FROM channels c WHERE c.segments >= $1 AND c.segments >= $1 * (1 + (
@@ -187,7 +187,7 @@ impl Store {
         .await?;
         for row in &lacking {
             let channel = channel_of(row)?;
-            while self.keep_next_block(&channel).await? {}
+            while self.store_next_block(&channel).await? {}
         }
         Ok(())
     }
@@ -206,7 +206,7 @@ impl Store {
     }
 
     /// Stores the next block of a history; returns false if there are not enough records.
-    async fn keep_next_block(&self, channel: &ChannelSummary) -> Result<bool, StoreError> {
+    async fn store_next_block(&self, channel: &ChannelSummary) -> Result<bool, StoreError> {
         let mut snapshot = self.read().begin_with(self.dialect().begin_snapshot()).await?;
         let row = sqlx::query("SELECT * FROM channels WHERE channel_no = $1")
             .bind(channel.channel_no)

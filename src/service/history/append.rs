@@ -36,9 +36,9 @@ pub(crate) struct Appended<'a> {
 /// The effect of new segments on a channel's history.
 enum Fold {
     /// All estimates after position `after` are known.
-    From { after: u64, folded: Folded, estimator: KeyedEstimator },
+    Complete { after: u64, folded: Folded, estimator: KeyedEstimator },
     /// The new segments have provisional results; the history after them is folded again in the background.
-    Later { results: Vec<(SegmentKey, RunResult)> },
+    Deferred { results: Vec<(SegmentKey, RunResult)> },
 }
 
 impl Folding {
@@ -61,7 +61,7 @@ impl Folding {
             // The first records of a channel are folded under the current keys.
             let keys = ChannelKeys { analysed: wanted, fold: current.fold_key.clone() };
             let timeline = self.timeline(asset, None, &mut slot).await?;
-            let folded = self.fold_first(current, None, inputs_of(&new), &timeline).await?;
+            let folded = self.fold_with_priority(current, None, inputs_of(&new), &timeline).await?;
             let estimator = current.clone();
             return Ok(Appended {
                 asset,
@@ -69,7 +69,7 @@ impl Folding {
                 new,
                 slot,
                 keys,
-                fold: Fold::From { after: 0, folded, estimator },
+                fold: Fold::Complete { after: 0, folded, estimator },
             });
         }
         let keys = channel.keys.clone();
@@ -81,7 +81,7 @@ impl Folding {
             None => {
                 let need = asset.spec.baseline.records;
                 let result = || while_recomputing(need);
-                Fold::Later { results: new.keys().map(|key| (key.clone(), result())).collect() }
+                Fold::Deferred { results: new.keys().map(|key| (key.clone(), result())).collect() }
             }
         };
         Ok(Appended { asset, channel, new, slot, keys, fold })
@@ -101,7 +101,7 @@ impl Folding {
         }
         let points = slot.points.get_or_insert_default();
         let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
-            return Ok(Fold::Later { results: Vec::new() });
+            return Ok(Fold::Deferred { results: Vec::new() });
         };
         let newest = points.newest().cloned();
         let from = match points.before(first) {
@@ -114,9 +114,9 @@ impl Folding {
         let mut inputs = inputs_of(new);
         let is_latest = newest.as_ref().is_some_and(|newest| newest.last < *first);
         if is_latest {
-            let folded = self.fold_first(estimator, from, inputs, &timeline).await?;
+            let folded = self.fold_with_priority(estimator, from, inputs, &timeline).await?;
             let estimator = estimator.clone();
-            return Ok(Fold::From { after, folded, estimator });
+            return Ok(Fold::Complete { after, folded, estimator });
         }
         let fold_all = stored_after <= FOLDED_AT_ONCE && newest.is_some();
         // All stored records after the state, or only those before the last new one.
@@ -133,15 +133,15 @@ impl Folding {
             }
         }
         inputs.sort_by(|a, b| a.key.cmp(&b.key));
-        let mut folded = self.fold_first(estimator, from, inputs, &timeline).await?;
+        let mut folded = self.fold_with_priority(estimator, from, inputs, &timeline).await?;
         if fold_all {
             // The results before the first new record are unchanged.
             folded.results.retain(|(key, _)| key >= first);
             let estimator = estimator.clone();
-            return Ok(Fold::From { after, folded, estimator });
+            return Ok(Fold::Complete { after, folded, estimator });
         }
         folded.results.retain(|(key, _)| new.contains_key(key));
-        Ok(Fold::Later { results: folded.results })
+        Ok(Fold::Deferred { results: folded.results })
     }
 }
 
@@ -150,11 +150,11 @@ impl Appended<'_> {
     pub(crate) fn rows(&mut self) -> Result<ChannelRows<'_>, ServiceError> {
         self.channel.keys = self.keys.clone();
         let (wears, states, is_rewritten) = match &self.fold {
-            Fold::From { after, folded, .. } => {
+            Fold::Complete { after, folded, .. } => {
                 let states = Some((*after, states_of(&folded.points)?));
                 (&folded.results, states, folded.results.len() != self.new.len())
             }
-            Fold::Later { results } => {
+            Fold::Deferred { results } => {
                 self.channel.must_fold = true;
                 (results, None, true)
             }
@@ -174,13 +174,13 @@ impl Appended<'_> {
         commit: &mut Commit,
         now: Timestamp,
     ) -> Result<Vec<AlarmNotice>, ServiceError> {
-        let Fold::From { folded, estimator, .. } = &self.fold else {
+        let Fold::Complete { folded, estimator, .. } = &self.fold else {
             return Ok(Vec::new());
         };
         let is_append = folded.results.len() == self.new.len();
         let has_alarms = self.slot.timeline.as_ref().is_none_or(|known| known.has_alarms);
         // If records were only appended and changed no alarm, the stored alarms are still right.
-        if folded.alarms.is_quiet() && (is_append || !has_alarms) {
+        if folded.alarms.is_empty() && (is_append || !has_alarms) {
             return Ok(Vec::new());
         }
         let notices =
@@ -196,14 +196,14 @@ impl Appended<'_> {
         let Self { asset, channel, mut new, mut slot, fold, .. } = self;
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
-            Fold::From { after, folded, estimator } => {
+            Fold::Complete { after, folded, estimator } => {
                 // Only here is it noticed that the library of a new channel became ready in the meantime.
                 let now = || simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;
                 slot.points.get_or_insert_default().replace(after, folded.points);
                 (folded.results, is_outdated)
             }
-            Fold::Later { results } => (results, true),
+            Fold::Deferred { results } => (results, true),
         };
         let stored = results.into_iter().filter_map(|(key, result)| Some(new.remove(&key)?.with_run(result)));
         Committed { segments: stored.collect(), outdated: is_outdated.then(|| asset.spec.id.clone()) }

@@ -76,7 +76,7 @@ impl AlarmRun {
     }
 
     /// Replaces the changes after the place at which `next` starts.
-    pub(crate) fn go_on(&mut self, next: Self) {
+    pub(crate) fn splice(&mut self, next: Self) {
         self.changes.retain(|change| change.place <= next.after);
         self.changes.extend(next.changes);
         self.panel = next.panel;
@@ -94,7 +94,7 @@ impl AlarmRun {
     }
 
     /// Whether there are no changes.
-    pub(crate) fn is_quiet(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.changes.is_empty()
     }
 

@@ -20,7 +20,7 @@ pub(crate) struct Folding {
 impl Folding {
     /// Folds records, in the order of time, from a state or from the start. Takes priority over records
     /// waiting for their analysis, because the caller holds the channel's lock.
-    pub(crate) async fn fold_first(
+    pub(crate) async fn fold_with_priority(
         &self,
         keyed: &KeyedEstimator,
         from: Option<FoldPoint>,

@@ -9,7 +9,7 @@ mod hindsight;
 mod progress;
 mod recompute;
 mod timeline;
-mod waiting;
+mod update_queue;
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -30,8 +30,8 @@ pub(crate) use append::{Appended, Committed};
 pub(crate) use channels::Slot;
 use folding::Folding;
 use progress::Progress;
-use recompute::{Made, Recomputer};
-use waiting::Waiting;
+use recompute::{Recomputer, UpdateOutcome};
+use update_queue::UpdateQueue;
 
 /// Time after which a history that another process computes is checked again.
 const RETRY_AFTER: Duration = Duration::from_secs(2);
@@ -44,7 +44,7 @@ pub struct History {
     folding: Folding,
     progress: Arc<Progress>,
     recomputer: Recomputer,
-    waiting: Mutex<Waiting>,
+    queue: Mutex<UpdateQueue>,
 }
 
 impl History {
@@ -69,7 +69,7 @@ impl History {
             folding: folding.clone(),
             progress: Arc::clone(&progress),
         };
-        Self { simulations, role, channels, folding, progress, recomputer, waiting: Mutex::default() }
+        Self { simulations, role, channels, folding, progress, recomputer, queue: Mutex::default() }
     }
 
     /// Locks a channel for changes.
@@ -113,20 +113,20 @@ impl History {
             return;
         }
         {
-            let mut waiting = self.waiting();
-            assets.into_iter().for_each(|asset| waiting.push(asset));
-            if waiting.is_running || waiting.is_empty() {
+            let mut queue = self.queue();
+            assets.into_iter().for_each(|asset| queue.push(asset));
+            if queue.is_running || queue.is_empty() {
                 return;
             }
-            waiting.is_running = true;
+            queue.is_running = true;
         }
         let history = Arc::clone(self);
         tokio::spawn(async move {
             while let Some(asset) = history.next() {
                 match history.recomputer.recompute_asset(&asset).await {
-                    Ok(Made::Here | Made::WithItsLibrary) => {}
+                    Ok(UpdateOutcome::Done | UpdateOutcome::AwaitsLibrary) => {}
                     // The other process may end before it is done.
-                    Ok(Made::Elsewhere) => history.retry_later(asset).await,
+                    Ok(UpdateOutcome::InOtherProcess) => history.retry_later(asset).await,
                     Err(ServiceError::Store(error)) if error.is_unavailable() || error.is_conflict() => {
                         tracing::warn!(%asset, %error, "failed to recompute a history: retrying later");
                         history.retry_later(asset).await;
@@ -137,16 +137,16 @@ impl History {
         });
     }
 
-    fn waiting(&self) -> MutexGuard<'_, Waiting> {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    fn queue(&self) -> MutexGuard<'_, UpdateQueue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn next(&self) -> Option<AssetId> {
-        self.waiting().pop()
+        self.queue().pop()
     }
 
     async fn retry_later(&self, asset: AssetId) {
-        self.waiting().push(asset);
+        self.queue().push(asset);
         tokio::time::sleep(RETRY_AFTER).await;
     }
 

@@ -20,8 +20,8 @@ use crate::service::sensor_group::described;
 use crate::service::simulations::{KeyedEstimator, Simulations};
 use crate::service::workers::Workers;
 use crate::store::{
-    Analysed, AnalysisGeneration, Asset, ChannelKeys, ChannelSummary, MadeFrom, NewSegment, SegmentKey,
-    Store, StoreError, WearGeneration,
+    Analysed, AnalysisGeneration, Asset, ChannelKeys, ChannelSummary, GenerationInputs, NewSegment,
+    SegmentKey, Store, StoreError, WearGeneration,
 };
 
 /// Records folded in one batch: bounds the memory and the length of a transaction.
@@ -39,13 +39,13 @@ const MAX_TURNS: u32 = 100;
 
 /// The outcome of bringing a history up to date.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Made {
+pub(crate) enum UpdateOutcome {
     /// It is up to date.
-    Here,
+    Done,
     /// Another process is computing it.
-    Elsewhere,
+    InOtherProcess,
     /// It waits for the asset's library, whose completion triggers it again.
-    WithItsLibrary,
+    AwaitsLibrary,
 }
 
 /// The generations being written.
@@ -57,14 +57,14 @@ struct Generations {
 
 /// The state of a history that is being folded again.
 #[derive(Debug)]
-struct Refolded {
+struct FoldProgress {
     /// The state after the last record folded; `None` before the first one.
     point: Option<FoldPoint>,
     /// All changes of alarms so far.
     alarms: AlarmRun,
 }
 
-impl Refolded {
+impl FoldProgress {
     fn start(estimator: &KeyedEstimator) -> Self {
         Self { point: None, alarms: AlarmRun::start(estimator) }
     }
@@ -84,18 +84,18 @@ pub(crate) struct Recomputer {
 
 impl Recomputer {
     /// Brings the channels of an asset up to date.
-    pub(crate) async fn recompute_asset(&self, asset: &AssetId) -> Result<Made, ServiceError> {
-        let mut made = Made::Here;
+    pub(crate) async fn recompute_asset(&self, asset: &AssetId) -> Result<UpdateOutcome, ServiceError> {
+        let mut outcome = UpdateOutcome::Done;
         let version = match self.store.asset(asset).await {
             Ok(asset) => asset.version(),
-            Err(StoreError::AssetUnknown(_)) => return Ok(Made::Here),
+            Err(StoreError::AssetUnknown(_)) => return Ok(UpdateOutcome::Done),
             Err(error) => return Err(error.into()),
         };
         for channel in self.store.channels(asset).await? {
             match self.bring_up_to_date(asset, &channel.channel).await {
-                Ok(Made::Here) => {}
-                Ok(not_yet) => made = not_yet,
-                Err(ServiceError::Store(StoreError::AssetUnknown(_))) => return Ok(Made::Here),
+                Ok(UpdateOutcome::Done) => {}
+                Ok(not_yet) => outcome = not_yet,
+                Err(ServiceError::Store(StoreError::AssetUnknown(_))) => return Ok(UpdateOutcome::Done),
                 Err(error) => {
                     self.progress.update(asset, &channel.channel, |shown| {
                         shown.state = RecomputationState::Failed;
@@ -105,30 +105,30 @@ impl Recomputer {
                 }
             }
         }
-        if made == Made::Here {
-            self.store.settle_asset(asset, version).await?;
+        if outcome == UpdateOutcome::Done {
+            self.store.mark_up_to_date(asset, version).await?;
         }
-        Ok(made)
+        Ok(outcome)
     }
 
     /// Recomputes a channel until it is up to date.
-    async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<Made, ServiceError> {
+    async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<UpdateOutcome, ServiceError> {
         loop {
             let description = described(&self.store, asset).await?;
             let estimator = self.simulations.estimator(&description.spec);
             let Some(channel) = self.store.channel(asset, name).await? else {
-                return Ok(Made::Here);
+                return Ok(UpdateOutcome::Done);
             };
             let wanted =
                 ChannelKeys { analysed: analysis_keys(&description.spec), fold: estimator.fold_key.clone() };
             if channel.segments == 0 || (channel.keys == wanted && !channel.must_fold) {
                 self.remove_leftovers(&channel).await?;
-                return Ok(Made::Here);
+                return Ok(UpdateOutcome::Done);
             }
             let served = self.simulations.estimator_of(&channel.keys.fold);
             if estimator.awaits_library() && !served.is_some_and(|served| served.is_without_library()) {
                 // The history folded with a library is served until the new library is ready.
-                return Ok(Made::WithItsLibrary);
+                return Ok(UpdateOutcome::AwaitsLibrary);
             }
             let is_other_fold = channel.keys.analysed == wanted.analysed && channel.keys.fold != wanted.fold;
             if is_other_fold
@@ -137,10 +137,10 @@ impl Recomputer {
             {
                 // A process that has the neighbours already has computed the history with them, and would do
                 // so again.
-                return Ok(Made::Elsewhere);
+                return Ok(UpdateOutcome::InOtherProcess);
             }
-            let Some(wear) = self.store.begin_making(&channel, self.clock.now()).await? else {
-                return Ok(Made::Elsewhere);
+            let Some(wear) = self.store.begin_generation(&channel, self.clock.now()).await? else {
+                return Ok(UpdateOutcome::InOtherProcess);
             };
             match self.recompute(&description, &estimator, &channel, wear, wanted).await {
                 Ok(()) => {}
@@ -150,7 +150,7 @@ impl Recomputer {
                 }
                 Err(error) => {
                     // The first error is the one to report.
-                    let _ = self.store.stop_making(&channel, wear).await;
+                    let _ = self.store.abandon_generation(&channel, wear).await;
                     return Err(error);
                 }
             }
@@ -180,7 +180,7 @@ impl Recomputer {
             self.analyse_again(&description.spec, channel, generations).await?;
         }
         self.progress.update(asset, name, |shown| shown.state = RecomputationState::Folding);
-        let mut history = Refolded::start(estimator);
+        let mut history = FoldProgress::start(estimator);
         let timeline = self.timeline_now(description, channel).await?;
         while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await?
             >= FOLDED_AT_ONCE as usize
@@ -193,7 +193,7 @@ impl Recomputer {
             let current_asset = described(&self.store, asset).await?;
             if analysis_keys(&current_asset.spec) != wanted.analysed {
                 // The description changed again in the meantime: this history is outdated already.
-                return Ok(store.stop_making(channel, wear).await?);
+                return Ok(store.abandon_generation(channel, wear).await?);
             }
             let (current, changed_from) = store.take_changes(channel, wear).await?;
             if !is_analysed {
@@ -212,7 +212,7 @@ impl Recomputer {
             // Also if no record is left: operator actions after the last one.
             while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await? > 0 {}
             let alarms = history.alarms.folded(estimator, false);
-            let from = MadeFrom { asset: current_asset.version(), channel: current.version() };
+            let from = GenerationInputs { asset: current_asset.version(), channel: current.version() };
             let now = self.clock.now();
             match store.serve(channel, from, (analyses, wear), wanted.clone(), alarms, now).await {
                 Err(error) if error.is_conflict() && turns < MAX_TURNS => turns += 1,
@@ -289,10 +289,10 @@ impl Recomputer {
         channel: &ChannelSummary,
         Generations { analyses, wear }: Generations,
         timeline: &Arc<Timeline>,
-        history: &mut Refolded,
+        history: &mut FoldProgress,
     ) -> Result<usize, ServiceError> {
         let store = &self.store;
-        let Refolded { point, alarms } = history;
+        let FoldProgress { point, alarms } = history;
         let after = point.as_ref().map(|point| &point.last);
         let stored = store.features_of_generation(channel, analyses, after, FOLDED_AT_ONCE).await?;
         let count = stored.len();
@@ -300,7 +300,7 @@ impl Recomputer {
         let position = point.as_ref().map_or(0, |point| point.position);
         let fold = folding(estimator, point.clone(), inputs, timeline);
         let mut folded = self.workers.run("estimate the wear", fold).await?;
-        alarms.go_on(folded.alarms);
+        alarms.splice(folded.alarms);
         if count == 0 {
             return Ok(0);
         }

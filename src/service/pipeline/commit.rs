@@ -53,18 +53,18 @@ pub(crate) struct Committer {
     pub(crate) retention: Arc<Retention>,
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) events: Announcer,
-    pub(crate) waiting: Waiting,
+    pub(crate) queue: CommitQueue,
 }
 
 /// The queue of jobs to be committed.
 #[derive(Default)]
-pub(crate) struct Waiting {
+pub(crate) struct CommitQueue {
     jobs: Mutex<Vec<Job>>,
     /// Held during a commit of segments, and during changes that must not run concurrently with one.
     turn: tokio::sync::Mutex<()>,
 }
 
-impl Waiting {
+impl CommitQueue {
     fn push(&self, job: Job) {
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner).push(job);
     }
@@ -85,7 +85,7 @@ impl Waiting {
 impl Committer {
     /// Waits until no segments are being committed, and blocks commits until the guard is dropped.
     pub(crate) async fn pause(&self) -> tokio::sync::MutexGuard<'_, ()> {
-        self.waiting.turn.lock().await
+        self.queue.turn.lock().await
     }
 
     /// Folds, stores and announces segments of one asset. Returns them in the given order once everything is
@@ -96,7 +96,7 @@ impl Committer {
         segments: Vec<NewSegment>,
     ) -> Result<Vec<CommittedSegment>, ServiceError> {
         let (answer, mut answered) = oneshot::channel();
-        let queue = &self.waiting;
+        let queue = &self.queue;
         queue.push(Job { asset: asset.clone(), segments, answer });
         loop {
             {
@@ -125,18 +125,18 @@ impl Committer {
     async fn commit_jobs(&self, jobs: Vec<Job>) {
         let (waiting, answers): (Vec<_>, Vec<_>) =
             jobs.into_iter().map(|job| ((job.asset, job.segments), job.answer)).unzip();
-        let outcomes = match self.commit_patiently(&waiting).await {
+        let outcomes = match self.commit_with_retries(&waiting).await {
             Ok(stored) => stored.into_iter().map(Ok).collect(),
             Err(error) if waiting.len() == 1 => vec![Err(error)],
             Err(ServiceError::Store(error)) if error.is_unavailable() => {
                 tracing::warn!(%error, jobs = waiting.len(), "failed to commit records");
-                waiting.iter().map(|_| Err(STORE_AWAY)).collect()
+                waiting.iter().map(|_| Err(STORE_UNAVAILABLE)).collect()
             }
             Err(error) => {
                 tracing::debug!(%error, jobs = waiting.len(), "failed to commit records together: committing each request separately");
                 let mut outcomes = Vec::with_capacity(waiting.len());
                 for job in &waiting {
-                    let stored = self.commit_patiently(std::slice::from_ref(job)).await;
+                    let stored = self.commit_with_retries(std::slice::from_ref(job)).await;
                     outcomes.push(stored.map(|mut stored| stored.pop().unwrap_or_default()));
                 }
                 outcomes
@@ -149,7 +149,7 @@ impl Committer {
     }
 
     /// Stores all jobs in one transaction, or none; retries on a conflict with another process.
-    async fn commit_patiently(
+    async fn commit_with_retries(
         &self,
         jobs: &[(AssetId, Vec<NewSegment>)],
     ) -> Result<Vec<Vec<CommittedSegment>>, ServiceError> {
@@ -157,7 +157,7 @@ impl Committer {
         loop {
             let outcome = if self.store.is_shared() {
                 let together = tokio::time::timeout(COMMIT_TIMEOUT, self.commit_together(jobs));
-                together.await.unwrap_or(Err(STORE_AWAY))
+                together.await.unwrap_or(Err(STORE_UNAVAILABLE))
             } else {
                 self.commit_together(jobs).await
             };
@@ -199,7 +199,7 @@ impl Committer {
         let repeats = self.store.segments_by_id(&ids).await?;
         let mut done: HashMap<SegmentId, (Segment, bool)> = HashMap::new();
         done.extend(repeats.into_iter().map(|segment| (segment.id.clone(), (segment, true))));
-        let mut fresh = Vec::with_capacity(names.len());
+        let mut new_by_channel = Vec::with_capacity(names.len());
         let mut estimators: HashMap<&AssetId, KeyedEstimator> = HashMap::new();
         for (((asset, _), mut new), (channel, slot)) in
             by_channel.into_iter().zip(channels.into_iter().zip(slots))
@@ -211,10 +211,10 @@ impl Committer {
             if !estimators.contains_key(asset) {
                 estimators.insert(asset, self.simulations.estimator(&assets[asset].spec));
             }
-            fresh.push((asset, channel, new, slot));
+            new_by_channel.push((asset, channel, new, slot));
         }
         let history = &self.history;
-        let append = fresh.into_iter().map(|(asset, channel, new, slot)| {
+        let append = new_by_channel.into_iter().map(|(asset, channel, new, slot)| {
             history.append(&assets[asset], &estimators[asset], channel, new, slot)
         });
         let appended = try_join_all(append).await?;
@@ -293,4 +293,5 @@ impl Committer {
 }
 
 /// The error if the store does not respond.
-const STORE_AWAY: ServiceError = ServiceError::Busy { what: "the store is unavailable", retry_after_s: 5 };
+const STORE_UNAVAILABLE: ServiceError =
+    ServiceError::Busy { what: "the store is unavailable", retry_after_s: 5 };

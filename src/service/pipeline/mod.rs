@@ -46,7 +46,7 @@ use super::workers::{Ticket, Workers, detached};
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
 use crate::store::{NewSegment, RecordNote, Store, StoreError};
 use commit::CommittedSegment;
-pub(crate) use commit::{Committer, Waiting};
+pub(crate) use commit::{CommitQueue, Committer};
 pub(crate) use read_ahead::{ReadBatch, RecordStream};
 pub(crate) use recording::RecordedBatch;
 pub use summary::{BatchSummary, Refused};
@@ -228,7 +228,7 @@ impl Pipeline {
             .map(|segment| Segment::clone(segment))
             .collect();
         if !known.is_empty() {
-            self.raw.mend(&known, &raws).await?;
+            self.raw.repair(&known, &raws).await?;
         }
         records.retain(|record| !stored.contains_key(&record.id));
         let names: HashSet<&str> = records.iter().map(|record| record.raw.sha256.as_str()).collect();
@@ -325,7 +325,7 @@ impl Pipeline {
     ) -> Result<Vec<CommittedSegment>, ServiceError> {
         let mut analyses = 1;
         loop {
-            self.simulations.known(&spec).await;
+            self.simulations.wait_until_loaded(&spec).await;
             match self.committer.commit(&spec.id, segments).await {
                 Err(ServiceError::DescriptionChanged(_)) if analyses < MAX_ANALYSES => analyses += 1,
                 done => return done,
@@ -396,7 +396,7 @@ impl Pipeline {
             if identified.id == queued.id {
                 Ok(identified)
             } else {
-                Err(ServiceError::QueuedOtherwise { found: identified.id, expected: queued.id })
+                Err(ServiceError::QueuedRecordMismatch { found: identified.id, expected: queued.id })
             }
         };
         self.workers.run("read a record", identify).await?

@@ -24,7 +24,7 @@ pub(crate) type Numbered = (u64, Result<Recorded, RecordingError>);
 pub(crate) struct ReadBatch {
     pub(crate) records: Vec<Numbered>,
     /// Their share of the recording's memory; released when dropped.
-    pub(crate) room: Option<OwnedSemaphorePermit>,
+    pub(crate) memory: Option<OwnedSemaphorePermit>,
 }
 
 /// The records of one recording, from the thread that reads it.
@@ -35,16 +35,16 @@ pub(crate) struct ReadBatch {
 pub(crate) struct RecordStream {
     receiver: mpsc::Receiver<(Result<Recorded, RecordingError>, OwnedSemaphorePermit)>,
     read: u64,
-    room: Room,
+    memory: MemoryBudget,
 }
 
 /// The memory limit of one recording's records.
 #[derive(Clone)]
-struct Room {
+struct MemoryBudget {
     kibibytes: Arc<Semaphore>,
     most: u32,
     /// Notified when the reader waits for memory.
-    wanted: Arc<Notify>,
+    reader_waits: Arc<Notify>,
 }
 
 impl RecordStream {
@@ -56,8 +56,8 @@ impl RecordStream {
         I: Iterator<Item = Result<Recorded, RecordingError>>,
     {
         let (sender, receiver) = mpsc::channel(READ_AHEAD);
-        let room = Room::new(bytes);
-        let (reserve, runtime) = (room.clone(), Handle::current());
+        let memory = MemoryBudget::new(bytes);
+        let (reserve, runtime) = (memory.clone(), Handle::current());
         tokio::task::spawn_blocking(move || {
             let mut records = match open() {
                 Ok(records) => Some(records),
@@ -88,7 +88,7 @@ impl RecordStream {
                 }
             }
         });
-        Self { receiver, read: 0, room }
+        Self { receiver, read: 0, memory }
     }
 
     /// The next record as a batch; empty at the end.
@@ -114,7 +114,7 @@ impl RecordStream {
                     biased;
                     next = self.receiver.recv() => next,
                     // The reader waits for the memory of this batch.
-                    () = self.room.wanted.notified() => None,
+                    () = self.memory.reader_waits.notified() => None,
                 },
                 Err(_) => None,
             };
@@ -129,7 +129,7 @@ impl RecordStream {
 impl Drop for RecordStream {
     fn drop(&mut self) {
         // Ends a reader that waits for memory.
-        self.room.kibibytes.close();
+        self.memory.kibibytes.close();
     }
 }
 
@@ -140,21 +140,21 @@ impl ReadBatch {
         (record, taken): (Result<Recorded, RecordingError>, OwnedSemaphorePermit),
     ) {
         self.records.push((number, record));
-        match &mut self.room {
-            Some(room) => room.merge(taken),
-            None => self.room = Some(taken),
+        match &mut self.memory {
+            Some(memory) => memory.merge(taken),
+            None => self.memory = Some(taken),
         }
     }
 
     fn bytes(&self) -> usize {
-        self.room.as_ref().map_or(0, |room| 1024 * room.num_permits())
+        self.memory.as_ref().map_or(0, |memory| 1024 * memory.num_permits())
     }
 }
 
-impl Room {
+impl MemoryBudget {
     fn new(bytes: usize) -> Self {
         let most = u32::try_from(bytes / 1024).unwrap_or(u32::MAX).max(1);
-        Self { kibibytes: Arc::new(Semaphore::new(most as usize)), most, wanted: Arc::default() }
+        Self { kibibytes: Arc::new(Semaphore::new(most as usize)), most, reader_waits: Arc::default() }
     }
 
     /// The kibibytes for a number of bytes, capped at the limit.
@@ -168,7 +168,7 @@ impl Room {
         if let Ok(taken) = semaphore().try_acquire_many_owned(kibibytes) {
             return Some(taken);
         }
-        self.wanted.notify_one();
+        self.reader_waits.notify_one();
         runtime.block_on(semaphore().acquire_many_owned(kibibytes)).ok()
     }
 }
@@ -197,20 +197,20 @@ mod tests {
     }
 
     /// A stream of records of these sizes, and the number of bytes read from it.
-    fn stream(room: usize, sizes: Vec<usize>) -> (RecordStream, Arc<AtomicUsize>) {
+    fn stream(memory: usize, sizes: Vec<usize>) -> (RecordStream, Arc<AtomicUsize>) {
         let read = Arc::new(AtomicUsize::new(0));
         let counted = Arc::clone(&read);
         let records = sizes.into_iter().map(move |bytes| {
             counted.fetch_add(bytes, Ordering::SeqCst);
             Ok(recorded(bytes))
         });
-        (RecordStream::spawn(room, move || Ok(records)), read)
+        (RecordStream::spawn(memory, move || Ok(records)), read)
     }
 
     /// Reads to the end, holding the previous batch as one that waits for the disk; returns the largest
     /// number of bytes held and the batch sizes.
-    async fn read_through(room: usize, sizes: Vec<usize>) -> (usize, Vec<usize>) {
-        let (mut records, read) = stream(room, sizes);
+    async fn read_through(memory: usize, sizes: Vec<usize>) -> (usize, Vec<usize>) {
+        let (mut records, read) = stream(memory, sizes);
         let (mut before, mut stored, mut most) = (ReadBatch::default(), 0, 0);
         let mut batches = Vec::new();
         let bytes = |batch: &ReadBatch| -> usize {
@@ -236,14 +236,14 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn large_records_keep_within_the_bound() {
+    async fn large_records_stay_within_the_limit() {
         let (most, batches) = read_through(12 * MIB, vec![4 * MIB; 12]).await;
         assert_eq!(batches.iter().sum::<usize>(), 12);
         assert!(most <= 12 * MIB, "{most} bytes held");
     }
 
     #[tokio::test]
-    async fn a_record_beyond_the_bound_gets_through_by_itself() {
+    async fn a_record_beyond_the_limit_gets_through_alone() {
         for sizes in [vec![8 * MIB; 4], vec![MIB / 64, 8 * MIB, MIB / 64, MIB / 64, 8 * MIB], vec![8; 300]] {
             let (count, largest) = (sizes.len(), sizes.iter().copied().max().unwrap());
             let (most, batches) = read_through(2 * MIB, sizes).await;
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_reader_that_waits_for_room_ends_with_its_stream() {
+    async fn a_reader_that_waits_for_memory_ends_with_its_stream() {
         let ended = Arc::new(());
         let held = Arc::clone(&ended);
         let records = std::iter::repeat_with(move || {

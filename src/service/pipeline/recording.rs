@@ -21,7 +21,7 @@ pub(crate) struct RecordedBatch {
     batch: Batch,
     summary: BatchSummary,
     /// The share of the recording's memory that its records take until they are stored.
-    _room: Option<OwnedSemaphorePermit>,
+    _memory: Option<OwnedSemaphorePermit>,
 }
 
 impl Pipeline {
@@ -85,7 +85,7 @@ impl Pipeline {
         asset: &AssetId,
         read: ReadBatch,
     ) -> Result<RecordedBatch, ServiceError> {
-        let ReadBatch { records, room } = read;
+        let ReadBatch { records, memory } = read;
         let group = SensorGroup::of(&self.store, asset).await?;
         let received_at = self.clock.now();
         let (mut units, latest) =
@@ -128,7 +128,7 @@ impl Pipeline {
         Ok(RecordedBatch {
             batch: self.begin(group, records, raws, received_at).await?,
             summary,
-            _room: room,
+            _memory: memory,
         })
     }
 
@@ -138,7 +138,7 @@ impl Pipeline {
         begun: Option<RecordedBatch>,
         summary: &mut BatchSummary,
     ) -> Result<(), ServiceError> {
-        let Some(RecordedBatch { batch, summary: mut of_batch, _room }) = begun else {
+        let Some(RecordedBatch { batch, summary: mut of_batch, _memory }) = begun else {
             return Ok(());
         };
         for accepted in self.finish(batch).await? {

@@ -87,10 +87,10 @@ impl BatchSummary {
         self.queued += later.queued;
         self.repeated += later.repeated;
         self.refused_count += later.refused_count;
-        let room = MAX_REFUSED_LISTED.saturating_sub(self.refused.len());
-        self.refused.extend(later.refused.into_iter().take(room));
-        let room = MAX_TAKEN_LISTED.saturating_sub(self.segments.len());
-        self.segments.extend(later.segments.into_iter().take(room));
+        let capacity = MAX_REFUSED_LISTED.saturating_sub(self.refused.len());
+        self.refused.extend(later.refused.into_iter().take(capacity));
+        let capacity = MAX_TAKEN_LISTED.saturating_sub(self.segments.len());
+        self.segments.extend(later.segments.into_iter().take(capacity));
         self.channels.extend(later.channels);
         self.first_start_time = self.first_start_time.into_iter().chain(later.first_start_time).min();
         self.last_start_time = self.last_start_time.max(later.last_start_time);

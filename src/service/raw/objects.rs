@@ -58,7 +58,11 @@ impl RawObjects {
 
     /// Stores the raw bytes of known records again if they were lost or damaged, but not if the retention
     /// deleted them.
-    pub(crate) async fn mend(&self, known: &[Segment], raws: &[(String, Bytes)]) -> Result<(), ServiceError> {
+    pub(crate) async fn repair(
+        &self,
+        known: &[Segment],
+        raws: &[(String, Bytes)],
+    ) -> Result<(), ServiceError> {
         let mut kept = Vec::new();
         for (name, bytes) in raws {
             let of = known.iter().find(|segment| segment.raw.sha256 == *name);
@@ -72,14 +76,14 @@ impl RawObjects {
             return Ok(());
         }
         let store = self.store.clone();
-        let mend = move || {
-            kept.retain(|(name, _)| store.objects().get(name).is_err_and(|error| error.is_of_object()));
+        let repair = move || {
+            kept.retain(|(name, _)| store.objects().get(name).is_err_and(|error| error.is_object_error()));
             for (object, _) in &kept {
                 tracing::warn!(object, "a raw object was lost or damaged and was received again: storing it");
             }
             store.objects().put_all(&kept, &[])
         };
-        Ok(blocking("store raw bytes", mend).await??)
+        Ok(blocking("store raw bytes", repair).await??)
     }
 
     /// Writes the note of an asset beside the raw objects, or removes it if the asset is deleted.
@@ -100,7 +104,7 @@ impl RawObjects {
         let (store, id) = (self.store.clone(), id.clone());
         let write = move || {
             let objects = store.objects();
-            if store.held().is_some() && objects.asset_note(&id)?.is_some() {
+            if store.removal_hold().is_some() && objects.asset_note(&id)?.is_some() {
                 return Ok(());
             }
             match &note {
@@ -209,7 +213,7 @@ impl RawObjects {
                 .filter(|object| orphans.contains(&object.name))
                 .map(|object| object.bytes)
                 .sum::<u64>();
-            self.put_away(orphans).await?;
+            self.quarantine_unneeded(orphans).await?;
         }
         Ok((count, bytes))
     }
@@ -224,18 +228,18 @@ impl RawObjects {
 
     /// Moves unreferenced objects into quarantine. The caller holds the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn quarantine(&self, names: Vec<String>) -> Result<(), ServiceError> {
-        let unneeded = self.without_waiting(names).await?;
-        self.put_away(unneeded).await
+        let unneeded = self.excluding_waiting(names).await?;
+        self.quarantine_unneeded(unneeded).await
     }
 
     /// Removes unreferenced objects. The caller holds the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn remove(&self, names: Vec<String>) -> Result<(), ServiceError> {
-        let unneeded = self.without_waiting(names).await?;
-        self.give_away(unneeded, |store, name| store.objects().remove(name)).await
+        let unneeded = self.excluding_waiting(names).await?;
+        self.dispose_of(unneeded, |store, name| store.objects().remove(name)).await
     }
 
     /// Returns the objects that no waiting record needs.
-    async fn without_waiting(&self, mut names: Vec<String>) -> Result<Vec<String>, ServiceError> {
+    async fn excluding_waiting(&self, mut names: Vec<String>) -> Result<Vec<String>, ServiceError> {
         if !names.is_empty() {
             let waiting = self.waiting().await?;
             names.retain(|name| !waiting.contains(name));
@@ -244,27 +248,27 @@ impl RawObjects {
     }
 
     /// Moves objects into quarantine that neither a row nor a waiting record references.
-    async fn put_away(&self, names: Vec<String>) -> Result<(), ServiceError> {
+    async fn quarantine_unneeded(&self, names: Vec<String>) -> Result<(), ServiceError> {
         if names.is_empty() {
             return Ok(());
         }
         let store = self.store.clone();
         let now = blocking("read the clock of the object store", move || store.objects().time()).await??;
-        self.give_away(names, move |store, name| store.objects().quarantine(name, now)).await
+        self.dispose_of(names, move |store, name| store.objects().quarantine(name, now)).await
     }
 
     /// Calls `away` for each object; on a shared store only for objects that no process can have stored
     /// recently.
-    async fn give_away(
+    async fn dispose_of(
         &self,
         names: Vec<String>,
         away: impl Fn(&Store, &str) -> Result<(), StoreError> + Send + 'static,
     ) -> Result<(), ServiceError> {
-        if names.is_empty() || self.store.held().is_some() {
+        if names.is_empty() || self.store.removal_hold().is_some() {
             return Ok(());
         }
         let store = self.store.clone();
-        let give_away = move || {
+        let dispose_of = move || {
             // The time is read, which writes a file, only if it is needed: the disk may be full.
             let age = store.is_shared().then(|| Age::now(&store)).transpose()?;
             for name in &names {
@@ -280,7 +284,7 @@ impl RawObjects {
             }
             Ok::<_, StoreError>(())
         };
-        Ok(self.workers.run("remove raw recordings", give_away).await??)
+        Ok(self.workers.run("remove raw recordings", dispose_of).await??)
     }
 
     /// Removes the unreferenced ones of these objects; returns their number.

@@ -68,7 +68,7 @@ impl Retention {
     async fn give_up(&self, asset: Option<&AssetId>, quota: u64) -> Result<(), ServiceError> {
         loop {
             let _exclusive = self.objects.exclusive().await;
-            let given_up = self.store.give_up_oldest(asset, quota, GIVEN_UP_AT_ONCE).await?;
+            let given_up = self.store.delete_oldest_raw(asset, quota, GIVEN_UP_AT_ONCE).await?;
             let GivenUp { objects, bytes, is_within, orphans } = given_up;
             if objects > 0 {
                 self.objects.remove(orphans).await?;

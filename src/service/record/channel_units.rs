@@ -52,14 +52,14 @@ impl ChannelUnits {
     /// changed.
     ///
     /// Error: its unit cannot be converted to that of its channel.
-    pub(crate) fn fix(&self, record: Record) -> Result<(Record, Option<String>), ServiceError> {
+    pub(crate) fn convert(&self, record: Record) -> Result<(Record, Option<String>), ServiceError> {
         let unit = self.by_channel.get(record.channel()).or(self.others.as_ref());
         let Some(unit) = unit.filter(|unit| *unit != record.unit()) else {
             return Ok((record, None));
         };
-        let came_in = record.unit().to_owned();
-        let is_same = crate::signal::unit_factor(&came_in, unit) == Some(1.0);
+        let original_unit = record.unit().to_owned();
+        let is_same = crate::signal::unit_factor(&original_unit, unit) == Some(1.0);
         let fixed = record.in_unit(unit).map_err(RecordingError::from)?;
-        Ok((fixed, (!is_same).then_some(came_in)))
+        Ok((fixed, (!is_same).then_some(original_unit)))
     }
 }

@@ -174,11 +174,11 @@ pub(crate) fn identify_upload(
     let identified = (0..).zip(records).map(|(channel_index, record)| {
         check_unit(&record)?;
         units.note_first(&record);
-        let (record, came_in) = units.fix(record)?;
+        let (record, original_unit) = units.convert(record)?;
         let raw = RawReference {
             sha256: sha256.clone(),
             bytes: bytes.len() as u64,
-            media_type: with_unit(format.media_type(), came_in.as_deref()),
+            media_type: with_unit(format.media_type(), original_unit.as_deref()),
             channel_index,
         };
         IdentifiedRecord::new(asset, record, raw, reference_wear_um)
@@ -197,12 +197,15 @@ pub(crate) fn identify_recorded(
 ) -> IdentifiedOrRefused {
     let recorded = record.map_err(|error| (None, error.into()))?;
     let channel = recorded.record.channel().to_string();
-    let fixed = check_unit(&recorded.record).and_then(|()| units.fix(recorded.record));
-    let (record, came_in) = fixed.map_err(|error| (Some(channel.clone()), error))?;
+    let fixed = check_unit(&recorded.record).and_then(|()| units.convert(recorded.record));
+    let (record, original_unit) = fixed.map_err(|error| (Some(channel.clone()), error))?;
     let raw = RawReference {
         sha256: Objects::name(&recorded.raw),
         bytes: recorded.raw.len() as u64,
-        media_type: with_unit(RecordFormat::of_block(recorded.encoding).media_type(), came_in.as_deref()),
+        media_type: with_unit(
+            RecordFormat::of_block(recorded.encoding).media_type(),
+            original_unit.as_deref(),
+        ),
         channel_index: 0,
     };
     match IdentifiedRecord::new(asset, record, raw, recorded.reference_wear_um) {

@@ -56,13 +56,13 @@ impl StoredRecord {
     pub(crate) fn decode(&self, bytes: &[u8]) -> Result<Record, ServiceError> {
         let unexpected = |what, value, expected| StoreError::Unexpected { what, value, expected };
         let media_type = &self.raw.media_type;
-        let (_, came_in) = without_unit(media_type);
+        let (_, original_unit) = without_unit(media_type);
         let format = RecordFormat::from_media_type(media_type)
             .ok_or_else(|| unexpected("raw_media_type", media_type.clone(), "a media type of one record"))?;
         let defaults = RecordDefaults {
             channel: Some(self.channel.clone()),
             start_time: self.start_time,
-            unit: Some(came_in.unwrap_or(&self.unit).to_owned()),
+            unit: Some(original_unit.unwrap_or(&self.unit).to_owned()),
             operating_point: self.operating_point,
             ..RecordDefaults::default()
         };
@@ -97,14 +97,14 @@ impl StoredRecords {
 
     /// Reads the raw bytes of a segment, checked against their hash.
     ///
-    /// Error: [`ServiceError::RawGivenUp`].
+    /// Error: [`ServiceError::RawDeleted`].
     pub async fn raw(&self, segment: &Segment) -> Result<Bytes, ServiceError> {
         let name = &segment.raw.sha256;
         match raw_bytes(&self.store, name).await {
             Err(ServiceError::Store(StoreError::ObjectMissing(_)))
                 if !self.store.keeps_raw(&segment.asset_id, name).await? =>
             {
-                Err(ServiceError::RawGivenUp(segment.id.clone()))
+                Err(ServiceError::RawDeleted(segment.id.clone()))
             }
             read => read.inspect_err(
                 |error| tracing::warn!(segment = %segment.id, %error, "failed to read a raw recording"),

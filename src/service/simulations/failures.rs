@@ -37,19 +37,19 @@ impl Failures {
     }
 
     /// Stores a failure. If that fails, the next start simulates the library again.
-    pub(super) fn keep(&self, library: &str, reason: &str) {
+    pub(super) fn store(&self, library: &str, reason: &str) {
         let failure = Failure { version: VERSION.to_owned(), reason: reason.to_owned() };
-        let kept = serde_json::to_vec(&failure).map_err(io::Error::from).and_then(|bytes| {
+        let written = serde_json::to_vec(&failure).map_err(io::Error::from).and_then(|bytes| {
             fs::create_dir_all(&self.folder)?;
             fs::write(self.path(library), bytes)
         });
-        if let Err(error) = kept {
+        if let Err(error) = written {
             tracing::warn!(library, %error, "failed to store the failure of a simulation: the next start repeats the simulation");
         }
     }
 
     /// Removes the failure of a library, so that it is simulated again.
-    pub(super) fn forget(&self, library: &str) {
+    pub(super) fn remove(&self, library: &str) {
         match fs::remove_file(self.path(library)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
                 tracing::warn!(library, %error, "failed to remove the failure of a simulation: the simulation is not repeated");
@@ -68,11 +68,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_failure_counts_for_the_version_that_had_it() {
+    fn a_failure_is_valid_for_its_version_only() {
         let folder = tempfile::tempdir().unwrap();
         let failures = Failures::new(folder.path().join("failures"));
         assert_eq!(failures.reason("a1"), None);
-        failures.keep("a1", "no candidate");
+        failures.store("a1", "no candidate");
         assert_eq!(failures.reason("a1").as_deref(), Some("no candidate"));
         let path = failures.path("a1");
         let other = fs::read_to_string(&path).unwrap().replace(VERSION, "0.0.0-other");
@@ -80,8 +80,8 @@ mod tests {
         assert_eq!(failures.reason("a1"), None);
         fs::write(&path, "{\"version").unwrap();
         assert_eq!(failures.reason("a1"), None);
-        failures.forget("a1");
-        failures.forget("a1");
+        failures.remove("a1");
+        failures.remove("a1");
         assert!(!path.exists());
     }
 }

@@ -19,7 +19,7 @@ use crate::library::{
 
 /// Pairs simulated in one turn, a few seconds on two cores, so that an asset waiting for its library is
 /// served in between.
-const MEMBERS_A_TURN: usize = 32 * VARIANTS;
+const MEMBERS_PER_TURN: usize = 32 * VARIANTS;
 
 /// Ensembles by the id of their central library.
 pub(super) type Ensembles = Mutex<HashMap<String, Arc<Ensemble>>>;
@@ -39,7 +39,7 @@ pub(super) struct Job {
     /// Set when the library is no longer needed.
     pub(super) cancel: Arc<AtomicBool>,
     /// Notifies the assets that the library is ready, has more members, or has failed.
-    pub(super) tell: Box<dyn Fn() + Send + Sync>,
+    pub(super) notify: Box<dyn Fn() + Send + Sync>,
 }
 
 impl Job {
@@ -47,44 +47,44 @@ impl Job {
     pub(super) fn run(self) {
         match self.load_or_simulate() {
             Ok(()) => tracing::info!(library = %self.id, "library ready"),
-            Err(End::Cancelled) => {
+            Err(JobError::Cancelled) => {
                 tracing::info!(library = %self.id, "stopped the simulation of a library that no asset needs");
                 return;
             }
-            Err(End::FailedBefore(reason)) => {
+            Err(JobError::FailedBefore(reason)) => {
                 tracing::error!(library = %self.id, reason, "skipped the simulation of a library: it failed before");
                 self.simulation.send_modify(|simulation| simulation.fail(reason));
             }
-            Err(End::Failed { reason, is_of_pair }) => {
+            Err(JobError::Failed { reason, is_permanent }) => {
                 tracing::error!(library = %self.id, reason, "failed to simulate a library");
-                if is_of_pair {
-                    self.source.failures().keep(&self.id, &reason);
+                if is_permanent {
+                    self.source.failures().store(&self.id, &reason);
                 }
                 self.simulation.send_modify(|simulation| simulation.fail(reason));
             }
         }
-        (self.tell)();
+        (self.notify)();
     }
 
-    fn load_or_simulate(&self) -> Result<(), End> {
-        if guarded(|| Ok(self.load()))? {
+    fn load_or_simulate(&self) -> Result<(), JobError> {
+        if catch_panics(|| Ok(self.load()))? {
             return Ok(());
         }
         let Some(reason) = self.source.failures().reason(&self.id) else {
-            return guarded(|| self.simulate());
+            return catch_panics(|| self.simulate());
         };
         // The library itself exists if only its neighbours failed.
         let is_ready = matches!(self.simulation.borrow().readiness, Readiness::Ready(_));
-        if !is_ready && let Some(library) = self.source.kept(&self.pair, &self.grid) {
+        if !is_ready && let Some(library) = self.source.cached(&self.pair, &self.grid) {
             let alone = Ensemble::of(Arc::clone(&library));
             self.ready(library, alone, None);
         }
-        Err(End::FailedBefore(reason))
+        Err(JobError::FailedBefore(reason))
     }
 
     fn simulate(&self) -> Result<(), LibraryError> {
         if matches!(self.simulation.borrow().readiness, Readiness::Ready(_)) {
-            (self.tell)();
+            (self.notify)();
         } else {
             self.begin(SimulationStage::Waiting);
         }
@@ -113,7 +113,7 @@ impl Job {
             }
         };
         self.ready(Arc::clone(&library), first.clone(), Some(SimulationStage::Members));
-        (self.tell)();
+        (self.notify)();
         let whole = self.remaining(first)?;
         self.ready(library, whole, None);
         Ok(())
@@ -123,31 +123,31 @@ impl Job {
     fn remaining(&self, first: Ensemble) -> Result<Ensemble, LibraryError> {
         let (begin, all) = (self.neighbours.first().members, self.neighbours.members);
         let progress = self.progress();
-        let mut so_far = first;
-        for done in (begin..all).step_by(MEMBERS_A_TURN) {
+        let mut ensemble = first;
+        for done in (begin..all).step_by(MEMBERS_PER_TURN) {
             let before = (done - begin) / VARIANTS;
             let of_all = |more: usize, _: usize| progress(before + more, (all - begin).div_ceil(VARIANTS));
             let _turn = self.turns.wait(SimulationStage::Members);
-            let settings = EnsembleSettings { members: done + MEMBERS_A_TURN };
+            let settings = EnsembleSettings { members: done + MEMBERS_PER_TURN };
             if settings.members >= all {
-                return self.members(&so_far, &self.neighbours, &of_all);
+                return self.members(&ensemble, &self.neighbours, &of_all);
             }
             let control = BuildControl::with_progress(&of_all).cancelled_by(&self.cancel);
-            so_far = so_far.extended(&settings, &control)?;
+            ensemble = ensemble.extended(&settings, &control)?;
         }
-        Ok(so_far)
+        Ok(ensemble)
     }
 
     /// Loads the library and its members from the cache, only the first members if not all are cached;
     /// returns whether everything was loaded.
     fn load(&self) -> bool {
         let _turn = lock(&self.loading);
-        let Some(library) = self.source.kept(&self.pair, &self.grid) else {
+        let Some(library) = self.source.cached(&self.pair, &self.grid) else {
             return false;
         };
         let kept = |settings: &EnsembleSettings| match settings.members {
             0 => Some(Ensemble::of(Arc::clone(&library))),
-            _ => self.source.kept_ensemble(&library, settings),
+            _ => self.source.cached_ensemble(&library, settings),
         };
         if let Some(whole) = kept(&self.neighbours) {
             self.ready(Arc::clone(&library), whole, None);
@@ -199,7 +199,7 @@ impl Job {
 
 /// Why a simulation ends without success.
 #[derive(Debug, PartialEq, Eq)]
-enum End {
+enum JobError {
     Cancelled,
     /// It failed at an earlier start, for this reason.
     FailedBefore(String),
@@ -207,28 +207,28 @@ enum End {
         reason: String,
         /// Whether the pair is the cause and it would fail again; otherwise, for example with a full disk,
         /// the next start may succeed.
-        is_of_pair: bool,
+        is_permanent: bool,
     },
 }
 
-fn guarded<T>(simulate: impl FnOnce() -> Result<T, LibraryError>) -> Result<T, End> {
+fn catch_panics<T>(simulate: impl FnOnce() -> Result<T, LibraryError>) -> Result<T, JobError> {
     // State left by a panic is read only if it is complete.
     match catch_unwind(AssertUnwindSafe(simulate)) {
         Ok(Ok(done)) => Ok(done),
-        Ok(Err(LibraryError::Cancelled)) => Err(End::Cancelled),
+        Ok(Err(LibraryError::Cancelled)) => Err(JobError::Cancelled),
         Ok(Err(error)) => {
             use LibraryError::{Gear, Grid, Response};
-            let is_of_pair = matches!(error, Gear(_) | Grid { .. } | Response { .. });
-            Err(End::Failed { reason: error.to_string(), is_of_pair })
+            let is_permanent = matches!(error, Gear(_) | Grid { .. } | Response { .. });
+            Err(JobError::Failed { reason: error.to_string(), is_permanent })
         }
         Err(panic) => {
-            let reason = format!("the simulation panicked: {}", words_of(panic.as_ref()));
-            Err(End::Failed { reason, is_of_pair: true })
+            let reason = format!("the simulation panicked: {}", panic_message(panic.as_ref()));
+            Err(JobError::Failed { reason, is_permanent: true })
         }
     }
 }
 
-fn words_of(panic: &(dyn Any + Send)) -> &str {
+fn panic_message(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<&str>().copied();
     text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("without a message")
 }
@@ -243,19 +243,19 @@ mod tests {
 
     #[test]
     fn errors_and_panics_become_reasons() {
-        assert_eq!(guarded(|| Ok(())), Ok(()));
-        assert_eq!(guarded::<()>(|| Err(LibraryError::Cancelled)), Err(End::Cancelled));
-        let damaged = guarded::<()>(|| Err(LibraryError::Damaged("torn".into())));
+        assert_eq!(catch_panics(|| Ok(())), Ok(()));
+        assert_eq!(catch_panics::<()>(|| Err(LibraryError::Cancelled)), Err(JobError::Cancelled));
+        let damaged = catch_panics::<()>(|| Err(LibraryError::Damaged("torn".into())));
         let reason = "damaged library file: torn".to_owned();
-        assert_eq!(damaged, Err(End::Failed { reason, is_of_pair: false }));
+        assert_eq!(damaged, Err(JobError::Failed { reason, is_permanent: false }));
         let teeth = 0;
         let reason = "the simulation panicked: 0 teeth".to_owned();
-        let panicked = guarded::<()>(|| panic!("{teeth} teeth"));
-        assert_eq!(panicked, Err(End::Failed { reason, is_of_pair: true }));
+        let panicked = catch_panics::<()>(|| panic!("{teeth} teeth"));
+        assert_eq!(panicked, Err(JobError::Failed { reason, is_permanent: true }));
     }
 
     /// The final status of a job for a valid pair, with this many wear states.
-    fn ends(folder: &std::path::Path, id: &str, states: usize) -> Simulation {
+    fn run_job(folder: &std::path::Path, id: &str, states: usize) -> Simulation {
         let (simulation, receiver) = watch::channel(Simulation::begin());
         let job = Job {
             id: id.to_owned(),
@@ -268,22 +268,22 @@ mod tests {
             ensembles: Arc::default(),
             simulation,
             cancel: Arc::default(),
-            tell: Box::new(|| {}),
+            notify: Box::new(|| {}),
         };
         job.run();
         receiver.borrow().clone()
     }
 
     #[test]
-    fn what_failed_is_not_tried_again_until_it_is_forgotten() {
+    fn a_failed_simulation_is_skipped_until_its_failure_is_removed() {
         let folder = tempfile::tempdir().unwrap();
-        let failed = ends(folder.path(), "a1", 0);
+        let failed = run_job(folder.path(), "a1", 0);
         let reason = failed.error.unwrap();
         assert!(reason.contains("states"), "{reason}");
         // It would succeed now, but is skipped.
-        let again = ends(folder.path(), "a1", 3);
+        let again = run_job(folder.path(), "a1", 3);
         assert_eq!((again.readiness.name(), again.error), ("failed", Some(reason)));
-        LibrarySource::alone(folder.path()).failures().forget("a1");
-        assert_eq!(ends(folder.path(), "a1", 3).readiness.name(), "ready");
+        LibrarySource::alone(folder.path()).failures().remove("a1");
+        assert_eq!(run_job(folder.path(), "a1", 3).readiness.name(), "ready");
     }
 }

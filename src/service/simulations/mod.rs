@@ -25,7 +25,7 @@ use turns::Turns;
 
 /// How long a record waits for its library to be loaded from the cache, so that its history continues with
 /// the library it was folded with.
-const KNOWN_WITHIN: Duration = Duration::from_secs(10);
+const MAX_LOAD_WAIT: Duration = Duration::from_secs(10);
 
 /// An estimator with keys that identify all its inputs.
 #[derive(Debug, Clone)]
@@ -52,14 +52,14 @@ impl KeyedEstimator {
 }
 
 /// A library that assets need.
-struct Asked {
+struct RequestedLibrary {
     simulation: watch::Receiver<Simulation>,
     cancel: Arc<AtomicBool>,
     /// The assets with their descriptions at the time of the request.
-    by: HashMap<AssetId, AssetSpec>,
+    assets: HashMap<AssetId, AssetSpec>,
 }
 
-impl Asked {
+impl RequestedLibrary {
     fn is_over(&self) -> bool {
         let simulation = self.simulation.borrow();
         !simulation.is_loading && simulation.progress.is_none()
@@ -71,14 +71,14 @@ impl Asked {
 }
 
 /// By library id.
-type AllAsked = Mutex<HashMap<String, Asked>>;
+type RequestedLibraries = Mutex<HashMap<String, RequestedLibrary>>;
 
 /// The libraries in use.
 pub struct Simulations {
     source: LibrarySource,
     /// For module 6 mm; [`GridSettings::for_pair`] gives the settings for a pair.
     grid: GridSettings,
-    asked: Arc<AllAsked>,
+    requested: Arc<RequestedLibraries>,
     /// By fold key, including those of histories that are being recomputed.
     estimators: Mutex<HashMap<String, KeyedEstimator>>,
     neighbours: EnsembleSettings,
@@ -102,7 +102,7 @@ impl Simulations {
             changed,
             source,
             grid,
-            asked: Arc::default(),
+            requested: Arc::default(),
             estimators: Mutex::default(),
             neighbours,
             ensembles: Arc::default(),
@@ -118,7 +118,7 @@ impl Simulations {
 
     /// The identifier and status of an asset's library; starts its simulation if it was not requested before.
     pub fn of(&self, spec: &AssetSpec) -> (Option<String>, Simulation) {
-        match self.ask(spec) {
+        match self.request(spec) {
             Some((id, simulation)) => (Some(id), simulation.borrow().clone()),
             None => (None, Simulation::none()),
         }
@@ -126,7 +126,7 @@ impl Simulations {
 
     /// Starts the simulation of an asset's library in the background if it was not requested before.
     pub fn start(&self, spec: &AssetSpec) {
-        self.ask(spec);
+        self.request(spec);
     }
 
     /// Sets the description of an asset and starts to simulate its library in the background. If the
@@ -137,21 +137,21 @@ impl Simulations {
         self.release_except(&spec.id, id.as_deref());
         let Some(id) = id else { return };
         let failed = {
-            let mut all = lock(&self.asked);
+            let mut all = lock(&self.requested);
             // The libraries of all assets are requested at the start, so this is a new description.
-            let is_new = all.get(&id).is_none_or(|asked| asked.by.get(&spec.id) != Some(spec));
-            let is_over = all.get(&id).is_none_or(Asked::has_failed);
+            let is_new = all.get(&id).is_none_or(|requested| requested.assets.get(&spec.id) != Some(spec));
+            let is_over = all.get(&id).is_none_or(RequestedLibrary::has_failed);
             if is_new && is_over {
-                self.source.failures().forget(&id);
+                self.source.failures().remove(&id);
                 all.remove(&id)
             } else {
                 None
             }
         };
-        self.ask(spec);
-        if let Some(asked) = lock(&self.asked).get_mut(&id) {
-            asked.by.extend(failed.into_iter().flat_map(|failed| failed.by));
-            asked.by.insert(spec.id.clone(), spec.clone());
+        self.request(spec);
+        if let Some(requested) = lock(&self.requested).get_mut(&id) {
+            requested.assets.extend(failed.into_iter().flat_map(|failed| failed.assets));
+            requested.assets.insert(spec.id.clone(), spec.clone());
         }
     }
 
@@ -161,36 +161,40 @@ impl Simulations {
     }
 
     fn release_except(&self, asset: &AssetId, kept: Option<&str>) {
-        lock(&self.asked).retain(|id, asked| {
-            if Some(id.as_str()) == kept || asked.by.remove(asset).is_none() || !asked.by.is_empty() {
+        lock(&self.requested).retain(|id, requested| {
+            if Some(id.as_str()) == kept
+                || requested.assets.remove(asset).is_none()
+                || !requested.assets.is_empty()
+            {
                 return true;
             }
-            let is_there = asked.is_over() && !asked.has_failed();
+            let is_there = requested.is_over() && !requested.has_failed();
             if !is_there {
-                asked.cancel.store(true, Ordering::Relaxed);
+                requested.cancel.store(true, Ordering::Relaxed);
             }
             is_there
         });
     }
 
-    fn ask(&self, spec: &AssetSpec) -> Option<(String, watch::Receiver<Simulation>)> {
+    fn request(&self, spec: &AssetSpec) -> Option<(String, watch::Receiver<Simulation>)> {
         let pair = spec.pair()?.clone();
         let grid = self.grid.for_pair(&pair);
         let id = library_id(&pair, &grid);
-        let mut all = lock(&self.asked);
-        if let Some(asked) = all.get_mut(&id) {
-            asked.by.entry(spec.id.clone()).or_insert_with(|| spec.clone());
-            return Some((id, asked.simulation.clone()));
+        let mut all = lock(&self.requested);
+        if let Some(requested) = all.get_mut(&id) {
+            requested.assets.entry(spec.id.clone()).or_insert_with(|| spec.clone());
+            return Some((id, requested.simulation.clone()));
         }
         let (sender, receiver) = watch::channel(Simulation::begin());
         let cancel = Arc::<AtomicBool>::default();
-        let asked = Asked {
+        let requested = RequestedLibrary {
             simulation: receiver.clone(),
             cancel: Arc::clone(&cancel),
-            by: HashMap::from([(spec.id.clone(), spec.clone())]),
+            assets: HashMap::from([(spec.id.clone(), spec.clone())]),
         };
-        all.insert(id.clone(), asked);
-        let (asked, changed, told) = (Arc::downgrade(&self.asked), self.changed.clone(), id.clone());
+        all.insert(id.clone(), requested);
+        let (requested, changed, library) =
+            (Arc::downgrade(&self.requested), self.changed.clone(), id.clone());
         let job = Job {
             id: id.clone(),
             pair,
@@ -202,7 +206,7 @@ impl Simulations {
             ensembles: Arc::clone(&self.ensembles),
             simulation: sender,
             cancel,
-            tell: Box::new(move || tell(&asked, &told, &changed)),
+            notify: Box::new(move || notify(&requested, &library, &changed)),
         };
         // A separate thread, not one of the runtime: a build may take a minute and must not delay the exit of
         // the process.
@@ -215,13 +219,13 @@ impl Simulations {
     }
 
     /// Waits until the library of an asset is loaded from the cache or known to be missing there.
-    pub(crate) async fn known(&self, spec: &AssetSpec) {
-        let Some((_, mut simulation)) = self.ask(spec) else {
+    pub(crate) async fn wait_until_loaded(&self, spec: &AssetSpec) {
+        let Some((_, mut simulation)) = self.request(spec) else {
             return;
         };
         let known = simulation.wait_for(|simulation| !simulation.is_loading);
         // After the timeout the record is folded without the library.
-        let _ = tokio::time::timeout(KNOWN_WITHIN, known).await;
+        let _ = tokio::time::timeout(MAX_LOAD_WAIT, known).await;
     }
 
     /// The current estimator of an asset: without a library if that is still being simulated, or has failed.
@@ -247,7 +251,7 @@ impl Simulations {
     /// Whether neighbours of an asset's library are still being simulated, so that a history folded now has
     /// to be folded again with them.
     pub(crate) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
-        let Some((_, simulation)) = self.ask(spec) else {
+        let Some((_, simulation)) = self.request(spec) else {
             return false;
         };
         let simulation = simulation.borrow();
@@ -285,16 +289,16 @@ impl Simulations {
 impl Drop for Simulations {
     /// Cancels all simulations: they would keep every core busy although nothing can use their results.
     fn drop(&mut self) {
-        for asked in lock(&self.asked).values() {
-            asked.cancel.store(true, Ordering::Relaxed);
+        for requested in lock(&self.requested).values() {
+            requested.cancel.store(true, Ordering::Relaxed);
         }
     }
 }
 
 /// Notifies the assets that need a library.
-fn tell(all: &Weak<AllAsked>, library: &str, changed: &mpsc::UnboundedSender<Vec<AssetId>>) {
+fn notify(all: &Weak<RequestedLibraries>, library: &str, changed: &mpsc::UnboundedSender<Vec<AssetId>>) {
     let Some(all) = all.upgrade() else { return };
-    let assets = lock(&all).get(library).map(|asked| asked.by.keys().cloned().collect());
+    let assets = lock(&all).get(library).map(|requested| requested.assets.keys().cloned().collect());
     // The receiver is gone if the service has ended.
     let _ = changed.send(assets.unwrap_or_default());
 }

@@ -17,10 +17,10 @@ use crate::service::clock::Clock;
 use crate::store::{Store, StoreError};
 
 /// Interval at which a library that another process builds, or an unavailable store, is checked again.
-const ASKED_AGAIN: Duration = Duration::from_secs(2);
+const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 
 /// Interval at which a process renews its right to build a library.
-const SAID_EVERY: Duration = Duration::from_secs(15);
+const RENEWAL_INTERVAL: Duration = Duration::from_secs(15);
 
 /// Libraries by the hash of their inputs. Every method blocks: to be called on a separate thread, not on one
 /// of the runtime.
@@ -70,15 +70,15 @@ impl LibrarySource {
     }
 
     /// The cached library of these inputs.
-    pub(super) fn kept(&self, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
+    pub(super) fn cached(&self, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
         let id = library_id(pair, grid);
         if let Ok(Some(library)) = self.cache.get(&id)
-            && is_it(&library, pair, grid)
+            && has_inputs(&library, pair, grid)
         {
             return Some(library);
         }
         let library = self.shared.as_ref()?.fetch(&id).ok()??;
-        if !is_it(&library, pair, grid) {
+        if !has_inputs(&library, pair, grid) {
             return None;
         }
         self.cache.put(&library).ok()?;
@@ -87,7 +87,7 @@ impl LibrarySource {
 
     /// Caches an ensemble for the next start. If that fails, for example on a full disk, the ensemble is used
     /// all the same.
-    fn keep_ensemble(&self, ensemble: &Ensemble) {
+    fn cache_ensemble(&self, ensemble: &Ensemble) {
         if let Err(error) = self.cache.put_ensemble(ensemble) {
             let id = ensemble.id();
             tracing::warn!(ensemble = id, %error, "failed to cache an ensemble: the next start simulates it again");
@@ -114,7 +114,7 @@ impl LibrarySource {
     }
 
     /// The cached ensemble with these settings around a library.
-    pub(super) fn kept_ensemble(
+    pub(super) fn cached_ensemble(
         &self,
         library: &Arc<Library>,
         settings: &EnsembleSettings,
@@ -132,7 +132,7 @@ impl LibrarySource {
             && let Ok(ensemble) = decode_ensemble(&bytes, Arc::clone(library))
             && ensemble.id() == id
         {
-            self.keep_ensemble(&ensemble);
+            self.cache_ensemble(&ensemble);
             return Some(ensemble);
         }
         None
@@ -146,11 +146,11 @@ impl LibrarySource {
         settings: &EnsembleSettings,
         control: &BuildControl<'_>,
     ) -> Result<Ensemble, LibraryError> {
-        if let Some(kept) = self.kept_ensemble(smaller.described(), settings) {
+        if let Some(kept) = self.cached_ensemble(smaller.described(), settings) {
             return Ok(kept);
         }
         let ensemble = smaller.extended(settings, control)?;
-        self.keep_ensemble(&ensemble);
+        self.cache_ensemble(&ensemble);
         if let Some(shared) = &self.shared
             && let Err(error) =
                 shared.store.objects().put_library(ensemble.id(), encode_ensemble(&ensemble).into())
@@ -162,7 +162,7 @@ impl LibrarySource {
     }
 }
 
-fn is_it(library: &Library, pair: &PairSpec, grid: &GridSettings) -> bool {
+fn has_inputs(library: &Library, pair: &PairSpec, grid: &GridSettings) -> bool {
     library.pair() == pair && library.manifest().grid == *grid
 }
 
@@ -185,34 +185,34 @@ impl Shared {
     ) -> Result<Arc<Library>, LibraryError> {
         let id = library_id(pair, grid);
         if let Ok(Some(library)) = cache.get(&id)
-            && is_it(&library, pair, grid)
+            && has_inputs(&library, pair, grid)
         {
             return Ok(library);
         }
         loop {
             check(cancel)?;
             match self.fetch(&id) {
-                Ok(Some(library)) if is_it(&library, pair, grid) => {
+                Ok(Some(library)) if has_inputs(&library, pair, grid) => {
                     cache.put(&library)?;
                     return Ok(Arc::new(library));
                 }
                 Ok(_) => match self.begin(&id) {
                     Ok(true) => break,
                     // Another process builds it.
-                    Ok(false) => std::thread::sleep(ASKED_AGAIN),
+                    Ok(false) => std::thread::sleep(RETRY_INTERVAL),
                     Err(error) => self.wait_for_store(&error),
                 },
                 Err(error) => self.wait_for_store(&error),
             }
         }
-        let said = Mutex::new(Instant::now());
+        let renewed_at = Mutex::new(Instant::now());
         let progress = |done, total| {
             progress(done, total);
-            let mut said = said.lock().unwrap_or_else(PoisonError::into_inner);
-            if said.elapsed() >= SAID_EVERY {
-                *said = Instant::now();
+            let mut renewed_at = renewed_at.lock().unwrap_or_else(PoisonError::into_inner);
+            if renewed_at.elapsed() >= RENEWAL_INTERVAL {
+                *renewed_at = Instant::now();
                 // If this fails, another process may build the same library, bit for bit.
-                if let Err(error) = self.runtime.block_on(self.store.go_on_building(&id, self.clock.now())) {
+                if let Err(error) = self.runtime.block_on(self.store.renew_building(&id, self.clock.now())) {
                     tracing::warn!(%error, "failed to renew the right to build a library");
                 }
             }
@@ -257,7 +257,7 @@ impl Shared {
 
     fn wait_for_store(&self, error: &StoreError) {
         tracing::warn!(%error, "failed to access the store for a library: retrying");
-        std::thread::sleep(ASKED_AGAIN);
+        std::thread::sleep(RETRY_INTERVAL);
     }
 }
 
@@ -266,7 +266,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_ensemble_that_cannot_be_kept_is_used() {
+    fn an_ensemble_that_cannot_be_cached_is_used() {
         let folder = tempfile::tempdir().unwrap();
         // A file takes the place of its folder.
         std::fs::write(folder.path().join("ensembles"), "").unwrap();
@@ -278,6 +278,6 @@ mod tests {
         let control = BuildControl::silent();
         let ensemble = source.ensemble(&Ensemble::of(library), &settings, &control).unwrap();
         assert_eq!(ensemble.members().len(), 4);
-        assert!(source.kept_ensemble(ensemble.described(), &settings).is_none());
+        assert!(source.cached_ensemble(ensemble.described(), &settings).is_none());
     }
 }

@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_later_leaves_what_is_ready() {
+    fn a_failure_is_reported() {
         let mut simulation = Simulation::begin();
         simulation.fail("no".to_owned());
         assert_eq!(simulation.readiness.name(), "failed");

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_waited_for_goes_first() {
+    fn earlier_stages_come_first() {
         use SimulationStage::{FirstMembers, Library, Members};
         let turns = Turns::default();
         let order = Mutex::new(Vec::new());

@@ -238,7 +238,7 @@ mod tests {
             if restarts {
                 drop(stream);
                 stream = StoredStream::open(folder.path()).unwrap().unwrap();
-                stream.plan(&steady()).unwrap();
+                stream.plan_records(&steady()).unwrap();
             }
             if gaps.contains(&pair[0]) {
                 stream.give_up_before(pair[1], &steady()).unwrap();

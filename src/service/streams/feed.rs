@@ -20,14 +20,14 @@ use crate::store::StoreError;
 const INTERVAL: Duration = Duration::from_millis(125);
 
 /// Interval at which the asset's description is read again.
-const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+const DESCRIPTION_INTERVAL: Duration = Duration::from_secs(2);
 
 /// Time without samples after which viewers are notified, and then again each second.
 const WAITING_AFTER: Duration = Duration::from_secs(2);
 
 /// The latest update of a live view.
 #[derive(Debug, Clone, Default)]
-struct Latest {
+struct LatestUpdate {
     /// Counts frames.
     number: u64,
     frame: Option<Arc<str>>,
@@ -39,7 +39,7 @@ struct Latest {
 /// Sends the updates of a live view to its viewers.
 #[derive(Debug, Default)]
 pub(super) struct LiveFeed {
-    latest: watch::Sender<Latest>,
+    latest: watch::Sender<LatestUpdate>,
     is_running: AtomicBool,
 }
 
@@ -55,7 +55,7 @@ pub enum LiveUpdate {
 /// A viewer of a stream.
 #[derive(Debug)]
 pub struct StreamViewer {
-    latest: watch::Receiver<Latest>,
+    latest: watch::Receiver<LatestUpdate>,
     /// The last frame and waiting time returned.
     seen: u64,
     waiting_s: Option<u64>,
@@ -97,7 +97,7 @@ impl LiveFeed {
         });
     }
 
-    fn tell(&self, change: impl FnOnce(&mut Latest)) {
+    fn update(&self, change: impl FnOnce(&mut LatestUpdate)) {
         self.latest.send_modify(change);
     }
 
@@ -126,34 +126,36 @@ impl Streams {
         let stream = self.find(asset, name, false)?;
         let latest = stream.feed.latest.subscribe();
         if stream.feed.begin() {
-            stream.feed.tell(|latest| *latest = Latest { number: latest.number + 1, ..Latest::default() });
-            tokio::spawn(Feeding::new(Arc::clone(self), stream).run());
+            stream.feed.update(|latest| {
+                *latest = LatestUpdate { number: latest.number + 1, ..LatestUpdate::default() }
+            });
+            tokio::spawn(FrameProducer::new(Arc::clone(self), stream).run());
         }
         Ok(StreamViewer { latest, seen: 0, waiting_s: None })
     }
 }
 
 /// Produces the frames of one stream.
-struct Feeding {
+struct FrameProducer {
     streams: Arc<Streams>,
     stream: Arc<LiveStream>,
     /// The asset's description, and when it was read.
     asset: Option<(Arc<AssetSpec>, Instant)>,
     /// When new samples were last seen.
-    heard_at: Option<Instant>,
+    last_sample_at: Option<Instant>,
     /// The index for which the last frame was made, and the index and time of its end.
     seen_next: Option<u64>,
     shown_end: Option<u64>,
     shown_time: Option<Timestamp>,
 }
 
-impl Feeding {
+impl FrameProducer {
     fn new(streams: Arc<Streams>, stream: Arc<LiveStream>) -> Self {
         Self {
             streams,
             stream,
             asset: None,
-            heard_at: None,
+            last_sample_at: None,
             seen_next: None,
             shown_end: None,
             shown_time: None,
@@ -196,7 +198,7 @@ impl Feeding {
                 }
             }
         }
-        self.stream.feed.tell(|latest| latest.is_over = true);
+        self.stream.feed.update(|latest| latest.is_over = true);
         self.stream.feed.is_running.store(false, Ordering::SeqCst);
         self.forget().await;
     }
@@ -213,13 +215,13 @@ impl Feeding {
         }
         // The first frame shows earlier samples.
         if self.shown_end.is_some() {
-            self.heard_at = Some(Instant::now());
+            self.last_sample_at = Some(Instant::now());
         }
         (self.shown_end, self.shown_time) = (end, latest.time);
         let make = move || serde_json::to_string(&latest.frame(&asset));
         // Numbers and names always serialise.
         let frame = self.streams.workers.run_first("produce a live view", make).await?.unwrap_or_default();
-        self.stream.feed.tell(|latest| {
+        self.stream.feed.update(|latest| {
             latest.number += 1;
             latest.frame = Some(frame.into());
             latest.waiting_s = None;
@@ -229,7 +231,7 @@ impl Feeding {
 
     async fn asset(&mut self) -> Result<Arc<AssetSpec>, ServiceError> {
         if let Some((asset, read_at)) = &self.asset
-            && read_at.elapsed() < LOOK_INTERVAL
+            && read_at.elapsed() < DESCRIPTION_INTERVAL
         {
             return Ok(Arc::clone(asset));
         }
@@ -245,8 +247,8 @@ impl Feeding {
 
     /// Updates the time without samples.
     fn wait(&self) {
-        let waited = match self.heard_at {
-            Some(heard_at) => heard_at.elapsed(),
+        let waited = match self.last_sample_at {
+            Some(last_sample_at) => last_sample_at.elapsed(),
             // None since the first viewer: by the time of the last sample.
             None => self.since_last_sample().unwrap_or_default(),
         };

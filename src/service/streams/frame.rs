@@ -89,7 +89,7 @@ pub(super) fn frames_of(format: &StreamFormat) -> u64 {
 }
 
 /// The input of a frame.
-pub(super) struct Latest {
+pub(super) struct LatestSamples {
     pub(super) format: StreamFormat,
     pub(super) first: u64,
     pub(super) bytes: Bytes,
@@ -97,7 +97,7 @@ pub(super) struct Latest {
     pub(super) operating_point: OperatingPoint,
 }
 
-impl Latest {
+impl LatestSamples {
     /// Index after the last sample.
     pub(super) fn end(&self) -> u64 {
         self.first + (self.bytes.len() / self.format.frame_bytes()) as u64
@@ -206,8 +206,8 @@ mod tests {
         AssetSpec::from_toml(text).unwrap()
     }
 
-    fn latest(channels: u32, values: impl IntoIterator<Item = f32>) -> Latest {
-        Latest {
+    fn latest(channels: u32, values: impl IntoIterator<Item = f32>) -> LatestSamples {
+        LatestSamples {
             format: StreamFormat::new(RawSample::F32, 20_000.0, channels, None).unwrap(),
             first: 100,
             bytes: values.into_iter().flat_map(f32::to_le_bytes).collect(),
@@ -271,7 +271,7 @@ mod tests {
             let frames = frames_of(&format);
             assert!(frames * u64::from(channels) <= MAX_SAMPLES && frames >= 256, "{frames}");
             let values = (0..frames * u64::from(channels)).map(|n| (n % 977) as f32);
-            let latest = Latest { format, ..latest(1, values) };
+            let latest = LatestSamples { format, ..latest(1, values) };
             let text = serde_json::to_string(&latest.frame(&asset())).unwrap();
             assert!(text.len() < 400_000, "{channels}: {}", text.len());
         }

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use tokio::sync::watch;
 
 use super::feed::LiveFeed;
-use super::frame::{Latest, frames_of};
+use super::frame::{LatestSamples, frames_of};
 use super::state::PendingCut;
 use super::stored::StoredStream;
 use crate::asset::AssetId;
@@ -75,12 +75,12 @@ impl LiveStream {
     }
 
     /// The latest samples, which stay in memory from now on.
-    pub(super) fn latest(&self) -> Result<Latest, ServiceError> {
+    pub(super) fn latest(&self) -> Result<LatestSamples, ServiceError> {
         self.with_stored(|stored| {
             let (first, bytes) = stored.recent(frames_of(&stored.state().format))?;
             let state = stored.state();
             let end = first + (bytes.len() / state.format.frame_bytes()) as u64;
-            Ok(Latest {
+            Ok(LatestSamples {
                 format: state.format.clone(),
                 first,
                 bytes,
@@ -180,7 +180,7 @@ impl LiveStream {
                     frames,
                     "skipped a record of a stream: its samples are missing in the journal"
                 );
-                stored.done(first, true)?;
+                stored.finish_record(first, true)?;
                 return Err(RecordingError::NoBytes.into());
             };
             let tachometer = stored.state().tachometer_of(pending.cut);

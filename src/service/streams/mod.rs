@@ -149,7 +149,7 @@ impl Streams {
                         name: opened.name.clone(),
                     });
                 }
-                stored.begin_again();
+                stored.drop_waiting_chunks();
                 Ok((stored.state().next, opened.take_over()))
             })
         })
@@ -273,7 +273,7 @@ impl Streams {
                         return Ok(false);
                     }
                     if let Ok(cutting) = Cutting::of(&described.spec, &stored.state().format) {
-                        stored.plan(&cutting)?;
+                        stored.plan_records(&cutting)?;
                     }
                     Ok(true)
                 })

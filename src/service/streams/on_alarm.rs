@@ -18,13 +18,13 @@ use crate::store::AlarmNotice;
 
 /// Maximum age, relative to the stream, of the record that raised an alarm: an older one is unrelated to the
 /// current samples.
-const OLD: SignedDuration = SignedDuration::from_hours(1);
+const MAX_ALARM_AGE: SignedDuration = SignedDuration::from_hours(1);
 
 /// The severities of raised alarms, to detect increases.
 #[derive(Debug, Default)]
-struct Raised(HashMap<String, Severity>);
+struct RaisedSeverities(HashMap<String, Severity>);
 
-impl Raised {
+impl RaisedSeverities {
     /// Whether a notice raises an alarm or increases its severity.
     fn is_news(&mut self, notice: &AlarmNotice) -> bool {
         let Some(severity) = notice.change.severity else {
@@ -44,7 +44,7 @@ impl Streams {
         let (mut events, mut over) = (self.events.follow(), self.follow_end());
         let streams = Arc::downgrade(self);
         tokio::spawn(async move {
-            let mut raised = Raised::default();
+            let mut raised = RaisedSeverities::default();
             loop {
                 let event = tokio::select! {
                     _ = over.wait_for(|over| *over) => return,
@@ -57,7 +57,7 @@ impl Streams {
                 };
                 let Some(streams) = streams.upgrade() else { return };
                 if raised.is_news(&notice)
-                    && let Err(error) = streams.keep_around_alarm(&notice.alarm.asset_id, &notice).await
+                    && let Err(error) = streams.capture_around_alarm(&notice.alarm.asset_id, &notice).await
                 {
                     let asset = &notice.alarm.asset_id;
                     tracing::warn!(%asset, %error, "failed to capture samples around an alarm");
@@ -67,7 +67,7 @@ impl Streams {
     }
 
     /// Captures the samples around an alarm in every stream of its asset.
-    async fn keep_around_alarm(
+    async fn capture_around_alarm(
         self: &Arc<Self>,
         asset: &AssetId,
         notice: &AlarmNotice,
@@ -82,17 +82,17 @@ impl Streams {
         }
         let raised_at = notice.change.time;
         for stream in streams {
-            let (keeper, spec) = (Arc::clone(&stream), Arc::clone(&spec));
-            let keep = move |stored: &mut StoredStream| {
+            let (capturing, spec) = (Arc::clone(&stream), Arc::clone(&spec));
+            let capture = move |stored: &mut StoredStream| {
                 let state = stored.state();
                 let time = state.next.and_then(|next| state.time(next));
-                if time.is_none_or(|time| time.duration_since(raised_at) > OLD) {
+                if time.is_none_or(|time| time.duration_since(raised_at) > MAX_ALARM_AGE) {
                     return Ok(false);
                 }
                 let cutting = Cutting::of(&spec, &state.format)?;
-                stored.keep_around_alarm(&cutting)
+                stored.capture_around_alarm(&cutting)
             };
-            match blocking("capture samples around an alarm", move || keeper.with_stored(keep)).await? {
+            match blocking("capture samples around an alarm", move || capturing.with_stored(capture)).await? {
                 Ok(true) => self.cut_in_background(&stream),
                 // Also the stream of a deleted asset of the same name.
                 Ok(false) | Err(ServiceError::StreamUnknown { .. }) => {}

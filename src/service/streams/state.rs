@@ -154,7 +154,7 @@ impl StreamState {
         match note {
             Note::Cut(pending) => self.take_cut(pending),
             Note::SteadyCut { pending, bin, next_from } => {
-                self.steadiness.taken(bin, next_from);
+                self.steadiness.note_cut(bin, next_from);
                 self.take_cut(pending);
             }
             Note::Done { first, is_refused } => {

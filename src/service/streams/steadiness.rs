@@ -40,7 +40,7 @@ impl Steadiness {
     }
 
     /// Notes that a record of a bin is cut; the next one starts no earlier than an index.
-    pub(super) fn taken(&mut self, bin: String, next_from: u64) {
+    pub(super) fn note_cut(&mut self, bin: String, next_from: u64) {
         self.next_of_bins.insert(bin, next_from);
         while self.next_of_bins.len() > MAX_BINS {
             let oldest = self.next_of_bins.iter().min_by_key(|(_, next)| **next);

@@ -94,7 +94,7 @@ impl StoredStream {
     }
 
     /// Drops chunks that wait for earlier samples: a new sender starts at the next index.
-    pub(crate) fn begin_again(&mut self) {
+    pub(crate) fn drop_waiting_chunks(&mut self) {
         self.assembler.forget_held();
     }
 
@@ -138,7 +138,7 @@ impl StoredStream {
         let mut draft = self.draft()?;
         let is_steady = cutting.is_steady(&draft.state, &point);
         draft.note(&if is_steady { Note::OperatingPoint(point) } else { Note::Moved(point) });
-        self.keep(draft)
+        self.persist(draft)
     }
 
     /// Stores tachometer pulses among future samples.
@@ -149,7 +149,7 @@ impl StoredStream {
         }
         let mut draft = self.draft()?;
         draft.note(&Note::Pulses(pulses));
-        self.keep(draft)
+        self.persist(draft)
     }
 
     /// Plans a record of the last `frames` frames, or of fewer if there is a gap; returns `None` without
@@ -163,12 +163,12 @@ impl StoredStream {
         let mut draft = self.draft()?;
         // This record does not affect the cut policy.
         draft.cut(StreamCut { first, frames: end - first, next_from: 0 });
-        self.keep(draft)?;
+        self.persist(draft)?;
         Ok(self.state.pending.back().cloned())
     }
 
     /// Starts a capture around an alarm that is raised now; returns false if there is nothing to capture.
-    pub(crate) fn keep_around_alarm(&mut self, cutting: &Cutting) -> Result<bool, ServiceError> {
+    pub(crate) fn capture_around_alarm(&mut self, cutting: &Cutting) -> Result<bool, ServiceError> {
         let Some(capture) = self.state.around_alarm(cutting) else { return Ok(false) };
         self.begin_capture(&Note::Capture(capture), cutting).map(|()| true)
     }
@@ -184,7 +184,7 @@ impl StoredStream {
         let mut draft = self.draft()?;
         draft.note(note);
         draft.cut_whole(cutting);
-        self.keep(draft)
+        self.persist(draft)
     }
 
     /// Ends the running campaign; its last record ends with the last sample received.
@@ -195,18 +195,18 @@ impl StoredStream {
         let mut draft = self.draft()?;
         draft.cut_rest(cutting);
         draft.note(&Note::CaptureEnd);
-        self.keep(draft)
+        self.persist(draft)
     }
 
     /// Marks a pending record as stored or refused.
-    pub(crate) fn done(&mut self, first: u64, is_refused: bool) -> Result<(), ServiceError> {
+    pub(crate) fn finish_record(&mut self, first: u64, is_refused: bool) -> Result<(), ServiceError> {
         let mut draft = self.draft()?;
         draft.note(&Note::Done { first, is_refused });
-        self.keep(draft)
+        self.persist(draft)
     }
 
     /// Plans the records that were complete when the previous process ended.
-    pub(crate) fn plan(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
+    pub(crate) fn plan_records(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
         self.write(Vec::new(), cutting).map(|_| ())
     }
 
@@ -258,7 +258,7 @@ impl StoredStream {
             }
         }
         draft.cut_whole(cutting);
-        self.keep(draft)?;
+        self.persist(draft)?;
         Ok(StreamProgress { next: self.state.next, gaps })
     }
 
@@ -270,7 +270,7 @@ impl StoredStream {
         Ok(Draft::new(self.state.clone()))
     }
 
-    fn keep(&mut self, draft: Draft) -> Result<(), ServiceError> {
+    fn persist(&mut self, draft: Draft) -> Result<(), ServiceError> {
         if draft.entries.is_empty() {
             return Ok(());
         }
@@ -380,7 +380,7 @@ mod tests {
             if k >= 60 {
                 while let Some(pending) = stream.state.pending.front().cloned() {
                     assert!(stream.bytes_of(pending.cut).unwrap().is_some());
-                    stream.done(pending.cut.first, false).unwrap();
+                    stream.finish_record(pending.cut.first, false).unwrap();
                 }
                 most = most.max(stream.journal_bytes());
             }

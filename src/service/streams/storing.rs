@@ -86,7 +86,7 @@ impl Streams {
             Err(error) => return Err(error),
         };
         let writer = Arc::clone(stream);
-        let done = move || writer.with_stored(|stored| stored.done(first, is_refused));
+        let done = move || writer.with_stored(|stored| stored.finish_record(first, is_refused));
         match blocking("write a stream", done).await? {
             // It was removed in the meantime.
             Err(ServiceError::StreamUnknown { .. }) => Ok(false),

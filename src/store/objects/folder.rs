@@ -16,7 +16,7 @@ use super::{Disk, ListedFile, ListedObject, StoreError, SystemDisk, is_name};
 const UPLOADS: &str = "uploads";
 
 /// Bytes written to check for free space.
-const ROOM_BYTES: usize = 1 << 20;
+const PROBE_BYTES: usize = 1 << 20;
 
 /// A folder of objects.
 #[derive(Debug)]
@@ -26,7 +26,7 @@ pub(super) struct Folder {
     temporary: PathBuf,
     counter: AtomicU64,
     /// Folders of objects whose own names are known to be durable.
-    lasting: Mutex<HashSet<PathBuf>>,
+    durable: Mutex<HashSet<PathBuf>>,
     /// Whether other processes write to it too: an existing object is then written again, to reset its age.
     is_shared: bool,
 }
@@ -55,7 +55,7 @@ impl Folder {
             folder,
             temporary,
             counter: AtomicU64::new(0),
-            lasting: Mutex::default(),
+            durable: Mutex::default(),
             is_shared: false,
         })
     }
@@ -67,7 +67,7 @@ impl Folder {
             temporary: folder.join("tmp"),
             folder,
             counter: AtomicU64::new(0),
-            lasting: Mutex::default(),
+            durable: Mutex::default(),
             is_shared: false,
         }
     }
@@ -75,11 +75,11 @@ impl Folder {
     /// Opens a folder that other processes write to as well, without removing their unfinished files.
     #[cfg(feature = "postgres")]
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
-        let mut unguessable = [0; 8];
-        getrandom::fill(&mut unguessable).map_err(|source| {
+        let mut random = [0; 8];
+        getrandom::fill(&mut random).map_err(|source| {
             file_error("name a folder in", &folder, std::io::Error::other(source.to_string()))
         })?;
-        let temporary = folder.join("tmp").join(hex::encode(unguessable));
+        let temporary = folder.join("tmp").join(hex::encode(random));
         fs::create_dir_all(&temporary)
             .map_err(|source| file_error("create the folder", &temporary, source))?;
         let disk = Arc::new(SystemDisk);
@@ -88,7 +88,7 @@ impl Folder {
             folder,
             temporary,
             counter: AtomicU64::new(0),
-            lasting: Mutex::default(),
+            durable: Mutex::default(),
             is_shared: true,
         })
     }
@@ -112,7 +112,7 @@ impl Folder {
                     .map_err(|source| file_error("create the folder", &folder, source))?;
                 self.write(&path, bytes)?;
             }
-            if !self.lasting().contains(&folder) {
+            if !self.durable().contains(&folder) {
                 // Another thread may have created it a moment ago.
                 touched.push(self.folder.clone());
             }
@@ -124,7 +124,7 @@ impl Folder {
         for folder in &touched {
             self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
         }
-        self.lasting().extend(touched);
+        self.durable().extend(touched);
         Ok(())
     }
 
@@ -295,8 +295,8 @@ impl Folder {
         names.collect::<io::Result<Vec<String>>>().map_err(|source| file_error("list", &folder, source))
     }
 
-    fn lasting(&self) -> MutexGuard<'_, HashSet<PathBuf>> {
-        self.lasting.lock().unwrap_or_else(PoisonError::into_inner)
+    fn durable(&self) -> MutexGuard<'_, HashSet<PathBuf>> {
+        self.durable.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn pieces(&self, upload: &str) -> PathBuf {
@@ -308,9 +308,9 @@ impl Folder {
     }
 
     /// Checks that there is free space for a small record, by writing and removing a file.
-    pub(super) fn check_room(&self) -> Result<(), StoreError> {
+    pub(super) fn check_free_space(&self) -> Result<(), StoreError> {
         let path = self.temporary.join(format!("room-{}", self.counter.fetch_add(1, Ordering::Relaxed)));
-        let written = fs::write(&path, vec![1_u8; ROOM_BYTES]);
+        let written = fs::write(&path, vec![1_u8; PROBE_BYTES]);
         let _ = fs::remove_file(&path);
         written.map_err(|source| file_error("write", &path, source))
     }
@@ -387,13 +387,13 @@ mod tests {
     }
 
     #[test]
-    fn looking_for_room_leaves_nothing() {
+    fn the_check_of_free_space_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let objects = Objects::open(folder.path()).unwrap();
-        objects.check_room().unwrap();
+        objects.check_free_space().unwrap();
         assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
         fs::remove_dir(folder.path().join("tmp")).unwrap();
-        assert!(objects.check_room().is_err());
+        assert!(objects.check_free_space().is_err());
     }
 
     /// Records which folders are synced.

@@ -6,7 +6,7 @@ use crate::asset::AssetId;
 
 /// A queue of assets, each at most once.
 #[derive(Debug, Default)]
-pub(crate) struct Waiting {
+pub(crate) struct UpdateQueue {
     order: VecDeque<AssetId>,
     /// The same assets as a set, since at a start the queue holds the whole fleet.
     assets: HashSet<AssetId>,
@@ -14,7 +14,7 @@ pub(crate) struct Waiting {
     pub(crate) is_running: bool,
 }
 
-impl Waiting {
+impl UpdateQueue {
     pub(crate) fn push(&mut self, asset: AssetId) {
         if self.assets.insert(asset.clone()) {
             self.order.push_back(asset);
@@ -41,13 +41,13 @@ mod tests {
     #[test]
     fn an_asset_waits_once_and_in_its_turn() {
         let asset = |name: &str| AssetId::new(name).unwrap();
-        let mut waiting = Waiting::default();
+        let mut queue = UpdateQueue::default();
         for name in ["a", "b", "a", "c"] {
-            waiting.push(asset(name));
+            queue.push(asset(name));
         }
-        assert_eq!(waiting.pop(), Some(asset("a")));
-        waiting.push(asset("a"));
-        let rest: Vec<_> = std::iter::from_fn(|| waiting.pop()).collect();
+        assert_eq!(queue.pop(), Some(asset("a")));
+        queue.push(asset("a"));
+        let rest: Vec<_> = std::iter::from_fn(|| queue.pop()).collect();
         assert_eq!(rest, [asset("b"), asset("c"), asset("a")]);
     }
 }
