@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_and_its_points_are_read_and_checked() {
+    fn locations_and_measuring_points_are_read_and_checked() {
         let spec = with_bands(
             "location = { site = \"mill\", machine = \"3\", gearbox = \"A\", mesh = \"first stage\" }
              points = [{ channel = \"a1\", unit = \"g\", sensitivity = 10.2, sensitivity_unit = \"mV/g\", calibrated_on = \"2026-01-31\" }]",

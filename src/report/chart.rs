@@ -124,8 +124,8 @@ impl Chart {
         }
         for series in &self.series {
             for stretch in series.points.split(|(_, y)| y.is_none()).filter(|stretch| !stretch.is_empty()) {
-                let kept = downsample(stretch, &frame);
-                let points: String = kept.iter().map(|(x, y)| point(&frame, *x, *y)).collect();
+                let reduced = downsample(stretch, &frame);
+                let points: String = reduced.iter().map(|(x, y)| point(&frame, *x, *y)).collect();
                 let _ =
                     write!(svg, "<polyline class=\"{}\" points=\"{}\"/>", series.class, points.trim_end());
             }
@@ -239,7 +239,7 @@ fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
 /// be visible.
 fn downsample(stretch: &[(f64, Option<f64>)], frame: &Frame) -> Vec<(f64, f64)> {
     let column = |x: f64| (2.0 * frame.x_px(x)).floor() as i64;
-    let mut kept = Vec::new();
+    let mut reduced = Vec::new();
     for points in stretch.chunk_by(|a, b| column(a.0) == column(b.0)) {
         let valued = points.iter().filter_map(|(x, y)| Some((*x, (*y)?)));
         let by_height = |a: &(f64, f64), b: &(f64, f64)| a.1.total_cmp(&b.1);
@@ -247,12 +247,12 @@ fn downsample(stretch: &[(f64, Option<f64>)], frame: &Frame) -> Vec<(f64, f64)> 
         let (Some(least), Some(greatest)) = (least, greatest) else {
             continue;
         };
-        kept.push(if least.0 <= greatest.0 { least } else { greatest });
+        reduced.push(if least.0 <= greatest.0 { least } else { greatest });
         if least != greatest {
-            kept.push(if least.0 <= greatest.0 { greatest } else { least });
+            reduced.push(if least.0 <= greatest.0 { greatest } else { least });
         }
     }
-    kept
+    reduced
 }
 
 #[cfg(test)]
@@ -286,8 +286,8 @@ mod tests {
         points[54_321].1 = Some(7.0);
         let chart = chart(points);
         let frame = chart.frame();
-        let kept = downsample(&chart.series[0].points, &frame);
-        assert!(kept.len() < 4000 && kept.contains(&(54_321.0, 7.0)), "{}", kept.len());
+        let reduced = downsample(&chart.series[0].points, &frame);
+        assert!(reduced.len() < 4000 && reduced.contains(&(54_321.0, 7.0)), "{}", reduced.len());
     }
 
     #[test]

@@ -41,8 +41,8 @@ pub struct Rebuilt {
 
 impl Service {
     /// Ingests every asset and record that is noted beside the raw recordings and missing in the database,
-    /// records in the order of time. `on_progress` is called with the numbers of records done and of all records. If
-    /// none fails, the database then counts as the one that the raw recordings belong to.
+    /// records in the order of time. `on_progress` is called with the numbers of records done and in total.
+    /// If none fails, the database then counts as the one that the raw recordings belong to.
     ///
     /// Records that users removed are skipped, unless `with_removed`.
     pub async fn rebuild(

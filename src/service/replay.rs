@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pace_is_read_and_written_alike() {
+    fn paces_round_trip() {
         for (text, pace) in [
             ("max", Pace::Max),
             ("realtime", Pace::Times(1.0)),

@@ -179,8 +179,8 @@ impl Store {
         // Objects that a running service is storing get their rows in a moment.
         tokio::time::sleep(std::time::Duration::from_secs(2)).await;
         for name in self.orphans_among(suspects).await? {
-            let asked = name.clone();
-            if self.on_objects(move |objects| objects.written_at(&asked)).await?.is_some() {
+            let checked = name.clone();
+            if self.on_objects(move |objects| objects.written_at(&checked)).await?.is_some() {
                 audit.add(Finding::Orphan(name));
             }
         }

@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_no_database_is_refused_at_once() {
+    async fn a_file_that_is_not_a_database_is_refused_at_once() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("flankwatch.db"), [7_u8; 8192]).unwrap();
         let began = std::time::Instant::now();
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn values_of_every_type_come_back_as_they_went() {
+    async fn values_of_every_type_round_trip() {
         let folder = tempfile::tempdir().unwrap();
         for database in databases(folder.path()).await {
             let make = database

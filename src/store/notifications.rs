@@ -120,8 +120,8 @@ impl Commit {
             .bind(alarm.id.as_str())
             .fetch_one(&mut *self.transaction)
             .await?;
-        let told: Option<String> = get(&row, "told_severity")?;
-        let before = told.as_deref().and_then(Severity::from_name);
+        let last_severity: Option<String> = get(&row, "told_severity")?;
+        let before = last_severity.as_deref().and_then(Severity::from_name);
         // An alarm without a rule is cleared, whatever its last severity.
         let after = alarm.rule.as_ref().and(change.severity);
         let Some(kind) = NotificationKind::between(before, after) else {

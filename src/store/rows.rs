@@ -140,14 +140,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_numbered_on_from_row_to_row() {
+    fn placeholders_are_numbered_across_rows() {
         assert_eq!(rows_of_placeholders(2, 3), "($1, $2, $3), ($4, $5, $6)");
         assert_eq!(any_of(2, &["a =", "b >="]), "(a = $1 AND b >= $2) OR (a = $3 AND b >= $4)");
         assert_eq!(excluded("a, b"), "a = excluded.a, b = excluded.b");
     }
 
     #[test]
-    fn times_go_there_and_back() {
+    fn times_round_trip() {
         for ns in [i64::MIN, -1, 0, 1, i64::MAX] {
             assert_eq!(to_ns(from_ns(ns)).unwrap(), ns);
         }
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn doubles_go_there_and_back() {
+    fn doubles_round_trip() {
         let values = [0.1, -0.0, f64::MIN_POSITIVE];
         assert_eq!(doubles_from_bytes(&doubles_to_bytes(&values)).map_bits(), values.to_vec().map_bits());
     }

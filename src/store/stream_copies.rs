@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_has_no_hole_while_files_of_the_stream_come_and_go() {
+    fn a_copy_is_contiguous_while_files_are_added_and_removed() {
         let (data, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let folder = data.path().join("streams/pump/main");
         let mut journal = StreamJournal::open(&folder, 2, Bytes::new()).unwrap();
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_backup_has_the_streams_that_there_are_and_a_restore_leaves_those_that_are_there() {
+    fn a_backup_replaces_streams_and_a_restore_keeps_existing_ones() {
         let (data, copy) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let write = |folder: &Path, stream: &str, text: &str| {
             let folder = folder.join("streams").join(stream);

@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_appended_is_read_back_and_half_an_entry_is_not() {
+    fn complete_entries_are_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = StreamJournal::open(folder.path(), 2, Bytes::from_static(b"a")).unwrap();
         let gap = JournalEntry::Gap { first: 10, frames: 5 };
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn files_go_when_nothing_in_them_is_needed() {
+    fn files_are_removed_once_they_are_not_needed() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = StreamJournal::open(folder.path(), 2, Bytes::new()).unwrap();
         for k in 0..4 {

@@ -140,7 +140,7 @@ impl Trend {
 /// The cached histories.
 #[derive(Debug, Default)]
 pub(super) struct TrendCache {
-    held: Mutex<CachedTrends>,
+    cached: Mutex<CachedTrends>,
     reading: tokio::sync::Mutex<()>,
 }
 
@@ -154,14 +154,14 @@ struct CachedTrends {
 impl TrendCache {
     fn lock(&self) -> MutexGuard<'_, CachedTrends> {
         // Entries are replaced as a whole, so a panic elsewhere cannot leave a partial one.
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+        self.cached.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn get(&self, channel_no: i64) -> Option<Arc<Trend>> {
-        let mut held = self.lock();
-        held.accesses += 1;
-        let now = held.accesses;
-        let (trend, last_access) = held.trends.get_mut(&channel_no)?;
+        let mut cached = self.lock();
+        cached.accesses += 1;
+        let now = cached.accesses;
+        let (trend, last_access) = cached.trends.get_mut(&channel_no)?;
         *last_access = now;
         Some(Arc::clone(trend))
     }
@@ -172,16 +172,16 @@ impl TrendCache {
     }
 
     fn put(&self, trend: Arc<Trend>) {
-        let mut held = self.lock();
-        let now = held.accesses;
-        held.trends.insert(trend.channel_no, (trend, now));
-        let mut records: usize = held.trends.values().map(|(trend, _)| trend.len()).sum();
-        while records > MAX_RECORDS && held.trends.len() > 1 {
-            let Some((&oldest, _)) = held.trends.iter().min_by_key(|(_, (_, last_access))| *last_access)
+        let mut cached = self.lock();
+        let now = cached.accesses;
+        cached.trends.insert(trend.channel_no, (trend, now));
+        let mut records: usize = cached.trends.values().map(|(trend, _)| trend.len()).sum();
+        while records > MAX_RECORDS && cached.trends.len() > 1 {
+            let Some((&oldest, _)) = cached.trends.iter().min_by_key(|(_, (_, last_access))| *last_access)
             else {
                 break;
             };
-            if let Some((trend, _)) = held.trends.remove(&oldest) {
+            if let Some((trend, _)) = cached.trends.remove(&oldest) {
                 records -= trend.len();
             }
         }

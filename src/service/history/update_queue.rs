@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_asset_waits_once_and_in_its_turn() {
+    fn each_asset_is_queued_once_in_order() {
         let asset = |name: &str| AssetId::new(name).unwrap();
         let mut queue = UpdateQueue::default();
         for name in ["a", "b", "a", "c"] {

@@ -11,8 +11,8 @@ use crate::service::error::ServiceError;
 use crate::service::limits::RawQuotas;
 use crate::store::{GivenUp, Store};
 
-/// Objects discarded in one transaction.
-const GIVEN_UP_AT_ONCE: u32 = 256;
+/// Objects deleted in one transaction.
+const DELETED_AT_ONCE: u32 = 256;
 
 /// Deletes the oldest raw recordings that exceed the quotas.
 pub(crate) struct Retention {
@@ -68,7 +68,7 @@ impl Retention {
     async fn give_up(&self, asset: Option<&AssetId>, quota: u64) -> Result<(), ServiceError> {
         loop {
             let _exclusive = self.objects.exclusive().await;
-            let given_up = self.store.delete_oldest_raw(asset, quota, GIVEN_UP_AT_ONCE).await?;
+            let given_up = self.store.delete_oldest_raw(asset, quota, DELETED_AT_ONCE).await?;
             let GivenUp { objects, bytes, is_within, orphans } = given_up;
             if objects > 0 {
                 self.objects.remove(orphans).await?;

@@ -169,8 +169,8 @@ pub(crate) fn decode_upload(
             expected: "as many units as channel_names has names",
         });
     }
-    let said = names.iter().zip(own).filter(|(_, unit)| !unit.is_empty());
-    defaults.channel_units.extend(said.map(|(name, unit)| (name.clone(), unit.clone())));
+    let given = names.iter().zip(own).filter(|(_, unit)| !unit.is_empty());
+    defaults.channel_units.extend(given.map(|(name, unit)| (name.clone(), unit.clone())));
     let records = format.decode(bytes, &defaults)?;
     check_names(&metadata.channel_names, records.len())?;
     Ok(records)

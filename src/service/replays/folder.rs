@@ -144,7 +144,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_that_leads_out_is_refused_and_one_that_stays_in_is_not() {
+    fn only_links_within_the_folder_are_followed() {
         let outside = tempfile::tempdir().unwrap();
         let folder = outside.path().join("recordings");
         fs::create_dir_all(&folder).unwrap();

@@ -237,8 +237,8 @@ impl Simulations {
             Readiness::Building => LibraryLack::Simulated,
             Readiness::Failed(reason) => LibraryLack::Failed(reason),
             Readiness::Ready(library) => {
-                let kept = id.and_then(|id| lock(&self.ensembles).get(&id).cloned());
-                return self.keyed(spec, Ok(kept.unwrap_or_else(|| Arc::new(Ensemble::of(library)))));
+                let ensemble = id.and_then(|id| lock(&self.ensembles).get(&id).cloned());
+                return self.keyed(spec, Ok(ensemble.unwrap_or_else(|| Arc::new(Ensemble::of(library)))));
             }
         };
         self.keyed(spec, Err(lack))

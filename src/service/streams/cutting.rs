@@ -223,15 +223,20 @@ mod tests {
         Chunk { first, time_ns: Some(first as i64 * 100_000_000), bytes }
     }
 
-    /// Sends samples in pieces of a length, with the operating points in `said` set before an index; the
+    /// Sends samples in pieces of a length, with the operating points in `points` set before an index; the
     /// stream is reopened before every piece if `restarts`. Returns first sample, length and speed of the
     /// records.
-    fn cut(said: &[(u64, OperatingPoint)], gaps: &[u64], piece: u64, restarts: bool) -> Vec<(u64, u64, f64)> {
+    fn cut(
+        points: &[(u64, OperatingPoint)],
+        gaps: &[u64],
+        piece: u64,
+        restarts: bool,
+    ) -> Vec<(u64, u64, f64)> {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::I16, 10.0, 1, None).unwrap();
         let mut stream = StoredStream::create(folder.path(), Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
         let mut edges: Vec<u64> = (0..=3000 / piece).map(|n| n * piece).collect();
-        edges.extend(said.iter().map(|(index, _)| *index).chain(gaps.iter().flat_map(|at| [*at, at + 1])));
+        edges.extend(points.iter().map(|(index, _)| *index).chain(gaps.iter().flat_map(|at| [*at, at + 1])));
         edges.sort_unstable();
         edges.dedup();
         for pair in edges.windows(2) {
@@ -244,7 +249,7 @@ mod tests {
                 stream.give_up_before(pair[1], &steady()).unwrap();
                 continue;
             }
-            for (_, point) in said.iter().filter(|(index, _)| *index == pair[0]) {
+            for (_, point) in points.iter().filter(|(index, _)| *index == pair[0]) {
                 stream.set_operating_point(*point, &steady()).unwrap();
             }
             stream.take(vec![chunk(pair[0], pair[1])], &steady()).unwrap();
@@ -259,9 +264,9 @@ mod tests {
     }
 
     #[test]
-    fn records_are_of_a_steady_machine_one_for_each_bin_and_time_however_samples_come_and_after_restarts() {
+    fn steady_records_do_not_depend_on_chunks_or_restarts() {
         // Unknown; slow; slightly faster, within the bounds; faster than that; fast; standing still.
-        let said = [
+        let points = [
             (100, point(10.0, 80.0)),
             (120, point(10.15, 82.0)),
             (400, point(10.4, 82.0)),
@@ -275,12 +280,12 @@ mod tests {
         let expected = [(130, 20, 10.15), (730, 20, 20.0), (1730, 20, 20.0)];
         for piece in [13, 50, 3000] {
             for restarts in [false, true] {
-                assert_eq!(cut(&said, &[], piece, restarts), expected, "{piece} {restarts}");
+                assert_eq!(cut(&points, &[], piece, restarts), expected, "{piece} {restarts}");
             }
         }
         // Samples before a gap do not count; a change during the wait starts a new steady period.
-        let said = [(0, point(10.0, 80.0)), (40, point(12.0, 80.0)), (60, point(12.0, 81.0))];
-        assert_eq!(cut(&said, &[80], 7, true), [(111, 20, 12.0), (1111, 20, 12.0), (2111, 20, 12.0)]);
+        let points = [(0, point(10.0, 80.0)), (40, point(12.0, 80.0)), (60, point(12.0, 81.0))];
+        assert_eq!(cut(&points, &[80], 7, true), [(111, 20, 12.0), (1111, 20, 12.0), (2111, 20, 12.0)]);
     }
 
     #[test]

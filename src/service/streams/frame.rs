@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_that_is_no_number_and_too_few_of_them_cost_the_spectrum_only() {
+    fn nan_samples_and_short_frames_omit_only_the_spectrum() {
         let mut values: Vec<f32> = (0..1000).map(|n| sine(n, 500.0, 1.0)).collect();
         values[900] = f32::NAN;
         let frame = latest(1, values).frame(&asset());
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn the_senders_speed_goes_before_that_of_the_description() {
+    fn the_speed_of_the_sender_takes_precedence() {
         let mut latest = latest(1, [0.0; 256]);
         latest.operating_point.shaft_speed_hz = Some(12.5);
         let frame = latest.frame(&asset());
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_is_bounded_whatever_the_stream() {
+    fn the_size_of_a_frame_is_bounded() {
         for (rate_hz, channels) in [(1.0, 1), (1e7, 1), (51_200.0, 256), (1e6, 64)] {
             let format = StreamFormat::new(RawSample::F32, rate_hz, channels, None).unwrap();
             let frames = frames_of(&format);

@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_frames_without_a_gap_are_held_whatever_the_pieces() {
+    fn the_last_contiguous_frames_are_kept() {
         let all: Vec<u8> = (0..200).collect();
         for piece in [2, 6, 30, 120, 200] {
             let mut recent = Recent::new(2, 20);

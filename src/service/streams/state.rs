@@ -248,8 +248,8 @@ impl StreamState {
         let kept_from = self.next.unwrap_or(0).saturating_sub(self.kept_frames());
         let pending = self.pending.iter().map(|pending| pending.cut.first).min();
         let captured = self.capture.map(|capture| capture.from);
-        let asked = pending.into_iter().chain(captured).min().unwrap_or(u64::MAX);
-        kept_from.min(self.cutter.needs_from()).min(asked)
+        let needed = pending.into_iter().chain(captured).min().unwrap_or(u64::MAX);
+        kept_from.min(self.cutter.needs_from()).min(needed)
     }
 
     /// The number of latest frames that stay in the journal.

@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_that_is_killed_anywhere_goes_on_as_if_it_had_not_been() {
+    fn a_killed_stream_resumes_with_the_same_records() {
         let chunks: Vec<Chunk> = (0..60).filter(|k| *k != 22).map(|k| chunk(k * 50, 50)).collect();
         let folder = tempfile::tempdir().unwrap();
         let mut whole = stream(folder.path());
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_record_needs_is_removed_and_what_one_needs_stays() {
+    fn only_samples_needed_by_records_are_kept() {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
         let policy = Cutting::from(CutPolicy::new(1.0, 30.0, 10_000.0).unwrap());

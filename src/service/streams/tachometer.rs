@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn pulses_that_cannot_be_are_refused_by_name() {
+    fn errors_about_pulses_name_their_field() {
         for (from, after, of_revolution, words) in [
             (0, &[1.0][..], 0, "pulses_per_revolution"),
             (0, &[2.0, 2.0], 1, "2 and then 2"),

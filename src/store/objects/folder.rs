@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_put_is_got_and_a_repeat_changes_nothing() {
+    fn objects_are_stored_once() {
         let folder = tempfile::tempdir().unwrap();
         let objects = Objects::open(folder.path()).unwrap();
         let name = put(&objects, b"abc");
@@ -410,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn the_names_of_folders_are_on_the_disk_too_whoever_made_them() {
+    fn the_names_of_folders_are_synced() {
         let data = tempfile::tempdir().unwrap();
         let raw = data.path().join("raw");
         let disk = Arc::new(NotingDisk::default());
@@ -428,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unfinished_write_is_cleared_on_opening() {
+    fn unfinished_writes_are_removed_on_opening() {
         let folder = tempfile::tempdir().unwrap();
         drop(Objects::open(folder.path()).unwrap());
         fs::write(folder.path().join("tmp/7"), b"half").unwrap();
