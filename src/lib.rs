@@ -1,30 +1,33 @@
-//! Condition monitoring for spur gears: vibration records in, wear depth with an honest interval out.
+//! Condition monitoring for spur gears: estimates the wear depth, with an interval, from vibration records.
 //!
-//! This is the service and the commands. What they compute with are packages of their own:
+//! This package is the service and the command line. The computations are in packages of their own, which it
+//! re-exports:
 //!
-//! | package | here | holds |
+//! | package | module | contents |
 //! | --- | --- | --- |
 //! | `flankwatch-gear` | [`gear`] | the physics of one gear pair: geometry, wear, mesh relationship, stiffness, dynamics |
 //! | `flankwatch-signal` | [`signal`] | a validated record, its spectra, indicators and features |
-//! | `flankwatch-recording` | [`recording`] | bytes to records and back: WAV, MCAP, CSV, NumPy arrays, protobuf, JSON |
+//! | `flankwatch-recording` | [`recording`] | encoding and decoding of records: WAV, MCAP, CSV, NumPy arrays,
+//! protobuf, JSON |
 //! | `flankwatch-wear` | [`library`] | the grid of simulated wear states |
-//! | | [`simulation`] | a synthetic run to failure with the truth known |
+//! | | [`simulation`] | synthetic run-to-failure data with known wear |
 //! | | [`estimate`] | the healthy baseline, the likelihood and the tracking of wear over time |
-//! | `flankwatch-lab` | [`figures`] | the model's figures beside those of the paper it follows, with checks |
-//! | | [`evaluation`] | what the estimate is worth on simulated runs |
+//! | `flankwatch-lab` | [`figures`] | the figures of the model beside those of the paper it follows, with
+//! checks |
+//! | | [`evaluation`] | the accuracy of the estimate on simulated runs |
 //!
-//! The modules of this package, each of which knows only those above it:
+//! The modules of this package; each depends only on those above it:
 //!
-//! | module | holds |
+//! | module | contents |
 //! | --- | --- |
-//! | [`asset`] | what is monitored, and one analysed segment of its vibration |
+//! | [`asset`] | the description of a monitored asset, and one analysed segment of its vibration |
 //! | [`report`] | an asset's records on one page, for a browser or a printer |
-//! | [`store`] | the only SQL and the only raw-object paths |
-//! | [`service`] | the way of records, histories, replays, and what else works on records |
+//! | [`store`] | the database and the raw objects: the only SQL and the only object paths |
+//! | [`service`] | the record pipeline, channel histories, replays, streams and background work |
 //! | [`http`] | the API and the dashboard |
-//! | `cluster` | what joins the processes of a service on several machines (features `postgres`, `nats`) |
+//! | `cluster` | the queue and events of a service on several machines (features `postgres`, `nats`) |
 //! | `mqtt` | records from an MQTT broker (feature `mqtt`) |
-//! | [`notifications`] | webhooks and e-mails that tell of alarms |
+//! | [`notifications`] | webhooks and e-mails about alarms |
 //! | [`cli`] | the commands |
 
 pub mod asset;

@@ -1,4 +1,4 @@
-//! Which alarms an asset has: those that its description gives, or those that follow from its limits.
+//! The alarm rules of an asset: those of its description, or those derived from its limits.
 
 use super::error::{AssetError, field};
 use super::spec::AssetSpec;
@@ -6,30 +6,30 @@ use super::wear_limits::WearLimits;
 use crate::estimate::{AlarmError, AlarmQuantity, AlarmRule};
 use crate::signal::{BearingLine, Indicators, VELOCITY_RMS};
 
-/// The most rules of an asset: each has a state with every kept state of the fold.
+/// Maximum number of rules of an asset: each has a state in every stored state of the fold.
 const MAX_RULES: usize = 32;
 
-/// Hysteresis of the rule that follows from limits, as a part of the lower one.
+/// Hysteresis of the rule derived from limits, as a fraction of the lower limit.
 const HYSTERESIS: f64 = 0.05;
 
-/// The novelty from which records are not explained (a p-value of 10⁻⁴), and how far below it a record is
-/// again.
+/// The novelty from which a record counts as unexplained (a p-value of 10⁻⁴), and the hysteresis.
 const NOVELTY_WARNING: f64 = 4.0;
 const NOVELTY_HYSTERESIS: f64 = 1.0;
 
-/// A bearing's line stands out from this ratio to its background on: none of 400 lines in noise reached 2.9.
+/// Ratio of a bearing's line to its background from which it counts as significant: none of 400 lines in
+/// noise reached 2.9.
 const BEARING_WARNING: f64 = 3.0;
 const BEARING_HYSTERESIS: f64 = 0.5;
 
 impl AssetSpec {
     /// The alarm rules in force.
     pub fn alarm_rules(&self) -> Vec<AlarmRule> {
-        self.alarms.clone().unwrap_or_else(|| self.rules_that_follow())
+        self.alarms.clone().unwrap_or_else(|| self.default_rules())
     }
 
-    /// Of a mesh the rules follow from the limits of its wear, of a machine without one novelty is watched;
-    /// of both the zones of velocity and the lines of bearings, where they are described.
-    fn rules_that_follow(&self) -> Vec<AlarmRule> {
+    /// The default rules: for a mesh those derived from its wear limits, for a machine without one those on
+    /// novelty; for both those on velocity zones and bearing lines, if described.
+    fn default_rules(&self) -> Vec<AlarmRule> {
         let mut rules = Vec::from_iter(wear_rule(&self.limits));
         if !rules.is_empty() || self.gear.is_none() {
             rules.extend([AlarmQuantity::Novelty, AlarmQuantity::JointNovelty].map(|quantity| AlarmRule {
@@ -64,7 +64,7 @@ fn wear_rule(limits: &WearLimits) -> Option<AlarmRule> {
     let WearLimits { warning_um, danger_um } = *limits;
     let lower = warning_um.or(danger_um)?;
     Some(AlarmRule {
-        // A warning at the same depth as danger says nothing.
+        // A warning at the same depth as danger is redundant.
         warning: warning_um.filter(|warning| danger_um.is_none_or(|danger| *warning < danger)),
         danger: danger_um,
         hysteresis: HYSTERESIS * lower,
@@ -79,7 +79,7 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
     }
     for (index, rule) in rules.iter().enumerate() {
         if rules[..index].iter().any(|other| other.quantity == rule.quantity) {
-            return Err(field("alarms.quantity", &rule.quantity, "every quantity once"));
+            return Err(field("alarms.quantity", &rule.quantity, "each quantity at most once"));
         }
         if let Some(name) = rule.quantity.indicator() {
             check_indicator(name, spec)?;
@@ -114,7 +114,7 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
     Ok(())
 }
 
-/// A rule on an indicator that no record ever has would never be raised.
+/// Checks the name of an indicator: an alarm on one that no record has would never be raised.
 fn check_indicator(name: &str, spec: &AssetSpec) -> Result<(), AssetError> {
     let names = spec.indicator_names();
     if names.iter().any(|known| known == name) {
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn rules_follow_from_limits_unless_they_are_given() {
+    fn rules_are_derived_from_limits_unless_they_are_given() {
         assert!(spec("").unwrap().alarm_rules().is_empty());
         let rules = spec("limits = { warning_um = 100, danger_um = 200 }").unwrap().alarm_rules();
         assert_eq!(
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn rules_follow_from_zones_and_bearings_of_a_machine_without_a_mesh() {
+    fn rules_are_derived_from_zones_and_bearings_of_a_machine_without_a_mesh() {
         let of_shaft =
             |shaft: &str, text: &str| AssetSpec::from_toml(&format!("id = \"fan\"\nshaft = {shaft}\n{text}"));
         let spec = |text: &str| of_shaft("{}", text);
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn rules_that_cannot_be_used_name_their_field() {
+    fn errors_in_rules_name_their_field() {
         for (rules, name) in [
             ("{ quantity = \"wear_um\" }", "alarms"),
             ("{ quantity = \"wear_um\", warning = 2, danger = 1 }", "alarms.danger"),

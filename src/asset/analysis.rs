@@ -1,4 +1,4 @@
-//! What of an asset's description the analysis of its records depends on.
+//! The parts of an asset's description on which the analysis of its records depends.
 
 use std::borrow::Cow;
 
@@ -11,12 +11,12 @@ use crate::signal::{
 };
 
 impl AssetSpec {
-    /// The band of the envelope spectrum, where it is given.
+    /// The band of the envelope spectrum, if it is given.
     pub fn given_envelope_band(&self) -> Option<EnvelopeBand> {
         self.envelope_band_hz.map(|band_hz| EnvelopeBand::given(band_hz, BandSource::Asset))
     }
 
-    /// What is worked out of each record, its bearings being [`bearings`](Self::bearings).
+    /// The settings of the analysis of each record; `bearings` are those of [`bearings`](Self::bearings).
     pub fn condition_settings<'a>(&'a self, bearings: &'a [Bearing]) -> ConditionSettings<'a> {
         let bearings = if bearings.is_empty() {
             BearingSettings::default()
@@ -31,7 +31,7 @@ impl AssetSpec {
         }
     }
 
-    /// The bearings as the shaft whose speed is meant hears them.
+    /// The bearings, with their shaft speeds relative to the reference shaft.
     pub fn bearings(&self) -> Vec<Bearing> {
         let driving_turns = self.gear.as_ref().map_or(1.0, GearSpec::driving_shaft_turns);
         self.bearings.iter().filter_map(|bearing| bearing.seen_from(driving_turns)).collect()
@@ -44,12 +44,12 @@ impl AssetSpec {
         Indicators::names(&Described { bands: &self.bands, bearings: &bearings, has_mesh })
     }
 
-    /// The zone of a record's velocity, where zones are described and it has one.
+    /// The velocity zone of a record; `None` if no zones are described or the record has no velocity.
     pub fn velocity_zone(&self, indicators: &Indicators) -> Option<VelocityZone> {
         Some(self.velocity_zones?.zone(indicators.get(VELOCITY_RMS)?))
     }
 
-    /// A record as the driving shaft of the mesh sees it.
+    /// Converts a record to the speed, torque and tachometer of the mesh's driving shaft.
     pub fn seen_from_shaft<'a>(&self, record: &'a Record) -> Cow<'a, Record> {
         match &self.gear {
             Some(gear) if gear.shaft_ratio.is_some() => {
@@ -59,7 +59,7 @@ impl AssetSpec {
         }
     }
 
-    /// What the signal code needs to know of the mesh, or of the shaft where there is none.
+    /// The context of the mesh for the signal analysis, or that of the shaft of a machine without a mesh.
     pub fn mesh_context(&self) -> MeshContext {
         match (&self.gear, self.shaft) {
             (Some(gear), _) => MeshContext {

@@ -1,4 +1,4 @@
-//! Names of assets.
+//! Identifiers of assets.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::AssetError;
 
-/// An asset's name in addresses and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or
+/// An asset's identifier in URLs and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or
 /// digit.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(try_from = "String", into = "String")]
@@ -14,7 +14,7 @@ use super::error::AssetError;
 pub struct AssetId(String);
 
 impl AssetId {
-    /// Checks a name.
+    /// Checks an identifier.
     pub fn new(id: impl Into<String>) -> Result<Self, AssetError> {
         let id = id.into();
         let first_is_alphanumeric =
@@ -28,7 +28,7 @@ impl AssetId {
         }
     }
 
-    /// The name.
+    /// The identifier as text.
     pub fn as_str(&self) -> &str {
         &self.0
     }

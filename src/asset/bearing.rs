@@ -1,31 +1,32 @@
-//! Rolling bearings as they are described: by their geometry, or by the orders of their faults.
+//! Descriptions of rolling bearings: by their geometry, or by their fault orders.
 
 use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
+use super::integer_pair;
 use super::other_mesh::{is_ratio, turns};
-use super::pair_of_numbers;
 use crate::signal::{Bearing, BearingLine, BearingOrders, is_name};
 
-/// The most bearings of an asset: each adds eight indicators to every record.
+/// Maximum number of bearings of an asset: each adds eight indicators to every record.
 const MAX_BEARINGS: usize = 6;
 
-/// The greatest number of rolling elements.
+/// Maximum number of rolling elements.
 const MAX_ELEMENTS: u32 = 1000;
 
-/// The greatest diameter in mm.
+/// Maximum diameter in mm.
 const MAX_DIAMETER_MM: f64 = 1e5;
 
-/// The greatest order of a fault.
+/// Maximum fault order.
 const MAX_ORDER: f64 = 1000.0;
 
-/// A rolling bearing that the sensor hears, its outer race standing: its geometry or its orders.
+/// A rolling bearing within range of the sensor, with a stationary outer race: its geometry or its fault
+/// orders.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BearingSpec {
-    /// Its name in indicators: 1 to 32 of `a-z`, `0-9` and `_`.
+    /// Its name in indicators: 1 to 32 characters of `a-z`, `0-9` and `_`.
     #[schema(example = "drive_end")]
     pub name: String,
     /// Number of rolling elements.
@@ -36,29 +37,29 @@ pub struct BearingSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = 7.94)]
     pub roller_diameter_mm: Option<f64>,
-    /// Diameter of the circle that their centres run on in mm.
+    /// Diameter of the circle through the centres of the rolling elements in mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = 39.04)]
     pub pitch_diameter_mm: Option<f64>,
-    /// Contact angle in degrees; 0 where not given.
+    /// Contact angle in degrees; by default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact_angle_deg: Option<f64>,
-    /// The four fault frequencies over the rotational frequency of its shaft, in place of the geometry.
+    /// The four fault frequencies relative to the rotational frequency of its shaft, instead of the geometry.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub orders: Option<BearingOrders>,
-    /// Turns of its shaft against turns of the shaft that speed and tachometer of the records are of; as
-    /// `gear.shaft_ratio`.
+    /// Turns of its shaft relative to turns of the reference shaft of the records; as `gear.shaft_ratio`.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "pair_of_numbers::bearing_shaft_ratio"
+        deserialize_with = "integer_pair::bearing_shaft_ratio"
     )]
     #[schema(example = json!([24, 36]))]
     pub shaft_ratio: Option<[u32; 2]>,
 }
 
 impl BearingSpec {
-    /// The bearing as a shaft hears it that makes so many `driving_turns` while the records' shaft makes one.
+    /// Converts the bearing to the shaft that makes `driving_turns` turns for each turn of the reference
+    /// shaft.
     pub(super) fn seen_from(&self, driving_turns: f64) -> Option<Bearing> {
         Some(Bearing {
             name: self.name.clone(),
@@ -67,7 +68,7 @@ impl BearingSpec {
         })
     }
 
-    /// Its orders, given or by its geometry.
+    /// Its fault orders, given or derived from its geometry.
     fn fault_orders(&self) -> Option<BearingOrders> {
         self.orders.or_else(|| {
             let ratio = self.roller_diameter_mm? / self.pitch_diameter_mm?;
@@ -90,10 +91,10 @@ impl BearingSpec {
             || self.pitch_diameter_mm.is_some()
             || self.contact_angle_deg.is_some();
         match &self.orders {
-            Some(_) if has_geometry => Err(self.as_a_whole(
+            Some(_) if has_geometry => Err(self.error_in_bearing(
                 "bearings.orders",
                 "given",
-                "nothing beside the geometry: orders follow from it",
+                "either orders or the geometry, not both",
             )),
             Some(orders) => check_orders(orders),
             None => self.check_geometry(),
@@ -101,7 +102,7 @@ impl BearingSpec {
     }
 
     fn check_geometry(&self) -> Result<(), AssetError> {
-        let missing = |name: &'static str| self.as_a_whole(name, "missing", "the geometry, or orders");
+        let missing = |name: &'static str| self.error_in_bearing(name, "missing", "the geometry, or orders");
         let elements = self.rolling_elements.ok_or_else(|| missing("bearings.rolling_elements"))?;
         let roller_mm = self.roller_diameter_mm.ok_or_else(|| missing("bearings.roller_diameter_mm"))?;
         let pitch_mm = self.pitch_diameter_mm.ok_or_else(|| missing("bearings.pitch_diameter_mm"))?;
@@ -124,8 +125,8 @@ impl BearingSpec {
         }
     }
 
-    /// An error that says which of the bearings it is about.
-    fn as_a_whole(&self, name: &'static str, value: &str, expected: &str) -> AssetError {
+    /// An error that names the bearing.
+    fn error_in_bearing(&self, name: &'static str, value: &str, expected: &str) -> AssetError {
         let value = format!("{value} in {:?}", self.name);
         field(name, value, Cow::<'static, str>::Owned(expected.to_owned()))
     }
@@ -154,7 +155,7 @@ pub(super) fn validate(bearings: &[BearingSpec]) -> Result<(), AssetError> {
     for (index, bearing) in bearings.iter().enumerate() {
         bearing.validate()?;
         if bearings[..index].iter().any(|other| other.name == bearing.name) {
-            return Err(field("bearings.name", format!("{:?}", bearing.name), "every name once"));
+            return Err(field("bearings.name", format!("{:?}", bearing.name), "each name at most once"));
         }
     }
     Ok(())
@@ -186,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_names_its_field() {
+    fn errors_name_their_field() {
         let geometry = "rolling_elements = 9\nroller_diameter_mm = 8\npitch_diameter_mm = 39";
         for (fields, name) in [
             ("name = \"de\"".to_owned(), "bearings.rolling_elements"),

@@ -1,32 +1,32 @@
-//! What is wrong with an asset's description.
+//! Errors of asset descriptions.
 
 use std::borrow::Cow;
 use std::fmt;
 
 use thiserror::Error;
 
-/// Why an asset's description cannot be used.
+/// Why an asset's description is invalid.
 #[derive(Debug, Error)]
 pub enum AssetError {
-    /// The name has characters that do not belong in addresses.
+    /// The id is empty, too long, or has characters that are not allowed in URLs.
     #[error(
-        "asset id {0:?} is not usable, expected 1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit"
+        "asset id is {0:?}, expected 1 to 64 characters of a-z, 0-9, - and _, starting with a letter or digit"
     )]
     Id(String),
-    /// A field has a value that cannot be used.
+    /// A field has an invalid value.
     #[error("{field} is {value}, expected {expected}")]
     Field {
         /// Path of the field.
         field: &'static str,
         /// Its value.
         value: String,
-        /// What would have been right.
+        /// What was expected.
         expected: Cow<'static, str>,
     },
-    /// The gear pair cannot be built.
+    /// The gear pair is invalid.
     #[error("gear.pair: {0}")]
     Pair(#[from] crate::gear::GearError),
-    /// Not TOML, or a field is missing, unknown or of the wrong type.
+    /// The text is not TOML, or a field is missing, unknown or of the wrong type.
     #[error("not an asset description: {0}")]
     Toml(#[from] toml::de::Error),
 }

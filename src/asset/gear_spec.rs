@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
 use super::other_mesh::OtherMeshSpec;
-use super::{pair_of_numbers, shaft};
+use super::{integer_pair, shaft};
 use crate::gear::PairSpec;
 
 /// The monitored gear mesh.
@@ -12,31 +12,32 @@ use crate::gear::PairSpec;
 #[serde(deny_unknown_fields)]
 pub struct GearSpec {
     /// Tooth numbers of the driving and the driven gear.
-    #[serde(deserialize_with = "pair_of_numbers::teeth")]
+    #[serde(deserialize_with = "integer_pair::teeth")]
     pub teeth: [u32; 2],
     /// Nominal rotational frequency of the driving shaft in hertz.
     pub shaft_speed_hz: f64,
-    /// Turns of the driving shaft against turns of the shaft that speed, torque and tachometer of the records
-    /// are of, for a further stage of a gearbox: the teeth that drive, multiplied along the way from that
-    /// shaft to this one, and those that are driven. Where not given it is that shaft itself.
+    /// Turns of the driving shaft relative to turns of the reference shaft, to which speed, torque and
+    /// tachometer of the records refer, for a further stage of a gearbox: the product of the driving tooth
+    /// numbers from the reference shaft to this one, and that of the driven ones. By default the driving
+    /// shaft is the reference shaft.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "pair_of_numbers::shaft_ratio"
+        deserialize_with = "integer_pair::shaft_ratio"
     )]
     #[schema(example = json!([24, 36]))]
     pub shaft_ratio: Option<[u32; 2]>,
-    /// Other meshes that the sensor hears and no asset watches, at most 7; those that assets watch through
-    /// the same sensor are known without.
+    /// Other meshes within range of the sensor that no asset monitors, at most 7. Meshes monitored by assets
+    /// with the same sensor are added automatically.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub other_meshes: Vec<OtherMeshSpec>,
-    /// How far from nominal the speed is searched, as a fraction.
+    /// Relative range around the nominal speed in which the speed is searched, as a fraction.
     #[serde(default = "default_speed_tolerance")]
     pub speed_tolerance: f64,
-    /// The nominal speed is exact (a synchronous drive): it is used as it is.
+    /// Whether the nominal speed is exact (a synchronous drive) and used without a search.
     #[serde(default)]
     pub speed_is_exact: bool,
-    /// The gear pair for the wear library. Without it indicators are computed, and no wear is claimed.
+    /// The gear pair for the wear library. Without it, indicators are computed but no wear estimate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pair: Option<PairSpec>,
 }
@@ -46,7 +47,7 @@ fn default_speed_tolerance() -> f64 {
 }
 
 impl GearSpec {
-    /// Checks teeth and speed against their limits; the numbers of the pair are left to [`PairSpec::check`].
+    /// Checks teeth and speed against their limits; [`PairSpec::check`] checks the pair.
     pub fn check_beside_pair(&self) -> Result<(), AssetError> {
         if self.teeth.iter().any(|z| !(4..=1000).contains(z)) {
             return Err(field("gear.teeth", format!("{:?}", self.teeth), "two tooth numbers from 4 to 1000"));

@@ -1,4 +1,5 @@
-//! What is monitored ([`AssetSpec`]) and one analysed stretch of its vibration ([`Segment`]).
+//! The description of a monitored asset ([`AssetSpec`]) and one analysed segment of its vibration
+//! ([`Segment`]).
 
 mod alarm_rules;
 mod analysis;
@@ -6,10 +7,10 @@ mod asset_id;
 mod bearing;
 mod error;
 mod gear_spec;
+mod integer_pair;
+mod location;
 mod operating_bin;
 mod other_mesh;
-mod pair_of_numbers;
-mod place;
 mod segment;
 mod shaft;
 mod spec;
@@ -21,9 +22,9 @@ pub use asset_id::AssetId;
 pub use bearing::BearingSpec;
 pub use error::AssetError;
 pub use gear_spec::GearSpec;
+pub use location::{Location, MeasuringPoint};
 pub use operating_bin::OperatingBin;
 pub use other_mesh::{MAX_ON_ONE_SENSOR, OtherMeshSpec};
-pub use place::{Location, MeasuringPoint};
 pub use segment::{RawReference, Segment, SegmentId};
 pub use shaft::ShaftSpec;
 pub use spec::{AssetSpec, BaselineSpec, SensorSpec};

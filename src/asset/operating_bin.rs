@@ -1,17 +1,17 @@
-//! Operating bins: records told apart by speed and load, since a trend at one operating point says more than
+//! Operating bins: ranges of speed and load, because a trend at one operating point is more informative than
 //! one over all.
 
 use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
 
-/// The most bins of an asset.
+/// Maximum number of bins of an asset.
 const MAX_BINS: usize = 16;
 
-/// No edge of a bin is further from zero.
-const GREATEST: f64 = 1e12;
+/// Maximum magnitude of an edge of a bin.
+const MAX_EDGE: f64 = 1e12;
 
-/// A box of operating points.
+/// A range of operating points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OperatingBin {
@@ -29,8 +29,8 @@ pub struct OperatingBin {
 }
 
 impl OperatingBin {
-    /// Whether an operating point lies in it; one whose speed or torque is not known lies in no bin that asks
-    /// for it.
+    /// Whether it contains an operating point. A point with unknown speed or torque is in no bin with a range
+    /// of that quantity.
     pub fn holds(&self, shaft_speed_hz: Option<f64>, torque_nm: Option<f64>) -> bool {
         let within = |range: Option<[f64; 2]>, value: Option<f64>| {
             range.is_none_or(|[low, high]| value.is_some_and(|value| low <= value && value < high))
@@ -57,7 +57,7 @@ pub(super) fn validate(bins: &[OperatingBin]) -> Result<(), AssetError> {
             return Err(field(
                 "operating_bins.name",
                 format!("{name:?}"),
-                "a name of its own of 1 to 64 bytes without control characters",
+                "a unique name of 1 to 64 bytes without control characters",
             ));
         }
         let ranges = [
@@ -66,7 +66,7 @@ pub(super) fn validate(bins: &[OperatingBin]) -> Result<(), AssetError> {
         ];
         for (name, range) in ranges {
             if let Some([low, high]) = range
-                && !(low >= -GREATEST && low < high && high <= GREATEST)
+                && !(low >= -MAX_EDGE && low < high && high <= MAX_EDGE)
             {
                 return Err(field(
                     name,
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bin_holds_its_lower_edge_and_not_its_upper_one() {
+    fn a_bin_contains_its_lower_edge_and_not_its_upper_one() {
         let both = bin("a", Some([10.0, 20.0]), Some([0.0, 5.0]));
         assert!(both.holds(Some(10.0), Some(0.0)));
         for (speed, torque) in
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn bins_that_touch_are_taken_and_those_that_overlap_refused() {
+    fn adjacent_bins_are_accepted_and_overlapping_ones_refused() {
         let slow = bin("slow", Some([10.0, 20.0]), None);
         assert!(validate(&[slow.clone(), bin("fast", Some([20.0, 30.0]), None)]).is_ok());
         let of_one_speed =

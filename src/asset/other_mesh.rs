@@ -1,55 +1,55 @@
-//! Gearboxes of several meshes: what each of them is to a sensor that hears them all.
+//! Gearboxes with several meshes: how each mesh appears to a sensor within range of all of them.
 
 use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
 use super::gear_spec::GearSpec;
-use super::pair_of_numbers;
+use super::integer_pair;
 use super::spec::AssetSpec;
 use crate::signal::{OtherMesh, OtherMeshes};
 
-/// The most other meshes in a description.
+/// Maximum number of other meshes in a description.
 const MAX_OTHERS: usize = 7;
 
-/// The most meshes that are monitored through one sensor.
+/// Maximum number of meshes monitored with one sensor.
 pub const MAX_ON_ONE_SENSOR: usize = 8;
 
-/// The greatest number of teeth, multiplied along the way from one shaft to the other.
+/// Maximum product of tooth numbers from one shaft to another.
 const MAX_TEETH: u32 = 1_000_000;
 
-/// Another mesh that the sensor hears and no asset watches.
+/// Another mesh within range of the sensor that no asset monitors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OtherMeshSpec {
     /// Tooth numbers of its driving and its driven gear.
     #[schema(example = json!([19, 57]))]
-    #[serde(deserialize_with = "pair_of_numbers::other_teeth")]
+    #[serde(deserialize_with = "integer_pair::other_teeth")]
     pub teeth: [u32; 2],
-    /// Turns of its driving shaft against turns of the shaft that speed, torque and tachometer of the records
-    /// are of; as for the monitored mesh.
+    /// Turns of its driving shaft relative to turns of the reference shaft of the records; as
+    /// `gear.shaft_ratio`.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "pair_of_numbers::other_shaft_ratio"
+        deserialize_with = "integer_pair::other_shaft_ratio"
     )]
     #[schema(example = json!([24, 36]))]
     pub shaft_ratio: Option<[u32; 2]>,
 }
 
 impl OtherMeshSpec {
-    /// The mesh of an asset as another asset of the same sensor hears it.
+    /// The mesh of an asset as another mesh of the same sensor.
     pub fn of(gear: &GearSpec) -> Self {
         Self { teeth: gear.teeth, shaft_ratio: gear.shaft_ratio }
     }
 
-    /// In orders of the driving shaft of `own`.
+    /// Its orders relative to the driving shaft of `own`.
     fn seen_from(self, own: &GearSpec) -> OtherMesh {
         let [driving, driven] = self.teeth.map(f64::from);
         let turns = turns(self.shaft_ratio) / own.driving_shaft_turns();
         OtherMesh { mesh_orders: driving * turns, shaft_orders: [turns, turns * driving / driven] }
     }
 
-    /// As it is written in a description.
+    /// Formats it as in a description.
     fn words(self) -> String {
         let ratio = self.shaft_ratio.map_or_else(String::new, |ratio| format!(", shaft_ratio = {ratio:?}"));
         format!("teeth = {:?}{ratio}", self.teeth)
@@ -61,20 +61,19 @@ impl OtherMeshSpec {
 }
 
 impl GearSpec {
-    /// Turns of the driving shaft while the shaft that speed, torque and tachometer of the records are of
-    /// makes one.
+    /// Turns of the driving shaft for each turn of the reference shaft of the records.
     pub fn driving_shaft_turns(&self) -> f64 {
         turns(self.shaft_ratio)
     }
 
-    /// What the sensor hears besides this mesh.
+    /// The other meshes within range of the sensor.
     pub(super) fn others(&self) -> OtherMeshes {
         OtherMeshes::of(self.other_meshes.iter().map(|mesh| mesh.seen_from(self)))
     }
 }
 
 impl AssetSpec {
-    /// The description with the meshes of all assets of the same sensor known to it; `all` may hold this one.
+    /// Adds the meshes of all other assets of the same sensor to the description; `all` may include this one.
     pub fn among(mut self, all: &[AssetSpec]) -> Self {
         let Some(own) = &mut self.gear else { return self };
         for gear in all.iter().filter(|asset| asset.id != self.id).filter_map(|asset| asset.gear.as_ref()) {
@@ -104,7 +103,7 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
         return Err(field(
             "gear.shaft_ratio",
             format!("{:?}", gear.shaft_ratio.unwrap_or_default()),
-            "two numbers from 1 to 1000000: the teeth that drive, multiplied along the way, and those that are driven",
+            "two numbers from 1 to 1000000: the products of the driving and of the driven tooth numbers",
         ));
     }
     if gear.other_meshes.len() > MAX_OTHERS {
@@ -137,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn meshes_of_one_sensor_know_of_each_other() {
+    fn meshes_of_one_sensor_include_each_other() {
         let first = spec("first", "teeth = [24, 36]").unwrap();
         let second = spec("second", "teeth = [19, 57]\nshaft_ratio = [24, 36]").unwrap();
         let all = [first.clone(), second.clone()];
@@ -149,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_names_its_field() {
+    fn errors_name_their_field() {
         for (gear, name) in [
             ("teeth = [24, 36]\nshaft_ratio = [0, 36]", "gear.shaft_ratio"),
             ("teeth = [24, 36]\nother_meshes = [{ teeth = [3, 57] }]", "gear.other_meshes"),

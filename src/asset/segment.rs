@@ -1,4 +1,4 @@
-//! One analysed stretch of an asset's vibration.
+//! One analysed segment of an asset's vibration.
 
 use std::fmt;
 
@@ -10,22 +10,23 @@ use super::asset_id::AssetId;
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Features, Indicators, OperatingPoint, ShaftSpeed};
 
-/// Identifier of a segment: the same asset, channel, start time and raw bytes give the same identifier, so a
-/// repeat is found.
+/// Identifier of a segment: the same asset, channel, start time and raw bytes give the same identifier, so
+/// repeated records are found.
 ///
-/// It begins with the second of the start time, so that what comes together lies together in every index by
-/// identifier: by hash alone each of 10⁹ rows would go to a page of its own that has to be read first.
+/// It starts with the second of the start time, so that records of about the same time are close together in
+/// every index by identifier. With a hash alone, each of 10⁹ rows would be in a different page that has to be
+/// read first.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(transparent)]
 pub struct SegmentId(pub String);
 
 impl SegmentId {
-    /// The identifier of one channel's stretch in a raw object.
+    /// Derives the identifier of one channel's segment in a raw object.
     pub fn derive(asset: &AssetId, channel: &str, start_time: Timestamp, raw: &RawReference) -> Self {
         let mut hash = Sha256::new();
         let nanoseconds = start_time.as_nanosecond().to_string();
         let mut parts = vec![asset.as_str(), channel, &nanoseconds, &raw.sha256];
-        // Bare samples are another record where they are read in another way.
+        // The same bare samples decoded in another way are another record.
         if raw.media_type.starts_with("application/octet-stream") {
             parts.push(&raw.media_type);
         }
@@ -34,7 +35,7 @@ impl SegmentId {
             hash.update(part.as_bytes());
         }
         let digest = hex::encode(&hash.finalize()[..8]);
-        // Every time that can be stored lies within ± 2⁶³ ns, which is less than ± 2³⁴ s; negative ones come
+        // Every time that can be stored is within ± 2⁶³ ns, which is less than ± 2³⁴ s; negative ones sort
         // first.
         let second =
             (start_time.as_nanosecond().div_euclid(1_000_000_000) + (1 << 34)).clamp(0, (1 << 36) - 1);
@@ -48,20 +49,20 @@ impl fmt::Display for SegmentId {
     }
 }
 
-/// Where a segment's raw bytes are kept, as they came.
+/// Reference to a segment's raw bytes as received.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RawReference {
     /// SHA-256 of the bytes in hexadecimal: the object's name.
     pub sha256: String,
-    /// Their number.
+    /// Number of bytes.
     pub bytes: u64,
     /// Their media type (`audio/wav`, `application/x-protobuf`, `application/json`).
     pub media_type: String,
-    /// Which channel of the object, counted from 0.
+    /// Index of the channel in the object, from 0.
     pub channel_index: u32,
 }
 
-/// One analysed stretch of vibration of one channel of an asset.
+/// One analysed segment of vibration of one channel of an asset.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Segment {
     /// Identifier.
@@ -72,7 +73,7 @@ pub struct Segment {
     pub channel: String,
     /// The time of the first sample.
     pub start_time: Timestamp,
-    /// When the service took it.
+    /// When the service received it.
     pub received_at: Timestamp,
     /// Sampling rate in hertz.
     pub sample_rate_hz: f64,
@@ -82,19 +83,19 @@ pub struct Segment {
     pub unit: String,
     /// Operating point as given with the record.
     pub operating_point: OperatingPoint,
-    /// Shaft speed that was used, and where it came from; none where none was found.
+    /// Shaft speed that was used, and its source; null if none was found.
     pub shaft_speed: Option<ShaftSpeed>,
-    /// Wear depth in µm known from elsewhere (an inspection, a simulation), for comparison only: the estimate
-    /// never uses it.
+    /// Reference wear depth in µm from another source (an inspection, a simulation), for comparison only: the
+    /// estimate never uses it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_wear_um: Option<f64>,
-    /// Where the raw bytes are.
+    /// The raw bytes.
     pub raw: RawReference,
-    /// People excluded it: it stays stored with its indicators, and takes no part in the baseline, the
-    /// estimate and the alarms.
+    /// Whether a user excluded it: it stays stored with its indicators, but does not count for the baseline,
+    /// the estimate and the alarms.
     #[serde(default)]
     pub excluded: bool,
-    /// What indicators and features rest on: preprocessing, quality of the samples, the shaft's angle.
+    /// The basis of indicators and features: preprocessing, quality of the samples, the shaft's angle.
     #[serde(flatten)]
     pub basis: Basis,
     /// Condition indicators.

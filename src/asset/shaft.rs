@@ -4,24 +4,24 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
 
-/// The shaft whose speed the records are taken at, of a machine without a gear mesh.
+/// The shaft of a machine without a gear mesh, to which the speed of the records refers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ShaftSpec {
-    /// Nominal rotational frequency in hertz; where not given, speeds come with the records. A speed or a
-    /// tachometer that comes with a record goes before it.
+    /// Nominal rotational frequency in hertz; if not given, the records contain the speed. A speed or
+    /// tachometer in a record takes precedence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_hz: Option<f64>,
-    /// How far from nominal the speed may be, as a fraction: the shaft's own lines are looked for there, and
-    /// those of bearings where none is found.
+    /// Relative deviation from the nominal speed, as a fraction: the lines of the shaft are searched in this
+    /// range, and those of bearings if none is found.
     #[serde(default = "default_tolerance")]
     pub speed_tolerance: f64,
-    /// The nominal speed is exact (a synchronous drive): it is used as it is.
+    /// Whether the nominal speed is exact (a synchronous drive) and used without a search.
     #[serde(default)]
     pub speed_is_exact: bool,
 }
 
-/// An induction motor's slip.
+/// The default covers the slip of an induction motor.
 fn default_tolerance() -> f64 {
     0.05
 }
@@ -29,14 +29,14 @@ fn default_tolerance() -> f64 {
 impl ShaftSpec {
     pub(super) fn validate(&self) -> Result<(), AssetError> {
         if self.speed_is_exact && self.speed_hz.is_none() {
-            return Err(field("shaft.speed_hz", "missing", "the speed that speed_is_exact is about"));
+            return Err(field("shaft.speed_hz", "missing", "a speed, because speed_is_exact is set"));
         }
         let names = ["shaft.speed_hz", "shaft.speed_tolerance"];
         check_speed(names, self.speed_hz.unwrap_or(1.0), self.speed_tolerance)
     }
 }
 
-/// Checks a nominal speed and its tolerance, whose fields have these names.
+/// Checks a nominal speed and its tolerance; the names are those of their fields.
 pub(super) fn check_speed(
     [speed, tolerance]: [&'static str; 2],
     speed_hz: f64,

@@ -1,5 +1,5 @@
-//! An asset: one gear mesh, or a machine without one, seen by one or more measuring channels. Meshes that one
-//! sensor hears together are an asset each.
+//! The description of an asset: one gear mesh, or a machine without one, with one or more measuring channels.
+//! Each mesh within range of a shared sensor is a separate asset.
 
 use std::collections::BTreeMap;
 
@@ -10,9 +10,9 @@ use super::asset_id::AssetId;
 use super::bearing::{self, BearingSpec};
 use super::error::{AssetError, field};
 use super::gear_spec::GearSpec;
+use super::location::{self, Location, MeasuringPoint};
 use super::operating_bin::{self, OperatingBin};
 use super::other_mesh;
-use super::place::{self, Location, MeasuringPoint};
 use super::shaft::ShaftSpec;
 use super::stream_spec::StreamSpec;
 use super::velocity_zones::VelocityZones;
@@ -21,25 +21,25 @@ use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
 use crate::signal::{Band, EnvelopeSearch};
 
-/// An asset as the user describes it (TOML in files, JSON over HTTP).
+/// The user's description of an asset (TOML in files, JSON over HTTP).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AssetSpec {
-    /// Name in addresses.
+    /// Identifier in URLs.
     pub id: AssetId,
-    /// Name for people.
+    /// Display name.
     #[serde(default)]
     pub name: String,
-    /// Where it is.
+    /// Its location.
     #[serde(default, skip_serializing_if = "Location::is_empty")]
     pub location: Location,
-    /// The monitored mesh; none where the machine has none.
+    /// The monitored mesh; not given for a machine without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gear: Option<GearSpec>,
     /// The shaft of a machine without a mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shaft: Option<ShaftSpec>,
-    /// The rolling bearings that the sensor hears.
+    /// The rolling bearings within range of the sensor.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bearings: Vec<BearingSpec>,
     /// The zones of ISO 20816 for the root mean square of velocity.
@@ -48,7 +48,7 @@ pub struct AssetSpec {
     /// The accelerometer.
     #[serde(default)]
     pub sensor: SensorSpec,
-    /// The measuring points with their sensors, where more is to be said of them.
+    /// Optional details of the measuring points and their sensors.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<MeasuringPoint>,
     /// How the healthy baseline is collected.
@@ -57,25 +57,25 @@ pub struct AssetSpec {
     /// Limits on wear depth.
     #[serde(default)]
     pub limits: WearLimits,
-    /// When alarms are raised; where not given it follows from the limits. An empty list is none at all.
+    /// The alarm rules; by default they are derived from the limits. An empty list means no alarms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alarms: Option<Vec<AlarmRule>>,
-    /// Operating points told apart in trends.
+    /// Ranges of operating points that trends can be filtered by.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub operating_bins: Vec<OperatingBin>,
-    /// Band of the envelope spectrum in hertz; where not given it is looked for in each record.
+    /// Band of the envelope spectrum in hertz; by default it is searched in each record.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub envelope_band_hz: Option<[f64; 2]>,
-    /// How the band of the envelope spectrum is looked for.
+    /// How the band of the envelope spectrum is searched.
     #[serde(default, skip_serializing_if = "EnvelopeSearch::is_default")]
     pub envelope_band: EnvelopeSearch,
-    /// Whether the indicators over the shaft's angle (FM0, FM4, NA4 …) are computed of each record.
+    /// Whether the indicators over the shaft's angle (FM0, FM4, NA4 …) are computed for each record.
     #[serde(default = "default_gear_indicators")]
     pub gear_indicators: bool,
     /// Frequency bands whose root mean square becomes an indicator of each record.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bands: Vec<Band>,
-    /// Which parts of live streams become records.
+    /// How records are cut out of live streams.
     #[serde(default, skip_serializing_if = "StreamSpec::is_default")]
     pub stream: StreamSpec,
 }
@@ -84,15 +84,15 @@ pub struct AssetSpec {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensorSpec {
-    /// Unit of the samples where the recording does not say (`"m/s2"`, `"g"`).
+    /// Unit of the samples if the recording does not give it (`"m/s2"`, `"g"`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// The channel whose wear estimate speaks for the asset; the first one seen where not given.
+    /// The channel whose wear estimate is used for the asset; by default all channels together, and the first
+    /// one where a single channel is needed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channel: Option<String>,
-    /// Another asset whose measuring points hear this mesh too: records that come for that one are looked at
-    /// for this one as well, and none are taken for this one alone. It stays what it is once there are
-    /// records.
+    /// Another asset whose sensor also measures this mesh: the records of that asset are analysed for this
+    /// one too, and this one accepts no records of its own. It cannot be changed once the asset has records.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<AssetId>,
 }
@@ -101,15 +101,15 @@ pub struct SensorSpec {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BaselineSpec {
-    /// Records needed, at least 8.
+    /// Number of records, at least 8.
     #[serde(default = "default_baseline_records")]
     pub records: u32,
 }
 
-/// The most bands of an asset: each is stored with every record.
+/// Maximum number of bands of an asset: each is stored with every record.
 const MAX_BANDS: usize = 16;
 
-/// The highest frequency of a band in hertz: half of more than any sampling rate.
+/// Maximum frequency of a band in hertz, above half of any sampling rate.
 const MAX_FREQUENCY_HZ: f64 = 1e7;
 
 fn default_gear_indicators() -> bool {
@@ -134,7 +134,7 @@ impl AssetSpec {
         Ok(spec)
     }
 
-    /// Checks every number; a description that passes can be monitored.
+    /// Checks every field; an asset with a valid description can be monitored.
     pub fn validate(&self) -> Result<(), AssetError> {
         if let Some(gear) = &self.gear {
             gear.check_beside_pair()?;
@@ -145,11 +145,11 @@ impl AssetSpec {
         if let Some(zones) = self.velocity_zones {
             zones.validate()?;
         }
-        place::check_text("name", Some(self.name.as_str()).filter(|name| !name.is_empty()))?;
-        place::check_text("sensor.unit", self.sensor.unit.as_deref())?;
-        place::check_text("sensor.channel", self.sensor.channel.as_deref())?;
+        location::check_text("name", Some(self.name.as_str()).filter(|name| !name.is_empty()))?;
+        location::check_text("sensor.unit", self.sensor.unit.as_deref())?;
+        location::check_text("sensor.channel", self.sensor.channel.as_deref())?;
         self.location.validate()?;
-        place::validate(&self.points)?;
+        location::validate(&self.points)?;
         self.stream.validate()?;
         alarm_rules::validate(self)?;
         operating_bin::validate(&self.operating_bins)?;
@@ -170,7 +170,7 @@ impl AssetSpec {
             return Err(field(
                 "envelope_band",
                 "kurtogram",
-                "nothing beside envelope_band_hz: the band is given or looked for",
+                "either envelope_band_hz or envelope_band, not both",
             ));
         }
         if self.bands.len() > MAX_BANDS {
@@ -184,7 +184,7 @@ impl AssetSpec {
                 return Err(field(
                     "bands",
                     format!("name = {:?}, band_hz = {:?}", band.name, band.band_hz),
-                    "a name of its own of 1 to 32 characters of a-z, 0-9 and _, and two frequencies from 0 to 1e7, the lower one first",
+                    "a unique name of 1 to 32 characters of a-z, 0-9 and _, and two frequencies from 0 to 1e7, the lower one first",
                 ));
             }
         }
@@ -202,7 +202,7 @@ impl AssetSpec {
     fn check_shaft(&self) -> Result<(), AssetError> {
         match (&self.shaft, &self.gear) {
             (Some(_), Some(_)) => {
-                Err(field("shaft", "given beside gear", "one of both: the mesh's speed is in gear"))
+                Err(field("shaft", "given together with gear", "only one of both: gear contains the speed"))
             }
             (Some(shaft), None) => shaft.validate(),
             (None, Some(_)) => Ok(()),
@@ -210,18 +210,18 @@ impl AssetSpec {
         }
     }
 
-    /// The name for people, or the one in addresses where there is none.
+    /// The display name, or the identifier if there is none.
     pub fn name_or_id(&self) -> &str {
         if self.name.is_empty() { self.id.as_str() } else { &self.name }
     }
 
-    /// Units of the samples of measuring points that have one of their own, by channel.
+    /// Units of the measuring points that give one, by channel.
     pub fn channel_units(&self) -> BTreeMap<String, String> {
         let with_unit = |point: &MeasuringPoint| Some((point.channel.clone(), point.unit.clone()?));
         self.points.iter().filter_map(with_unit).collect()
     }
 
-    /// The gear pair, where it is described.
+    /// The gear pair, if it is described.
     pub fn pair(&self) -> Option<&PairSpec> {
         self.gear.as_ref()?.pair.as_ref()
     }
@@ -231,7 +231,8 @@ impl AssetSpec {
         Some(self.gear.as_ref()?.teeth)
     }
 
-    /// Nominal rotational frequency in hertz of the shaft whose speed is meant.
+    /// Nominal rotational frequency in hertz of the mesh's driving shaft, or of the shaft of a machine
+    /// without a mesh.
     pub fn nominal_speed_hz(&self) -> Option<f64> {
         let of_shaft = || self.shaft?.speed_hz;
         self.gear.as_ref().map(|gear| gear.shaft_speed_hz).or_else(of_shaft)
@@ -247,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_and_its_points_are_read_and_checked() {
+    fn locations_and_measuring_points_are_read_and_checked() {
         let spec = with_bands(
             "location = { site = \"mill\", machine = \"3\", gearbox = \"A\", mesh = \"first stage\" }
              points = [{ channel = \"a1\", unit = \"g\", sensitivity = 10.2, sensitivity_unit = \"mV/g\", calibrated_on = \"2026-01-31\" }]",
@@ -268,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_beyond_all_measure_are_refused_with_their_bound() {
+    fn errors_about_excessive_numbers_contain_the_limit() {
         for (text, name) in [
             ("limits = { danger_um = 1e308 }", "limits.danger_um"),
             ("envelope_band_hz = [1.0, 1e308]", "envelope_band_hz"),

@@ -1,19 +1,19 @@
-//! Which parts of a live stream become records.
+//! The rules by which records are cut out of live streams.
 
 use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
 
-/// The shortest and the longest record in seconds.
+/// Minimum and maximum length of a record in seconds.
 const RECORD_S: std::ops::RangeInclusive<f64> = 0.1..=600.0;
 
-/// The longest interval in seconds: a day.
+/// Maximum interval in seconds: a day.
 const MAX_INTERVAL_S: f64 = 86_400.0;
 
-/// By how much speed or torque of a steady machine may change.
+/// Range of the permitted relative change of speed or torque of a steady machine.
 const FRACTION: std::ops::RangeInclusive<f64> = 0.0..=0.5;
 
-/// The longest time in seconds that a machine has to be steady for.
+/// Maximum time in seconds for which a machine has to be steady.
 const MAX_STEADY_S: f64 = 3600.0;
 
 /// How records are cut out of the asset's live streams.
@@ -23,44 +23,46 @@ pub struct StreamSpec {
     /// Length of a record in seconds, 0.1 to 600.
     #[serde(default = "default_record_s")]
     pub record_s: f64,
-    /// Seconds from the beginning of one record to the next. The same as `record_s` makes records of all
-    /// samples; 0 makes none but on demand.
+    /// Seconds from the start of one record to the start of the next. If equal to `record_s`, all samples
+    /// become records; if 0, records are cut only on demand.
     #[serde(default = "default_interval_s")]
     pub interval_s: f64,
-    /// Records are cut while the machine is steady, and not by `interval_s`.
+    /// If given, records are cut while the machine is steady, instead of by `interval_s`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steady: Option<SteadySpec>,
-    /// What is kept besides when an alarm of the asset is raised.
+    /// If given, additional records are cut when an alarm of the asset is raised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub on_alarm: Option<OnAlarmSpec>,
 }
 
-/// When a machine counts as steady, by what the sender says of its speed and torque.
+/// When a machine counts as steady, judged by the speed and torque given by the sender.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SteadySpec {
-    /// By how much the speed may change: 0.02 is ± 2 %. From 0 to 0.5.
+    /// Permitted relative change of the speed, 0 to 0.5: 0.02 is ± 2 %.
     #[serde(default = "default_speed_fraction")]
     pub speed_fraction: f64,
-    /// By how much the torque may change, from 0 to 0.5.
+    /// Permitted relative change of the torque, 0 to 0.5.
     #[serde(default = "default_torque_fraction")]
     pub torque_fraction: f64,
-    /// Seconds that it has to be so, at most 3600; at least as long as a record it is anyway.
+    /// Seconds for which the machine has to be steady, at most 3600; at least the length of a record in any
+    /// case.
     #[serde(default = "default_for_s")]
     pub for_s: f64,
-    /// Seconds from the beginning of one record to that of the next in the same operating bin, at most a day.
+    /// Minimum seconds from the start of one record to the start of the next in the same operating bin, at
+    /// most a day.
     #[serde(default = "default_at_most_every_s")]
     pub at_most_every_s: f64,
 }
 
-/// The samples around an alarm that become records.
+/// The range of samples around an alarm that become records.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OnAlarmSpec {
-    /// Seconds before it, 0 to 60.
+    /// Seconds before the alarm, 0 to 60.
     #[serde(default = "default_around_s")]
     pub before_s: f64,
-    /// Seconds after it, 0 to 600.
+    /// Seconds after the alarm, 0 to 600.
     #[serde(default = "default_around_s")]
     pub after_s: f64,
 }
@@ -164,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_is_usual_and_what_cannot_be_is_refused_with_its_name() {
+    fn missing_fields_have_defaults_and_invalid_ones_are_named() {
         let steady = read("steady = { for_s = 5 }").steady.unwrap();
         assert_eq!((steady.speed_fraction, steady.at_most_every_s), (0.02, 3600.0));
         assert_eq!(read("on_alarm = {}").on_alarm, Some(OnAlarmSpec { before_s: 30.0, after_s: 30.0 }));

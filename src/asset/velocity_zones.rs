@@ -1,13 +1,13 @@
-//! The zones of ISO 20816 that a machine's root mean square of velocity lies in.
+//! The ISO 20816 zones for a machine's root mean square of velocity.
 
 use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
 
-/// The greatest limit in mm/s.
+/// Maximum limit in mm/s.
 const MAX_LIMIT_MM_PER_S: f64 = 1e4;
 
-/// What decides a machine's zones: its class, or the limits themselves.
+/// The zones of a machine: given by its class, or by the limits themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum VelocityZones {
@@ -48,10 +48,10 @@ pub enum MachineClass {
     Class4,
 }
 
-/// Where a machine's velocity lies.
+/// The zone of a machine's velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub enum VelocityZone {
-    /// As of new machines.
+    /// Typical of new machines.
     A,
     /// Acceptable for unrestricted long-term operation.
     B,
@@ -79,7 +79,7 @@ impl VelocityZones {
         }
     }
 
-    /// The zone of a velocity in mm/s; a limit belongs to the zone below.
+    /// The zone of a velocity in mm/s; a limit belongs to the lower zone.
     pub fn zone(self, velocity_mm_per_s: f64) -> VelocityZone {
         let [a, b, c] = self.limits_mm_per_s();
         match velocity_mm_per_s {
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_that_cannot_be_used_are_refused() {
+    fn invalid_limits_are_refused() {
         for limits in ["[0, 1, 2]", "[1, 1, 2]", "[1, 2, nan]", "[1, 2, 1e9]"] {
             let error = zones(&format!("{{ limits_mm_per_s = {limits} }}")).unwrap_err().to_string();
             assert!(error.starts_with("velocity_zones.limits_mm_per_s is ["), "{error}");

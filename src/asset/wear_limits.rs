@@ -8,15 +8,15 @@ use super::error::{AssetError, field};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WearLimits {
-    /// Wear depth from which maintenance is to be planned.
+    /// Wear depth from which maintenance should be planned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warning_um: Option<f64>,
-    /// Wear depth from which the gear must not run on.
+    /// Wear depth from which the gear must not be operated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub danger_um: Option<f64>,
 }
 
-/// The greatest depth of a limit in µm, as of an inspection.
+/// Maximum limit in µm, the same as for an inspection.
 const MAX_DEPTH_UM: f64 = 1e5;
 
 impl WearLimits {
@@ -26,7 +26,7 @@ impl WearLimits {
             if let Some(limit) = limit
                 && !has_gear
             {
-                return Err(field(name, limit, "nothing without gear: there is no wear depth"));
+                return Err(field(name, limit, "no limit: without gear there is no wear depth"));
             }
             if let Some(limit) = limit
                 && !(limit > 0.0 && limit <= MAX_DEPTH_UM)

@@ -20,11 +20,11 @@ impl From<&ServiceError> for Fault {
                 Self::Elsewhere
             }
             // What a database, an object store or a network says is no proof against a record.
-            ServiceError::Store(error) if !error.may_be_of_record() => Self::Elsewhere,
+            ServiceError::Store(error) if !error.may_be_caused_by_record() => Self::Elsewhere,
             ServiceError::Recording(error) if error.is_full() => Self::Elsewhere,
             ServiceError::Recording(_)
             | ServiceError::Field { .. }
-            | ServiceError::QueuedOtherwise { .. } => Self::Own,
+            | ServiceError::QueuedRecordMismatch { .. } => Self::Own,
             _ => Self::Doubtful,
         }
     }
@@ -40,7 +40,7 @@ mod tests {
     fn only_what_is_proven_is_the_records_own() {
         let own =
             ServiceError::Field { field: "start_time", value: "yesterday".to_owned(), expected: "a time" };
-        let queued_otherwise = ServiceError::QueuedOtherwise {
+        let queued_otherwise = ServiceError::QueuedRecordMismatch {
             found: SegmentId("a".to_owned()),
             expected: SegmentId("b".to_owned()),
         };

@@ -350,7 +350,7 @@ pub(super) async fn asset_and_channel(
     let channels = store.channels(id).await?;
     let channel = match asked {
         Some(asked) => Some(channel_named(id, &channels, asked)?),
-        None => asset.speaking_channel(&channels),
+        None => asset.default_channel(&channels),
     };
     Ok((asset, channel.cloned()))
 }

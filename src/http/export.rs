@@ -176,7 +176,7 @@ async fn written(
 /// The record itself; none where its raw bytes are not to be had any more.
 async fn record_of(app: &App, segment: &Segment) -> Result<Option<Record>, Problem> {
     match app.service.records.recall(segment).await {
-        Err(error) if error.is_without_raw() => Ok(None),
+        Err(error) if error.is_raw_unavailable() => Ok(None),
         record => Ok(Some(record?)),
     }
 }
@@ -184,7 +184,7 @@ async fn record_of(app: &App, segment: &Segment) -> Result<Option<Record>, Probl
 /// The spectrum of a record; none where its raw bytes are not to be had any more.
 async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, Problem> {
     let spectrum = match app.service.records.spectrum(segment).await {
-        Err(error) if error.is_without_raw() => return Ok(None),
+        Err(error) if error.is_raw_unavailable() => return Ok(None),
         spectrum => spectrum?.0,
     };
     let kept = reduction::peaks(&spectrum.amplitude, SPECTRUM_POINTS);

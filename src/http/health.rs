@@ -147,7 +147,7 @@ async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose)
         status: if is_ready { "ok" } else { "unavailable" },
         purpose,
         database: or_ok(database),
-        raw_recordings: or_ok(service.store.held()),
+        raw_recordings: or_ok(service.store.removal_hold()),
         room,
         queue: Queue { used, limit },
         parts,

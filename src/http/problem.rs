@@ -217,7 +217,7 @@ impl From<ServiceError> for Problem {
             ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => {
                 Self::new(StatusCode::CONFLICT, error.to_string())
             }
-            ServiceError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
+            ServiceError::RawDeleted(_) => Self::new(StatusCode::GONE, error.to_string()),
             ServiceError::Recording(ref source) if source.is_full() => {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
@@ -247,7 +247,7 @@ impl From<ServiceError> for Problem {
             }
             ServiceError::File { .. }
             | ServiceError::WorkerLost(_)
-            | ServiceError::QueuedOtherwise { .. } => Self::internal(&error),
+            | ServiceError::QueuedRecordMismatch { .. } => Self::internal(&error),
         }
     }
 }

@@ -138,7 +138,7 @@ pub(super) async fn show(
         if let Some(last) = segments.last() {
             let _ticket = app.service.workers.admit_answer()?;
             report.last_spectrum = match app.service.records.spectrum(last).await {
-                Err(error) if error.is_without_raw() => None,
+                Err(error) if error.is_raw_unavailable() => None,
                 spectrum => Some(spectrum?.0),
             };
         }

@@ -214,7 +214,7 @@ async fn read_and_end(app: App, upload: ResumableUpload) {
     let alive = async {
         loop {
             tokio::time::sleep(ALIVE_INTERVAL).await;
-            if let Err(error) = app.service.store.go_on_reading(&upload.id, app.service.now()).await {
+            if let Err(error) = app.service.store.renew_reading(&upload.id, app.service.now()).await {
                 tracing::debug!(upload = upload.id, %error, "failed to say that an upload is being read");
             }
         }

@@ -217,7 +217,7 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
         while let Some(done) = tasks.join_next().await {
             let (n, line) = done.map_err(|_| ServiceError::WorkerLost("reduce a spectrum"))?;
             let line: Line = match line {
-                Err(error) if error.is_without_raw() => continue,
+                Err(error) if error.is_raw_unavailable() => continue,
                 line => line?.into(),
             };
             app.lines.keep(segments[n].id.clone(), grid, line.clone());

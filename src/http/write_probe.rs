@@ -79,7 +79,7 @@ async fn room(service: &Service) -> Option<String> {
         return None;
     }
     let store = service.store.clone();
-    on_objects(move || store.objects().check_room()).await
+    on_objects(move || store.objects().check_free_space()).await
 }
 
 /// Of processes that share a store: whether the objects can be written.

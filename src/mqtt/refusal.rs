@@ -114,7 +114,7 @@ impl Verdict {
             StoreError::AssetUnknown(_) => Self::Never(Refusal::new(404, error.to_string())),
             StoreError::Time(_) => Self::Never(Refusal::new(422, error.to_string())),
             error if error.is_damage() => Self::Later(error.to_string()),
-            error if error.may_be_of_record() => Self::Fault(Refusal::new(500, error.to_string())),
+            error if error.may_be_caused_by_record() => Self::Fault(Refusal::new(500, error.to_string())),
             error => Self::Later(error.to_string()),
         }
     }
@@ -136,10 +136,10 @@ impl From<ServiceError> for Verdict {
             ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => {
                 Self::Never(Refusal::new(409, error.to_string()))
             }
-            ServiceError::RawGivenUp(_) => Self::Never(Refusal::new(410, error.to_string())),
+            ServiceError::RawDeleted(_) => Self::Never(Refusal::new(410, error.to_string())),
             // None of these is of a record that comes, but for a fault of the program.
             ServiceError::WorkerLost(_)
-            | ServiceError::QueuedOtherwise { .. }
+            | ServiceError::QueuedRecordMismatch { .. }
             | ServiceError::Precondition(_)
             | ServiceError::ReplayFile { .. }
             | ServiceError::ReplayUnknown(_)

@@ -1,4 +1,4 @@
-//! Line charts as SVG, for paper as for a screen.
+//! Line charts as SVG, for paper and screen.
 
 use std::fmt::Write;
 
@@ -12,28 +12,28 @@ const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 46.0;
 
-/// Half of the longest label of a time.
+/// Half the width of the longest time label.
 const LABEL_HALF: f64 = 36.0;
 
-/// What the horizontal axis counts.
+/// The scale of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Horizontal {
-    /// Seconds since 1970, written as times in UTC.
+pub(super) enum XAxis {
+    /// Seconds since 1970, labelled as times in UTC.
     Time,
     /// Numbers.
     Number,
 }
 
-/// One curve: points in the order of x, with gaps where there is no value.
+/// One curve: points in the order of x, with gaps for missing values.
 #[derive(Debug)]
 pub(super) struct Series {
     pub(super) name: String,
     pub(super) points: Vec<(f64, Option<f64>)>,
-    /// The class that the page's style draws it by.
+    /// CSS class.
     pub(super) class: &'static str,
 }
 
-/// A level to compare with.
+/// A horizontal reference line.
 #[derive(Debug)]
 pub(super) struct Level {
     pub(super) name: String,
@@ -41,7 +41,7 @@ pub(super) struct Level {
     pub(super) class: &'static str,
 }
 
-/// Something that happened at one place across.
+/// A vertical mark of an event.
 #[derive(Debug)]
 pub(super) struct Mark {
     pub(super) x: f64,
@@ -52,31 +52,31 @@ pub(super) struct Mark {
 /// A chart with curves, a band, levels and marks.
 #[derive(Debug)]
 pub(super) struct Chart {
-    pub(super) horizontal: Horizontal,
+    pub(super) horizontal: XAxis,
     pub(super) x_title: String,
     pub(super) y_title: String,
     pub(super) series: Vec<Series>,
-    /// Lower and upper edge over x.
+    /// Each x with the lower and the upper edge.
     pub(super) band: Vec<(f64, f64, f64)>,
     pub(super) levels: Vec<Level>,
-    /// Drawn where they lie within the curves' stretch.
+    /// Drawn if they are within the range of the curves.
     pub(super) marks: Vec<Mark>,
-    /// Whether the vertical axis begins at 0.
+    /// Whether the vertical axis starts at 0.
     pub(super) from_zero: bool,
 }
 
-/// Places of the plot's area.
+/// The ranges of the plot area.
 struct Frame {
     x: [f64; 2],
     y: [f64; 2],
 }
 
 impl Frame {
-    fn across(&self, x: f64) -> f64 {
+    fn x_px(&self, x: f64) -> f64 {
         LEFT + (x - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT)
     }
 
-    fn up(&self, y: f64) -> f64 {
+    fn y_px(&self, y: f64) -> f64 {
         HEIGHT - BOTTOM - (y - self.y[0]) / (self.y[1] - self.y[0]) * (HEIGHT - TOP - BOTTOM)
     }
 }
@@ -87,7 +87,7 @@ impl Chart {
         self.series.iter().all(|series| series.points.iter().all(|(_, y)| y.is_none()))
     }
 
-    /// The drawing; described in words by `label`.
+    /// Renders the chart as SVG; `label` describes it for screen readers.
     pub(super) fn svg(&self, label: &str) -> String {
         let frame = self.frame();
         let mut svg =
@@ -96,11 +96,11 @@ impl Chart {
         if !self.band.is_empty() {
             let upper = self.band.iter().map(|(x, _, high)| (*x, *high));
             let lower = self.band.iter().rev().map(|(x, low, _)| (*x, *low));
-            let outline: String = upper.chain(lower).map(|(x, y)| place(&frame, x, y)).collect();
+            let outline: String = upper.chain(lower).map(|(x, y)| point(&frame, x, y)).collect();
             let _ = write!(svg, "<polygon class=\"band\" points=\"{}\"/>", outline.trim_end());
         }
         for level in &self.levels {
-            let y = frame.up(level.y);
+            let y = frame.y_px(level.y);
             let _ = write!(
                 svg,
                 "<line class=\"{0}\" x1=\"{LEFT}\" x2=\"{1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/><text class=\"{0}\" x=\"{2}\" y=\"{3:.1}\">{4}</text>",
@@ -113,7 +113,7 @@ impl Chart {
         }
         let within = |mark: &&Mark| frame.x[0] <= mark.x && mark.x <= frame.x[1];
         for mark in self.marks.iter().filter(within) {
-            let x = frame.across(mark.x);
+            let x = frame.x_px(mark.x);
             let _ = write!(
                 svg,
                 "<line class=\"mark {}\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{}\"><title>{}</title></line>",
@@ -124,8 +124,8 @@ impl Chart {
         }
         for series in &self.series {
             for stretch in series.points.split(|(_, y)| y.is_none()).filter(|stretch| !stretch.is_empty()) {
-                let kept = thin(stretch, &frame);
-                let points: String = kept.iter().map(|(x, y)| place(&frame, *x, *y)).collect();
+                let reduced = downsample(stretch, &frame);
+                let points: String = reduced.iter().map(|(x, y)| point(&frame, *x, *y)).collect();
                 let _ =
                     write!(svg, "<polyline class=\"{}\" points=\"{}\"/>", series.class, points.trim_end());
             }
@@ -133,7 +133,7 @@ impl Chart {
         svg + "</svg>"
     }
 
-    /// The names of curves and band, to stand below the drawing.
+    /// Renders the legend of curves, band and marks, to be placed below the chart.
     pub(super) fn legend(&self, band: Option<&str>) -> String {
         let band = band.filter(|_| !self.band.is_empty()).map(|name| ("band", name));
         let names = self.series.iter().map(|series| (series.class, series.name.as_str())).chain(band);
@@ -158,15 +158,15 @@ impl Chart {
         if self.from_zero {
             low = low.min(0.0);
         }
-        let room = 0.06 * (high - low);
-        let below = if self.from_zero && low == 0.0 { 0.0 } else { room };
-        Frame { x: extent(xs()), y: [low - below, high + room] }
+        let margin = 0.06 * (high - low);
+        let below = if self.from_zero && low == 0.0 { 0.0 } else { margin };
+        Frame { x: extent(xs()), y: [low - below, high + margin] }
     }
 
     fn axes(&self, frame: &Frame, svg: &mut String) {
         let (right, bottom) = (WIDTH - RIGHT, HEIGHT - BOTTOM);
         for Tick { at, label } in ticks::numbers(frame.y[0], frame.y[1], 5) {
-            let y = frame.up(at);
+            let y = frame.y_px(at);
             let _ = write!(
                 svg,
                 "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{right}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
@@ -175,12 +175,12 @@ impl Chart {
             );
         }
         let across = match self.horizontal {
-            Horizontal::Time => ticks::times(frame.x[0], frame.x[1], 6),
-            Horizontal::Number => ticks::numbers(frame.x[0], frame.x[1], 8),
+            XAxis::Time => ticks::times(frame.x[0], frame.x[1], 6),
+            XAxis::Number => ticks::numbers(frame.x[0], frame.x[1], 8),
         };
         for Tick { at, label } in across {
-            let x = frame.across(at);
-            // A label in the middle of the last tick would reach over the picture's edge.
+            let x = frame.x_px(at);
+            // A label centred on the last tick would exceed the edge of the chart.
             let anchor = if x + LABEL_HALF > WIDTH { "end" } else { "middle" };
             let _ = write!(
                 svg,
@@ -217,11 +217,11 @@ fn entry(class: &str, name: &str) -> String {
     )
 }
 
-fn place(frame: &Frame, x: f64, y: f64) -> String {
-    format!("{:.1},{:.1} ", frame.across(x), frame.up(y))
+fn point(frame: &Frame, x: f64, y: f64) -> String {
+    format!("{:.1},{:.1} ", frame.x_px(x), frame.y_px(y))
 }
 
-/// The least and the greatest, apart from each other in any case.
+/// The minimum and the maximum, extended to a non-empty range.
 fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = values
         .filter(|value| value.is_finite())
@@ -235,11 +235,11 @@ fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
     }
 }
 
-/// The lowest and the highest of the points that fall on one half of a unit across, in the order of x: no
-/// more is to be seen.
-fn thin(stretch: &[(f64, Option<f64>)], frame: &Frame) -> Vec<(f64, f64)> {
-    let column = |x: f64| (2.0 * frame.across(x)).floor() as i64;
-    let mut kept = Vec::new();
+/// Reduces points to the lowest and the highest in each half unit of width, in the order of x: more would not
+/// be visible.
+fn downsample(stretch: &[(f64, Option<f64>)], frame: &Frame) -> Vec<(f64, f64)> {
+    let column = |x: f64| (2.0 * frame.x_px(x)).floor() as i64;
+    let mut reduced = Vec::new();
     for points in stretch.chunk_by(|a, b| column(a.0) == column(b.0)) {
         let valued = points.iter().filter_map(|(x, y)| Some((*x, (*y)?)));
         let by_height = |a: &(f64, f64), b: &(f64, f64)| a.1.total_cmp(&b.1);
@@ -247,12 +247,12 @@ fn thin(stretch: &[(f64, Option<f64>)], frame: &Frame) -> Vec<(f64, f64)> {
         let (Some(least), Some(greatest)) = (least, greatest) else {
             continue;
         };
-        kept.push(if least.0 <= greatest.0 { least } else { greatest });
+        reduced.push(if least.0 <= greatest.0 { least } else { greatest });
         if least != greatest {
-            kept.push(if least.0 <= greatest.0 { greatest } else { least });
+            reduced.push(if least.0 <= greatest.0 { greatest } else { least });
         }
     }
-    kept
+    reduced
 }
 
 #[cfg(test)]
@@ -261,7 +261,7 @@ mod tests {
 
     fn chart(points: Vec<(f64, Option<f64>)>) -> Chart {
         Chart {
-            horizontal: Horizontal::Number,
+            horizontal: XAxis::Number,
             x_title: "x".to_owned(),
             y_title: "y".to_owned(),
             series: vec![Series { name: "a < b".to_owned(), points, class: "one" }],
@@ -286,8 +286,8 @@ mod tests {
         points[54_321].1 = Some(7.0);
         let chart = chart(points);
         let frame = chart.frame();
-        let kept = thin(&chart.series[0].points, &frame);
-        assert!(kept.len() < 4000 && kept.contains(&(54_321.0, 7.0)), "{}", kept.len());
+        let reduced = downsample(&chart.series[0].points, &frame);
+        assert!(reduced.len() < 4000 && reduced.contains(&(54_321.0, 7.0)), "{}", reduced.len());
     }
 
     #[test]

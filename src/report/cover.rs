@@ -1,26 +1,26 @@
-//! What the person who sends a report says in it, and which parts it has.
+//! The texts that the sender of a report adds, and its sections.
 
 use std::fmt::Write;
 
 use super::page::escape;
 
-/// What the sender says.
+/// Texts by the sender.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Cover {
-    /// Whom it is for.
+    /// The addressee.
     pub prepared_for: String,
-    /// Who has written it: with it goes a line for the signature.
+    /// The author; if given, the report has a line for the signature.
     pub prepared_by: String,
-    /// What should be done; empty lines separate paragraphs.
+    /// The recommendation; empty lines separate paragraphs.
     pub recommendation: String,
 }
 
-/// Which parts a report has.
+/// The sections of a report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Contents {
     /// Wear over time.
     pub wear: bool,
-    /// The indicators that are drawn over time, of [`INDICATORS`](super::INDICATORS).
+    /// The indicators shown over time, of [`INDICATORS`](super::INDICATORS).
     pub indicators: Vec<&'static str>,
     /// The spectrum of the last record.
     pub spectrum: bool,
@@ -38,14 +38,14 @@ impl Default for Contents {
 }
 
 impl Cover {
-    /// Whom it is for, below the title.
+    /// Writes the addressee, below the title.
     pub(super) fn addressee(&self, body: &mut String) {
         if !self.prepared_for.is_empty() {
             let _ = write!(body, "<p>Prepared for {}.</p>", escape(&self.prepared_for));
         }
     }
 
-    /// The recommendation, behind the verdict.
+    /// Writes the recommendation, below the facts.
     pub(super) fn recommendation(&self, body: &mut String) {
         let paragraphs = self.recommendation.split("\n\n").map(str::trim).filter(|text| !text.is_empty());
         let paragraphs: String = paragraphs.map(|text| format!("<p>{}</p>", escape(text))).collect();
@@ -57,7 +57,7 @@ impl Cover {
         }
     }
 
-    /// Place, date and signature, at the end.
+    /// Writes the lines for place, date and signature, at the end.
     pub(super) fn signature(&self, body: &mut String) {
         if !self.prepared_by.is_empty() {
             let _ = write!(
@@ -69,14 +69,14 @@ impl Cover {
     }
 }
 
-/// A form that asks for the page again, with what the sender says and the parts that are chosen.
+/// A form that requests the page again, with the sender's texts and the chosen sections.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Form {
-    /// The channel that was asked for.
+    /// The requested channel.
     pub channel: Option<String>,
 }
 
-/// The form as it is on the page, and not on paper.
+/// Writes the form, which is shown on the page but not printed.
 pub(super) fn form(form: &Form, cover: &Cover, contents: &Contents, body: &mut String) {
     let text = |name: &str, label: &str, value: &str| {
         format!("<label>{label}<input name=\"{name}\" value=\"{}\"></label>", escape(value))
@@ -85,7 +85,7 @@ pub(super) fn form(form: &Form, cover: &Cover, contents: &Contents, body: &mut S
         let [shown, out] = if is_shown { [" selected", ""] } else { ["", " selected"] };
         format!(
             "<label>{label}<select name=\"{name}\"><option value=\"true\"{shown}>shown</option>\
-             <option value=\"false\"{out}>left out</option></select></label>"
+             <option value=\"false\"{out}>hidden</option></select></label>"
         )
     };
     let channel = form.channel.as_ref().map_or_else(String::new, |channel| {
@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_sender_says_is_text() {
+    fn the_texts_of_the_sender_are_escaped() {
         let cover = Cover {
             prepared_for: "Mill <3>".to_owned(),
             prepared_by: "A. Engineer".to_owned(),

@@ -1,12 +1,12 @@
 //! A report of an asset's records as one page for a browser or a printer, the same from the command line and
 //! from the service.
 //!
-//! Everything is in the page: drawings are SVG, so that it can be kept, sent and printed without a script or
-//! a server.
+//! The page is self-contained: charts are SVG, so it can be saved, sent and printed without a script or a
+//! server.
 
 mod chart;
 mod cover;
-mod occurrences;
+mod events;
 mod page;
 mod ticks;
 
@@ -17,40 +17,40 @@ use crate::estimate::{MaintenanceEvent, WearEstimate};
 use crate::signal::{AngleSource, AngleUsed, Indicators, Spectrum};
 
 pub use cover::{Contents, Cover, Form};
-pub use occurrences::{ReportedAlarm, quantity_words};
+pub use events::{ReportedAlarm, quantity_words};
 pub use page::INDICATORS;
 
-/// What a report tells of.
+/// The contents of a report.
 #[derive(Debug, Default)]
 pub struct Report {
-    /// The asset's name, or none for records that belong to no asset.
+    /// The asset's name; `None` for records without an asset.
     pub asset: Option<String>,
-    /// What is known of the asset, in the order it is shown: a term and its words.
+    /// Facts about the asset, in the order shown: a term and its text.
     pub facts: Vec<(String, String)>,
     /// Limits on wear depth.
     pub limits: WearLimits,
     /// The records in time order.
     pub records: Vec<ReportedRecord>,
-    /// Alarms that anything happened to.
+    /// Alarms with their histories.
     pub alarms: Vec<ReportedAlarm>,
-    /// What was done to the machine, in time order.
+    /// Maintenance events in time order.
     pub maintenance: Vec<MaintenanceEvent>,
-    /// How many records there are in all, where not all of them are given.
+    /// Number of all records, if `records` does not contain all of them.
     pub all_records: Option<usize>,
     /// The spectrum of the last record.
     pub last_spectrum: Option<Spectrum>,
-    /// What the sender says.
+    /// Texts by the sender.
     pub cover: Cover,
-    /// Its parts.
+    /// The sections to be shown.
     pub contents: Contents,
-    /// A form for both; none in a file, which nobody answers.
+    /// A form for both; `None` in a file, which cannot be submitted.
     pub form: Option<Form>,
 }
 
 /// One record of a report.
 #[derive(Debug, Clone)]
 pub struct ReportedRecord {
-    /// The file or the identifier that it has.
+    /// Its file name or identifier.
     pub name: String,
     /// The measuring channel.
     pub channel: String,
@@ -62,24 +62,24 @@ pub struct ReportedRecord {
     pub shaft_speed_hz: Option<f64>,
     /// Its indicators.
     pub indicators: Indicators,
-    /// The shaft's angle that they were computed over; none where no indicator is over an angle.
+    /// The shaft's angle over which they were computed; `None` if no indicator needs one.
     pub shaft_angle: Option<AngleUsed>,
-    /// The wear estimate after it; none where there is no library.
+    /// The wear estimate after it; `None` without a library.
     pub wear: Option<WearEstimate>,
-    /// The same in words, or why there is none.
+    /// The estimate in words, or why there is none.
     pub wear_words: String,
-    /// Wear depth in µm known from elsewhere.
+    /// Reference wear depth in µm from another source.
     pub reference_wear_um: Option<f64>,
 }
 
 impl Report {
-    /// The page.
+    /// Renders the page.
     pub fn html(&self) -> String {
         page::html(self)
     }
 }
 
-/// Where an angle came from, and how sure it is, in a few words.
+/// The source of an angle and its uncertainty, in words.
 pub fn angle_words(angle: &AngleUsed) -> String {
     match angle.source {
         AngleSource::Tachometer { angle_error_deg: Some(error), .. } => format!("tachometer ± {error:.2}°"),

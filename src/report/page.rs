@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::chart::{Chart, Horizontal, Level, Series};
-use super::{Report, ReportedRecord, angle_words, cover, occurrences};
+use super::chart::{Chart, Level, Series, XAxis};
+use super::{Report, ReportedRecord, angle_words, cover, events};
 use crate::estimate::{Interval, Prognosis, WearEstimate, WearStatus};
 
-/// Indicators that can be drawn: name, heading and caption.
+/// Indicators that can be shown: name, heading and caption.
 pub const INDICATORS: [(&str, &str, &str); 7] = [
     ("rms", "RMS", "Root mean square of each record, mean not removed."),
     ("kurtosis", "Kurtosis", "Gaussian noise has 3, a sine 1.5."),
@@ -15,7 +15,7 @@ pub const INDICATORS: [(&str, &str, &str); 7] = [
     (
         "omx_tracked",
         "OMX, order-tracked",
-        "The same over the shaft's angle: a changing speed does not smear it.",
+        "Peak amplitude of the first mesh order over the shaft's angle: a changing speed does not smear it.",
     ),
     ("fm0", "FM0", "Peak to peak of the synchronous average over the sum of its mesh harmonics."),
     ("fm4", "FM4", "Kurtosis of the difference signal: single damaged teeth raise it above 3."),
@@ -26,13 +26,13 @@ pub const INDICATORS: [(&str, &str, &str); 7] = [
     ),
 ];
 
-/// Indicators of these without a unit.
+/// Those of the indicators that are dimensionless.
 const DIMENSIONLESS: [&str; 4] = ["kurtosis", "fm0", "fm4", "na4"];
 
-/// Classes of curves where there are several channels.
+/// CSS classes of the curves of several channels.
 const CLASSES: [&str; 4] = ["one", "two", "three", "four"];
 
-/// Records in the table; the latest ones where there are more.
+/// Maximum number of records in the table, which shows the latest ones.
 const TABLE_ROWS: usize = 100;
 
 const STYLE: &str = include_str!("report.css");
@@ -55,7 +55,7 @@ pub(super) fn html(report: &Report) -> String {
     if let Some(form) = &report.form {
         cover::form(form, &report.cover, &report.contents, &mut body);
     }
-    verdict(report, &mut body);
+    summary(report, &mut body);
     report.cover.recommendation(&mut body);
     let contents = &report.contents;
     let channels: BTreeMap<&str, Vec<&ReportedRecord>> =
@@ -73,7 +73,7 @@ pub(super) fn html(report: &Report) -> String {
         spectrum_section(report, &mut body);
     }
     if contents.events {
-        occurrences::sections(report, &mut body);
+        events::sections(report, &mut body);
     }
     if contents.records {
         table(report, &mut body);
@@ -87,8 +87,8 @@ pub(super) fn html(report: &Report) -> String {
 
 pub(super) const MINUTES: &str = "%Y-%m-%d %H:%M UTC";
 
-/// The latest estimate and what is known of the asset.
-fn verdict(report: &Report, body: &mut String) {
+/// Writes the latest estimate and the facts about the asset.
+fn summary(report: &Report, body: &mut String) {
     let latest =
         report.records.iter().rev().find(|record| record.wear.is_some() || !record.wear_words.is_empty());
     let error = latest
@@ -109,7 +109,7 @@ fn verdict(report: &Report, body: &mut String) {
     let _ = write!(body, "<dl>{facts}</dl>");
 }
 
-/// When the next limit is passed.
+/// The time at which the next limit is reached, in words.
 fn forecast_words(forecast: &Prognosis) -> String {
     let day = |time: &jiff::Timestamp| time.strftime("%Y-%m-%d").to_string();
     let Prognosis { limit_um, rate_um_per_day, median, p05, p95 } = forecast;
@@ -123,13 +123,13 @@ fn forecast_words(forecast: &Prognosis) -> String {
     )
 }
 
-/// Peak to peak along the line of action, with its interval.
+/// The peak-to-peak value along the line of action with its interval, in words.
 fn transmission_words(error: &Interval) -> String {
     let Interval { median, p05, p95 } = error;
     format!("{median:.1} µm peak to peak, between {p05:.1} and {p95:.1} µm with 90 % probability")
 }
 
-/// The wear of a record in a cell of the table; none where there is no depth.
+/// The wear of a record in a cell of the table; `None` without a depth.
 fn depth_words(wear: &WearEstimate) -> Option<String> {
     let (median, low, high) = (wear.median_um?, wear.p05_um?, wear.p95_um?);
     let known_least = wear.at_least_um.filter(|_| wear.status == WearStatus::Estimated);
@@ -162,7 +162,7 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
     }
     let limits = [("warning", report.limits.warning_um), ("danger", report.limits.danger_um)];
     let chart = Chart {
-        horizontal: Horizontal::Time,
+        horizontal: XAxis::Time,
         x_title: "start of the record (UTC)".to_owned(),
         y_title: "wear depth (µm)".to_owned(),
         series,
@@ -173,11 +173,11 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
                 Some(Level { name: format!("{class} limit {} µm", um?), y: um?, class })
             })
             .collect(),
-        marks: occurrences::marks(report, channel),
+        marks: events::marks(report, channel),
         from_zero: true,
     };
     let caption = format!(
-        "Channel {channel}: median, and the interval that holds the wear depth with 90 % probability."
+        "Channel {channel}: median, and the interval that contains the wear depth with 90 % probability."
     );
     section("Wear depth", &caption, &chart, Some("5 % to 95 %"), body);
 }
@@ -195,7 +195,7 @@ fn indicator_section(
     let unit = channels.values().flatten().next().map_or("", |record| record.unit.as_str());
     let unit = if DIMENSIONLESS.contains(&name) { "–" } else { unit_words(unit) };
     let chart = Chart {
-        horizontal: Horizontal::Time,
+        horizontal: XAxis::Time,
         x_title: "start of the record (UTC)".to_owned(),
         y_title: format!("{heading} ({unit})"),
         series: series.collect(),
@@ -213,7 +213,7 @@ fn spectrum_section(report: &Report, body: &mut String) {
     };
     let points = spectrum.amplitude.iter().enumerate();
     let chart = Chart {
-        horizontal: Horizontal::Number,
+        horizontal: XAxis::Number,
         x_title: "frequency (Hz)".to_owned(),
         y_title: format!("peak amplitude ({})", unit_words(&spectrum.unit)),
         series: vec![Series {
@@ -287,7 +287,7 @@ fn row(record: &ReportedRecord) -> String {
     )
 }
 
-/// A unit as it is written on an axis.
+/// A unit as written on an axis.
 fn unit_words(unit: &str) -> &str {
     match unit {
         "m/s2" | "m/s^2" => "m/s²",
@@ -300,7 +300,7 @@ fn seconds(record: &ReportedRecord) -> f64 {
     record.start_time.as_nanosecond() as f64 * 1e-9
 }
 
-/// Text as it stands in markup.
+/// Escapes text for HTML.
 pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn the_least_depth_and_the_transmission_error_are_told() {
+    fn the_minimum_depth_and_the_transmission_error_are_shown() {
         let baseline = BaselineProgress { have: 20, need: 20 };
         let mut wear = WearEstimate::without_number(WearStatus::Estimated, "wear".to_owned(), baseline);
         (wear.p05_um, wear.median_um, wear.p95_um) = (Some(180.0), Some(220.0), Some(250.0));
@@ -335,12 +335,12 @@ mod tests {
             let records = vec![record(wear.clone())];
             html(&Report { records, ..Report::default() })
         };
-        let told = page(&wear);
+        let html_page = page(&wear);
         let words = "Transmission error due to wear</dt><dd>3.2 µm peak to peak, between 2.5 and 4.0 µm with 90 % probability";
-        assert!(told.contains(words), "{told}");
-        assert!(told.contains("<td>220 (180 to 250)</td>"), "{told}");
+        assert!(html_page.contains(words), "{html_page}");
+        assert!(html_page.contains("<td>220 (180 to 250)</td>"), "{html_page}");
         wear.at_least_um = Some(180.0);
-        let told = page(&wear);
-        assert!(told.contains("<td>at least 180</td>"), "{told}");
+        let html_page = page(&wear);
+        assert!(html_page.contains("<td>at least 180</td>"), "{html_page}");
     }
 }

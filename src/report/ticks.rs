@@ -1,15 +1,15 @@
-//! Round places on an axis.
+//! Axis ticks at round values.
 
 use jiff::Timestamp;
 
-/// A place on an axis and what is written there.
+/// A position on an axis and its label.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Tick {
     pub(super) at: f64,
     pub(super) label: String,
 }
 
-/// Seconds between ticks of a time axis to choose from.
+/// Permitted spacings of ticks on a time axis in seconds.
 const STEPS_S: [f64; 19] = [
     1.0,
     5.0,
@@ -32,7 +32,7 @@ const STEPS_S: [f64; 19] = [
     365.0 * 86400.0,
 ];
 
-/// About `count` ticks at 1, 2 or 5 times a power of ten.
+/// Returns about `count` ticks, spaced by 1, 2 or 5 times a power of ten.
 pub(super) fn numbers(low: f64, high: f64, count: usize) -> Vec<Tick> {
     let rough = (high - low) / count.max(1) as f64;
     if !(rough > 0.0 && rough.is_finite()) {
@@ -49,10 +49,10 @@ pub(super) fn numbers(low: f64, high: f64, count: usize) -> Vec<Tick> {
         let at = if at == 0.0 { 0.0 } else { at };
         if step < 1e-4 || high.abs() >= 1e6 { format!("{at:.1e}") } else { format!("{at:.decimals$}") }
     };
-    places(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
+    positions(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
 }
 
-/// About `count` ticks at round times; places are seconds since 1970 UTC.
+/// Returns about `count` ticks at round times; positions are seconds since 1970 UTC.
 pub(super) fn times(low: f64, high: f64, count: usize) -> Vec<Tick> {
     let rough = (high - low) / count.max(1) as f64;
     let longest = STEPS_S[STEPS_S.len() - 1];
@@ -69,10 +69,10 @@ pub(super) fn times(low: f64, high: f64, count: usize) -> Vec<Tick> {
         Timestamp::from_second(at as i64)
             .map_or_else(|_| String::new(), |time| time.strftime(format).to_string())
     };
-    places(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
+    positions(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
 }
 
-fn places(low: f64, high: f64, step: f64) -> impl Iterator<Item = f64> {
+fn positions(low: f64, high: f64, step: f64) -> impl Iterator<Item = f64> {
     let first = (low / step - 1e-9).ceil();
     let last = (high / step + 1e-9).floor();
     let count = if last >= first { (last - first) as usize + 1 } else { 0 };

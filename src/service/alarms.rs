@@ -1,4 +1,4 @@
-//! What operators do to alarms, and the end of shelving, also where no record comes.
+//! Operator actions on alarms, and the expiry of shelvings, which does not wait for a record.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,20 +14,20 @@ use crate::asset::SegmentId;
 use crate::estimate::{ActionTaken, AlarmAction};
 use crate::store::{AlarmNotice, ChannelSummary, SegmentKey, Store, StoredAlarm};
 
-/// How often shelvings are looked at.
+/// How often expired shelvings are looked for.
 const SHELVING_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Shelvings ended at a time.
-const MAX_ENDED: u32 = 64;
+/// Maximum number of shelvings ended at a time.
+const MAX_EXPIRED: u32 = 64;
 
-/// What an operator does to an alarm.
+/// An action of an operator on an alarm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OperatorAction {
-    /// What is done.
+    /// The action.
     pub action: AlarmAction,
-    /// Who does it.
+    /// The operator.
     pub by: String,
-    /// Their comment.
+    /// The operator's comment.
     pub comment: String,
 }
 
@@ -41,40 +41,41 @@ pub struct Alarms {
 }
 
 impl Alarms {
-    /// Does something to an alarm, and answers once it is on the disk.
+    /// Applies an action to an alarm; returns once it is durable.
     ///
-    /// Errors: [`ServiceError::AlarmUnknown`]; [`ServiceError::Alarm`] where it cannot be done in the alarm's
-    /// state.
+    /// Errors: [`ServiceError::AlarmUnknown`]; [`ServiceError::Alarm`] if the action is not possible in the
+    /// alarm's state.
     pub async fn act(&self, id: &str, done: OperatorAction) -> Result<StoredAlarm, ServiceError> {
         let stored = self.store.alarm(id).await?;
         let stored = stored.ok_or_else(|| ServiceError::AlarmUnknown(id.to_owned()))?;
         self.act_on(stored, None, done).await
     }
 
-    /// Does something to an alarm as it stands when its channel is locked, which is `known` where nothing has
-    /// happened to it yet; of a channel that was `looked_at` only where no record has come meanwhile.
+    /// Applies an action to an alarm in its state under the channel's lock; `known` is its state if it is not
+    /// stored yet. If a channel was `observed`, the action is applied only if no record has been stored
+    /// since.
     pub(crate) async fn act_on(
         &self,
         known: StoredAlarm,
-        looked_at: Option<&ChannelSummary>,
+        observed: Option<&ChannelSummary>,
         done: OperatorAction,
     ) -> Result<StoredAlarm, ServiceError> {
         let store = &self.store;
         let id = known.id.clone();
         let unknown = || ServiceError::AlarmUnknown(id.clone());
-        // No records come in meanwhile: the place after the latest one is known.
+        // No records are committed in the meantime, so the place after the latest one is known.
         let _pause = self.committer.pause().await;
         let slot = self.history.lock(&known.asset_id, &known.channel).await;
         let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
         let mut commit = store.begin().await?;
         let mut channel = commit.channel_again(&channel).await?;
-        if looked_at.is_some_and(|looked_at| looked_at.segments != channel.segments) {
+        if observed.is_some_and(|observed| observed.segments != channel.segments) {
             return Err(unknown());
         }
-        // Asked again under the lock: a history that was just folded again may have changed it.
+        // Read again under the lock: a recomputed history may have changed it.
         let mut stored = match store.alarm(&id).await? {
             Some(stored) => StoredAlarm { rule: stored.rule.or(known.rule), ..stored },
-            None if looked_at.is_some() => known,
+            None if observed.is_some() => known,
             None => return Err(unknown()),
         };
         let now = self.clock.now();
@@ -98,7 +99,7 @@ impl Alarms {
         Ok(stored)
     }
 
-    /// Ends shelvings as their time comes, in the background, as long as somebody holds the service.
+    /// Ends expired shelvings in the background for as long as the service exists.
     pub(crate) fn end_shelvings_in_background(self: &Arc<Self>) {
         let alarms = Arc::downgrade(self);
         tokio::spawn(async move {
@@ -109,21 +110,21 @@ impl Alarms {
                     return;
                 }
                 if let Err(error) = alarms.end_shelvings().await {
-                    tracing::warn!(%error, "failed to end shelvings");
+                    tracing::warn!(%error, "failed to end expired shelvings");
                 }
             }
         });
     }
 
     async fn end_shelvings(&self) -> Result<(), ServiceError> {
-        for alarm in self.store.ended_shelvings(self.clock.now(), MAX_ENDED).await? {
+        for alarm in self.store.expired_shelvings(self.clock.now(), MAX_EXPIRED).await? {
             let over = OperatorAction {
                 action: AlarmAction::ShelvingOver,
                 by: String::new(),
                 comment: String::new(),
             };
             match self.act(&alarm, over).await {
-                // Somebody was faster: it is taken up again, shelved anew or gone.
+                // Another action came first: the alarm is unshelved, shelved again or gone.
                 Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => {}
                 Err(error) => return Err(error),
             }
@@ -132,7 +133,7 @@ impl Alarms {
     }
 }
 
-/// The first place after all records of a time.
+/// The first key after all records of a time.
 fn first_key_after(time: Timestamp) -> SegmentKey {
     SegmentKey {
         start_time: time.checked_add(SignedDuration::from_nanos(1)).unwrap_or(Timestamp::MAX),

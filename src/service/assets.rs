@@ -1,4 +1,4 @@
-//! Making, changing and removing assets.
+//! Creating, changing and deleting assets.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,23 +16,23 @@ use super::work_queue::Role;
 use crate::asset::{AssetId, AssetSpec};
 use crate::store::{Asset, Store, StoreError};
 
-/// How often a description is checked again because another one was changed meanwhile.
+/// Maximum number of times that a description is checked again because another one changed in the meantime.
 const MAX_TRIES: u32 = 20;
 
-/// Waits before it is; longer from time to time, so that many who do so come through.
+/// Wait before the first retry; it grows with each retry, so that concurrent changes all get through.
 const WAIT: Duration = Duration::from_millis(5);
 
-/// How often a change of a description was checked in vain.
+/// Number of failed attempts to change a description.
 #[derive(Debug, Default)]
 struct Tries(u32);
 
 impl Tries {
-    /// How long to wait before it is checked again, where another process was in the way: the assets of one
-    /// sensor depend on each other.
+    /// Returns how long to wait before the next attempt; `None` unless the change conflicted with one of
+    /// another process: the assets of one sensor depend on each other.
     fn wait_after<T>(&mut self, changed: &Result<T, ServiceError>) -> Option<Duration> {
         match changed {
             Err(ServiceError::Store(error)) if error.is_conflict() && self.0 < MAX_TRIES => {
-                tracing::debug!(%error, tries = self.0, "conflict with another process: checking the description again");
+                tracing::debug!(%error, tries = self.0, "conflict with another process: retrying the change of a description");
                 self.0 += 1;
                 Some(WAIT * self.0)
             }
@@ -41,7 +41,7 @@ impl Tries {
     }
 }
 
-/// Makes, changes and removes assets.
+/// Creates, changes and deletes assets.
 pub struct Assets {
     pub(crate) store: Store,
     pub(crate) simulations: Arc<Simulations>,
@@ -51,15 +51,15 @@ pub struct Assets {
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) events: Announcer,
     pub(crate) role: Role,
-    /// Held while descriptions are changed, since assets of one sensor depend on each other.
+    /// Held while a description is changed, because assets of one sensor depend on each other.
     pub(crate) describing: tokio::sync::Mutex<()>,
 }
 
 impl Assets {
-    /// Makes an asset and starts its library; earlier records of a shared sensor are analysed for it in the
-    /// background.
+    /// Creates an asset and starts to simulate its library. Earlier records of a shared sensor are analysed
+    /// for it in the background.
     ///
-    /// Error: the asset whose sensor it names is not there or names another one itself.
+    /// Error: the asset whose sensor it shares does not exist or itself shares a sensor.
     pub async fn create(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
         let _turn = self.describing.lock().await;
         let mut tries = Tries::default();
@@ -85,7 +85,7 @@ impl Assets {
 
     async fn insert_checked(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
         let store = &self.store;
-        // What stands by itself does not depend on others.
+        // An asset with a sensor of its own does not depend on others.
         let checked = match spec.sensor.of {
             Some(_) => Some(store.descriptions_mark().await?),
             None => None,
@@ -94,8 +94,8 @@ impl Assets {
         Ok(store.insert_asset(spec, checked, self.clock.now()).await?)
     }
 
-    /// Replaces an asset's description; its history is computed again in the background where it depends on
-    /// what changed.
+    /// Replaces an asset's description. Its history is recomputed in the background if it depends on what
+    /// changed.
     ///
     /// Error: [`ServiceError::Precondition`].
     pub async fn update(&self, spec: &AssetSpec, precondition: &Precondition) -> Result<Asset, ServiceError> {
@@ -136,7 +136,7 @@ impl Assets {
         Ok(store.update_asset(spec, checked, self.clock.now()).await?)
     }
 
-    /// Removes an asset and its rows; the raw recordings that no other asset has go into quarantine.
+    /// Deletes an asset and its rows. Raw recordings that no other asset has are moved into quarantine.
     ///
     /// Errors: [`ServiceError::SensorShared`]; [`ServiceError::Precondition`].
     pub async fn delete(&self, id: &AssetId, precondition: &Precondition) -> Result<(), ServiceError> {
@@ -161,7 +161,7 @@ impl Assets {
         self.raw.quarantine(orphans).await
     }
 
-    /// Returns the other assets of the sensor, and the objects that nothing refers to any more.
+    /// Returns the other assets of the sensor, and the names of the objects that are no longer referenced.
     async fn delete_checked(
         &self,
         id: &AssetId,
@@ -173,8 +173,8 @@ impl Assets {
         Ok((beside, self.store.delete_asset(id, mark).await?))
     }
 
-    /// Brings an asset's history up to what is asked for now, and starts its library, in the background; for
-    /// a worker that is notified of the asset.
+    /// Starts to simulate an asset's library and to bring its history up to date, in the background. For a
+    /// worker that is notified of a change of the asset.
     pub async fn refresh(&self, asset: &AssetId) -> Result<(), ServiceError> {
         match self.store.asset(asset).await {
             Ok(asset) => {

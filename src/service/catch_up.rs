@@ -1,5 +1,5 @@
-//! Records of a shared sensor that one of its assets does not have: it was described later, or a process
-//! ended in between.
+//! Catch-up: analyses the records of a shared sensor that one of its assets lacks because it was created
+//! later, or because a process ended in between.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use super::workers::Workers;
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::store::{ChannelSummary, SegmentFilter, SegmentKey, Store, StoreError};
 
-/// Records analysed in one piece.
+/// Records analysed in one batch.
 const AT_ONCE: u32 = 32;
 
 /// Analyses earlier records for assets that share another one's sensor.
@@ -26,13 +26,13 @@ pub(crate) struct CatchUp {
     pub(crate) raw: Arc<RawObjects>,
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) role: Role,
-    /// Held while an asset gets what it lacks.
+    /// Held while assets catch up.
     pub(crate) turn: tokio::sync::Mutex<()>,
 }
 
 impl CatchUp {
-    /// Gives assets that share another one's sensor what they lack of its records, in the background; on an
-    /// API node nothing happens: workers are notified of the assets.
+    /// Analyses, in the background, the records that these members of a sensor group lack. Does nothing on an
+    /// API node, where workers are notified of the assets instead.
     pub(crate) fn in_background(self: &Arc<Self>, members: Vec<AssetId>) {
         if members.is_empty() || self.role.is_api_node() {
             return;
@@ -44,17 +44,17 @@ impl CatchUp {
                 match catch_up.asset(&member).await {
                     Ok(0) | Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {}
                     Ok(records) => {
-                        tracing::info!(asset = %member, records, "analysed earlier records of the sensor")
+                        tracing::info!(asset = %member, records, "analysed earlier records of a shared sensor")
                     }
                     Err(error) => {
-                        tracing::warn!(asset = %member, %error, "failed to analyse earlier records of the sensor")
+                        tracing::warn!(asset = %member, %error, "failed to analyse earlier records of a shared sensor")
                     }
                 }
             }
         });
     }
 
-    /// Whether some are being caught up now.
+    /// Whether a catch-up is running.
     pub(crate) fn is_busy(&self) -> bool {
         self.turn.try_lock().is_err()
     }
@@ -66,7 +66,7 @@ impl CatchUp {
         let mut records = 0;
         for channel in self.store.channels(&of).await? {
             let own = self.store.channel(member, &channel.channel).await?;
-            // It has no others than its sensor's, so that as many are all.
+            // A member has only records of its sensor, so an equal number means that it has all.
             if own.is_none_or(|own| own.segments < channel.segments) {
                 records += self.channel(member, &channel).await?;
             }
@@ -90,12 +90,12 @@ impl CatchUp {
             let (store, id) = (self.store.clone(), member.clone());
             let read =
                 move || segments.iter().filter_map(|segment| record_for(&store, &id, segment)).collect();
-            let again: Vec<IdentifiedRecord> = self.workers.run("read records again", read).await?;
+            let again: Vec<IdentifiedRecord> = self.workers.run("read records", read).await?;
             records += self.pipeline.analyse_for_member(spec, again, self.clock.now()).await?;
         }
     }
 
-    /// Those of the segments of its sensor that an asset does not have.
+    /// Returns the segments of its sensor that an asset lacks.
     async fn missing(
         &self,
         member: &AssetId,
@@ -111,7 +111,7 @@ impl CatchUp {
     }
 }
 
-/// A stored record for another asset of its sensor; none where its raw bytes are gone.
+/// Reads a stored record for another asset of its sensor; returns `None` if its raw bytes cannot be read.
 fn record_for(store: &Store, member: &AssetId, segment: &Segment) -> Option<IdentifiedRecord> {
     let record = StoredRecord::from(segment)
         .read(store)

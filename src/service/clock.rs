@@ -1,11 +1,10 @@
-//! Where the time comes from.
+//! The clock of the service.
 
 use jiff::Timestamp;
 
-/// A clock. The service never asks the system for the time by itself, so that a test or a demonstration can
-/// set it.
+/// A clock. The service reads the time only through it, so that a test or a demonstration can set the time.
 pub trait Clock: Send + Sync + 'static {
-    /// The time now.
+    /// Returns the current time.
     fn now(&self) -> Timestamp;
 }
 

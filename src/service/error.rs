@@ -1,4 +1,4 @@
-//! Why a record was not taken.
+//! Errors of the service layer.
 
 use std::path::PathBuf;
 
@@ -9,86 +9,86 @@ use crate::estimate::AlarmError;
 use crate::recording::RecordingError;
 use crate::store::StoreError;
 
-/// Why the service did not do what it was asked.
+/// Why the service could not carry out a request.
 #[derive(Debug, Error)]
 pub enum ServiceError {
-    /// Too much work at once; the same request can succeed later.
+    /// A limit on concurrent work is reached; the same request can succeed later.
     #[error("{what}: try again in {retry_after_s} s")]
     Busy {
-        /// What there is too much of.
+        /// Which limit is reached.
         what: &'static str,
-        /// When to try again, in seconds.
+        /// Seconds after which to try again.
         retry_after_s: u32,
     },
-    /// The bytes are not a record.
+    /// The bytes cannot be decoded as a record.
     #[error("{0}")]
     Recording(#[from] RecordingError),
-    /// A field has a value that cannot be used.
+    /// A field has an invalid value.
     #[error("{field} is {value}, expected {expected}")]
     Field {
         /// Which field.
         field: &'static str,
         /// Its value.
         value: String,
-        /// What would have been right.
+        /// What was expected.
         expected: &'static str,
     },
-    /// The asset's description changed again and again while a record was analysed.
+    /// The asset's description changed repeatedly while a record was analysed.
     #[error("the description of asset {0} changed while the record was analysed: try again")]
     DescriptionChanged(AssetId),
-    /// An asset is not as a change of it is conditional on.
-    #[error("asset {0} was changed meanwhile: its description is not the one that the request is for")]
+    /// An asset does not meet the precondition of a request.
+    #[error("asset {0} has changed: its description does not match the precondition of the request")]
     Precondition(AssetId),
-    /// Records of an asset come with those of another one.
-    #[error("asset {asset} shares the sensor of {of}: send its records there")]
+    /// The asset has no sensor of its own; its records are those of another asset.
+    #[error("asset {asset} shares the sensor of {of}: send its records to {of}")]
     SensorOfOther {
         /// The asset.
         asset: AssetId,
-        /// The one that its records come for.
+        /// The asset that owns the sensor.
         of: AssetId,
     },
     /// Other assets share the sensor of this one.
     #[error(
-        "the sensor of asset {asset} is shared by {others}: delete those first, or have them share another"
+        "the sensor of asset {asset} is shared by {others}: delete these assets first, or assign them another sensor"
     )]
     SensorShared {
         /// The asset.
         asset: AssetId,
-        /// Those that share it.
+        /// The assets that share its sensor, separated by commas.
         others: String,
     },
-    /// The raw bytes of a record were given up for others.
+    /// The raw bytes of a record were deleted by the retention.
     #[error(
-        "the raw recording of segment {0} is not kept any more: it was the oldest when the quota was reached; its results are"
+        "the raw recording of segment {0} is no longer available: it was the oldest when the quota was exceeded; its results are kept"
     )]
-    RawGivenUp(SegmentId),
-    /// A record of the queue is not what its raw bytes say.
-    #[error("the raw bytes are segment {found}, expected {expected}, which was queued")]
-    QueuedOtherwise {
-        /// What the bytes say.
+    RawDeleted(SegmentId),
+    /// The raw bytes of a queued record give another segment than the one that was queued.
+    #[error("the raw bytes belong to segment {found}, expected the queued segment {expected}")]
+    QueuedRecordMismatch {
+        /// The segment derived from the raw bytes.
         found: SegmentId,
-        /// What was queued.
+        /// The segment that was queued.
         expected: SegmentId,
     },
-    /// The store refused or failed.
+    /// A store operation failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// A recording in the replay folder cannot be had.
+    /// A recording in the replay folder cannot be used.
     #[error("recording {file:?} {reason}")]
     ReplayFile {
-        /// The name as given.
+        /// The name as given in the request.
         file: String,
-        /// Why not.
+        /// Why the recording cannot be used.
         reason: &'static str,
     },
-    /// The operating system refused a file operation.
+    /// A file operation failed.
     #[error("cannot {action} {path}: {source}", path = path.display())]
     File {
-        /// What was tried.
+        /// The operation, for example `"create the folder"`.
         action: &'static str,
-        /// On which file.
+        /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// There is no such live stream.
@@ -96,13 +96,13 @@ pub enum ServiceError {
     StreamUnknown {
         /// The asset.
         asset: AssetId,
-        /// The name that was asked for.
+        /// The requested name.
         name: String,
     },
-    /// A live stream is of another format.
+    /// A live stream has another format than the one requested.
     #[error(
-        "the stream {name:?} of asset {asset} has another sample, sample_rate_hz, channels, scale, unit or channel_names: send \
-         the same, or under another name"
+        "stream {name:?} of asset {asset} has a different sample, sample_rate_hz, channels, scale, unit or channel_names: \
+                 send the same format, or use another name"
     )]
     StreamFormat {
         /// The asset.
@@ -110,11 +110,13 @@ pub enum ServiceError {
         /// The stream.
         name: String,
     },
-    /// Another connection sends a live stream now.
-    #[error("another connection sends this stream, or it was removed")]
+    /// Another connection has taken over a live stream.
+    #[error("another connection now sends this stream, or the stream was removed")]
     StreamTaken,
-    /// Live streams are kept in the folder of one process.
-    #[error("live streams are not taken in a cluster: send them to a service with a data folder of its own")]
+    /// Live streams need a data folder, which belongs to one process.
+    #[error(
+        "live streams are not supported in a cluster: send them to a service with a data folder of its own"
+    )]
     StreamsShared,
     /// There is no such replay.
     #[error("there is no replay {0:?}")]
@@ -122,24 +124,24 @@ pub enum ServiceError {
     /// There is no such alarm.
     #[error("there is no alarm {0:?}")]
     AlarmUnknown(String),
-    /// An alarm is in a state in which an action cannot be done.
+    /// The action is not possible in the current state of the alarm.
     #[error(transparent)]
     Alarm(#[from] AlarmError),
     /// There is no such maintenance event.
     #[error("there is no maintenance event {0:?}")]
     MaintenanceUnknown(String),
-    /// A worker stopped in the middle of its task: a fault of the program.
-    #[error("a worker stopped while it was to {0}")]
+    /// A worker stopped before its task was done: a bug.
+    #[error("a worker stopped before it could {0}")]
     WorkerLost(&'static str),
 }
 
 impl ServiceError {
-    /// Whether a record's raw bytes are not to be had any more. Its results are; an answer on many records
-    /// goes without what needs the bytes.
-    pub fn is_without_raw(&self) -> bool {
+    /// Whether the raw bytes of a record are no longer available. Its results still are: a response on many
+    /// records omits what needs the bytes.
+    pub fn is_raw_unavailable(&self) -> bool {
         matches!(
             self,
-            Self::RawGivenUp(_)
+            Self::RawDeleted(_)
                 | Self::Store(StoreError::ObjectMissing(_) | StoreError::ObjectDamaged { .. })
         )
     }

@@ -1,5 +1,4 @@
-//! What happens in the service, for those who follow it live. In a cluster events go from node to node as
-//! JSON.
+//! Live events of the service, for subscribers. In a cluster they are sent between nodes as JSON.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -12,31 +11,31 @@ use crate::estimate::WearEstimate;
 use crate::signal::Indicators;
 use crate::store::{AlarmNotice, StoredEvent};
 
-/// Events that one who follows may lag behind.
+/// Maximum number of events by which a subscriber may lag behind.
 const MAX_BEHIND: usize = 1024;
 
-/// One thing that happened.
+/// A live event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", content = "event", rename_all = "snake_case")]
 pub enum LiveEvent {
-    /// An asset was made or its description changed.
+    /// An asset was created or its description changed.
     AssetChanged(AssetId),
-    /// An asset was removed.
+    /// An asset was deleted.
     AssetRemoved(AssetId),
-    /// The indicators of a record that is stored now.
+    /// The indicators of a newly stored record.
     Indicators(SegmentPlace, Indicators),
-    /// The wear estimate of a record that is stored now, without its posterior.
+    /// The wear estimate of a newly stored record, without its posterior.
     Wear(SegmentPlace, Box<WearEstimate>),
-    /// The estimates of a channel were computed again.
+    /// The estimates of a channel were recomputed.
     HistoryFolded {
         /// The asset.
         asset: AssetId,
         /// The channel.
         channel: String,
     },
-    /// A recomputation of a channel's history went on or ended.
+    /// A recomputation of a channel's history progressed or ended.
     RecomputationChanged(Recomputation),
-    /// Something happened to an alarm.
+    /// An alarm changed.
     AlarmChanged(Box<AlarmNotice>),
     /// A maintenance event was added or removed.
     MaintenanceChanged {
@@ -44,16 +43,16 @@ pub enum LiveEvent {
         asset: AssetId,
         /// The event.
         event: StoredEvent,
-        /// It was removed.
+        /// Whether it was removed.
         is_removed: bool,
     },
-    /// A replay went on or ended.
+    /// A replay progressed or ended.
     ReplayChanged(Box<Replay>),
-    /// So many events were lost on their way.
+    /// This number of events was lost in transit.
     Lost(u64),
 }
 
-/// Which record an event is about.
+/// The record that an event is about.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SegmentPlace {
     /// The asset.
@@ -66,17 +65,17 @@ pub struct SegmentPlace {
     pub start_time: Timestamp,
 }
 
-/// An event with its place in what all nodes of a cluster show.
+/// An event with its sequence number among those of all nodes of a cluster.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberedEvent {
-    /// Rises from event to event.
+    /// The sequence number, which increases from event to event.
     pub number: u64,
-    /// What happened.
+    /// The event.
     pub event: LiveEvent,
 }
 
 impl LiveEvent {
-    /// The asset that it is about; none where it is about all.
+    /// The asset that it is about; `None` if it is about all.
     pub fn asset(&self) -> Option<&AssetId> {
         match self {
             Self::AssetChanged(asset) | Self::AssetRemoved(asset) => Some(asset),
@@ -90,7 +89,7 @@ impl LiveEvent {
     }
 }
 
-/// Announces events to all who follow; a clone is another handle.
+/// Sends events to all subscribers; a clone is another handle.
 #[derive(Debug, Clone)]
 pub struct Announcer(broadcast::Sender<LiveEvent>);
 
@@ -103,11 +102,11 @@ impl Default for Announcer {
 impl Announcer {
     /// Announces an event.
     pub(crate) fn announce(&self, event: LiveEvent) {
-        // Nobody may be following.
+        // There may be no subscriber.
         let _ = self.0.send(event);
     }
 
-    /// Announces what a record that is stored now says.
+    /// Announces the indicators and the wear estimate of a newly stored record.
     pub(crate) fn announce_segment(&self, segment: &Segment) {
         let place = SegmentPlace {
             asset_id: segment.asset_id.clone(),
@@ -120,14 +119,14 @@ impl Announcer {
         self.announce(LiveEvent::Wear(place, Box::new(wear)));
     }
 
-    /// Announces what happened to alarms.
+    /// Announces changes of alarms.
     pub(crate) fn announce_alarms(&self, notices: Vec<AlarmNotice>) {
         for notice in notices {
             self.announce(LiveEvent::AlarmChanged(Box::new(notice)));
         }
     }
 
-    /// Follows what happens from now on.
+    /// Subscribes to all events from now on.
     pub fn follow(&self) -> broadcast::Receiver<LiveEvent> {
         self.0.subscribe()
     }

@@ -1,4 +1,4 @@
-//! Records that people exclude from the histories: of a test run, or while something else was worked on.
+//! Exclusion of records from the histories by users, for example those of a test run or of maintenance work.
 
 use std::sync::Arc;
 
@@ -36,10 +36,10 @@ impl Exclusions {
         self.set_each(asset, std::slice::from_ref(range), is_excluded).await
     }
 
-    /// Excludes records of several ranges, or includes them again, and so for all others of the sensor;
-    /// returns how many of the asset were not so before. Histories are folded again in the background.
+    /// Excludes records of several ranges, or includes them again, for the asset and the other assets of its
+    /// sensor; returns how many records of the asset changed. Histories are folded again in the background.
     ///
-    /// Error: [`ServiceError::SensorOfOther`] where they come for another asset.
+    /// Error: [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub async fn set_each(
         &self,
         asset: &AssetId,
@@ -65,7 +65,7 @@ impl Exclusions {
             }
         }
         for asset in &changed {
-            tracing::info!(%asset, is_excluded, "excluded records from histories or included them again");
+            tracing::info!(%asset, is_excluded, "changed the exclusion of records");
             self.raw.note_changed_asset(asset).await;
             self.events.announce(LiveEvent::AssetChanged(asset.clone()));
         }

@@ -1,46 +1,45 @@
-//! Ways in beside HTTP: how each stands and what came through it, for `/readyz` and `/metrics`.
+//! Sources of records other than HTTP: their state and their message counts, for `/readyz` and `/metrics`.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A connection that the service keeps to somebody who sends records, and what came through it since the
-/// start.
+/// A connection of the service to a source of records, with its message counts since the start.
 #[derive(Debug)]
 pub struct Feed {
     name: &'static str,
     counts: [AtomicU64; FeedCount::ALL.len()],
-    standing: Mutex<Standing>,
+    state: Mutex<FeedState>,
 }
 
-/// What is counted of a feed.
+/// A counter of a feed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FeedCount {
-    /// Messages received, those that came again among them.
+    /// Messages received, including repeated ones.
     Received,
-    /// Messages that are safe and acknowledged, now or since before.
+    /// Messages that are durable and acknowledged, including repeated ones.
     Accepted,
-    /// Messages that came again because their acknowledgement was lost or late.
+    /// Messages received again because their acknowledgement was lost or late.
     Repeated,
-    /// Messages that cannot be used.
+    /// Invalid messages.
     Refused,
     /// Connections made after the first.
     Reconnected,
 }
 
 #[derive(Debug, Default)]
-struct Standing {
+struct FeedState {
     is_connected: bool,
     lost: Option<String>,
     held: usize,
     held_for: Option<String>,
 }
 
-/// A message that cannot be taken now; what is wrong is over when this is dropped.
+/// A message that is held back because it cannot be accepted now; dropped once it is.
 #[derive(Debug)]
-pub struct Holding(Arc<Feed>);
+pub struct HeldMessage(Arc<Feed>);
 
 impl FeedCount {
-    /// All of them, in their order.
+    /// All counters in order.
     const ALL: [Self; 5] = [Self::Received, Self::Accepted, Self::Repeated, Self::Refused, Self::Reconnected];
 }
 
@@ -49,77 +48,77 @@ impl Feed {
         Self {
             name,
             counts: Default::default(),
-            standing: Mutex::new(Standing {
+            state: Mutex::new(FeedState {
                 lost: Some("not connected yet".to_owned()),
-                ..Standing::default()
+                ..FeedState::default()
             }),
         }
     }
 
-    /// What it is, for example `mqtt`.
+    /// Its name, for example `mqtt`.
     pub fn name(&self) -> &'static str {
         self.name
     }
 
-    /// Counts one more.
+    /// Increments a counter.
     pub fn count(&self, what: FeedCount) {
         self.counts[what as usize].fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How many there were.
+    /// The value of a counter.
     pub fn counted(&self, what: FeedCount) -> u64 {
         self.counts[what as usize].load(Ordering::Relaxed)
     }
 
-    /// The connection stands.
+    /// Marks the feed as connected.
     pub fn connected(&self) {
-        let mut standing = self.standing();
-        standing.is_connected = true;
-        standing.lost = None;
+        let mut state = self.state();
+        state.is_connected = true;
+        state.lost = None;
     }
 
-    /// The connection is lost, or could not be made.
+    /// Marks the feed as disconnected, because the connection was lost or could not be made.
     pub fn lost(&self, reason: String) {
-        let mut standing = self.standing();
-        standing.is_connected = false;
-        standing.lost = Some(reason);
+        let mut state = self.state();
+        state.is_connected = false;
+        state.lost = Some(reason);
     }
 
-    /// A message is held back because it cannot be taken now.
-    pub fn hold(self: &Arc<Self>, reason: String) -> Holding {
-        let mut standing = self.standing();
-        standing.held += 1;
-        standing.held_for = Some(reason);
-        Holding(Arc::clone(self))
+    /// Counts a message as held back, for this reason, until the returned guard is dropped.
+    pub fn hold(self: &Arc<Self>, reason: String) -> HeldMessage {
+        let mut state = self.state();
+        state.held += 1;
+        state.held_for = Some(reason);
+        HeldMessage(Arc::clone(self))
     }
 
-    /// Whether the connection stands.
+    /// Whether the feed is connected.
     pub fn is_connected(&self) -> bool {
-        self.standing().is_connected
+        self.state().is_connected
     }
 
-    /// Messages held back now.
+    /// Number of messages held back.
     pub fn held(&self) -> usize {
-        self.standing().held
+        self.state().held
     }
 
-    /// Why there is no connection, or else why messages are held back; none where all is well.
+    /// Why there is no connection, or else why messages are held back; `None` if neither is the case.
     pub fn trouble(&self) -> Option<String> {
-        let standing = self.standing();
-        standing.lost.clone().or_else(|| standing.held_for.clone())
+        let state = self.state();
+        state.lost.clone().or_else(|| state.held_for.clone())
     }
 
-    fn standing(&self) -> std::sync::MutexGuard<'_, Standing> {
-        self.standing.lock().unwrap_or_else(PoisonError::into_inner)
+    fn state(&self) -> std::sync::MutexGuard<'_, FeedState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Drop for Holding {
+impl Drop for HeldMessage {
     fn drop(&mut self) {
-        let mut standing = self.0.standing();
-        standing.held -= 1;
-        if standing.held == 0 {
-            standing.held_for = None;
+        let mut state = self.0.state();
+        state.held -= 1;
+        if state.held == 0 {
+            state.held_for = None;
         }
     }
 }
@@ -147,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn trouble_is_over_with_its_cause() {
+    fn trouble_ends_with_its_cause() {
         let feed = Arc::new(Feed::new("test"));
         assert_eq!(feed.trouble().as_deref(), Some("not connected yet"));
         feed.connected();

@@ -1,5 +1,5 @@
-//! Alarms on the novelty of all channels together. The history of one channel does not know the others, so
-//! it is looked for as records come.
+//! Alarms on the joint novelty of all channels of an asset. The history of one channel does not contain the
+//! others, so these alarms are checked periodically.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -12,53 +12,53 @@ use crate::asset::AssetId;
 use crate::estimate::{AlarmAction, AlarmQuantity, MaintenanceKind};
 use crate::store::{DescriptionsMark, StoredAlarm};
 
-/// How often it is looked for.
+/// Time between two checks.
 const INTERVAL: Duration = Duration::from_secs(2);
 
-/// What has been looked at.
+/// The state at the last check.
 #[derive(Default)]
-struct LookedAt {
+struct CheckedState {
     descriptions: Option<DescriptionsMark>,
-    /// The revisions of assets' channels.
+    /// The sum of the channel revisions of each asset.
     revisions: HashMap<AssetId, i64>,
 }
 
 impl Alarms {
-    /// Raises and ends these alarms in the background, as long as somebody holds the service.
+    /// Raises and clears these alarms in the background for as long as the service exists.
     pub(crate) fn watch_joint_novelty_in_background(self: &Arc<Self>) {
         let alarms = Arc::downgrade(self);
         tokio::spawn(async move {
-            let mut looked_at = LookedAt::default();
+            let mut checked = CheckedState::default();
             loop {
                 tokio::time::sleep(INTERVAL).await;
                 let Some(alarms) = alarms.upgrade() else { return };
                 if alarms.store.is_closed() {
                     return;
                 }
-                if let Err(error) = alarms.watch_joint_novelty(&mut looked_at).await {
-                    tracing::warn!(%error, "failed to look for novelty of all channels together");
+                if let Err(error) = alarms.watch_joint_novelty(&mut checked).await {
+                    tracing::warn!(%error, "failed to check the joint novelty of all channels");
                 }
             }
         });
     }
 
-    async fn watch_joint_novelty(&self, looked_at: &mut LookedAt) -> Result<(), ServiceError> {
+    async fn watch_joint_novelty(&self, checked: &mut CheckedState) -> Result<(), ServiceError> {
         let mark = self.store.descriptions_mark().await?;
-        if looked_at.descriptions != Some(mark) {
-            *looked_at = LookedAt { descriptions: Some(mark), ..LookedAt::default() };
+        if checked.descriptions != Some(mark) {
+            *checked = CheckedState { descriptions: Some(mark), ..CheckedState::default() };
         }
         for (asset, revision) in self.store.revisions_of_several_channels().await? {
-            if looked_at.revisions.get(&asset) != Some(&revision) {
-                self.tell_joint_novelty(&asset).await?;
-                looked_at.revisions.insert(asset, revision);
+            if checked.revisions.get(&asset) != Some(&revision) {
+                self.update_joint_novelty_alarm(&asset).await?;
+                checked.revisions.insert(asset, revision);
             }
         }
         Ok(())
     }
 
-    /// Brings the alarm of an asset in line with what its channels say together. It is kept with the channel
-    /// that was seen first.
-    async fn tell_joint_novelty(&self, asset: &AssetId) -> Result<(), ServiceError> {
+    /// Updates the alarm of an asset to the joint novelty of its channels. The alarm belongs to the first
+    /// channel.
+    async fn update_joint_novelty_alarm(&self, asset: &AssetId) -> Result<(), ServiceError> {
         let store = &self.store;
         let asset = store.asset(asset).await?;
         let mut rules = asset.spec.alarm_rules().into_iter();
@@ -68,7 +68,7 @@ impl Alarms {
         let channels = store.channels(&asset.spec.id).await?;
         let speakers = JointWear::speakers(&asset, &channels);
         let [first, _, ..] = speakers[..] else { return Ok(()) };
-        // What was read before another gear, sensor or baseline says nothing of now.
+        // Readings from before a change of the gear, sensor or baseline do not count.
         let events = store.maintenance(&asset.spec.id).await?;
         let begun = events.iter().rfind(|event| event.kind != MaintenanceKind::Inspected);
         let count = rule.settings.raise_of.max(rule.settings.clear_of);
@@ -82,13 +82,13 @@ impl Alarms {
         if severity == known.alarm.severity() {
             return Ok(());
         }
-        let told = OperatorAction {
+        let action = OperatorAction {
             action: AlarmAction::Joint { severity, value },
             by: String::new(),
             comment: String::new(),
         };
-        match self.act_on(known, Some(first), told).await {
-            // Somebody was faster: another process, or a record.
+        match self.act_on(known, Some(first), action).await {
+            // Another process or a record came first.
             Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
             Err(error) => Err(error),
         }

@@ -1,4 +1,4 @@
-//! What an asset's channels say together, from the records of those that are not silent.
+//! The joint wear estimate of an asset's channels, from the records of those that are not silent.
 
 use jiff::Timestamp;
 
@@ -6,27 +6,27 @@ use crate::asset::Segment;
 use crate::estimate::{AlarmReading, ChannelContribution, JointEstimate, RecordTimes, WearEstimate};
 use crate::store::{Asset, ChannelSummary, Order, SegmentFilter, Store, StoreError};
 
-/// The answer of an asset that has records.
+/// The joint wear estimate of an asset.
 pub struct JointWear {
-    /// The channel that says most.
+    /// The channel that contributes most.
     pub leading: ChannelSummary,
     /// Its latest record that is not excluded.
     pub segment: Segment,
-    /// The one answer.
+    /// The joint estimate.
     pub wear: WearEstimate,
-    /// What each channel adds; empty where one speaks alone.
+    /// The contribution of each channel; empty if there is only one.
     pub contributions: Vec<ChannelContribution>,
 }
 
 impl JointWear {
-    /// The channels that speak for an asset: the one that its description names alone, else all.
+    /// The channels that contribute to an asset's estimate: only the one named by its description, else all.
     pub fn speakers<'a>(asset: &Asset, channels: &'a [ChannelSummary]) -> Vec<&'a ChannelSummary> {
         let named = asset.spec.sensor.channel.as_deref();
         let named = named.and_then(|name| channels.iter().find(|channel| channel.channel == name));
         named.map_or_else(|| channels.iter().collect(), |named| vec![named])
     }
 
-    /// What these channels say together; none without records.
+    /// Computes the joint estimate of these channels; returns `None` without records.
     pub async fn of(store: &Store, speakers: &[&ChannelSummary]) -> Result<Option<Self>, StoreError> {
         let mut latest = Vec::with_capacity(speakers.len());
         for channel in speakers {
@@ -38,9 +38,9 @@ impl JointWear {
         let mut is_silent = RecordTimes::silent(&times.collect::<Vec<_>>()).into_iter();
         let (silent, mut speaking): (Vec<_>, Vec<_>) =
             latest.into_iter().partition(|_| is_silent.next().unwrap_or(false));
-        let told: Vec<(&str, &WearEstimate)> =
+        let estimates: Vec<(&str, &WearEstimate)> =
             speaking.iter().map(|(channel, segment)| (channel.channel.as_str(), &segment.wear)).collect();
-        let Some(mut joint) = JointEstimate::of(&told) else {
+        let Some(mut joint) = JointEstimate::of(&estimates) else {
             return Ok(None);
         };
         for (channel, segment) in &silent {
@@ -51,8 +51,9 @@ impl JointWear {
         Ok(Some(Self { leading: leading.clone(), segment, wear: joint.wear, contributions }))
     }
 
-    /// The novelty of these channels together, of up to `count` records of each from a time on: the last
-    /// reading is of the latest record of each, the one before it of those before.
+    /// Computes the joint novelty of these channels, of up to `count` records of each from a time on: the
+    /// last reading is of the latest record of each channel, the one before it of the second latest, and so
+    /// on.
     pub(super) async fn novelty(
         store: &Store,
         speakers: &[&ChannelSummary],
@@ -77,10 +78,10 @@ impl JointWear {
             let records =
                 latest.iter().filter_map(|(channel, segments)| Some((channel, segments.get(back)?)));
             let time = records.clone().map(|(_, segment)| segment.start_time).max()?;
-            let told: Vec<(&str, &WearEstimate)> =
+            let estimates: Vec<(&str, &WearEstimate)> =
                 records.map(|(channel, segment)| (channel.channel.as_str(), &segment.wear)).collect();
-            // One channel by itself has an alarm of its own.
-            let joint = JointEstimate::of(&told).filter(|_| told.len() > 1)?;
+            // A single channel has its own novelty alarm.
+            let joint = JointEstimate::of(&estimates).filter(|_| estimates.len() > 1)?;
             let novelty = joint.wear.novelty.filter(|novelty| novelty.sensor_fault.is_none());
             Some(AlarmReading { time, value: novelty.map(|novelty| novelty.score) })
         };

@@ -1,4 +1,4 @@
-//! What results depend on, as hashes: whatever was computed under another key is computed again.
+//! Hashes of all inputs of a result: results computed under another key are recomputed.
 
 use std::sync::Arc;
 
@@ -11,10 +11,10 @@ use crate::library::Ensemble;
 use crate::signal::{GEAR_PREPROCESSING, INDICATORS, PREPROCESSING};
 use crate::store::AnalysisKeys;
 
-/// Identifier of which indicators the fold gives: NA4, NB4 and novelty.
+/// Identifies the set of indicators that the fold computes: NA4, NB4 and novelty.
 const RUN_INDICATORS: &str = "run-2";
 
-/// Everything but its raw bytes that the analysis of a record of this asset depends on.
+/// Hashes everything except the raw bytes that the analysis of a record of this asset depends on.
 pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     let mut parts = vec![PREPROCESSING.to_owned()];
     match &spec.gear {
@@ -42,8 +42,8 @@ pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     AnalysisKeys { analysis: Arc::from(analysis), feature: Arc::from(feature) }
 }
 
-/// Everything but the features that a channel's estimates and alarms depend on, and how the features were
-/// made.
+/// Hashes everything that a channel's estimates and alarms depend on, with the key of the features in place
+/// of the features.
 pub(crate) fn fold_key(
     settings: &EstimatorSettings,
     feature_key: &str,

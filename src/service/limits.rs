@@ -1,31 +1,31 @@
-//! How much the service takes on, and where it finds and puts things.
+//! Limits of the service, and its folders.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::library::EnsembleSettings;
 
-/// How much the service takes on at once.
+/// Limits on the work of the service.
 #[derive(Debug, Clone)]
 pub struct WorkLimits {
-    /// Threads that compute.
+    /// Number of worker threads.
     pub workers: usize,
-    /// Requests that hold a record, waiting or being processed.
+    /// Maximum number of requests with a record, waiting or being processed.
     pub requests_at_once: usize,
-    /// Bytes of records that all requests together hold; and as many those of all whole recordings, each its
-    /// share or one record.
+    /// Maximum number of bytes of records held by all requests together. The same number again applies to all
+    /// whole recordings together, each of which holds at most its share or one record.
     pub bytes_at_once: usize,
-    /// Whole recordings (uploads of many records, replays) read at once.
+    /// Maximum number of whole recordings (uploads of many records, replays) read at the same time.
     pub recordings_at_once: usize,
-    /// What is simulated of each asset's pair besides its library, in the background.
+    /// The neighbours of each asset's pair that are simulated in the background in addition to its library.
     pub neighbours: EnsembleSettings,
-    /// How many raw bytes are kept.
+    /// Quotas of raw bytes.
     pub quotas: RawQuotas,
-    /// How long raw bytes that nothing refers to are kept in quarantine.
+    /// How long unreferenced raw bytes stay in quarantine.
     pub quarantined_for: Duration,
-    /// How far a record's time may be ahead of the clock.
+    /// How far a record's start time may be ahead of the clock.
     pub start_time_ahead: Duration,
-    /// Where processes share a store: how often each looks for work that another left undone.
+    /// On a shared store: how often each process looks for work that another one left undone.
     pub upkeep_interval: Duration,
 }
 
@@ -45,24 +45,24 @@ impl Default for WorkLimits {
     }
 }
 
-/// How many bytes of raw recordings are kept; no bound where not given.
+/// Maximum numbers of bytes of raw recordings; `None` for no limit.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct RawQuotas {
-    /// Of all assets together; an object that two assets have counts for both.
+    /// For all assets together; an object of two assets counts for both.
     pub bytes: Option<u64>,
-    /// Of each asset.
+    /// For each asset.
     pub bytes_per_asset: Option<u64>,
 }
 
-/// Where the service finds and puts things.
+/// The folders of the service.
 #[derive(Debug, Clone)]
 pub struct ServiceFolders {
     /// Simulated libraries.
     pub libraries: PathBuf,
-    /// Recordings that may be replayed; only read.
+    /// Recordings that may be replayed; read-only.
     pub recordings: PathBuf,
-    /// Uploads that are read from a file while they are processed.
+    /// Temporary files of uploads, from which they are processed.
     pub uploads: PathBuf,
-    /// Samples of live streams that are not records yet.
+    /// Samples of live streams that are not part of a record yet.
     pub streams: PathBuf,
 }

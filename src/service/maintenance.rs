@@ -1,4 +1,4 @@
-//! Maintenance events, added and removed.
+//! Adding and removing maintenance events.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::asset::AssetId;
 use crate::estimate::MaintenanceEvent;
 use crate::store::{Store, StoreError, StoredEvent};
 
-/// What was done to the machines.
+/// Adds and removes maintenance events.
 pub struct Maintenance {
     pub(crate) store: Store,
     pub(crate) history: Arc<History>,
@@ -21,8 +21,8 @@ pub struct Maintenance {
 }
 
 impl Maintenance {
-    /// Stores an event, and has the histories that reach it estimated again in the background. The same event
-    /// again is answered as the first time.
+    /// Stores an event; histories that contain its time are recomputed in the background. Adding the same
+    /// event again changes nothing and returns the same result.
     pub async fn add(&self, asset: &AssetId, event: MaintenanceEvent) -> Result<StoredEvent, ServiceError> {
         if i64::try_from(event.time.as_nanosecond()).is_err() {
             return Err(StoreError::Time(event.time).into());
@@ -51,7 +51,7 @@ impl Maintenance {
         let store = &self.store;
         let _pause = self.committer.pause().await;
         let mut commit = store.begin().await?;
-        // No channel begins from here on, and nothing is folded.
+        // From here on no channel is created, and nothing is folded.
         let is_new = if is_removed {
             commit.remove_maintenance(asset, &stored.id).await?
         } else {

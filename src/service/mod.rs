@@ -1,31 +1,31 @@
-//! The service: its parts, each with what it depends on, and how they are put together.
+//! The service: the parts that work on records, and [`Service`], which connects them.
 //!
-//! | part | does |
+//! | part | purpose |
 //! | --- | --- |
-//! | [`Pipeline`] | takes records: decode, identify, store raw, analyse, fold, commit, announce |
-//! | [`History`] | folds records into their channel's history, late ones too, and computes histories again |
-//! | [`Simulations`] | has the libraries simulated, and gives each asset its estimator |
-//! | [`Replays`] | takes recordings from a folder through the pipeline |
-//! | [`Streams`] | keeps live streams in journals and cuts records out of them |
-//! | [`StoredRecords`] | reads stored records again, with their spectra |
-//! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`], [`Exclusions`] | change what people describe and do |
-//! | `Retention`, `CatchUp`, `Upkeep` | work in the background |
+//! | [`Pipeline`] | processes records: decode, identify, store raw, analyse, fold, commit, announce |
+//! | [`History`] | folds records, late ones too, into the history of their channel, and recomputes histories
+//! |
+//! | [`Simulations`] | simulates the libraries, and provides the estimator of each asset |
+//! | [`Replays`] | sends recordings from a folder through the pipeline |
+//! | [`Streams`] | stores live streams in journals and cuts records out of them |
+//! | [`StoredRecords`] | reads stored records and computes their spectra |
+//! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`], [`Exclusions`] | apply changes made by users |
+//! | `Retention`, `CatchUp`, `Upkeep` | run in the background |
 //!
-//! Time comes from the [`Clock`] that the service is started with.
+//! The time comes from the [`Clock`] with which the service is started.
 //!
 //! # Lock order
 //!
-//! Whoever holds one of these locks takes only those further down:
+//! The holder of one of these locks acquires only locks further down:
 //!
-//! 1. `Assets::describing`, `CatchUp::turn`, `Retention::turn`: one change of descriptions, one catching up,
-//!    one application of the quotas at a time
+//! 1. `Assets::describing`, `CatchUp::turn`, `Retention::turn`: one change of descriptions, one catch-up, one
+//!    application of the quotas at a time
 //! 2. `RawObjects`: shared while raw bytes have no rows yet, exclusive while objects are removed
-//! 3. the committer's turn: one transaction of segments, an operator's action or a maintenance event at a
-//!    time
-//! 4. a channel's slot; several in the order of asset and channel
-//! 5. the transaction: rows of assets by name, then of channels by asset and name, then what hangs on them
+//! 3. the committer's turn: one transaction of segments, operator action or maintenance event at a time
+//! 4. a channel's slot; several slots in the order of asset and channel
+//! 5. the transaction: rows of assets by name, then of channels by asset and name, then dependent rows
 //!
-//! Locks of the standard library are held for some statements and never across an `await`.
+//! Locks of the standard library are held for a few statements and never across an `await`.
 
 mod alarms;
 mod assets;
@@ -66,7 +66,7 @@ pub use clock::{Clock, SystemClock};
 pub use error::ServiceError;
 pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace};
 pub use exclusion::Exclusions;
-pub use feeds::{Feed, FeedCount, Feeds, Holding};
+pub use feeds::{Feed, FeedCount, Feeds, HeldMessage};
 pub use history::History;
 pub use joint_wear::JointWear;
 pub use limits::{RawQuotas, ServiceFolders, WorkLimits};

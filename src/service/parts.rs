@@ -1,4 +1,4 @@
-//! The parts of the service put together.
+//! The service, which connects its parts.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,7 +14,7 @@ use super::feeds::Feeds;
 use super::history::History;
 use super::limits::{ServiceFolders, WorkLimits};
 use super::maintenance::Maintenance;
-use super::pipeline::{Committer, Pipeline, Waiting};
+use super::pipeline::{CommitQueue, Committer, Pipeline};
 use super::raw::{RawObjects, Retention, UploadPieces};
 use super::record::StoredRecords;
 use super::removal::Removals;
@@ -29,49 +29,49 @@ use crate::asset::AssetId;
 use crate::library::{GridSettings, LibraryCache};
 use crate::store::Store;
 
-/// Minutes between two searches for raw objects that nothing refers to.
-const SWEPT_EVERY_MINUTES: u32 = 24 * 60;
+/// Minutes between two searches for unreferenced raw objects.
+const SWEEP_INTERVAL_MINUTES: u32 = 24 * 60;
 
-/// Between two searches for long histories that are not kept as columns yet.
-const TRENDS_KEPT_EVERY: Duration = Duration::from_secs(10);
+/// Time between two searches for long histories that are not stored as columns yet.
+const TREND_BLOCKS_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Everything that works on records, on one store.
+/// All parts of the service, on one store.
 pub struct Service {
-    /// The store, for reading.
+    /// The store; other modules only read it.
     pub store: Store,
-    /// The threads that compute.
+    /// The worker threads.
     pub workers: Arc<Workers>,
     /// The libraries of the assets.
     pub simulations: Arc<Simulations>,
-    /// The way of records.
+    /// Processes records.
     pub pipeline: Arc<Pipeline>,
     /// The histories of all channels.
     pub history: Arc<History>,
-    /// Stored records, read again.
+    /// Reads stored records.
     pub records: StoredRecords,
-    /// The assets, for changing.
+    /// Changes assets.
     pub assets: Assets,
-    /// The alarms, for changing.
+    /// Changes alarms.
     pub alarms: Arc<Alarms>,
-    /// Maintenance events, for changing.
+    /// Changes maintenance events.
     pub maintenance: Maintenance,
     /// Removes records.
     pub removals: Removals,
-    /// Takes records out of their histories, and in again.
+    /// Excludes records from their histories, and includes them again.
     pub exclusions: Exclusions,
-    /// Recordings that are replayed.
+    /// Replays of recordings.
     pub replays: Replays,
     /// Live streams.
     pub streams: Arc<Streams>,
     /// Pieces of resumable uploads.
     pub uploads: Arc<UploadPieces>,
-    /// Ways in beside HTTP.
+    /// Sources of records other than HTTP.
     pub feeds: Feeds,
-    /// What went through since the start.
+    /// Counts of records since the start.
     pub tally: Arc<Tally>,
-    /// What happens.
+    /// Live events.
     pub events: Announcer,
-    /// What this process does of a record's way.
+    /// The role of this process.
     pub role: Role,
     clock: Arc<dyn Clock>,
     raw: Arc<RawObjects>,
@@ -81,10 +81,10 @@ pub struct Service {
 }
 
 impl Service {
-    /// Puts the parts together on a store. To be called inside the runtime. `grid` says how libraries are
-    /// simulated.
+    /// Connects the parts on a store; `grid` sets how libraries are simulated. Must be called inside a Tokio
+    /// runtime.
     ///
-    /// Errors: a folder cannot be made, or no threads are to be had.
+    /// Errors: a folder cannot be created, or the worker threads cannot be started.
     pub fn new(
         store: Store,
         folders: ServiceFolders,
@@ -126,7 +126,7 @@ impl Service {
             retention: Arc::clone(&retention),
             clock: Arc::clone(&clock),
             events: events.clone(),
-            waiting: Waiting::default(),
+            queue: CommitQueue::default(),
         });
         let pipeline = Arc::new(Pipeline {
             store: store.clone(),
@@ -225,17 +225,16 @@ impl Service {
         }))
     }
 
-    /// The time now, by the clock that the service was started with.
+    /// The current time, by the clock with which the service was started.
     pub fn now(&self) -> jiff::Timestamp {
         self.clock.now()
     }
 
-    /// Goes on where the process before ended, in the background: starts the library of every asset, computes
-    /// again what was computed under other settings, and moves raw objects that no record refers to into
-    /// quarantine. Where
-    /// other processes work on the same store, it also looks after what they leave.
+    /// Resumes the work of the previous process in the background: starts to simulate the library of every
+    /// asset, recomputes what was computed under other settings, and moves raw objects that no record refers
+    /// to into quarantine. On a shared store it also finishes what other processes left undone.
     ///
-    /// An API node does nothing: workers do. On a damaged database nothing is done.
+    /// Does nothing on an API node, where the workers do this, and nothing on a damaged database.
     pub async fn resume(&self) -> Result<(), ServiceError> {
         if self.role.is_api_node() || self.store.damage().is_some() {
             return Ok(());
@@ -254,13 +253,13 @@ impl Service {
                 all.push(asset.spec.id);
             }
         }
-        self.note_in_background(all.clone());
+        self.write_notes_in_background(all.clone());
         self.history.recompute_in_background(all);
         self.catch_up.in_background(members);
         self.alarms.end_shelvings_in_background();
         self.alarms.watch_silence_in_background();
         self.alarms.watch_joint_novelty_in_background();
-        self.keep_trends_in_background();
+        self.store_trend_blocks_in_background();
         if self.store.is_shared() {
             let upkeep = Upkeep {
                 store: self.store.clone(),
@@ -280,8 +279,8 @@ impl Service {
         Ok(())
     }
 
-    /// Notes beside the raw objects what a process that ended had not noted of assets.
-    fn note_in_background(&self, assets: Vec<AssetId>) {
+    /// Writes the notes of assets that the previous process did not write beside the raw objects.
+    fn write_notes_in_background(&self, assets: Vec<AssetId>) {
         let raw = Arc::clone(&self.raw);
         tokio::spawn(async move {
             for asset in assets {
@@ -290,40 +289,40 @@ impl Service {
         });
     }
 
-    /// Keeps long histories as columns too.
-    fn keep_trends_in_background(&self) {
+    /// Stores long histories as columns too.
+    fn store_trend_blocks_in_background(&self) {
         let store = self.store.clone();
         tokio::spawn(async move {
             loop {
-                tokio::time::sleep(TRENDS_KEPT_EVERY).await;
+                tokio::time::sleep(TREND_BLOCKS_INTERVAL).await;
                 if store.is_closed() {
                     return;
                 }
-                if let Err(error) = store.keep_trend_blocks().await {
-                    tracing::warn!(%error, "failed to keep histories as columns: they are read row by row");
+                if let Err(error) = store.store_trend_blocks().await {
+                    tracing::warn!(%error, "failed to store histories as columns: reading them row by row");
                 }
             }
         });
     }
 
-    /// Keeps the raw objects of a process that has its store to itself: searches for those that nothing
-    /// refers to now and every day, and says how far the database has come.
+    /// Maintains the raw objects of a process that is alone on its store: searches for unreferenced ones now
+    /// and once a day, and raises the generation of the store.
     fn sweep_in_background(&self) {
         let (raw, retention, store) =
             (Arc::clone(&self.raw), Arc::clone(&self.retention), self.store.clone());
         tokio::spawn(async move {
             while !store.is_closed() {
                 if let Err(error) = raw.sweep().await {
-                    tracing::warn!(%error, "failed to look for raw objects that no record refers to");
+                    tracing::warn!(%error, "failed to search for raw objects that no record refers to");
                 }
                 retention.apply_in_background();
-                for _ in 0..SWEPT_EVERY_MINUTES {
+                for _ in 0..SWEEP_INTERVAL_MINUTES {
                     tokio::time::sleep(Duration::from_secs(60)).await;
                     if store.is_closed() {
                         return;
                     }
                     if let Err(error) = store.raise_generation_if_changed().await {
-                        tracing::warn!(%error, "failed to mark how far the database has come");
+                        tracing::warn!(%error, "failed to raise the generation of the store");
                     }
                 }
             }

@@ -1,17 +1,16 @@
-//! What a change of an asset is conditional on: that its description is, or is not, one that the client has
-//! seen.
+//! Preconditions of changes to an asset: that its description is, or is not, one that the client has seen.
 
 use sha2::{Digest, Sha256};
 
 use super::error::ServiceError;
 use crate::store::{Asset, StoreError};
 
-/// Which descriptions an asset may have to be changed; any where nothing is said.
+/// The condition on an asset's description under which a change is allowed; the default allows any.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Precondition {
-    /// Tags one of which it must have; `*` is any.
+    /// Entity tags of which the description must have one; `*` matches any.
     pub matches: Option<Vec<String>>,
-    /// Tags of which it must have none; `*` is any.
+    /// Entity tags of which the description must have none; `*` matches any.
     pub matches_none: Option<Vec<String>>,
 }
 
@@ -29,12 +28,12 @@ pub fn description_tag(asset: &Asset) -> Result<String, ServiceError> {
 }
 
 impl Precondition {
-    /// Whether nothing is asked for.
+    /// Whether there is no condition.
     pub(crate) fn is_none(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Checks it against an asset as it is.
+    /// Checks the condition against an asset.
     ///
     /// Error: [`ServiceError::Precondition`].
     pub(crate) fn check(&self, asset: &Asset) -> Result<(), ServiceError> {

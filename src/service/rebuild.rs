@@ -1,4 +1,4 @@
-//! The database made again from what is kept with the raw recordings.
+//! Rebuilds the database from the raw recordings and the notes stored with them.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -12,55 +12,55 @@ use super::workers::blocking;
 use crate::asset::{AssetId, SegmentId};
 use crate::store::{AssetNote, Objects, RecordNote, StoreError, StoredEvent};
 
-/// Records taken in at once: they share a transaction and its wait for the disk.
+/// Records ingested concurrently: they share a transaction and its wait for the disk.
 const AT_ONCE: usize = 8;
 
-/// Failures that are told by name.
+/// Maximum number of failures that are listed.
 const MAX_FAILURES: usize = 20;
 
-/// What was made again.
+/// The result of a rebuild.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Rebuilt {
-    /// Assets that were not there.
+    /// Assets created.
     pub assets: u64,
-    /// Records that were there already.
+    /// Records that were in the database already.
     pub known: u64,
-    /// Records that were taken in.
+    /// Records ingested.
     pub records: u64,
-    /// Records whose raw bytes are not kept any more.
+    /// Records whose raw bytes are no longer available.
     pub without_raw: u64,
-    /// Records that people had removed, and that were left out.
+    /// Records that users had removed, and that were skipped.
     pub removed: u64,
-    /// Records of assets that nothing is known of.
+    /// Records of unknown assets.
     pub without_asset: u64,
-    /// Records that could not be taken in.
+    /// Records that could not be ingested.
     pub failed: u64,
-    /// The first of those, each with why.
+    /// The first of these, each with the reason.
     pub failures: Vec<String>,
 }
 
 impl Service {
-    /// Takes in every asset and every record that is noted beside the raw recordings and that the database
-    /// does not have, records in the order of time; `told` is told how many of how many records are done.
-    /// Once all are there, the database counts as that of the raw recordings.
+    /// Ingests every asset and record that is noted beside the raw recordings and missing in the database,
+    /// records in the order of time. `on_progress` is called with the numbers of records done and in total.
+    /// If none fails, the database then counts as the one that the raw recordings belong to.
     ///
-    /// Records that people removed stay away, unless `with_removed`.
+    /// Records that users removed are skipped, unless `with_removed`.
     pub async fn rebuild(
         &self,
         with_removed: bool,
-        told: impl Fn(usize, usize),
+        on_progress: impl Fn(usize, usize),
     ) -> Result<Rebuilt, ServiceError> {
         let mut rebuilt = Rebuilt::default();
         let mut assets = self.on_objects(Objects::asset_notes).await?;
-        // Those whose sensor others share come before those.
+        // Owners of a shared sensor come before the assets that share it.
         assets.sort_by_key(|note| note.spec.sensor.of.is_some());
         let mut excluded: HashSet<SegmentId> = HashSet::new();
         for note in assets {
             excluded.extend(note.excluded.iter().cloned());
-            rebuilt.assets += u64::from(self.take_in_asset(note).await?);
+            rebuilt.assets += u64::from(self.restore_asset(note).await?);
         }
-        let removed = if with_removed { HashMap::new() } else { self.removed().await? };
-        let notes = self.noted(&removed, &mut rebuilt).await?;
+        let removed = if with_removed { HashMap::new() } else { self.removal_times().await? };
+        let notes = self.missing_records(&removed, &mut rebuilt).await?;
         let all = notes.len();
         let mut created: HashMap<AssetId, Option<Timestamp>> = HashMap::new();
         let mut missing = Vec::new();
@@ -74,16 +74,16 @@ impl Service {
                 created.insert(note.asset_id.clone(), asset);
             }
             match created.get(&note.asset_id).copied().flatten() {
-                Some(created_at) => missing.push(QueuedRecord::noted(note, created_at)),
+                Some(created_at) => missing.push(QueuedRecord::from_note(note, created_at)),
                 None => rebuilt.without_asset += 1,
             }
         }
-        let taken_in = stream::iter(&missing).map(|record| self.take_in(record));
-        let mut taken_in = taken_in.buffered(AT_ONCE);
+        let ingested = stream::iter(&missing).map(|record| self.ingest(record));
+        let mut ingested = ingested.buffered(AT_ONCE);
         let mut done = 0;
-        while let Some(outcome) = taken_in.next().await {
+        while let Some(outcome) = ingested.next().await {
             done += 1;
-            told(done, all);
+            on_progress(done, all);
             match outcome {
                 Ok(()) => rebuilt.records += 1,
                 Err(ServiceError::Store(StoreError::ObjectMissing(_))) => rebuilt.without_raw += 1,
@@ -110,8 +110,8 @@ impl Service {
         Ok(rebuilt)
     }
 
-    /// Takes in an asset and what was done to it; returns whether it was not there.
-    async fn take_in_asset(&self, note: AssetNote) -> Result<bool, ServiceError> {
+    /// Restores an asset and its maintenance events; returns whether it was missing.
+    async fn restore_asset(&self, note: AssetNote) -> Result<bool, ServiceError> {
         let id = note.spec.id.clone();
         match self.store.insert_asset(&note.spec, None, note.created_at).await {
             Ok(_) => {}
@@ -126,7 +126,7 @@ impl Service {
         Ok(true)
     }
 
-    async fn take_in(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
+    async fn ingest(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
         let name = record.raw.sha256.clone();
         if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
             return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
@@ -135,15 +135,15 @@ impl Service {
             let mut ticket = self.workers.admit()?;
             ticket.grow(usize::try_from(record.raw.bytes).unwrap_or(usize::MAX))?;
             match self.pipeline.process(record, ticket).await {
-                // The store is away.
+                // The store is unavailable.
                 Err(ServiceError::Busy { .. }) => tokio::time::sleep(std::time::Duration::from_secs(1)).await,
                 processed => return processed.map(|_| ()),
             }
         }
     }
 
-    /// When records were removed last.
-    async fn removed(&self) -> Result<HashMap<SegmentId, Timestamp>, ServiceError> {
+    /// The time of the last removal of each removed record.
+    async fn removal_times(&self) -> Result<HashMap<SegmentId, Timestamp>, ServiceError> {
         let mut removed = HashMap::new();
         for note in self.on_objects(Objects::removals).await? {
             for segment in note.segments {
@@ -154,8 +154,8 @@ impl Service {
         Ok(removed)
     }
 
-    /// What is noted of records that the database does not have, by asset and in the order of time.
-    async fn noted(
+    /// The notes of records that the database does not have, by asset and in the order of time.
+    async fn missing_records(
         &self,
         removed: &HashMap<SegmentId, Timestamp>,
         rebuilt: &mut Rebuilt,
@@ -183,6 +183,6 @@ impl Service {
         work: impl FnOnce(&Objects) -> Result<T, StoreError> + Send + 'static,
     ) -> Result<T, ServiceError> {
         let store = self.store.clone();
-        Ok(blocking("read what is noted", move || work(store.objects())).await??)
+        Ok(blocking("read the notes of records", move || work(store.objects())).await??)
     }
 }

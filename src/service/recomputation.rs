@@ -1,45 +1,46 @@
-//! How far the recomputation of a history is.
+//! The state of the recomputation of a channel's history.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use crate::asset::AssetId;
 
-/// What a recomputation is doing.
+/// The state of a recomputation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RecomputationState {
-    /// Indicators and features are computed again from the raw recordings.
+    /// Indicators and features are recomputed from the raw recordings.
     Analysing,
-    /// The estimates are computed again.
+    /// The estimates are recomputed.
     Folding,
-    /// Everything is served as new.
+    /// The recomputed history is served.
     Finished,
-    /// Could not go on; the old answers are served.
+    /// The recomputation failed; the old history is served.
     Failed,
 }
 
-/// One channel's history being computed again, and how far it is.
+/// The recomputation of one channel's history, and its progress.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Recomputation {
     /// The asset.
     pub asset: AssetId,
     /// The channel.
     pub channel: String,
-    /// What it is doing.
+    /// The state.
     pub state: RecomputationState,
-    /// Records of the channel when it began.
+    /// Records of the channel at the start.
     pub records_total: u64,
-    /// Records analysed again from their raw bytes.
+    /// Records reanalysed from their raw bytes.
     pub analysed: u64,
-    /// Records that keep their old indicators, since their raw bytes are not kept any more or cannot be read.
+    /// Records that keep their old indicators because their raw bytes are no longer available or cannot be
+    /// read.
     pub without_raw: u64,
     /// Records folded.
     pub folded: u64,
     /// Why it failed.
     pub error: Option<String>,
-    /// When it began.
+    /// The time of the start.
     pub started_at: Timestamp,
-    /// When it ended.
+    /// The time of the end.
     pub finished_at: Option<Timestamp>,
 }

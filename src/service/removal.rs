@@ -1,4 +1,4 @@
-//! Records that people remove: of a sensor that was loose, of a wrong asset or time.
+//! Removal of records by users, for example those of a loose sensor or of a wrong asset or time.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use super::sensor_group::SensorGroup;
 use crate::asset::{AssetId, Segment};
 use crate::store::{RecordRange, RemovalNote, Store};
 
-/// Records of each channel removed in one transaction; others have their turn in between.
+/// Records of each channel removed in one transaction; other transactions run in between.
 const AT_ONCE: u32 = 200;
 
 /// Removes records.
@@ -26,21 +26,21 @@ pub struct Removals {
 }
 
 impl Removals {
-    /// Removes a record as if it had never come.
+    /// Removes a record as if it had never been received.
     pub async fn remove_one(&self, segment: &Segment) -> Result<u64, ServiceError> {
         self.remove(&segment.asset_id, &RecordRange::of(segment)).await
     }
 
-    /// Removes records of an asset as if they had never come.
+    /// Removes records of an asset as if they had never been received.
     pub async fn remove(&self, asset: &AssetId, range: &RecordRange) -> Result<u64, ServiceError> {
         self.remove_each(asset, std::slice::from_ref(range)).await
     }
 
-    /// Removes records of several ranges, and of all others of the asset's sensor; returns how many they were
-    /// of the asset. Raw recordings go into quarantine, and histories are folded again in the
-    /// background.
+    /// Removes the records of several ranges from an asset and from the other assets of its sensor; returns
+    /// the number removed from the asset. Raw recordings are moved into quarantine, and histories are
+    /// recomputed in the background.
     ///
-    /// Error: [`ServiceError::SensorOfOther`] where they come for another asset.
+    /// Error: [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub async fn remove_each(&self, asset: &AssetId, ranges: &[RecordRange]) -> Result<u64, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
         let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();
@@ -69,7 +69,8 @@ impl Removals {
             let _exclusive = self.raw.exclusive().await;
             let _pause = self.committer.pause().await;
             let (mut segments, mut orphans) = (Vec::new(), Vec::new());
-            // What others of the sensor have is not looked for again once it is gone here.
+            // The owner of the sensor comes last: once its records are gone, those of the others would not be
+            // looked for again.
             for of in assets.iter().rev() {
                 let removed = self.store.remove_records(of, range, AT_ONCE).await?;
                 if of == asset {

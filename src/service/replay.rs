@@ -1,4 +1,4 @@
-//! A replay: what is asked for, and how far it is.
+//! A replay: its request, and its state.
 
 use std::str::FromStr;
 
@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::asset::AssetId;
 
-/// How fast a recording is replayed.
+/// The pace of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Pace {
     /// As fast as it can be processed.
     Max,
-    /// This many times as fast as it was recorded.
+    /// This factor times the speed of the recording.
     Times(f64),
 }
 
@@ -52,16 +52,16 @@ impl From<Pace> for String {
     }
 }
 
-/// What is to be replayed.
+/// The request of a replay.
 #[derive(Debug, Clone, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReplayRequest {
-    /// The asset whose records they become.
+    /// The asset that receives the records.
     pub asset: AssetId,
     /// The recording, relative to the replay folder.
     #[schema(example = "run.mcap")]
     pub file: String,
-    /// How fast: `max`, `realtime` or a factor such as `10x`.
+    /// The pace: `max`, `realtime` or a factor such as `10x`.
     #[serde(default = "Pace::max")]
     #[schema(value_type = String, example = "max", pattern = r"^(max|realtime|[0-9.]+x)$")]
     pub pace: Pace,
@@ -73,62 +73,62 @@ impl Pace {
     }
 }
 
-/// What a replay is doing.
+/// The state of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ReplayState {
-    /// Under way.
+    /// It is running.
     Running,
-    /// Came to the end of the recording.
+    /// It reached the end of the recording.
     Finished,
-    /// Was stopped.
+    /// It was stopped.
     Stopped,
-    /// Could not go on.
+    /// It failed.
     Failed,
 }
 
-/// A replay and how far it is.
+/// A replay and its progress.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Replay {
     /// Identifier.
     pub id: String,
-    /// The asset whose records they become.
+    /// The asset that receives the records.
     pub asset: AssetId,
     /// The recording, relative to the replay folder.
     pub file: String,
-    /// How fast: `max`, `realtime` or a factor such as `10x`.
+    /// The pace: `max`, `realtime` or a factor such as `10x`.
     #[schema(value_type = String, example = "max")]
     pub pace: Pace,
-    /// What it is doing.
+    /// The state.
     pub state: ReplayState,
-    /// Why it failed; or why the first record that was refused was refused.
+    /// Why it failed, or why the first refused record was refused.
     pub error: Option<String>,
-    /// Records in the recording, known at its end.
+    /// Records in the recording; known at its end.
     pub records_total: Option<u64>,
-    /// Records that are done, the refused ones too.
+    /// Records processed, including refused ones.
     pub records_done: u64,
     /// Records stored.
     pub stored: u64,
     /// Records that were stored before.
     pub repeated: u64,
-    /// Records that could not be used.
+    /// Records refused.
     pub refused: u64,
-    /// When it began.
+    /// The time of the start.
     pub started_at: Timestamp,
-    /// When it ended.
+    /// The time of the end.
     pub finished_at: Option<Timestamp>,
-    /// Start of the earliest record done.
+    /// Start of the earliest processed record.
     pub first_start_time: Option<Timestamp>,
-    /// Start of the latest record done.
+    /// Start of the latest processed record.
     pub last_start_time: Option<Timestamp>,
-    /// Length of all records done, in seconds.
+    /// Total length of the processed records in seconds.
     pub record_seconds_done: f64,
-    /// Length of all records done over the time it took.
+    /// Total length of the processed records divided by the time it took.
     pub times_real_time: Option<f64>,
 }
 
 impl Replay {
-    /// One that begins; its identifier is still to be given.
+    /// Creates a replay that starts; its identifier is assigned later.
     pub(crate) fn begin(request: ReplayRequest, started_at: Timestamp) -> Self {
         Self {
             id: String::new(),
@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pace_is_read_and_written_alike() {
+    fn paces_round_trip() {
         for (text, pace) in [
             ("max", Pace::Max),
             ("realtime", Pace::Times(1.0)),

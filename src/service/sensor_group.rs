@@ -1,25 +1,25 @@
-//! Sensors shared by several meshes: each mesh is an asset, and the records that come for one of them are
-//! analysed for all.
+//! Sensors shared by several meshes: each mesh is an asset, and the records of the asset that owns the sensor
+//! are analysed for all of them.
 //!
-//! An asset whose `sensor.of` names another one has records, analyses, estimates and alarms of its own; raw
-//! bytes are stored once, and counted for each.
+//! An asset whose `sensor.of` names another asset has its own records, analyses, estimates and alarms. Raw
+//! bytes are stored once, and counted for each asset.
 
 use super::error::ServiceError;
 use crate::asset::{AssetId, AssetSpec, MAX_ON_ONE_SENSOR};
 use crate::store::{Asset, Store, StoreError};
 
-/// The assets that get the records of one sensor.
+/// The assets of one sensor.
 pub(crate) struct SensorGroup {
-    /// The asset that has the sensor, the other meshes known to its description.
+    /// The asset that owns the sensor; its description includes the other meshes.
     pub(crate) asset: Asset,
-    /// The assets that share it.
+    /// The assets that share the sensor.
     pub(crate) members: Vec<AssetSpec>,
 }
 
 impl SensorGroup {
-    /// The assets that get the records of an asset.
+    /// Reads the group of the sensor that an asset owns.
     ///
-    /// Error: [`ServiceError::SensorOfOther`] where it has no sensor of its own.
+    /// Error: [`ServiceError::SensorOfOther`] if the asset has no sensor of its own.
     pub(crate) async fn of(store: &Store, id: &AssetId) -> Result<Self, ServiceError> {
         let all = store.assets_of_sensor(id).await?;
         let asset = one_of(&all, id)?;
@@ -31,18 +31,18 @@ impl SensorGroup {
         Ok(Self { asset, members: members.collect() })
     }
 
-    /// The descriptions of all of them, that of the asset with the sensor first.
+    /// The descriptions of all assets, that of the sensor's owner first.
     pub(crate) fn specs(&self) -> impl Iterator<Item = &AssetSpec> {
         std::iter::once(&self.asset.spec).chain(&self.members)
     }
 }
 
-/// An asset, the other meshes of its sensor known to its description.
+/// Reads an asset; its description includes the other meshes of its sensor.
 pub(crate) async fn described(store: &Store, id: &AssetId) -> Result<Asset, ServiceError> {
     one_of(&store.assets_of_sensor(id).await?, id)
 }
 
-/// An asset that was read by itself, with the other meshes of its sensor.
+/// Adds the other meshes of its sensor to the description of an asset.
 pub(crate) async fn among_others(store: &Store, mut asset: Asset) -> Result<Asset, ServiceError> {
     let all = store.assets_of_sensor(&asset.spec.id).await?;
     let specs: Vec<AssetSpec> = all.into_iter().map(|asset| asset.spec).collect();
@@ -50,13 +50,13 @@ pub(crate) async fn among_others(store: &Store, mut asset: Asset) -> Result<Asse
     Ok(asset)
 }
 
-/// The assets of the same sensor, this one among them.
+/// The assets of the same sensor, including this one.
 pub(crate) async fn ids_of_sensor(store: &Store, id: &AssetId) -> Result<Vec<AssetId>, ServiceError> {
     let all = store.assets_of_sensor(id).await?;
     Ok(all.into_iter().map(|asset| asset.spec.id).collect())
 }
 
-/// The assets of the same sensor, where none of them has the sensor of this one.
+/// The other assets of the same sensor, provided that none of them shares the sensor of this one.
 ///
 /// Error: [`ServiceError::SensorShared`].
 pub(crate) async fn ids_beside(store: &Store, id: &AssetId) -> Result<Vec<AssetId>, ServiceError> {
@@ -69,7 +69,7 @@ pub(crate) async fn ids_beside(store: &Store, id: &AssetId) -> Result<Vec<AssetI
     Ok(all.into_iter().map(|asset| asset.spec.id).filter(|other| other != id).collect())
 }
 
-/// Checks whose sensor a description names, against what the asset was `before` where there is one.
+/// Checks the `sensor.of` of a description, against the description `before` if the asset exists already.
 pub(crate) async fn check_sensor(
     store: &Store,
     spec: &AssetSpec,
@@ -83,26 +83,28 @@ pub(crate) async fn check_sensor(
         && before.sensor.of != spec.sensor.of
         && store.channels(&spec.id).await?.iter().any(|channel| channel.segments > 0)
     {
-        return refuse("what it was before, since the asset has records: describe the mesh as another asset");
+        return refuse(
+            "the previous value, because the asset has records: create another asset for the mesh",
+        );
     }
     let Some(of) = &spec.sensor.of else { return Ok(()) };
     let all = match store.assets_of_sensor(of).await {
-        Err(StoreError::AssetUnknown(_)) => return refuse("the id of an asset that there is"),
+        Err(StoreError::AssetUnknown(_)) => return refuse("the id of an existing asset"),
         all => all?,
     };
     if all.iter().any(|other| other.spec.id == *of && other.spec.sensor.of.is_some()) {
-        return refuse("an asset with a sensor of its own, not one that shares another's");
+        return refuse("an asset with a sensor of its own, not one that shares another sensor");
     }
     if all.iter().filter(|other| other.spec.id != spec.id).count() >= MAX_ON_ONE_SENSOR {
-        return refuse("an asset whose sensor fewer than 8 meshes share");
+        return refuse("an asset whose sensor is shared by fewer than 8 meshes");
     }
     if before.is_some() && ids_beside(store, &spec.id).await.is_err() {
-        return refuse("nothing, since other assets share the sensor of this one");
+        return refuse("no value, because other assets share the sensor of this one");
     }
     Ok(())
 }
 
-/// One of the assets of a sensor, the others known to its description.
+/// Selects one of the assets of a sensor; its description includes the meshes of the others.
 fn one_of(all: &[Asset], id: &AssetId) -> Result<Asset, ServiceError> {
     let asset = all.iter().find(|asset| asset.spec.id == *id).cloned();
     let mut asset = asset.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?;

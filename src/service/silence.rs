@@ -1,4 +1,4 @@
-//! Alarms on silence: no record is no event, so a clock looks for it.
+//! Alarms on silent channels. A missing record triggers no event, so these alarms are checked periodically.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -10,10 +10,10 @@ use crate::asset::AssetId;
 use crate::estimate::{AlarmAction, AlarmQuantity, AlarmRule, Severity};
 use crate::store::{DescriptionsMark, Silence, StoredAlarm};
 
-/// How often it is looked for.
+/// Time between two checks.
 const INTERVAL: Duration = Duration::from_secs(2);
 
-/// The rules on silence, and up to where descriptions were known when they were read.
+/// The silence rules, and the mark of the descriptions from which they were read.
 #[derive(Default)]
 struct Rules {
     read_at: Option<DescriptionsMark>,
@@ -21,7 +21,7 @@ struct Rules {
 }
 
 impl Alarms {
-    /// Raises and ends alarms on silence in the background, as long as somebody holds the service.
+    /// Raises and clears silence alarms in the background for as long as the service exists.
     pub(crate) fn watch_silence_in_background(self: &Arc<Self>) {
         let alarms = Arc::downgrade(self);
         tokio::spawn(async move {
@@ -33,7 +33,7 @@ impl Alarms {
                     return;
                 }
                 if let Err(error) = alarms.watch_silence(&mut rules).await {
-                    tracing::warn!(%error, "failed to look for channels without records");
+                    tracing::warn!(%error, "failed to check for silent channels");
                 }
             }
         });
@@ -68,27 +68,27 @@ impl Alarms {
             let severity = rule.severity_of_silence(silent_s);
             let untouched = StoredAlarm::untouched(&silence.channel, rule, now);
             if raised.get(&untouched.id).copied().flatten() != severity {
-                self.tell_silence(untouched, &silence, severity, silent_s).await?;
+                self.update_silence_alarm(untouched, &silence, severity, silent_s).await?;
             }
         }
         Ok(())
     }
 
-    /// Brings an alarm in line with how long its channel has been silent.
-    async fn tell_silence(
+    /// Updates an alarm to the time for which its channel has been silent.
+    async fn update_silence_alarm(
         &self,
         known: StoredAlarm,
         silence: &Silence,
         severity: Option<Severity>,
         silent_s: f64,
     ) -> Result<(), ServiceError> {
-        let told = OperatorAction {
+        let action = OperatorAction {
             action: AlarmAction::Stale { severity, silent_s: silent_s as u64 },
             by: String::new(),
             comment: String::new(),
         };
-        match self.act_on(known, Some(&silence.channel), told).await {
-            // Somebody was faster: another process, or a record.
+        match self.act_on(known, Some(&silence.channel), action).await {
+            // Another process or a record came first.
             Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
             Err(error) => Err(error),
         }

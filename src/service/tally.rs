@@ -1,8 +1,8 @@
-//! What went through the service since it started.
+//! Counts of processed records since the start of the service.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Counts of records by what became of them.
+/// Counts of records by outcome.
 #[derive(Debug, Default)]
 pub struct Tally {
     stored: AtomicU64,
@@ -11,7 +11,7 @@ pub struct Tally {
     refused: AtomicU64,
 }
 
-/// What becomes of a record.
+/// The outcome of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Outcome {
     Stored,
@@ -21,22 +21,22 @@ pub(crate) enum Outcome {
 }
 
 impl Tally {
-    /// Records stored.
+    /// Number of records stored.
     pub fn stored(&self) -> u64 {
         self.of(Outcome::Stored).load(Ordering::Relaxed)
     }
 
-    /// Records put into the queue for workers.
+    /// Number of records queued for workers.
     pub fn queued(&self) -> u64 {
         self.of(Outcome::Queued).load(Ordering::Relaxed)
     }
 
-    /// Records that were stored before.
+    /// Number of records that were stored before.
     pub fn repeated(&self) -> u64 {
         self.of(Outcome::Repeated).load(Ordering::Relaxed)
     }
 
-    /// Records that could not be used.
+    /// Number of invalid records.
     pub fn refused(&self) -> u64 {
         self.of(Outcome::Refused).load(Ordering::Relaxed)
     }

@@ -1,4 +1,4 @@
-//! What a process beside others looks after: what one that died has left undone.
+//! Upkeep of a shared store: finishes what another process left undone when it died.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,10 +10,10 @@ use super::history::History;
 use super::raw::{RawObjects, UploadPieces};
 use crate::store::Store;
 
-/// Assets brought up to date after one look.
+/// Maximum number of assets brought up to date in one round.
 const MAX_ASSETS: u32 = 100;
 
-/// Looks after a store that processes share.
+/// Maintains a shared store.
 pub(crate) struct Upkeep {
     pub(crate) store: Store,
     pub(crate) history: Arc<History>,
@@ -25,23 +25,23 @@ pub(crate) struct Upkeep {
 }
 
 impl Upkeep {
-    /// Brings histories up to date that another process has left, gives assets what they lack of their
-    /// sensor's records, and removes what nobody needs any more, in the background.
+    /// Brings outdated histories up to date, lets members of sensor groups catch up, and removes what is no
+    /// longer needed, periodically in the background.
     pub(crate) fn in_background(self) {
         tokio::spawn(async move {
             while !self.store.is_closed() {
-                if let Err(error) = self.look_once().await {
-                    tracing::warn!(%error, "failed to look after the shared store: trying again later");
+                if let Err(error) = self.run_once().await {
+                    tracing::warn!(%error, "failed to maintain the shared store: retrying later");
                 }
                 tokio::time::sleep(self.interval).await;
             }
         });
     }
 
-    async fn look_once(&self) -> Result<(), ServiceError> {
-        let outdated = self.store.unsettled_assets(MAX_ASSETS).await?;
+    async fn run_once(&self) -> Result<(), ServiceError> {
+        let outdated = self.store.outdated_assets(MAX_ASSETS).await?;
         self.history.recompute_in_background(outdated);
-        // Where some are being caught up already, that may take longer than until the next look.
+        // A running catch-up may take longer than the time between two rounds.
         if !self.catch_up.is_busy() {
             self.catch_up.in_background(self.store.late_members(MAX_ASSETS).await?);
         }

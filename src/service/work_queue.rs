@@ -1,4 +1,4 @@
-//! Several processes on one store: API nodes take records and put them into a queue, workers analyse, fold
+//! The work queue between processes on one store: API nodes accept and enqueue records, workers analyse, fold
 //! and commit them.
 
 use std::collections::HashSet;
@@ -13,34 +13,34 @@ use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::signal::OperatingPoint;
 use crate::store::RecordNote;
 
-/// A record that is decoded and identified, whose raw bytes are stored, and that is still to be analysed: all
-/// that it takes besides its raw bytes.
+/// A record that is identified and whose raw bytes are stored: everything besides these bytes that its
+/// analysis needs.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct QueuedRecord {
-    /// Identifier of the segment that it becomes.
+    /// Identifier of its segment.
     pub id: SegmentId,
     /// The asset it belongs to.
     pub asset_id: AssetId,
-    /// When that asset was made: one of the same name that is made later is another.
+    /// When that asset was created, which distinguishes it from a later asset of the same name.
     #[serde(skip)]
     pub asset_created_at: Timestamp,
     /// The measuring channel.
     pub channel: String,
     /// The time of the first sample.
     pub start_time: Timestamp,
-    /// When the service took it.
+    /// When the service received it.
     pub received_at: Timestamp,
     /// Unit of the samples.
     pub unit: String,
     /// Operating point as given with the record.
     pub operating_point: OperatingPoint,
-    /// Wear depth in µm known from elsewhere.
+    /// Reference wear depth in µm from another source.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_wear_um: Option<f64>,
-    /// Where the raw bytes are.
+    /// The raw bytes.
     pub raw: RawReference,
-    /// How often it was given up lately as one that cannot be stored: sent again it is another one to the
-    /// queue.
+    /// How often it recently became a dead letter; the queue treats it as a new record each time it is sent
+    /// again.
     #[serde(skip)]
     pub given_up: u32,
 }
@@ -62,8 +62,8 @@ impl From<&QueuedRecord> for RecordNote {
 }
 
 impl QueuedRecord {
-    /// A record as it is noted beside its raw bytes, for an asset that was made at a time.
-    pub(crate) fn noted(note: RecordNote, asset_created_at: Timestamp) -> Self {
+    /// Creates a queued record from the note beside its raw bytes, for an asset created at a time.
+    pub(crate) fn from_note(note: RecordNote, asset_created_at: Timestamp) -> Self {
         Self {
             id: note.id,
             asset_id: note.asset_id,
@@ -80,83 +80,82 @@ impl QueuedRecord {
     }
 }
 
-/// How a part that the service needs is.
+/// The health of a dependency of the service.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PartHealth {
-    /// Which part.
+    /// The name of the dependency.
     pub part: &'static str,
-    /// Why it cannot be used; none where it can.
+    /// Why it cannot be used; `None` if it can.
     pub fault: Option<String>,
 }
 
-/// What waits between API nodes and workers, and who works on it.
+/// The state of the work queue and its workers.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct QueueOverview {
-    /// Records that wait or are worked on.
+    /// Records that wait or are in work.
     pub records: u64,
-    /// Of these, those that a worker has and has not acknowledged.
+    /// Of these, those that a worker has received and not acknowledged.
     pub in_work: u64,
-    /// When the oldest of these came into the queue.
+    /// When the oldest of the records was enqueued.
     pub oldest_at: Option<Timestamp>,
-    /// Messages that are acknowledged and that the server still keeps: they are no work.
+    /// Acknowledged messages that the server still keeps.
     pub leftovers: u64,
-    /// Records that could not be stored.
+    /// Records that could not be stored and became dead letters.
     pub dead_letters: u64,
-    /// The workers that answer.
+    /// The workers that respond.
     pub workers: Vec<WorkerOverview>,
 }
 
-/// A worker as it tells of itself.
+/// The status of a worker, as it reports it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WorkerOverview {
-    /// Its name, which tells it from others: the machine's and a number by chance.
+    /// Its unique name: the name of the machine and a random number.
     pub name: String,
-    /// The running version.
+    /// The version of the program.
     pub version: String,
-    /// Records that it works on.
+    /// Records in work.
     pub in_work: u64,
-    /// Records that it works on at most.
+    /// Maximum number of records in work.
     pub at_once: u64,
-    /// Records that it stored since its start.
+    /// Records stored since its start.
     pub stored: u64,
 }
 
-/// The queue between API nodes and workers, and the notice of changed assets.
+/// The queue between API nodes and workers, which also notifies workers of changed assets.
 pub trait WorkQueue: Send + Sync + 'static {
-    /// Puts records into the queue; they are safe once this returns without an error.
+    /// Enqueues records; they are durable once this returns without an error.
     ///
-    /// Error: [`ServiceError::Busy`] where they cannot be taken now.
+    /// Error: [`ServiceError::Busy`] if the queue cannot accept them now.
     fn enqueue<'a>(&'a self, records: &'a [QueuedRecord]) -> BoxFuture<'a, Result<(), ServiceError>>;
 
-    /// The names of the raw objects of all records that wait: in the queue, and among those that could not be
-    /// stored.
+    /// The names of the raw objects of all records in the queue and among the dead letters.
     fn objects_waiting(&self) -> BoxFuture<'_, Result<HashSet<String>, ServiceError>>;
 
-    /// Notifies the workers that an asset's description or what happened to it changed. A worker that misses
-    /// the notice finds out by itself later.
+    /// Notifies the workers that an asset's description or its events changed. A worker that misses the
+    /// notice detects the change later.
     fn notify_changed(&self, asset: &AssetId);
 
-    /// What waits and who works on it. Takes a moment, in which workers answer.
+    /// The state of the queue and its workers. Waits a moment for the workers to respond.
     fn overview(&self) -> BoxFuture<'_, Result<QueueOverview, ServiceError>>;
 
-    /// Whether the queue works, found out by writing to its server.
+    /// Checks the queue by writing to its server.
     fn health(&self) -> BoxFuture<'_, Vec<PartHealth>>;
 }
 
-/// What a process does of a record's way.
+/// The role of a process in the processing of records.
 #[derive(Clone, Default)]
 pub enum Role {
-    /// All of it, alone on its store.
+    /// Runs all steps, alone on its store.
     #[default]
     Standalone,
-    /// Takes records and puts them into the queue.
+    /// Accepts and enqueues records.
     ApiNode(Arc<dyn WorkQueue>),
-    /// Analyses, folds and commits records of the queue, and computes histories again.
+    /// Analyses, folds and commits queued records, and recomputes histories.
     Worker(Arc<dyn WorkQueue>),
 }
 
 impl Role {
-    /// The queue between this process and others; none where it is alone.
+    /// The queue between this process and others; `None` for a standalone process.
     pub fn queue(&self) -> Option<&Arc<dyn WorkQueue>> {
         match self {
             Self::Standalone => None,
@@ -164,7 +163,7 @@ impl Role {
         }
     }
 
-    /// Whether records go into the queue here.
+    /// Whether this process only accepts and enqueues records.
     pub fn is_api_node(&self) -> bool {
         matches!(self, Self::ApiNode(_))
     }

@@ -1,4 +1,4 @@
-//! The threads that compute, apart from those that serve connections.
+//! The worker threads for computations, separate from the threads that serve connections.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -9,17 +9,17 @@ use super::error::ServiceError;
 use super::limits::WorkLimits;
 use crate::signal::{AnalysisSettings, Analyzer, MAX_RECORD_SAMPLES};
 
-/// Samples beyond which a record is large. The analysis of one takes some 85 bytes a sample, 1.4 GB for the
-/// largest.
+/// Samples beyond which a record counts as large. Its analysis takes about 85 bytes a sample, 1.4 GB for the
+/// largest record.
 const LARGE_SAMPLES: usize = 1 << 22;
 
 thread_local! {
-    /// Plans and scratch of this thread.
+    /// FFT plans and scratch memory of this thread.
     static ANALYZER: RefCell<Analyzer> = RefCell::new(Analyzer::new(AnalysisSettings::default()));
 }
 
-/// Gives the calling thread's analyzer to `f`, for a record of so many samples; where that is a large one a
-/// fresh analyzer, whose work space is not kept.
+/// Calls `f` with the calling thread's analyzer for a record of `samples` samples; for a large record with a
+/// new analyzer, whose memory is released afterwards.
 pub(crate) fn with_analyzer<T>(samples: usize, f: impl FnOnce(&mut Analyzer) -> T) -> T {
     if is_large(samples) {
         return f(&mut Analyzer::new(AnalysisSettings::default()));
@@ -27,27 +27,27 @@ pub(crate) fn with_analyzer<T>(samples: usize, f: impl FnOnce(&mut Analyzer) -> 
     ANALYZER.with_borrow_mut(f)
 }
 
-/// Whether a record of so many samples is a large one.
+/// Whether a record of this many samples counts as large.
 pub(crate) fn is_large(samples: usize) -> bool {
     samples > LARGE_SAMPLES
 }
 
-/// A fixed number of threads for computation, and what may wait for them.
+/// A fixed number of worker threads, and the limits on waiting work.
 #[derive(Debug)]
 pub struct Workers {
     pool: rayon::ThreadPool,
-    /// For what is short and others wait for, so that it does not stand behind records.
+    /// For short tasks that others wait for, so that they do not queue behind records.
     first: rayon::ThreadPool,
     requests: Arc<Semaphore>,
     answers: Arc<Semaphore>,
     recordings: Arc<Semaphore>,
     kibibytes: Arc<Semaphore>,
-    /// Samples of the large records that may be analysed now.
+    /// Samples of large records that may be analysed at the same time.
     large: Arc<Semaphore>,
     limits: WorkLimits,
 }
 
-/// The right to hold a request's bytes and have them processed; given back when dropped.
+/// A permit to hold a request's bytes and have them processed; released when dropped.
 #[derive(Debug)]
 pub struct Ticket {
     _request: OwnedSemaphorePermit,
@@ -70,15 +70,15 @@ impl Workers {
         })
     }
 
-    /// The right to one more request, or [`ServiceError::Busy`] at once.
+    /// Admits one more request, or returns [`ServiceError::Busy`] at once.
     pub fn admit(&self) -> Result<Ticket, ServiceError> {
         self.admit_to(&self.requests, "the queue of records is full")
     }
 
-    /// The right to one more answer that is worked out of stored records, or [`ServiceError::Busy`] at once.
-    /// It has a queue of its own: who sends slowly does not keep others from looking.
+    /// Admits one more response computed from stored records, or returns [`ServiceError::Busy`] at once. The
+    /// limit is separate, so that slow uploads do not block reads.
     pub fn admit_answer(&self) -> Result<Ticket, ServiceError> {
-        self.admit_to(&self.answers, "too many spectra and recordings are asked for")
+        self.admit_to(&self.answers, "too many spectra and recordings are being requested")
     }
 
     fn admit_to(&self, queue: &Arc<Semaphore>, what: &'static str) -> Result<Ticket, ServiceError> {
@@ -87,19 +87,19 @@ impl Workers {
         Ok(Ticket { _request: request, kibibytes: Arc::clone(&self.kibibytes), held: None, bytes: 0 })
     }
 
-    /// The right to read one more whole recording, or [`ServiceError::Busy`] at once.
+    /// Admits the reading of one more whole recording, or returns [`ServiceError::Busy`] at once.
     pub(crate) fn admit_recording(&self) -> Result<OwnedSemaphorePermit, ServiceError> {
         let turn = Arc::clone(&self.recordings).try_acquire_owned();
         turn.map_err(|_| ServiceError::Busy { what: "too many recordings are being read", retry_after_s: 5 })
     }
 
-    /// Requests held now, and how many may be.
+    /// The number of admitted requests, and its maximum.
     pub fn queue(&self) -> (usize, usize) {
         let most = self.limits.requests_at_once;
         (most - self.requests.available_permits().min(most), most)
     }
 
-    /// Runs `f` on a worker thread; `task` names it if it is lost.
+    /// Runs `f` on a worker thread; `task` names it in the error if it panics.
     pub async fn run<T: Send + 'static>(
         &self,
         task: &'static str,
@@ -108,14 +108,14 @@ impl Workers {
         run_in(&self.pool, task, f).await
     }
 
-    /// Bytes that the records of one whole recording may take: its share of what all together may.
+    /// Memory limit in bytes for the records of one whole recording: its share of the limit for all.
     pub(crate) fn recording_bytes(&self) -> usize {
         self.limits.bytes_at_once / self.limits.recordings_at_once.max(1)
     }
 
-    /// Runs `f`, which analyses a record of so many samples, on a worker thread. Large records wait for each
-    /// other, so that those analysed at once have no more samples together than the largest has; the others
-    /// wait for none of them.
+    /// Runs `f`, which analyses a record of `samples` samples, on a worker thread. Large records wait for
+    /// each other, so that those analysed at once together have at most as many samples as the largest record
+    /// may have. Other records do not wait for them.
     pub(crate) async fn run_analysis<T: Send + 'static>(
         &self,
         task: &'static str,
@@ -129,14 +129,14 @@ impl Workers {
         let turn = Arc::clone(&self.large).acquire_many_owned(samples).await;
         let turn = turn.map_err(|_| ServiceError::WorkerLost(task))?;
         self.run(task, move || {
-            // Also where the asker has gone the work space is there until the end.
+            // The memory is in use until the end, even if the caller is gone.
             let _turn = turn;
             f()
         })
         .await
     }
 
-    /// Runs `f`, which takes some milliseconds at most, before everything that waits for a worker thread.
+    /// Runs `f`, which takes a few milliseconds at most, ahead of everything that waits for a worker thread.
     pub(crate) async fn run_first<T: Send + 'static>(
         &self,
         task: &'static str,
@@ -146,8 +146,7 @@ impl Workers {
     }
 }
 
-/// Runs `work` to its end also where the caller goes away meanwhile: what is begun must not be left half
-/// done.
+/// Runs `work` to completion even if the caller is cancelled: it must not be left half done.
 pub(crate) async fn detached<T: Send + 'static>(
     task: &'static str,
     work: impl Future<Output = T> + Send + 'static,
@@ -155,7 +154,7 @@ pub(crate) async fn detached<T: Send + 'static>(
     tokio::spawn(work).await.map_err(|_| ServiceError::WorkerLost(task))
 }
 
-/// Runs `f`, which waits for the disk or the network, on a thread for that.
+/// Runs `f`, which blocks on the disk or the network, on a blocking thread.
 pub(crate) async fn blocking<T: Send + 'static>(
     task: &'static str,
     f: impl FnOnce() -> T + Send + 'static,
@@ -167,10 +166,10 @@ fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadPool, Servic
     rayon::ThreadPoolBuilder::new()
         .num_threads(count)
         .thread_name(move |n| format!("{name}-{n}"))
-        // A panic ends one task, whose asker is told, and not the process.
-        .panic_handler(|_| tracing::error!("a worker's task panicked"))
+        // A panic ends one task, whose caller gets an error, and not the process.
+        .panic_handler(|_| tracing::error!("a task panicked on a worker thread"))
         .build()
-        .map_err(|_| ServiceError::WorkerLost("start"))
+        .map_err(|_| ServiceError::WorkerLost("start its threads"))
 }
 
 async fn run_in<T: Send + 'static>(
@@ -180,14 +179,14 @@ async fn run_in<T: Send + 'static>(
 ) -> Result<T, ServiceError> {
     let (sender, receiver) = oneshot::channel();
     pool.spawn(move || {
-        // The asker may have gone; then nobody wants the answer.
+        // The caller may be gone; the result is then dropped.
         let _ = sender.send(f());
     });
     receiver.await.map_err(|_| ServiceError::WorkerLost(task))
 }
 
 impl Ticket {
-    /// Takes `bytes` more into memory under this ticket, or [`ServiceError::Busy`] where all requests
+    /// Reserves memory for `bytes` more under this ticket, or returns [`ServiceError::Busy`] if all requests
     /// together hold too many.
     pub fn grow(&mut self, bytes: usize) -> Result<(), ServiceError> {
         self.bytes += bytes;

@@ -1,4 +1,4 @@
-//! Writing alarms: what a fold says of them replaces what was said before, what people did stays.
+//! Writing alarms: the changes of a new fold replace those of the previous one; operator actions are kept.
 
 use std::collections::HashMap;
 
@@ -12,51 +12,53 @@ use super::rows::{get, to_json, to_ns};
 use super::{ChannelSummary, SegmentKey, StoreError};
 use crate::estimate::{ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmPanel, AlarmQuantity, AlarmRule};
 
-/// A change of an alarm with its place in the fold.
+/// A change of an alarm and its place in the fold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedChange {
-    /// Twice the number of records before and at it; one more where it lies between that record and the next.
+    /// Twice the number of records up to and including it; plus one if it lies between that record and the
+    /// next.
     pub place: u64,
-    /// Which of the channel's rules.
+    /// Index of the channel's rule.
     pub rule: usize,
     /// The change.
     pub change: AlarmChange,
 }
 
-/// What a fold says of a channel's alarms after a place.
+/// The alarms of a channel as folded after a place.
 #[derive(Debug, Clone, Copy)]
 pub struct FoldedAlarms<'a> {
     /// The rules.
     pub rules: &'a [AlarmRule],
-    /// Where the alarms stand after all records and actions.
+    /// The alarms after all records and actions.
     pub panel: &'a AlarmPanel,
-    /// Their changes after the place, in order.
+    /// The changes after the place, in order.
     pub changes: &'a [PlacedChange],
     /// The place.
     pub after: u64,
-    /// Records were only added behind those folded before.
+    /// Whether records were only appended to those folded before.
     pub is_append: bool,
 }
 
-/// Something that happened to an alarm, to be announced.
+/// A change of an alarm to be announced.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmNotice {
-    /// The alarm after it.
+    /// The alarm after the change.
     pub alarm: StoredAlarm,
-    /// What happened.
+    /// The change.
     pub change: AlarmChange,
 }
 
 impl ChannelSummary {
-    /// The place of what happens after the latest record.
+    /// The place after the latest record.
     fn place_after(&self) -> u64 {
         2 * self.segments + 1
     }
 }
 
 impl Commit {
-    /// Sets what a fold says of a channel's alarms. Returns what is new: every change of records that were
-    /// added, and of a history that was folded again the alarms that stand otherwise than before.
+    /// Writes a channel's alarms as folded. Returns the notices of new changes: every change by appended
+    /// records; after a history was folded again, only those of alarms whose state or severity differs from
+    /// before.
     pub async fn set_alarms(
         &mut self,
         channel: &ChannelSummary,
@@ -103,7 +105,7 @@ impl Commit {
                 notices.push(notice(last));
             }
         }
-        // What no rule watches any more is over; what was said and done stays.
+        // Alarms without a rule are cleared; their changes and actions are kept.
         for gone in before.iter().filter(|alarm| alarm.rule.is_some()) {
             if folded.rules.iter().all(|rule| rule.quantity != gone.quantity) {
                 let over = StoredAlarm { rule: None, alarm: Alarm::default(), ..gone.clone() };
@@ -119,8 +121,8 @@ impl Commit {
         Ok(notices)
     }
 
-    /// Keeps what a person did to an alarm of a channel that nobody else changes now, and the change that it
-    /// made; `place` is where it counts.
+    /// Stores an operator action on an alarm of a locked channel, and the resulting change; `place` is where
+    /// it takes effect.
     pub async fn act(
         &mut self,
         channel: &mut ChannelSummary,
@@ -130,7 +132,7 @@ impl Commit {
         change: &AlarmChange,
     ) -> Result<(), StoreError> {
         let id = stored.id.as_str();
-        // First: what was done refers to it.
+        // First, because the action references it.
         self.set_alarm(channel, stored).await?;
         sqlx::query(
             "INSERT INTO alarm_actions (alarm_id, number, after_ns, action)
@@ -150,7 +152,7 @@ impl Commit {
         .bind(to_json(change, "change", id)?)
         .execute(&mut *self.transaction)
         .await?;
-        // Who only says something to an alarm tells nobody of it.
+        // Other actions, such as comments, cause no notification.
         if matches!(
             taken.action,
             AlarmAction::Unshelve
@@ -175,7 +177,7 @@ impl Commit {
         rows.iter().map(alarm_of).collect()
     }
 
-    /// By alarm: places and changes after a place that have not been withdrawn, in order.
+    /// The changes after a place that are not withdrawn, with their places, in order, for each alarm.
     async fn changes_after(
         &mut self,
         channel: &ChannelSummary,
@@ -235,7 +237,7 @@ impl Commit {
         .bind(i64::try_from(after).unwrap_or(i64::MAX))
         .execute(&mut *self.transaction)
         .await?;
-        // What is said again is not withdrawn any more.
+        // Withdrawn changes that the new fold contains again are no longer withdrawn.
         let text = "SELECT * FROM alarm_changes WHERE alarm_id = $1 AND withdrawn_at_ns IS NOT NULL ORDER BY place, number";
         let rows = sqlx::query(text).bind(id).fetch_all(&mut *self.transaction).await?;
         for row in &rows {
@@ -274,7 +276,7 @@ impl Commit {
     }
 }
 
-/// The identifier of an alarm: that of its asset, channel and quantity, whatever its levels.
+/// The identifier of an alarm: a hash of its asset, channel and quantity, independent of its levels.
 pub(super) fn alarm_id(channel: &ChannelSummary, quantity: &AlarmQuantity) -> String {
     let mut hash = Sha256::new();
     for part in [channel.asset_id.as_str(), &channel.channel, &quantity.to_string()] {

@@ -1,4 +1,4 @@
-//! Alarms as they are read: where each stands, its history, and what people did to it.
+//! Reading alarms: their states, their histories, and the operator actions on them.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ use super::{ChannelSummary, Store, StoreError};
 use crate::asset::AssetId;
 use crate::estimate::{Alarm, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, PanelAction, Severity};
 
-/// An alarm as it is stored: there is one once anything has happened to it.
+/// A stored alarm. An alarm is stored from its first change on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredAlarm {
     /// Identifier.
@@ -20,35 +20,35 @@ pub struct StoredAlarm {
     pub asset_id: AssetId,
     /// The channel.
     pub channel: String,
-    /// What it watches.
+    /// The quantity that it watches.
     pub quantity: AlarmQuantity,
-    /// The rule; none where the asset has no such rule any more.
+    /// The rule; `None` if the asset no longer has it.
     pub rule: Option<AlarmRule>,
-    /// Where it stands.
+    /// Its state.
     pub alarm: Alarm,
-    /// When that last changed.
+    /// When its state last changed.
     pub changed_at: Timestamp,
 }
 
-/// An entry of an alarm's history as it is stored.
+/// A stored entry of an alarm's history.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredAlarmChange {
     /// The entry.
     pub change: AlarmChange,
-    /// Since when the records do not say so any more.
+    /// When it was withdrawn because a recomputed history no longer contains it.
     pub withdrawn_at: Option<Timestamp>,
 }
 
-/// Which alarms are listed.
+/// Selects the alarms to be listed.
 #[derive(Debug, Clone, Default)]
 pub struct AlarmFilter {
     /// Only those of this asset.
     pub asset: Option<AssetId>,
     /// Only those of this channel.
     pub channel: Option<String>,
-    /// Only those in one of these states; all where empty.
+    /// Only those in one of these states; all if empty.
     pub states: Vec<AlarmState>,
-    /// Only those that are raised with this severity.
+    /// Only those raised with this severity.
     pub severity: Option<Severity>,
     /// Only those that changed before this time, or at it and have a lower identifier.
     pub after: Option<(Timestamp, String)>,
@@ -58,11 +58,11 @@ pub struct AlarmFilter {
 const ALARM: &str =
     "SELECT l.*, c.asset_id, c.name AS channel FROM alarms l JOIN channels c ON c.channel_no = l.channel_no";
 
-/// The state at the time bound first.
+/// The state at the time bound to `$1`.
 const STATE: &str = "CASE WHEN l.shelved_until_ns > $1 THEN 'shelved' ELSE l.standing END";
 
 impl StoredAlarm {
-    /// That of a channel's rule to which nothing has happened yet.
+    /// The alarm of a channel's rule before its first change.
     pub fn untouched(channel: &ChannelSummary, rule: &AlarmRule, now: Timestamp) -> Self {
         Self {
             id: alarm_id(channel, &rule.quantity),
@@ -77,7 +77,7 @@ impl StoredAlarm {
 }
 
 impl Store {
-    /// Up to `limit` alarms, the one that changed last first, in their states at `now`.
+    /// Lists up to `limit` alarms in their states at `now`, the one that changed last first.
     pub async fn alarms(
         &self,
         filter: &AlarmFilter,
@@ -85,7 +85,7 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<StoredAlarm>, StoreError> {
         let mut text = format!("{ALARM} WHERE $1 = $1");
-        // Texts that are bound, in the order of their numbers from 2 on.
+        // The bound texts, in the order of their numbers from 2 on.
         let mut bound: Vec<String> = Vec::new();
         let mut number = |value: &str| {
             bound.push(value.to_owned());
@@ -123,14 +123,14 @@ impl Store {
         rows.iter().map(alarm_of).collect()
     }
 
-    /// An alarm; none where there is none of that identifier.
+    /// Reads an alarm; returns `None` if there is none with that identifier.
     pub async fn alarm(&self, id: &str) -> Result<Option<StoredAlarm>, StoreError> {
         let text = format!("{ALARM} WHERE l.id = $1");
         let row = sqlx::query(&text).bind(id).fetch_optional(self.read()).await?;
         row.as_ref().map(alarm_of).transpose()
     }
 
-    /// The alarms of these assets that are raised, to be acknowledged or put aside.
+    /// The alarms of these assets that are raised, unacknowledged or shelved.
     pub async fn open_alarms(&self, assets: &[&AssetId]) -> Result<Vec<StoredAlarm>, StoreError> {
         let text = |these: &str| {
             format!(
@@ -141,7 +141,7 @@ impl Store {
         self.rows_of_assets(assets, text).await?.iter().map(alarm_of).collect()
     }
 
-    /// The latest `limit` entries of an alarm's history, the earliest first, and how many there are.
+    /// The latest `limit` entries of an alarm's history, the earliest first, and the number of all entries.
     pub async fn alarm_history(
         &self,
         id: &str,
@@ -160,8 +160,8 @@ impl Store {
         Ok((entries?, count))
     }
 
-    /// What people did to a channel's alarms, in the order of their places; and whether the channel has any
-    /// alarm.
+    /// The operator actions on a channel's alarms, in the order in which they take effect, and whether the
+    /// channel has any alarm.
     pub async fn alarm_actions(
         &self,
         channel: &ChannelSummary,

@@ -10,15 +10,15 @@ use super::rows::{asset_id, from_ns, get, get_count, get_json, get_time, placeho
 use super::{SegmentKey, Store, StoreError, raw, shared_sensors};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
-/// Assets that one statement asks for, where there are many.
+/// Maximum number of assets in one query.
 const ASSETS_AT_ONCE: usize = 200;
 
-/// An asset as it is stored.
+/// A stored asset.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Asset {
     /// The user's description.
     pub spec: AssetSpec,
-    /// When it was made.
+    /// When it was created.
     pub created_at: Timestamp,
     /// When its description last changed.
     pub updated_at: Timestamp,
@@ -26,21 +26,20 @@ pub struct Asset {
 }
 
 impl Asset {
-    /// Changes whenever the description or a maintenance event of the asset does, and is never that of
-    /// another asset.
+    /// A number that changes with the description and with every maintenance event of the asset, and is never
+    /// reused for another asset.
     pub fn version(&self) -> i64 {
         self.revision
     }
 
-    /// The channel that a question about one is about where none is asked for: the one that the description
-    /// names, else the one seen first.
-    pub fn speaking_channel<'a>(&self, channels: &'a [ChannelSummary]) -> Option<&'a ChannelSummary> {
+    /// The default channel: the one named by the description, else the first one.
+    pub fn default_channel<'a>(&self, channels: &'a [ChannelSummary]) -> Option<&'a ChannelSummary> {
         let named = |name: &str| channels.iter().find(|channel| channel.channel == name);
         self.spec.sensor.channel.as_deref().and_then(named).or(channels.first())
     }
 }
 
-/// What is known of one channel of an asset without reading its segments.
+/// The summary of one channel of an asset, available without reading its segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelSummary {
     /// The asset.
@@ -55,54 +54,55 @@ pub struct ChannelSummary {
     pub last_start_time: Option<Timestamp>,
     /// The latest segment.
     pub last_segment: Option<SegmentId>,
-    /// What the history that is served was computed under.
+    /// The keys under which the served history was computed.
     pub keys: ChannelKeys,
-    /// Late records wait for the history to be folded again.
+    /// Whether the history has to be folded again, for example because of late records.
     pub must_fold: bool,
     pub(super) channel_no: i64,
     pub(super) revision: i64,
     pub(super) rewritten_revision: i64,
     pub(super) analysis_generation: i64,
     pub(super) wear_generation: i64,
-    /// The greatest generation number given out.
+    /// The largest generation number assigned.
     pub(super) newest_generation: i64,
-    /// Rows of histories that are not served any more are still there.
+    /// Whether rows of generations that are not served still exist.
     pub leftovers: bool,
-    /// A generation of analyses that is being made, and under which key.
+    /// The generation of analyses being written, and its key.
     pub(super) next_analysis: Option<(i64, String)>,
-    /// The generation of estimates that is being made.
+    /// The generation of estimates being written.
     pub(super) next_wear: Option<i64>,
-    /// Until when its maker counts as alive.
+    /// Until when its writer counts as alive.
     pub(super) maker_until: Option<Timestamp>,
-    /// The earliest place where the history changed since its making began.
+    /// The earliest place where the history changed since this generation was started.
     pub(super) changed_from: Option<SegmentKey>,
 }
 
-/// Identifies everything that a record's analysis depends on beside its raw bytes.
+/// Identifies everything that a record's analysis depends on besides its raw bytes.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AnalysisKeys {
-    /// Of the whole analysis: under another one it is done again.
+    /// Key of the whole analysis: under another one it is repeated.
     pub analysis: Arc<str>,
-    /// Of the features alone: those under different ones cannot be compared.
+    /// Key of the features alone: features under different keys cannot be compared.
     pub feature: Arc<str>,
 }
 
-/// Identifies everything that a channel's history depends on beside its raw records.
+/// Identifies everything that a channel's history depends on besides its raw records.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ChannelKeys {
-    /// Of the analyses.
+    /// Keys of the analyses.
     pub analysed: AnalysisKeys,
-    /// Of the fold.
+    /// Key of the fold.
     pub fold: String,
 }
 
 impl ChannelSummary {
-    /// Changes whenever a record or an estimate of the channel does, and is never that of another channel.
+    /// A pair of numbers that changes with every record and estimate of the channel, and is never reused for
+    /// another channel.
     pub fn version(&self) -> (i64, i64) {
         (self.channel_no, self.revision)
     }
 
-    /// Counts a change of its records; `rewritten` says that estimates of earlier ones changed.
+    /// Increments the revision; `rewritten` says that estimates of earlier records changed.
     pub(super) fn count_change(&mut self, rewritten: bool) {
         self.revision += 1;
         if rewritten {
@@ -110,8 +110,7 @@ impl ChannelSummary {
         }
     }
 
-    /// Notes a record, or the place of something between records, that a recomputation under way may have
-    /// passed already.
+    /// Notes the place of a record or event that a running recomputation may have passed already.
     pub fn note_change(&mut self, place: SegmentKey) {
         if self.next_wear.is_some() && self.changed_from.as_ref().is_none_or(|earliest| place < *earliest) {
             self.changed_from = Some(place);
@@ -119,13 +118,13 @@ impl ChannelSummary {
     }
 }
 
-/// Up to where the descriptions of all assets were known when something was checked against them.
+/// The revision of all descriptions at which something was checked against them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DescriptionsMark(i64);
 
 impl DescriptionsMark {
-    /// Refuses to change descriptions by what was checked, where somebody else has changed one since. To be
-    /// asked after a change of its own, which keeps others waiting until the transaction's end.
+    /// Returns an error if another transaction has changed a description since the mark. To be called after a
+    /// change in this transaction, which blocks other changes until its end.
     async fn check(self, transaction: &mut Transaction<'_, Any>) -> Result<(), StoreError> {
         let row = sqlx::query("SELECT value FROM counters WHERE name = 'asset_revision'")
             .fetch_one(&mut **transaction)
@@ -139,7 +138,7 @@ impl DescriptionsMark {
 }
 
 impl Store {
-    /// Up to where descriptions are known now, for a check that is to hold when what was checked is stored.
+    /// The current mark of all descriptions, for a check that must still hold when its result is stored.
     pub async fn descriptions_mark(&self) -> Result<DescriptionsMark, StoreError> {
         let row = sqlx::query("SELECT value FROM counters WHERE name = 'asset_revision'")
             .fetch_one(self.read())
@@ -147,7 +146,7 @@ impl Store {
         Ok(DescriptionsMark(get(&row, "value")?))
     }
 
-    /// Stores a new asset, where no description has changed since it was `checked`.
+    /// Stores a new asset, provided that no description has changed since it was `checked`.
     ///
     /// Errors: [`StoreError::AssetExists`]; [`StoreError::Outdated`].
     pub async fn insert_asset(
@@ -181,7 +180,7 @@ impl Store {
         self.asset(&spec.id).await
     }
 
-    /// Replaces an asset's description, where none has changed since it was `checked`.
+    /// Replaces an asset's description, provided that no description has changed since it was `checked`.
     ///
     /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
     pub async fn update_asset(
@@ -207,7 +206,7 @@ impl Store {
         self.asset(&spec.id).await
     }
 
-    /// An asset.
+    /// Reads an asset.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn asset(&self, id: &AssetId) -> Result<Asset, StoreError> {
@@ -228,8 +227,8 @@ impl Store {
         rows.iter().map(asset_of).collect()
     }
 
-    /// Removes an asset with all its rows, where no description has changed since this was `checked`. Returns
-    /// the names of the raw objects that nothing refers to any more.
+    /// Deletes an asset with all its rows, provided that no description has changed since this was `checked`.
+    /// Returns the names of the raw objects that are no longer referenced.
     ///
     /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
     pub async fn delete_asset(
@@ -238,7 +237,7 @@ impl Store {
         checked: DescriptionsMark,
     ) -> Result<Vec<String>, StoreError> {
         let mut commit = self.begin().await?;
-        // No channel begins, and nothing is added, from here on.
+        // From here on no channel is created, and nothing is added.
         commit.asset_to_change(id).await?;
         checked.check(&mut commit.transaction).await?;
         let channels = self.channels(id).await?;
@@ -257,7 +256,7 @@ impl Store {
         Ok(orphans)
     }
 
-    /// The channels of an asset, the one seen first first.
+    /// The channels of an asset, in the order of their first records.
     pub async fn channels(&self, asset: &AssetId) -> Result<Vec<ChannelSummary>, StoreError> {
         let rows = sqlx::query("SELECT * FROM channels WHERE asset_id = $1 ORDER BY channel_no")
             .bind(asset.as_str())
@@ -274,8 +273,7 @@ impl Store {
         rows.iter().map(|row| Ok((asset_id(get(row, "asset_id")?)?, get(row, "revision")?))).collect()
     }
 
-    /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some
-    /// of them.
+    /// Runs a query on these assets in chunks; `text` returns the SQL for a list of placeholders.
     pub(super) async fn rows_of_assets(
         &self,
         assets: &[&AssetId],
@@ -293,7 +291,7 @@ impl Store {
         Ok(found)
     }
 
-    /// A channel of an asset; none before its first record.
+    /// A channel of an asset; `None` before its first record.
     pub async fn channel(&self, asset: &AssetId, name: &str) -> Result<Option<ChannelSummary>, StoreError> {
         let row = sqlx::query("SELECT * FROM channels WHERE asset_id = $1 AND name = $2")
             .bind(asset.as_str())

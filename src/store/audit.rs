@@ -1,4 +1,4 @@
-//! Rows against objects: what is there of both, and what is not as it should be.
+//! Audit of a store: compares rows with objects and lists inconsistencies.
 
 use std::fmt;
 
@@ -6,48 +6,48 @@ use super::rows::get;
 use super::{Database, Objects, Store, StoreError, StoreSettings, integrity};
 use crate::asset::SegmentId;
 
-/// Names asked for by one statement.
+/// Rows read in one query.
 const AT_ONCE: i64 = 500;
 
-/// Findings that are kept by name; more are only counted.
+/// Maximum number of findings that are listed; further ones are only counted.
 const MAX_FINDINGS: usize = 1000;
 
-/// What is in a store, and what is wrong with it.
+/// The contents of a store, and its inconsistencies.
 #[derive(Debug, Clone, Default)]
 pub struct Audit {
-    /// Records.
+    /// Number of records.
     pub records: u64,
-    /// Raw objects that records refer to.
+    /// Number of raw objects that records reference.
     pub objects: u64,
-    /// Their bytes.
+    /// Total size of these objects in bytes.
     pub bytes: u64,
-    /// Raw objects in quarantine.
+    /// Number of raw objects in quarantine.
     pub quarantined: u64,
-    /// What is wrong, at most the first thousand.
+    /// The findings, at most the first thousand.
     pub findings: Vec<Finding>,
-    /// How many things are wrong.
+    /// Number of all findings.
     pub found: u64,
 }
 
-/// Something that is not as it should be.
+/// An inconsistency of a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Finding {
-    /// The database's file.
+    /// The database file is damaged.
     Database(String),
-    /// The database and the objects are not of one store, or not of one time.
+    /// The database and the objects belong to different stores or generations.
     Marks(String),
     /// A record cannot be read.
     Record {
-        /// Which.
+        /// The segment of the record.
         segment: SegmentId,
-        /// Why not.
+        /// Why it cannot be read.
         why: String,
     },
-    /// A record refers to an object that is not there.
+    /// A record references an object that does not exist.
     Missing(String),
     /// An object's bytes are not those that were stored.
     Damaged(String),
-    /// Nothing refers to an object.
+    /// An object is not referenced.
     Orphan(String),
 }
 
@@ -74,10 +74,10 @@ impl Audit {
 }
 
 impl Store {
-    /// Opens a store to look at it, also while a service works on it. Nothing is written to a data
-    /// folder but the log and the index beside the database that SQLite reads with.
+    /// Opens a store for reading, also while a service uses it. Nothing is written to a data folder except
+    /// the files that SQLite needs beside the database to read it.
     ///
-    /// Errors: as for [`open`](Self::open); there is no database.
+    /// Errors: as for [`open`](Self::open); the database does not exist.
     pub async fn open_to_read(settings: &StoreSettings) -> Result<Self, StoreError> {
         match settings {
             StoreSettings::Folder(folder) => {
@@ -89,7 +89,7 @@ impl Store {
         }
     }
 
-    /// Compares rows and objects; `with_hashes` reads the bytes of every object.
+    /// Compares rows and objects; `with_hashes` also reads the bytes of every object and checks their hashes.
     pub async fn audit(&self, with_hashes: bool) -> Result<Audit, StoreError> {
         let mut audit = Audit::default();
         if let Some(path) = &self.inner.database.path {
@@ -122,7 +122,7 @@ impl Store {
                 audit.records += 1;
                 let why = match self.segment(&segment).await {
                     Ok(Some(_)) => continue,
-                    Ok(None) => "its analysis or its estimate is missing".to_owned(),
+                    Ok(None) => "its analysis or estimate is missing".to_owned(),
                     Err(error) => error.to_string(),
                 };
                 audit.add(Finding::Record { segment, why });
@@ -158,7 +158,7 @@ impl Store {
                     Err(StoreError::ObjectDamaged { expected, .. }) => Finding::Damaged(expected),
                     Err(error) => return Err(error),
                 };
-                // It may have been given up meanwhile.
+                // The retention may have deleted it in the meantime.
                 if self.orphans_among(vec![name]).await?.is_empty() {
                     audit.add(finding);
                 }
@@ -176,11 +176,11 @@ impl Store {
         if suspects.is_empty() {
             return Ok(());
         }
-        // What a service stores just now has its rows in a moment.
+        // Objects that a running service is storing get their rows in a moment.
         tokio::time::sleep(std::time::Duration::from_secs(2)).await;
         for name in self.orphans_among(suspects).await? {
-            let asked = name.clone();
-            if self.on_objects(move |objects| objects.written_at(&asked)).await?.is_some() {
+            let checked = name.clone();
+            if self.on_objects(move |objects| objects.written_at(&checked)).await?.is_some() {
                 audit.add(Finding::Orphan(name));
             }
         }

@@ -1,8 +1,8 @@
-//! A data folder copied while a service works on it, and put back.
+//! Backup of a data folder while a service uses it, and restore.
 //!
-//! Live streams are copied first, then the database at one moment: a record that a copied journal no longer
-//! has to make is in the copied database. The objects that it refers to are there before their rows, and are
-//! copied after.
+//! Live streams are copied first, then a snapshot of the database: a record that is no longer pending in a
+//! copied journal is in the copied database. Objects exist before the rows that reference them, and are
+//! copied last.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -17,33 +17,34 @@ use super::{Objects, StoreError, StoreMark, integrity, tokens};
 
 const DATABASE: &str = "flankwatch.db";
 
-/// What was copied.
+/// The result of a backup or restore.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Copied {
-    /// Raw objects that the copy has.
+    /// Raw objects in the copy.
     pub objects: u64,
-    /// Those of them that were not there before.
+    /// Raw objects that the copy did not have before.
     pub new: u64,
-    /// Live streams.
+    /// Live streams copied.
     pub streams: u64,
-    /// Objects and streams that could not be copied, each with why.
+    /// Objects and streams that could not be copied, each with the reason.
     pub failed: Vec<String>,
 }
 
-/// Copies a data folder into another one; what an earlier copy has of it already is left as it is.
+/// Copies a data folder into another folder; objects that an earlier backup already has are kept.
 ///
-/// Errors: there is no database or it is damaged; the copy is one of another store; files cannot be written.
+/// Errors: the database is missing or damaged; the folder contains a backup of another store; files cannot be
+/// written.
 pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     let (database, copy) = (data.join(DATABASE), to.join(DATABASE));
     if !database.exists() {
-        return Err(StoreError::Place {
+        return Err(StoreError::Folder {
             path: data.to_path_buf(),
             what: "has no flankwatch.db, expected a data folder",
         });
     }
     integrity::check_header(&database)?;
     if to.join("lock").exists() {
-        return Err(StoreError::Place {
+        return Err(StoreError::Folder {
             path: to.to_path_buf(),
             what: "is a data folder, expected an empty folder or an earlier backup",
         });
@@ -51,7 +52,7 @@ pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     let raw = Objects::open(to.join("raw"))?;
     let mark = mark_of(&database).await?;
     if raw.mark()?.is_some_and(|there| there.store != mark.store) {
-        return Err(StoreError::Place { path: to.to_path_buf(), what: "is a backup of another store" });
+        return Err(StoreError::Folder { path: to.to_path_buf(), what: "is a backup of another store" });
     }
     let mut streams = StreamCopies::make(data, to, false)?;
     copy_database(&database, &copy).await?;
@@ -68,23 +69,23 @@ pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     Ok(copied)
 }
 
-/// Puts a backup into a data folder that has no database. Objects and streams that are there stay, and so does
-/// the objects' mark: where they are newer, the next start says so.
+/// Restores a backup into a data folder without a database. Existing objects and streams are kept, and so is
+/// the mark of the objects: if they are newer than the backup, the next start reports it.
 ///
-/// Errors: there is a database, or none in the backup; files cannot be written.
+/// Errors: the data folder has a database, or the backup has none; files cannot be written.
 pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     let (backup, database) = (from.join(DATABASE), data.join(DATABASE));
     if !backup.exists() {
-        return Err(StoreError::Place {
+        return Err(StoreError::Folder {
             path: from.to_path_buf(),
             what: "has no flankwatch.db, expected a backup",
         });
     }
     integrity::check_header(&backup)?;
     if database.exists() {
-        return Err(StoreError::Place {
+        return Err(StoreError::Folder {
             path: data.to_path_buf(),
-            what: "has a database already, expected a folder without one: move its flankwatch.db* away first",
+            what: "has a database already, expected a folder without one: move its flankwatch.db* files away first",
         });
     }
     let (names, mark) = (names_in(&backup).await?, mark_of(&backup).await?);
@@ -95,7 +96,7 @@ pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {
     copied.failed.append(&mut streams.failed);
     copied.streams = streams.add()?;
     copy_tokens(from, data).await?;
-    // Last, so that what breaks off can be begun again.
+    // The database comes last, so that an interrupted restore can be repeated.
     let part = data.join("flankwatch.db.part");
     fs::copy(&backup, &part).map_err(|source| file_error("copy", &backup, source))?;
     sync(&part)?;
@@ -116,7 +117,7 @@ fn copy_objects(from: &Objects, to: &Objects, names: Vec<String>) -> Result<Copi
         }
         match from.get(&name) {
             Ok(bytes) => to.put_all(&[(name, bytes)], &[])?,
-            Err(error) if error.is_of_object() => {
+            Err(error) if error.is_object_error() => {
                 copied.failed.push(error.to_string());
                 copied.objects -= 1;
                 continue;
@@ -129,7 +130,7 @@ fn copy_objects(from: &Objects, to: &Objects, names: Vec<String>) -> Result<Copi
     Ok(copied)
 }
 
-/// Copies a database as it is at one moment.
+/// Copies a snapshot of a database.
 async fn copy_database(from: &Path, to: &Path) -> Result<(), StoreError> {
     let part = to.with_extension("db.part");
     remove(&part)?;
@@ -140,7 +141,7 @@ async fn copy_database(from: &Path, to: &Path) -> Result<(), StoreError> {
     fs::rename(&part, to).map_err(|source| file_error("rename to", to, source))
 }
 
-/// Copies the tokens, which are no part of the store, for the owner of the copy alone.
+/// Copies the database of tokens, which is not part of the store, with its file permissions.
 async fn copy_tokens(from: &Path, to: &Path) -> Result<(), StoreError> {
     let (from, to) = (from.join(tokens::FILE), to.join(tokens::FILE));
     if from.exists() {
@@ -151,7 +152,7 @@ async fn copy_tokens(from: &Path, to: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Opens a database to read it.
+/// Opens a database for reading.
 async fn open(database: &Path) -> Result<AnyConnection, StoreError> {
     sqlx::any::install_default_drivers();
     Ok(AnyConnection::connect(&sqlite_url(database, "ro")).await?)

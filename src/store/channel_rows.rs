@@ -1,8 +1,8 @@
-//! Writing what a transaction adds to channels: segments, analyses, estimates and states of the fold, each
-//! kind for all channels at once.
+//! Writing the rows that a transaction adds to channels: segments, analyses, estimates and states of the
+//! fold, each kind for all channels at once.
 //!
-//! A statement costs a way to the database and back, and rows are locked meanwhile: their number does not
-//! grow with that of the records.
+//! A statement costs a round trip to the database while rows are locked, so many rows are written by each
+//! statement.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -15,19 +15,19 @@ use super::wear_rows::WearRow;
 use super::{Analysed, ChannelSummary, FoldState, NewSegment, RunResult, SegmentKey, StoreError};
 use crate::asset::SegmentId;
 
-/// What a transaction adds to a channel, in the generations that are served.
+/// The rows that a transaction adds to a channel, in the served generations.
 #[derive(Debug)]
 pub struct ChannelRows<'a> {
-    /// The channel, whose row the transaction has locked; its summary is brought up to date.
+    /// The channel, whose row the transaction has locked; its summary is updated.
     pub channel: &'a mut ChannelSummary,
-    /// Segments that it does not have yet.
+    /// New segments.
     pub new: Vec<&'a NewSegment>,
-    /// Estimates of segments, the first ones or others than before.
+    /// New or changed estimates of segments.
     pub wears: &'a [(SegmentKey, RunResult)],
-    /// States of the fold, in rising order, that take the place of all after a position; none where they
-    /// stay.
+    /// A position, and the states of the fold, in ascending order, that replace all states after it; `None`
+    /// if the states are unchanged.
     pub states: Option<(u64, Vec<FoldState>)>,
-    /// Estimates of earlier segments changed.
+    /// Whether estimates of earlier segments changed.
     pub is_rewritten: bool,
 }
 
@@ -79,7 +79,7 @@ impl ChannelSummary {
 }
 
 impl Commit {
-    /// Adds to channels. Each channel at most once.
+    /// Adds rows to channels, each channel at most once.
     pub async fn add(&mut self, additions: &mut [ChannelRows<'_>]) -> Result<(), StoreError> {
         for addition in &mut *additions {
             addition.new.iter().for_each(|segment| addition.channel.add(segment));
@@ -97,7 +97,7 @@ impl Commit {
         self.set_channels(&rows.channels).await
     }
 
-    /// Adds segments, each with its channel's number, without what is said of them.
+    /// Inserts segments with their channel numbers, without their results.
     async fn insert_segments(&mut self, segments: &[(i64, &NewSegment)]) -> Result<(), StoreError> {
         for chunk in segments.chunks(ROWS_AT_ONCE) {
             let text = format!(
@@ -130,7 +130,7 @@ impl Commit {
         Ok(())
     }
 
-    /// Adds what segments say by themselves, each under a generation, where it is not there yet.
+    /// Inserts analyses of segments with their generations; existing ones are kept.
     pub(super) async fn insert_analyses(
         &mut self,
         analyses: &[(i64, &SegmentId, &Analysed)],
@@ -169,9 +169,9 @@ impl Commit {
         Ok(())
     }
 
-    /// Counts the raw objects of segments among those of their assets, each once.
+    /// Adds the raw objects of segments to the volumes of their assets, each object once.
     async fn count_raw(&mut self, segments: &[(i64, &NewSegment)]) -> Result<(), StoreError> {
-        // In one order in all transactions, so that they do not wait for each other in a ring.
+        // In the same order in all transactions, to avoid deadlocks.
         let mut objects: BTreeMap<(&str, &str), (i64, Timestamp)> = BTreeMap::new();
         for (_, segment) in segments {
             let name = (segment.raw.sha256.as_str(), segment.asset_id.as_str());

@@ -1,4 +1,4 @@
-//! Writing: one transaction on assets and channels, and whose rows it has to itself.
+//! Write transactions on assets and channels, and their row locks.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -13,19 +13,19 @@ use super::schema::Dialect;
 use super::{Asset, ChannelSummary, Recipients, Store, StoreError};
 use crate::asset::AssetId;
 
-/// Rows written by one statement, where there are many.
+/// Maximum number of rows written by one statement.
 pub(super) const ROWS_AT_ONCE: usize = 64;
 
-/// What of a channel's row changes.
+/// The columns of a channel's row that change.
 const SUMMARY: &str = "segments, first_start_ns, last_start_ns, last_segment_id, revision, rewritten_revision, analysis_generation, wear_generation, \
     newest_generation, analysis_key, feature_key, fold_key, must_fold, leftovers, next_analysis_generation, next_analysis_key, \
     next_wear_generation, maker_until_ns, changed_from_ns, changed_from_id";
 
-/// A transaction on any number of channels. Nothing is stored before [`finish`](Self::finish) returns; then
-/// all is, on the disk.
+/// A transaction on any number of channels. Nothing is stored until [`finish`](Self::finish) returns; then
+/// everything is durable.
 ///
-/// Where other processes write as well, rows are locked in this order, so that transactions do not wait for
-/// each other in a ring: assets by name, then channels by asset and name, then what hangs on them.
+/// On a shared store rows are locked in this order to avoid deadlocks: assets by name, then channels by asset
+/// and name, then dependent rows.
 pub struct Commit {
     pub(super) transaction: Transaction<'static, Any>,
     pub(super) dialect: Dialect,
@@ -33,7 +33,7 @@ pub struct Commit {
 }
 
 impl Store {
-    /// Begins a transaction; waits for a connection that writes.
+    /// Begins a transaction; waits for a write connection.
     pub async fn begin(&self) -> Result<Commit, StoreError> {
         self.check_whole()?;
         self.inner.is_changed.store(true, Ordering::Relaxed);
@@ -46,17 +46,19 @@ impl Store {
 }
 
 impl Commit {
-    /// An asset whose description and events stay as they are until the transaction's end.
+    /// Reads an asset; its description and events are locked against changes until the end of the
+    /// transaction.
     ///
-    /// Error: [`StoreError::AssetUnknown`] where it is gone.
+    /// Error: [`StoreError::AssetUnknown`] if it is deleted.
     pub async fn asset(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
         let mut found = self.assets(&[id]).await?;
         found.remove(id).ok_or_else(|| StoreError::AssetUnknown(id.clone()))
     }
 
-    /// Assets whose descriptions and events stay as they are until the transaction's end.
+    /// Reads assets; their descriptions and events are locked against changes until the end of the
+    /// transaction.
     ///
-    /// Error: [`StoreError::AssetUnknown`] where one is gone.
+    /// Error: [`StoreError::AssetUnknown`] if one is deleted.
     pub async fn assets(&mut self, ids: &[&AssetId]) -> Result<HashMap<AssetId, Asset>, StoreError> {
         let text = format!(
             "SELECT * FROM assets WHERE id IN ({}) ORDER BY id{}",
@@ -76,13 +78,13 @@ impl Commit {
         }
     }
 
-    /// An asset that nobody else changes, and that no channel is added to, before the transaction's end; it
-    /// counts as changed.
+    /// Reads and locks an asset, so that no other transaction changes it or adds a channel to it before the
+    /// end of this one; marks it as changed.
     ///
-    /// Error: [`StoreError::AssetUnknown`] where it is gone.
+    /// Error: [`StoreError::AssetUnknown`] if it is deleted.
     pub(super) async fn asset_to_change(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
-        // Before the asset: so do all that change assets, and those that change several do not wait for each
-        // other in a ring.
+        // Every change of assets locks the counter before the asset, so that changes of several assets cannot
+        // deadlock.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
             .execute(&mut *self.transaction)
             .await?;
@@ -96,8 +98,7 @@ impl Commit {
         Ok(asset)
     }
 
-    /// The channels of these names, in this order, of assets that are there; made where they are missing.
-    /// Nobody else changes them before the transaction's end.
+    /// Reads and locks the channels of these names, in this order, of existing assets; creates missing ones.
     pub async fn channels(&mut self, names: &[(&AssetId, &str)]) -> Result<Vec<ChannelSummary>, StoreError> {
         let mut found = self.channels_there(names).await?;
         let key = |&(asset, name): &(&AssetId, &str)| (asset.clone(), name.to_owned());
@@ -113,7 +114,7 @@ impl Commit {
         in_order.collect()
     }
 
-    /// Those of these channels that are there.
+    /// Reads and locks those of these channels that exist.
     async fn channels_there(
         &mut self,
         names: &[(&AssetId, &str)],
@@ -137,7 +138,7 @@ impl Commit {
         Ok(found)
     }
 
-    /// Makes a channel where no other process has made it meanwhile.
+    /// Creates a channel unless another process has created it in the meantime.
     async fn new_channel(&mut self, asset: &AssetId, channel: &str) -> Result<(), StoreError> {
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'channel_no'")
             .execute(&mut *self.transaction)
@@ -154,10 +155,9 @@ impl Commit {
         Ok(())
     }
 
-    /// A channel that was there a moment ago, as it is now. Nobody else changes it before the transaction's
-    /// end.
+    /// Reads and locks the current state of a channel that was read before.
     ///
-    /// Error: [`StoreError::AssetUnknown`] where it is gone with its asset.
+    /// Error: [`StoreError::AssetUnknown`] if it is deleted with its asset.
     pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
         let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.for_update());
         let row = sqlx::query(&text).bind(channel.channel_no).fetch_optional(&mut *self.transaction).await?;
@@ -179,7 +179,7 @@ impl Commit {
     pub(super) async fn set_channels(&mut self, channels: &[&ChannelSummary]) -> Result<(), StoreError> {
         let optional_ns = |time: Option<Timestamp>| time.map(to_ns).transpose();
         for chunk in channels.chunks(ROWS_AT_ONCE) {
-            // Each of them is there: it is a change of many rows that both databases understand.
+            // All of them exist: this is a bulk update in a form that both databases support.
             let text = format!(
                 "INSERT INTO channels (channel_no, asset_id, name, {SUMMARY}) VALUES {} ON CONFLICT (channel_no) DO UPDATE SET {}",
                 rows_of_placeholders(chunk.len(), 3 + SUMMARY.split(", ").count()),
@@ -220,7 +220,7 @@ impl Commit {
         Ok(())
     }
 
-    /// Makes everything of this transaction permanent.
+    /// Commits the transaction.
     pub async fn finish(self) -> Result<(), StoreError> {
         Ok(self.transaction.commit().await?)
     }

@@ -1,4 +1,4 @@
-//! Opening the database: where it is, how safely it writes, who may use it.
+//! Opening the database: its location, the durability of its writes, and the lock of its folder.
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -16,36 +16,36 @@ use super::schema::{self, Dialect};
 /// Connections to the database.
 #[derive(Debug)]
 pub(super) struct Database {
-    /// Which database it is.
+    /// The SQL dialect.
     pub(super) dialect: Dialect,
-    /// Of SQLite one connection: writers queue here in order instead of meeting a locked database, and two
-    /// never write or checkpoint at the same moment, which SQLite before 3.51.3 may not survive (its
-    /// "WAL-reset" fault).
+    /// With SQLite a single connection: writers queue here instead of meeting a locked database, and two
+    /// never write or checkpoint at the same time, which can corrupt the database before SQLite 3.51.3 (its
+    /// "WAL-reset" bug).
     pub(super) write: AnyPool,
     /// Readers see the last committed state and never wait for a writer.
     pub(super) read: AnyPool,
-    /// Held while the process lives, so that no second one works on the folder.
+    /// Held for the lifetime of the process, so that no other process uses the folder.
     lock: Option<File>,
-    /// The database's file, where it is one.
+    /// The file of an SQLite database.
     pub(super) path: Option<PathBuf>,
-    /// What is known to be damaged of it.
+    /// The known damage.
     pub(super) damage: Damage,
 }
 
 impl Database {
-    /// Closes both pools and gives the folder free. The lock is given back by name: a child process that is
-    /// just being started may hold a copy of its descriptor.
+    /// Closes both pools and releases the folder. The lock is released explicitly, because a child process
+    /// that is being started may hold a copy of its descriptor.
     pub(super) async fn close(&self) {
         self.read.close().await;
         self.write.close().await;
         if let Some(lock) = &self.lock
             && let Err(error) = lock.unlock()
         {
-            tracing::warn!(%error, "failed to release the lock of the data folder");
+            tracing::warn!(%error, "failed to unlock the data folder");
         }
     }
 
-    /// Opens `flankwatch.db` in the folder, made where missing, and brings its tables up to date.
+    /// Opens `flankwatch.db` in the folder; creates both if missing, and migrates the schema.
     pub(super) async fn open_folder(folder: &Path) -> Result<Self, StoreError> {
         fs::create_dir_all(folder).map_err(|source| file_error("create the data folder", folder, source))?;
         let lock_path = folder.join("lock");
@@ -74,7 +74,7 @@ impl Database {
         Ok(Self { dialect: Dialect::Sqlite, write, read, lock: Some(lock), path: Some(path), damage })
     }
 
-    /// Opens `flankwatch.db` in the folder to read it, also while another process works on it.
+    /// Opens `flankwatch.db` in the folder for reading, also while another process uses it.
     pub(super) async fn open_folder_to_read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join("flankwatch.db");
         let path =
@@ -97,13 +97,13 @@ impl Database {
         })
     }
 
-    /// Connects to a PostgreSQL database that processes share, and brings its tables up to date.
+    /// Connects to a shared PostgreSQL database, and migrates the schema.
     #[cfg(feature = "postgres")]
     pub(super) async fn connect(settings: &super::SharedSettings) -> Result<Self, StoreError> {
         sqlx::any::install_default_drivers();
         let write = shared_pool(settings, settings.write_connections).await?;
         let mut connection = write.acquire().await?;
-        // However long another process migrates.
+        // Without timeouts: another process may be migrating.
         connection.execute("SET lock_timeout = 0; SET statement_timeout = 0").await?;
         schema::migrate(&mut connection, Dialect::Postgres).await?;
         connection.execute(SESSION).await?;
@@ -120,8 +120,8 @@ impl Database {
     }
 }
 
-/// What every session of PostgreSQL is set to: commits are durable, and a process that is gone, or cut off,
-/// holds no lock for long.
+/// Settings of every PostgreSQL session: commits are durable, and a process that is gone or disconnected does
+/// not hold locks for long.
 #[cfg(feature = "postgres")]
 const SESSION: &str = "
     SET application_name = 'flankwatch';
@@ -135,7 +135,7 @@ const SESSION: &str = "
     SET tcp_keepalives_count = 3;
     SET client_min_messages = warning";
 
-/// Connections that are made again by themselves when the database was away.
+/// A pool that reconnects by itself after the database was unavailable.
 #[cfg(feature = "postgres")]
 async fn shared_pool(settings: &super::SharedSettings, connections: u32) -> Result<AnyPool, sqlx::Error> {
     AnyPoolOptions::new()
@@ -146,12 +146,12 @@ async fn shared_pool(settings: &super::SharedSettings, connections: u32) -> Resu
         .await
 }
 
-/// What every connection to SQLite begins with.
+/// Sets the pragmas of an SQLite connection.
 async fn prepare(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
     for pragma in [
         "PRAGMA busy_timeout = 10000",
         "PRAGMA journal_mode = WAL",
-        // A commit returns when the log is on the disk.
+        // A commit returns once the write-ahead log is durable.
         "PRAGMA synchronous = FULL",
         "PRAGMA foreign_keys = ON",
         "PRAGMA cache_size = -16384",
@@ -162,7 +162,7 @@ async fn prepare(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
 }
 
 async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
-    // A pool tries again for half a minute, and then does not say what failed.
+    // A pool retries for half a minute, and then hides the cause of a failure.
     let mut first = AnyConnection::connect(url).await?;
     prepare(&mut first).await?;
     first.close().await?;
@@ -171,11 +171,11 @@ async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
         .after_connect(|connection, _| Box::pin(prepare(connection)))
         .after_release(|connection, _| {
             Box::pin(async move {
-                // Where a full disk ends a transaction, sqlx goes on counting it. One that stays open takes
-                // the next records with it: they are answered, and never committed.
+                // If a full disk aborts a transaction, sqlx still counts it as open. Later records would run
+                // inside the open transaction: acknowledged, but never committed.
                 let was_open = sqlx::query("ROLLBACK").execute(connection).await.is_ok();
                 if was_open {
-                    tracing::warn!("a transaction was left open: closing its connection to the database");
+                    tracing::warn!("found a transaction left open: closing its database connection");
                 }
                 Ok(!was_open)
             })
@@ -184,7 +184,7 @@ async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
         .await
 }
 
-/// The path as a URL, with every byte escaped that means something in one.
+/// The path as a URL, with all special bytes escaped.
 pub(super) fn sqlite_url(path: &Path, mode: &str) -> String {
     let mut url = String::from("sqlite://");
     for byte in path.to_string_lossy().bytes() {
@@ -226,14 +226,14 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_no_database_is_refused_at_once() {
+    async fn a_file_that_is_not_a_database_is_refused_at_once() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("flankwatch.db"), [7_u8; 8192]).unwrap();
         let began = std::time::Instant::now();
         let error = error_of(folder.path()).await;
         assert!(matches!(error, StoreError::DatabaseDamaged { .. }), "{error}");
         assert!(error.to_string().contains("flankwatch.db"), "{error}");
-        // The header alone is right.
+        // Only the header is valid.
         fs::write(
             folder.path().join("flankwatch.db"),
             [b"SQLite format 3\0".as_slice(), &[7_u8; 8192]].concat(),
@@ -260,7 +260,7 @@ mod tests {
         assert!(matches!(error, StoreError::Newer { found: 999, .. }), "{error}");
     }
 
-    /// The databases that are to carry values: SQLite, and the one that is named for tests.
+    /// The databases under test: SQLite, and PostgreSQL if `FLANKWATCH_TEST_DATABASE` is set.
     async fn databases(folder: &Path) -> Vec<Database> {
         #[cfg_attr(not(feature = "postgres"), expect(unused_mut, reason = "there is one"))]
         let mut databases = vec![Database::open_folder(folder).await.unwrap()];
@@ -269,7 +269,7 @@ mod tests {
             sqlx::any::install_default_drivers();
             let objects = crate::store::ObjectsSettings::Folder(folder.to_path_buf());
             let mut settings = crate::store::SharedSettings::new(url, objects);
-            // A temporary table is its connection's.
+            // A temporary table belongs to its connection.
             (settings.write_connections, settings.read_connections) = (1, 1);
             let write = shared_pool(&settings, 1).await.unwrap();
             databases.push(Database {
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn values_of_every_type_come_back_as_they_went() {
+    async fn values_of_every_type_round_trip() {
         let folder = tempfile::tempdir().unwrap();
         for database in databases(folder.path()).await {
             let make = database
@@ -293,9 +293,9 @@ mod tests {
                 .schema("CREATE TEMPORARY TABLE t (n BIGINT, i BIGINT, d DOUBLE PRECISION, s TEXT, b BLOB)");
             let mut connection = database.write.acquire().await.unwrap();
             sqlx::query(&make).execute(&mut *connection).await.unwrap();
-            // PostgreSQL's texts have no NUL.
+            // PostgreSQL does not allow NUL in texts.
             let text = if database.dialect == Dialect::Sqlite { "ä\0b" } else { "äb" };
-            // Not -0.0: SQLite keeps it as 0.
+            // Not -0.0: SQLite stores it as 0.
             let doubles = [0.1 + 0.2, f64::MIN_POSITIVE, 5e-324, -1.5, f64::MAX, 3.0];
             for (n, double) in (0_i64..).zip(doubles) {
                 sqlx::query("INSERT INTO t VALUES ($1, $2, $3, $4, $5)")

@@ -1,5 +1,5 @@
-//! How often a queued record was put among the dead letters: sent again, it is to be told from the one that
-//! was.
+//! Counts of how often a record became a dead letter, so that the queue does not take a repeated one for a
+//! duplicate.
 
 use std::collections::HashMap;
 
@@ -9,11 +9,11 @@ use super::rows::{get, placeholders, to_ns};
 use super::{Store, StoreError};
 use crate::asset::SegmentId;
 
-/// How long it is remembered: longer than the queue remembers what it had.
+/// How long a count is kept: longer than the deduplication window of the queue.
 const REMEMBERED: SignedDuration = SignedDuration::from_hours(24);
 
 impl Store {
-    /// Says that a record was put among the dead letters; said again of the same letter it changes nothing.
+    /// Counts a record as a dead letter; counting the same letter again changes nothing.
     pub async fn count_dead_letter(
         &self,
         segment: &SegmentId,
@@ -37,7 +37,7 @@ impl Store {
         Ok(())
     }
 
-    /// Of some records those that were put among the dead letters lately, and how often.
+    /// Returns which of these records became dead letters recently, and how often.
     pub async fn dead_letters_of(
         &self,
         segments: &[SegmentId],

@@ -1,4 +1,4 @@
-//! Records that stay stored and take no part in their channel's history.
+//! Exclusion of stored records from their channel's history.
 
 use super::commit::Commit;
 use super::removal::RecordRange;
@@ -7,8 +7,8 @@ use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::{AssetId, Segment, SegmentId};
 
 impl Store {
-    /// Excludes records of an asset from its histories, or includes them again; returns how many were not so
-    /// before. The histories are to be folded again.
+    /// Excludes records of an asset from its histories, or includes them again; returns how many changed.
+    /// Marks the histories for folding again.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn set_excluded(
@@ -40,7 +40,7 @@ impl Store {
         Ok(changed)
     }
 
-    /// The records of an asset that are excluded.
+    /// The excluded records of an asset.
     pub async fn excluded(&self, asset: &AssetId) -> Result<Vec<SegmentId>, StoreError> {
         let rows = sqlx::query(
             "SELECT s.id FROM segments s JOIN channels c ON c.channel_no = s.channel_no
@@ -52,8 +52,8 @@ impl Store {
         rows.iter().map(|row| Ok(SegmentId(get(row, "id")?))).collect()
     }
 
-    /// The latest record of a channel that is not excluded, else the latest one; none of a channel without
-    /// any.
+    /// The latest record of a channel that is not excluded, else the latest one; `None` for a channel without
+    /// records.
     pub async fn latest_counted(&self, channel: &ChannelSummary) -> Result<Option<Segment>, StoreError> {
         let Some(last) = &channel.last_segment else {
             return Ok(None);
@@ -73,7 +73,7 @@ impl Store {
 }
 
 impl Commit {
-    /// Marks records of a channel; returns the places of those that were marked otherwise before.
+    /// Marks records of a channel as excluded or not; returns the keys of those that changed.
     async fn mark_excluded(
         &mut self,
         channel: &ChannelSummary,

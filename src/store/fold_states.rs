@@ -1,4 +1,5 @@
-//! States of the fold over a channel's records: the newest one, and some of earlier ones to begin again from.
+//! Stored states of the fold over a channel's records: the newest one, and some earlier ones from which to
+//! restart.
 
 use sqlx::any::AnyRow;
 
@@ -7,28 +8,28 @@ use super::rows::{any_of, get, get_count, get_time, rows_of_placeholders, to_ns}
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 
-/// Records from one kept state to the next.
+/// Number of records from one stored state to the next.
 pub const SEGMENTS_PER_STATE: u64 = 64;
 
-/// States further back than this many records are thinned out to every [`SPARSE_EVERY`] records.
+/// States older than this many records are thinned to one every [`SPARSE_EVERY`] records.
 const DENSE_RECORDS: u64 = 2048;
 
-/// Records from one kept state to the next among the early ones.
+/// Number of records from one stored state to the next among the older ones.
 const SPARSE_EVERY: u64 = 1024;
 
-/// What is known after some of a channel's records in the order of time.
+/// The state of the fold after some of a channel's records in the order of time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoldState {
-    /// The last record that went in.
+    /// The last record folded.
     pub last: SegmentKey,
-    /// Number of records that went in.
+    /// Number of records folded.
     pub position: u64,
     /// The state as JSON.
     pub state: String,
 }
 
 impl Store {
-    /// The state after the latest record of a channel, in the generation that is served.
+    /// The state after the latest record of a channel, in the served generation.
     pub async fn newest_state(&self, channel: &ChannelSummary) -> Result<Option<FoldState>, StoreError> {
         let row = sqlx::query("SELECT * FROM fold_states WHERE channel_no = $1 AND generation = $2 ORDER BY position DESC LIMIT 1")
             .bind(channel.channel_no)
@@ -38,8 +39,7 @@ impl Store {
         row.as_ref().map(state_of).transpose()
     }
 
-    /// The latest kept state, of the generation that is served, in which neither `key` nor any later record
-    /// is.
+    /// The latest stored state, in the served generation, that includes neither `key` nor any later record.
     pub async fn state_before(
         &self,
         channel: &ChannelSummary,
@@ -68,12 +68,12 @@ impl Store {
     }
 }
 
-/// A channel's number, a generation, and the states that take the place of all after a position, in rising
+/// A channel number, a generation, a position, and the states that replace all states after it, in ascending
 /// order.
 pub(super) type StatesAfter<'a> = (i64, i64, u64, &'a [FoldState]);
 
 impl Commit {
-    /// Replaces states of the fold, each channel's at most once; keeps of the earlier ones those worth it.
+    /// Replaces states of the fold, at most once for each channel, and thins the older ones.
     pub(super) async fn set_states(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
         for chunk in all.chunks(ROWS_AT_ONCE) {
             self.remove_states_after(chunk).await?;
@@ -125,7 +125,7 @@ impl Commit {
         let text = format!("DELETE FROM fold_states WHERE {which}");
         let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(all.len()));
         for &(channel_no, generation, after, _) in all {
-            // The newest one of before is kept only where its position is one of those that are.
+            // The previous newest state is kept only if its position is a regular one.
             let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) { after + 1 } else { after };
             query = query.bind(channel_no).bind(generation).bind(from_count(first_removed));
         }

@@ -1,12 +1,13 @@
-//! Histories computed again beside the one that is served, and swapped in whole.
+//! Generations of a history: a recomputed history is written beside the served one and replaces it as a
+//! whole.
 //!
-//! Analyses and estimates carry a generation number; a channel says which of each is served. A new generation
-//! is written in small transactions that nobody sees, then one sets the channel's numbers, and the rows of
-//! the old generation are removed at leisure.
+//! Analyses and estimates carry a generation number, and a channel says which of each is served. A new
+//! generation is written in small transactions that are not visible to readers; a last transaction sets the
+//! channel's numbers, and the rows of the old generation are removed later.
 //!
-//! Several processes may want to make the same history. A channel says which generation of estimates is being
-//! made; only that one may be added to and served, so that a maker who was taken for dead and comes back
-//! changes nothing.
+//! Several processes may try to recompute the same history. A channel says which generation of estimates is
+//! being written, and only that one can be added to and served: it acts as a fencing token, so that a process
+//! whose lease has expired changes nothing.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -21,24 +22,24 @@ use super::{
 };
 use crate::asset::SegmentId;
 
-/// How long a maker counts as alive after it last added something, before another process begins in its
-/// place.
-const MAKER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
+/// Time after its last write for which the process that writes a generation counts as alive; then another one
+/// may take over.
+const LEASE: SignedDuration = SignedDuration::from_secs(60);
 
-/// What a maker is told whose place was taken.
-const NOT_MADE_HERE: StoreError = StoreError::Outdated("the generation that is being made");
+/// The error for a process that lost its generation to another one.
+const LEASE_LOST: StoreError = StoreError::Outdated("the generation being written");
 
 /// A generation of a channel's analyses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AnalysisGeneration(i64);
 
-/// A generation of a channel's estimates; who has it makes the channel's history.
+/// A generation of a channel's estimates; its holder recomputes the channel's history.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WearGeneration(i64);
 
-/// What a served history was made from: it is served only where the store still holds the same.
+/// The versions of the inputs of a history: it is served only if they are still current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct MadeFrom {
+pub struct GenerationInputs {
     /// [`Asset::version`](super::Asset::version).
     pub asset: i64,
     /// [`ChannelSummary::version`].
@@ -46,16 +47,15 @@ pub struct MadeFrom {
 }
 
 impl ChannelSummary {
-    /// The generation of analyses that is served.
+    /// The served generation of analyses.
     pub fn served_analyses(&self) -> AnalysisGeneration {
         AnalysisGeneration(self.analysis_generation)
     }
 }
 
 impl Store {
-    /// Begins to make a channel's history again: a new generation of estimates. None where another process is
-    /// at it.
-    pub async fn begin_making(
+    /// Starts a new generation of a channel's estimates; returns `None` if another process is writing one.
+    pub async fn begin_generation(
         &self,
         channel: &ChannelSummary,
         now: Timestamp,
@@ -63,25 +63,25 @@ impl Store {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
-        let is_made_elsewhere =
+        let is_leased_elsewhere =
             channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
-        // A process that has the store to itself is making nothing else.
-        if is_made_elsewhere && self.is_shared() {
+        // A process that is alone on its store writes no other generation of the channel.
+        if is_leased_elsewhere && self.is_shared() {
             return Ok(None);
         }
         channel.newest_generation += 1;
-        // Until it is served its rows are left over, whatever happens.
+        // Until it is served, its rows count as leftovers.
         channel.leftovers = true;
         channel.next_wear = Some(channel.newest_generation);
-        channel.maker_until = Some(now.saturating_add(MAKER_ALIVE).unwrap_or(Timestamp::MAX));
+        channel.maker_until = Some(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX));
         channel.changed_from = None;
         commit.set_channel(&mut channel, false).await?;
         commit.finish().await?;
         Ok(Some(WearGeneration(channel.newest_generation)))
     }
 
-    /// Gives up making a history, so that another process need not wait.
-    pub async fn stop_making(
+    /// Abandons a generation, so that another process need not wait.
+    pub async fn abandon_generation(
         &self,
         channel: &ChannelSummary,
         wear: WearGeneration,
@@ -98,17 +98,17 @@ impl Store {
         Ok(())
     }
 
-    /// The earliest place where a channel's history changed since it began to be made, or since this was
-    /// asked last, and the channel as it is then.
+    /// Takes the earliest place where a channel's history changed since the generation was started, or since
+    /// the last call, and reads the channel.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes it now.
+    /// Error: [`StoreError::Outdated`] if another process has taken over.
     pub async fn take_changes(
         &self,
         channel: &ChannelSummary,
         wear: WearGeneration,
     ) -> Result<(ChannelSummary, Option<SegmentKey>), StoreError> {
         let mut commit = self.begin().await?;
-        let mut channel = commit.made_channel(channel, wear).await?;
+        let mut channel = commit.leased_channel(channel, wear).await?;
         let changed_from = channel.changed_from.take();
         if changed_from.is_some() {
             commit.set_channel(&mut channel, false).await?;
@@ -117,7 +117,7 @@ impl Store {
         Ok((channel, changed_from))
     }
 
-    /// The generation of analyses under `key` that is being made, or a new one; one under another key is
+    /// The generation of analyses being written under `keys`, or a new one; a generation under other keys is
     /// dropped.
     pub async fn next_analyses(
         &self,
@@ -126,7 +126,7 @@ impl Store {
         keys: &AnalysisKeys,
     ) -> Result<AnalysisGeneration, StoreError> {
         let mut commit = self.begin().await?;
-        let mut channel = commit.made_channel(channel, wear).await?;
+        let mut channel = commit.leased_channel(channel, wear).await?;
         if let Some((generation, key)) = &channel.next_analysis
             && **key == *keys.analysis
         {
@@ -141,8 +141,8 @@ impl Store {
         Ok(AnalysisGeneration(generation))
     }
 
-    /// Up to `limit` segments of a channel that have no analysis in a generation, in the order of time, after
-    /// `after`.
+    /// Up to `limit` segments of a channel after `after` that have no analysis in a generation, in the order
+    /// of time.
     pub async fn not_analysed(
         &self,
         channel: &ChannelSummary,
@@ -173,9 +173,9 @@ impl Store {
         rows.iter().map(new_segment_of).collect()
     }
 
-    /// Adds analyses to a generation while the history is being made.
+    /// Adds analyses to a generation.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes it now.
+    /// Error: [`StoreError::Outdated`] if another process has taken over.
     pub async fn add_analyses(
         &self,
         channel: &ChannelSummary,
@@ -186,15 +186,15 @@ impl Store {
     ) -> Result<(), StoreError> {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
-        let channel = commit.made_channel(channel, wear).await?;
+        let channel = commit.leased_channel(channel, wear).await?;
         let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
         commit.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
-        commit.stay_maker(&channel, now).await?;
+        commit.renew_lease(&channel, now).await?;
         commit.finish().await
     }
 
-    /// Up to `limit` segments of a channel with their features in a generation, in the order of time, after
-    /// `after`.
+    /// Up to `limit` segments of a channel after `after` with their features in a generation, in the order of
+    /// time.
     pub async fn features_of_generation(
         &self,
         channel: &ChannelSummary,
@@ -207,7 +207,7 @@ impl Store {
 
     /// Adds estimates to a generation, with states of the fold after position `after`.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes the history now.
+    /// Error: [`StoreError::Outdated`] if another process has taken over.
     pub async fn add_wears(
         &self,
         channel: &ChannelSummary,
@@ -218,7 +218,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
-        let channel = commit.made_channel(channel, generation).await?;
+        let channel = commit.leased_channel(channel, generation).await?;
         let wears = wears.iter().map(|(key, result)| WearRow {
             generation: generation.0,
             segment: &key.id,
@@ -227,11 +227,11 @@ impl Store {
         });
         commit.set_wears(&wears.collect::<Vec<_>>()).await?;
         commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
-        commit.stay_maker(&channel, now).await?;
+        commit.renew_lease(&channel, now).await?;
         commit.finish().await
     }
 
-    /// The latest kept state of a generation in which neither `key` nor any later record is.
+    /// The latest stored state of a generation that includes neither `key` nor any later record.
     pub async fn state_of_generation(
         &self,
         channel: &ChannelSummary,
@@ -241,15 +241,14 @@ impl Store {
         self.state_before_in(channel, generation.0, key).await
     }
 
-    /// Serves these generations from now on, with the alarms that were folded with them; both must have every
-    /// segment of the channel. Returns what is new of the alarms.
+    /// Makes these generations the served ones, with the alarms folded with them; both must have every
+    /// segment of the channel. Returns the notices of changed alarms.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes the history now, or where something was
-    /// added to what it was made from.
+    /// Error: [`StoreError::Outdated`] if another process has taken over, or if the inputs have changed.
     pub async fn serve(
         &self,
         channel: &ChannelSummary,
-        from: MadeFrom,
+        from: GenerationInputs,
         (analyses, wear): (AnalysisGeneration, WearGeneration),
         keys: ChannelKeys,
         alarms: FoldedAlarms<'_>,
@@ -259,7 +258,7 @@ impl Store {
         if commit.asset(&channel.asset_id).await?.version() != from.asset {
             return Err(StoreError::Outdated("the asset's description"));
         }
-        let mut channel = commit.made_channel(channel, wear).await?;
+        let mut channel = commit.leased_channel(channel, wear).await?;
         if channel.version() != from.channel {
             return Err(StoreError::Outdated("the channel"));
         }
@@ -280,8 +279,9 @@ impl Store {
         Ok(notices)
     }
 
-    /// Removes the rows of generations that are neither served nor being made, of up to `limit` segments
-    /// after `after`. Returns where to go on; none at the end, and where another process makes the history.
+    /// Removes the rows of generations that are neither served nor being written, of up to `limit` segments
+    /// after `after`. Returns where to continue; `None` at the end, or if another process is writing a
+    /// generation.
     pub async fn remove_leftovers(
         &self,
         channel: &ChannelSummary,
@@ -298,7 +298,7 @@ impl Store {
         {
             return Ok(None);
         }
-        // Its maker is dead: should it live after all, it finds that out before it adds anything.
+        // The lease of its writer has expired: should it still run, its next write fails.
         channel.next_wear = None;
         let (after_ns, after_id) = match after {
             Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
@@ -360,22 +360,21 @@ impl Store {
 }
 
 impl Commit {
-    /// A channel whose history is made with this generation; nobody else changes it before the transaction's
-    /// end.
-    async fn made_channel(
+    /// Reads and locks a channel; returns an error if this generation is not the one being written.
+    async fn leased_channel(
         &mut self,
         channel: &ChannelSummary,
         wear: WearGeneration,
     ) -> Result<ChannelSummary, StoreError> {
         let channel = self.channel_again(channel).await?;
-        if channel.next_wear == Some(wear.0) { Ok(channel) } else { Err(NOT_MADE_HERE) }
+        if channel.next_wear == Some(wear.0) { Ok(channel) } else { Err(LEASE_LOST) }
     }
 
-    /// Says that the maker of a channel's history is alive.
-    async fn stay_maker(&mut self, channel: &ChannelSummary, now: Timestamp) -> Result<(), StoreError> {
+    /// Renews the lease of the process that writes a generation of a channel.
+    async fn renew_lease(&mut self, channel: &ChannelSummary, now: Timestamp) -> Result<(), StoreError> {
         sqlx::query("UPDATE channels SET maker_until_ns = $2 WHERE channel_no = $1")
             .bind(channel.channel_no)
-            .bind(to_ns(now.saturating_add(MAKER_ALIVE).unwrap_or(Timestamp::MAX))?)
+            .bind(to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))?)
             .execute(&mut *self.transaction)
             .await?;
         Ok(())

@@ -1,8 +1,9 @@
-//! Which store the database and the raw objects are of, so that objects are never removed on the word of a
-//! database that does not know them: one that is new, older, or another one's.
+//! The identity of the store, which protects raw objects from removal by a database that does not know them:
+//! a new or older one, or that of another store.
 //!
-//! Both carry a mark of a name and a generation. The generation rises first in the database and then among
-//! the objects, at every start and while records come in, so that an older database is known by a lower one.
+//! The database and the objects both carry a mark: an identifier and a generation. The generation is raised
+//! first in the database and then among the objects, at every start and while records are stored, so that a
+//! lower generation identifies an older database.
 
 use std::sync::PoisonError;
 use std::sync::atomic::Ordering;
@@ -11,19 +12,19 @@ use super::rows::get;
 use super::{Objects, Store, StoreError, StoreMark};
 
 impl Store {
-    /// Why nothing is removed from the raw objects; none where they are those that the database knows.
-    pub fn held(&self) -> Option<String> {
-        self.inner.held.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    /// Why removals from the raw objects are suspended; `None` if the marks agree.
+    pub fn removal_hold(&self) -> Option<String> {
+        self.inner.removal_hold.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Compares the marks of the database and of the objects, makes them where there are none, and begins a
-    /// new generation where they agree.
+    /// Compares the marks of the database and of the objects, creates missing ones, and raises the generation
+    /// if they agree.
     ///
-    /// Error: [`StoreError::OtherStore`] where processes share the store, the objects are of another one, and
-    /// that is refused.
+    /// Error: [`StoreError::OtherStore`] if the store is shared, the objects belong to another store, and
+    /// `refuses_others`.
     pub(super) async fn compare_marks(&self, refuses_others: bool) -> Result<(), StoreError> {
         if self.damage().is_some() {
-            self.hold(Some("the database is damaged".to_owned()));
+            self.set_removal_hold(Some("the database is damaged".to_owned()));
             return Ok(());
         }
         let among = self.on_objects(Objects::mark).await?;
@@ -33,7 +34,7 @@ impl Store {
         };
         let among = match among {
             Some(among) => among,
-            // Objects that no mark goes with are those of a database that is lost.
+            // Objects without a mark belong to a lost database.
             None => {
                 let is_empty = self.on_objects(Objects::is_empty).await?;
                 let first = if is_empty || self.knows_objects().await? { mine.clone() } else { new_mark()? };
@@ -43,25 +44,25 @@ impl Store {
         if mine.store != among.store && self.is_shared() && refuses_others {
             return Err(StoreError::OtherStore { objects: among.store, database: mine.store });
         }
-        self.hold(reason(&mine, &among));
+        self.set_removal_hold(reason(&mine, &among));
         self.raise_generation().await
     }
 
-    /// Compares the marks again before something is removed; returns why nothing may be.
+    /// Compares the marks again before a removal; returns why removals are suspended, if they are.
     pub async fn check_marks(&self) -> Result<Option<String>, StoreError> {
-        if self.held().is_some() {
-            return Ok(self.held());
+        if self.removal_hold().is_some() {
+            return Ok(self.removal_hold());
         }
         self.check_whole()?;
         let why = self.marks_differ().await?;
-        // What was once found is not forgotten before the next start.
+        // A difference, once found, suspends removals until the next start.
         if why.is_some() {
-            self.hold(why);
+            self.set_removal_hold(why);
         }
-        Ok(self.held())
+        Ok(self.removal_hold())
     }
 
-    /// How the marks of the database and of the objects differ now.
+    /// How the current marks of the database and of the objects differ.
     pub(super) async fn marks_differ(&self) -> Result<Option<String>, StoreError> {
         let among = self.on_objects(Objects::mark).await?;
         Ok(match (self.database_mark().await?, among) {
@@ -70,7 +71,7 @@ impl Store {
         })
     }
 
-    /// Begins a new generation where something was written since the last one.
+    /// Raises the generation if something was written since it was last raised.
     pub async fn raise_generation_if_changed(&self) -> Result<(), StoreError> {
         if self.inner.is_changed.swap(false, Ordering::Relaxed) && self.check_marks().await?.is_none() {
             self.raise_generation().await?;
@@ -78,7 +79,8 @@ impl Store {
         Ok(())
     }
 
-    /// Takes the objects for those of the database as it is: what it does not know counts as not needed.
+    /// Accepts the objects as those of the current database: objects that it does not reference count as
+    /// unreferenced.
     pub async fn accept_objects(&self) -> Result<(), StoreError> {
         let (Some(mine), Some(among)) = (self.database_mark().await?, self.on_objects(Objects::mark).await?)
         else {
@@ -89,19 +91,19 @@ impl Store {
             .bind(among.generation.max(mine.generation))
             .execute(self.write())
             .await?;
-        self.hold(None);
+        self.set_removal_hold(None);
         self.raise_generation().await
     }
 
-    fn hold(&self, why: Option<String>) {
+    fn set_removal_hold(&self, why: Option<String>) {
         if let Some(why) = &why {
-            tracing::warn!(why, "nothing is removed from the raw recordings");
+            tracing::warn!(why, "suspended removals from the raw recordings");
         }
-        *self.inner.held.lock().unwrap_or_else(PoisonError::into_inner) = why;
+        *self.inner.removal_hold.lock().unwrap_or_else(PoisonError::into_inner) = why;
     }
 
     async fn raise_generation(&self) -> Result<(), StoreError> {
-        if self.held().is_some() || self.damage().is_some() {
+        if self.removal_hold().is_some() || self.damage().is_some() {
             return Ok(());
         }
         sqlx::query("UPDATE store_identity SET generation = generation + 1 WHERE one = 1")
@@ -113,7 +115,8 @@ impl Store {
         Ok(())
     }
 
-    /// The mark of the database; none of one that is new. Read where it is written: a replica may be behind.
+    /// The mark of the database; `None` for a new one. Read through the write connection, because a replica
+    /// may be behind.
     pub async fn database_mark(&self) -> Result<Option<StoreMark>, StoreError> {
         let row = sqlx::query("SELECT store, generation FROM store_identity WHERE one = 1")
             .fetch_optional(self.write())
@@ -131,7 +134,7 @@ impl Store {
             .bind(mark.generation)
             .execute(self.write())
             .await?;
-        // Another process may have been first.
+        // Another process may have created it first.
         Ok(self.database_mark().await?.unwrap_or(mark))
     }
 
@@ -140,7 +143,7 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Does something with the objects on a thread that may block.
+    /// Runs `work` on the objects on a blocking thread.
     pub(super) async fn on_objects<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Objects) -> Result<T, StoreError> + Send + 'static,
@@ -152,25 +155,25 @@ impl Store {
 }
 
 fn new_mark() -> Result<StoreMark, StoreError> {
-    let mut chance = [0; 8];
-    getrandom::fill(&mut chance).map_err(|source| {
+    let mut random = [0; 8];
+    getrandom::fill(&mut random).map_err(|source| {
         super::objects::file_error("name", "the store".as_ref(), std::io::Error::other(source.to_string()))
     })?;
-    Ok(StoreMark { store: hex::encode(chance), generation: 0 })
+    Ok(StoreMark { store: hex::encode(random), generation: 0 })
 }
 
 fn reason(mine: &StoreMark, among: &StoreMark) -> Option<String> {
     if mine.store != among.store {
         return Some(format!(
-            "the raw recordings are those of store {}, and the database is of store {}: it is new or another one; \
-             `flankwatch rebuild` takes in what it does not know",
+            "the raw recordings belong to store {}, the database belongs to store {}: it is new or that of another store; \
+                         add the missing records with `flankwatch rebuild`",
             among.store, mine.store
         ));
     }
     (mine.generation < among.generation).then(|| {
         format!(
-            "the raw recordings are of generation {}, and the database is of generation {}: it is older than they are; \
-             `flankwatch rebuild` takes in what it does not know",
+            "the raw recordings have generation {}, the database has generation {}: it is older than they are; \
+                         add the missing records with `flankwatch rebuild`",
             among.generation, mine.generation
         )
     })

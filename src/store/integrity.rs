@@ -1,4 +1,4 @@
-//! Whether an SQLite database is whole: its header, its pages, and what is found out later.
+//! Integrity checks of an SQLite database: its header, its pages, and damage found later.
 
 use std::fs::File;
 use std::io::Read;
@@ -12,16 +12,16 @@ use super::StoreError;
 use super::database::sqlite_url;
 use super::objects::file_error;
 
-/// How long a start waits for the pages to be looked at. What takes longer is looked at in the background.
+/// How long a start waits for the check of the pages, which then continues in the background.
 const LOOKED_AT_FOR: Duration = Duration::from_millis(300);
 
-/// What a database of SQLite begins with.
+/// The first bytes of an SQLite database.
 const HEADER: &[u8; 16] = b"SQLite format 3\0";
 
-/// Findings that are told; one damaged page can bring thousands.
+/// Maximum number of reported findings; one damaged page can give thousands.
 const MAX_FINDINGS: usize = 3;
 
-/// What is damaged of a database; nothing as far as is known.
+/// The known damage of a database; none by default.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Damage {
     found: Arc<OnceLock<String>>,
@@ -37,13 +37,13 @@ impl Damage {
             let what = self.get().unwrap_or_default();
             tracing::error!(
                 what,
-                "the database is damaged: nothing is written any more; `flankwatch restore` or `flankwatch rebuild` makes it whole"
+                "the database is damaged: stopped writing to it; repair it with `flankwatch restore` or `flankwatch rebuild`"
             );
         }
     }
 }
 
-/// Refuses a file that is no database at all.
+/// Returns an error if a file is not an SQLite database at all.
 pub(super) fn check_header(path: &Path) -> Result<(), StoreError> {
     let mut start = Vec::new();
     match File::open(path) {
@@ -55,11 +55,11 @@ pub(super) fn check_header(path: &Path) -> Result<(), StoreError> {
     if start.is_empty() || start == HEADER {
         return Ok(());
     }
-    Err(damaged(path, "it does not begin as an SQLite database does".to_owned()))
+    Err(damaged(path, "its header is not that of an SQLite database".to_owned()))
 }
 
-/// Looks at every page of a database, for some seconds now and then in the background. What is found is
-/// noted.
+/// Checks every page of a database, in the background if that takes longer than a fraction of a second.
+/// Records the damage that is found.
 pub(super) async fn check_pages(path: &Path, url: String) -> Result<Damage, StoreError> {
     let damage = Damage::default();
     let noted = damage.clone();
@@ -75,17 +75,17 @@ pub(super) async fn check_pages(path: &Path, url: String) -> Result<Damage, Stor
         Ok::<_, sqlx::Error>(())
     });
     match tokio::time::timeout(LOOKED_AT_FOR, look).await {
-        // What cannot even be looked at.
+        // The check itself failed.
         Ok(Ok(Err(error))) => return Err(named(path, error)),
         Ok(_) => {}
         Err(_) => {
-            tracing::info!(path = %path.display(), "the database is large: its pages are looked at in the background")
+            tracing::info!(path = %path.display(), "the database is large: checking its pages in the background")
         }
     }
     Ok(damage)
 }
 
-/// Refuses a database whose tables cannot be read. A pool would try again and again.
+/// Returns an error if the tables of a database cannot be read. A pool would retry again and again.
 pub(super) async fn check_schema(path: &Path, url: &str) -> Result<(), StoreError> {
     let read = async {
         let mut connection = AnyConnection::connect(url).await?;
@@ -95,7 +95,7 @@ pub(super) async fn check_schema(path: &Path, url: &str) -> Result<(), StoreErro
     read.await.map_err(|error| named(path, error))
 }
 
-/// An error of a database; one that says that it is damaged names its file.
+/// Converts an error of a database; one about damage names the file.
 pub(super) fn named(path: &Path, error: impl Into<StoreError>) -> StoreError {
     match error.into() {
         error @ StoreError::Database(_) if error.is_damage() => damaged(path, error.to_string()),
@@ -103,7 +103,7 @@ pub(super) fn named(path: &Path, error: impl Into<StoreError>) -> StoreError {
     }
 }
 
-/// What a check of the whole database finds, which may take long.
+/// Runs a check of the whole database, which may take long; returns the findings.
 pub(super) async fn findings_of(path: &Path) -> Result<Vec<String>, StoreError> {
     let mut connection = AnyConnection::connect(&sqlite_url(path, "ro")).await?;
     let found = findings(&mut connection, "PRAGMA integrity_check(4)").await;
@@ -114,7 +114,7 @@ pub(super) async fn findings_of(path: &Path) -> Result<Vec<String>, StoreError> 
     }
 }
 
-/// What a check of SQLite finds.
+/// Runs a check of SQLite; returns the findings.
 pub(super) async fn findings(
     connection: &mut AnyConnection,
     check: &str,
@@ -127,7 +127,7 @@ pub(super) async fn findings(
     Ok(found)
 }
 
-/// An error of a database that cannot be used because it is damaged.
+/// The error of a damaged database.
 pub(super) fn damaged(path: &Path, what: String) -> StoreError {
     StoreError::DatabaseDamaged { path: path.display().to_string(), what }
 }

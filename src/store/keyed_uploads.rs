@@ -1,4 +1,4 @@
-//! Uploads under a key of the client's: what makes a repeat of one the same upload.
+//! Uploads with an idempotency key of the client, which identifies repeated uploads.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -9,19 +9,19 @@ use crate::asset::AssetId;
 /// How long a key is remembered.
 const REMEMBERED: SignedDuration = SignedDuration::from_hours(7 * 24);
 
-/// What is known of an upload under a key.
+/// An upload with a key.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeyedUpload {
-    /// Hash of everything that was uploaded.
+    /// Hash of the whole request.
     pub request_sha256: String,
-    /// When it first came.
+    /// When it was first received.
     pub received_at: Timestamp,
-    /// What was answered, once it is done.
+    /// The response, once it is complete.
     pub answer: Option<String>,
 }
 
 impl Store {
-    /// The upload under a key; it is this one where there was none.
+    /// Returns the upload with a key, after registering this one if there was none.
     pub async fn begin_upload(
         &self,
         asset: &AssetId,
@@ -55,7 +55,7 @@ impl Store {
             .bind(key)
             .fetch_optional(self.read())
             .await?;
-        // Gone at this very moment: forgotten by another process, or with its asset.
+        // Deleted in the meantime by another process, or with its asset.
         let row = row.ok_or(StoreError::Outdated("the upload's key"))?;
         Ok(KeyedUpload {
             request_sha256: get(&row, "request_sha256")?,
@@ -64,8 +64,7 @@ impl Store {
         })
     }
 
-    /// Keeps what an upload was answered with. Where an answer is kept already, that one stays and is
-    /// returned.
+    /// Stores the response to an upload. If a response is stored already, it is kept and returned.
     pub async fn finish_upload(
         &self,
         asset: &AssetId,
@@ -88,7 +87,7 @@ impl Store {
             .bind(key)
             .fetch_optional(self.read())
             .await?;
-        // No row: forgotten at this very moment, or gone with its asset.
+        // No row: deleted in the meantime by another process, or with its asset.
         let first: Option<Option<String>> = row.map(|row| get(&row, "answer")).transpose()?;
         Ok(first.flatten())
     }

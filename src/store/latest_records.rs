@@ -1,4 +1,4 @@
-//! What the latest record of each channel says, of all assets.
+//! The results of the latest record of each channel of all assets.
 
 use jiff::Timestamp;
 
@@ -6,10 +6,10 @@ use super::rows::{get, get_json, get_json_or_default, get_time};
 use super::{Store, StoreError};
 use crate::signal::Indicators;
 
-/// Channels read in one piece.
+/// Channels read in one query.
 const CHANNELS_AT_ONCE: i64 = 500;
 
-/// What the latest record of a channel says.
+/// The results of the latest record of a channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LatestRecord {
     /// The asset's name.
@@ -20,12 +20,12 @@ pub struct LatestRecord {
     pub start_time: Timestamp,
     /// The 5 %, 25 %, 50 %, 75 % and 95 % quantiles of the wear depth in µm.
     pub wear_um: [Option<f64>; 5],
-    /// Its indicators, those of the run up to it too.
+    /// Its indicators, including those that depend on the earlier records.
     pub indicators: Indicators,
 }
 
 impl Store {
-    /// The latest records of up to 500 channels behind one, in the order of assets and channels.
+    /// The latest records of up to 500 channels after the given one, in the order of assets and channels.
     pub async fn latest_records(&self, after: Option<(&str, &str)>) -> Result<Vec<LatestRecord>, StoreError> {
         let (asset, channel) = after.unwrap_or(("", ""));
         let rows = sqlx::query(

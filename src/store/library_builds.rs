@@ -1,15 +1,15 @@
-//! Which process builds which library, where several would.
+//! Leases for building a library, so that only one process builds it.
 
 use jiff::{SignedDuration, Timestamp};
 
 use super::rows::to_ns;
 use super::{Store, StoreError};
 
-/// How long a builder counts as alive after it last said so.
-const BUILDER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
+/// How long a builder counts as alive after its last renewal.
+const LEASE: SignedDuration = SignedDuration::from_secs(60);
 
 impl Store {
-    /// The right to build a library; false where another process has it.
+    /// Acquires the lease to build a library; returns false if another process has it.
     pub async fn begin_building(&self, library: &str, now: Timestamp) -> Result<bool, StoreError> {
         let now = self.now(now).await?;
         let begun = sqlx::query(
@@ -24,8 +24,8 @@ impl Store {
         Ok(begun.rows_affected() > 0)
     }
 
-    /// Says that a library is still being built.
-    pub async fn go_on_building(&self, library: &str, now: Timestamp) -> Result<(), StoreError> {
+    /// Renews the lease to build a library.
+    pub async fn renew_building(&self, library: &str, now: Timestamp) -> Result<(), StoreError> {
         let now = self.now(now).await?;
         sqlx::query("UPDATE library_builds SET builder_until_ns = $2 WHERE library_id = $1")
             .bind(library)
@@ -35,7 +35,7 @@ impl Store {
         Ok(())
     }
 
-    /// Gives up the right to build a library, so that whoever asks next has it at once.
+    /// Releases the lease to build a library, so that another process can acquire it at once.
     pub async fn end_building(&self, library: &str) -> Result<(), StoreError> {
         sqlx::query("DELETE FROM library_builds WHERE library_id = $1")
             .bind(library)
@@ -46,5 +46,5 @@ impl Store {
 }
 
 fn alive_until(now: Timestamp) -> Result<i64, StoreError> {
-    to_ns(now.saturating_add(BUILDER_ALIVE).unwrap_or(Timestamp::MAX))
+    to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))
 }

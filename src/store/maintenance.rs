@@ -11,17 +11,17 @@ use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::{AssetId, SegmentId};
 use crate::estimate::MaintenanceEvent;
 
-/// A maintenance event as it is stored.
+/// A stored maintenance event.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredEvent {
-    /// Identifier in its asset: that of its content.
+    /// Identifier within its asset: a hash of its content.
     pub id: String,
     /// The event.
     pub event: MaintenanceEvent,
 }
 
 impl StoredEvent {
-    /// Names an event.
+    /// Derives the identifier of an event.
     pub fn new(event: MaintenanceEvent) -> Result<Self, StoreError> {
         let content = to_json(&event, "event", "maintenance")?;
         let id = hex::encode(&Sha256::digest(content)[..8]);
@@ -39,7 +39,7 @@ impl Store {
         rows.iter().map(|row| Ok(event_of(row)?.event)).collect()
     }
 
-    /// Up to `limit` events of an asset, the latest first, from the first one after `after`.
+    /// Up to `limit` events of an asset, the latest first, that come after `after` in this order.
     pub async fn latest_maintenance(
         &self,
         asset: &AssetId,
@@ -62,7 +62,7 @@ impl Store {
         rows.iter().map(event_of).collect()
     }
 
-    /// An event of an asset; none where there is none of that identifier.
+    /// An event of an asset; `None` if there is none with that identifier.
     pub async fn maintenance_event(
         &self,
         asset: &AssetId,
@@ -78,8 +78,8 @@ impl Store {
 }
 
 impl Commit {
-    /// Adds an event; returns whether it was not there before. No channel is added to the asset before the
-    /// transaction's end.
+    /// Adds an event; returns whether it is new. No channel is added to the asset before the end of the
+    /// transaction.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn add_maintenance(
@@ -100,8 +100,8 @@ impl Commit {
         Ok(added.rows_affected() > 0)
     }
 
-    /// Removes an event; returns whether it was there. No channel is added to the asset before the
-    /// transaction's end.
+    /// Removes an event; returns whether it existed. No channel is added to the asset before the end of the
+    /// transaction.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn remove_maintenance(&mut self, asset: &AssetId, id: &str) -> Result<bool, StoreError> {
@@ -114,7 +114,7 @@ impl Commit {
         Ok(removed.rows_affected() > 0)
     }
 
-    /// Says that a channel's history is to be folded again where it reaches a time.
+    /// Marks a channel's history for folding again if it reaches a time.
     pub async fn fold_again_from(
         &mut self,
         channel: &ChannelSummary,

@@ -1,10 +1,10 @@
-//! The only SQL and the only raw-object paths.
+//! The store: the database and the raw objects. It contains the only SQL and the only object paths.
 //!
-//! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as
-//! they came, named by their hash, with notes of what makes records of them), `streams/` (samples that are
-//! not records yet) and `lock`. Where processes share a store, PostgreSQL and a bucket take their places, and
-//! there are no streams; statements and methods are the same. All methods speak in domain types; rows and
-//! statements do not leave this room.
+//! A data folder contains `flankwatch.db` (assets and derived data: segments, estimates), `raw/` (recordings
+//! as received, named by their hash, with the metadata needed to decode them), `streams/` (samples that are
+//! not part of a record yet) and `lock`. A store shared by several processes uses PostgreSQL and a bucket
+//! instead, and has no streams; statements and methods are the same. All methods use domain types; rows and
+//! statements do not leave this module.
 
 mod alarm_commit;
 mod alarms;
@@ -70,7 +70,7 @@ pub use channel_rows::ChannelRows;
 pub use commit::Commit;
 pub use error::StoreError;
 pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
-pub use generations::{AnalysisGeneration, MadeFrom, WearGeneration};
+pub use generations::{AnalysisGeneration, GenerationInputs, WearGeneration};
 pub use keyed_uploads::KeyedUpload;
 pub use latest_records::LatestRecord;
 pub use maintenance::StoredEvent;
@@ -93,7 +93,7 @@ pub use stream_levels::{StreamLevels, TimedLevel};
 pub use tokens::{StoredToken, TokenStore, TokensVersion};
 pub use trend::{Trend, WearPoint};
 
-/// The store; a clone is another handle to the same one.
+/// A handle to the store; clones share it.
 #[derive(Debug, Clone)]
 pub struct Store {
     inner: Arc<Inner>,
@@ -105,30 +105,30 @@ struct Inner {
     objects: Objects,
     trends: TrendCache,
     curves: CurveCache,
-    /// At which age an object that nothing refers to is removed, where others may be storing what refers to
-    /// it.
+    /// Age at which an unreferenced object is removed; `None` unless other processes share the store, which
+    /// may be about to commit a reference to it.
     orphan_age: Option<SignedDuration>,
-    /// Why nothing is removed from the objects.
-    held: Mutex<Option<String>>,
-    /// Something may have been written since the generation was raised.
+    /// Why removals from the objects are suspended; `None` while they are allowed.
+    removal_hold: Mutex<Option<String>>,
+    /// Whether something may have been written since the generation was raised.
     is_changed: AtomicBool,
-    /// Who is notified of alarms.
+    /// Recipients of alarm notifications.
     recipients: OnceLock<Arc<Recipients>>,
 }
 
 impl Store {
-    /// Opens a store: a data folder, made where it is missing, or what processes share. To be called inside a
-    /// runtime.
+    /// Opens a data folder, which is created if it does not exist, or a shared store. Must be called inside a
+    /// Tokio runtime.
     ///
-    /// Errors: the folder cannot be written, another process works on it, the database cannot be reached or
-    /// is of a later version, or the objects are those of other processes.
+    /// Errors: the folder cannot be written or is used by another process; the database cannot be reached or
+    /// has a newer version; the objects belong to another store.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
         let store = Self::connect(settings).await?;
         store.compare_marks(true).await?;
         Ok(store)
     }
 
-    /// The same in a data folder whose objects are on another disk; the database is on the system's.
+    /// Opens a data folder with its objects on the given disk; the database stays on the system's disk.
     pub async fn open_on(folder: &Path, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
         let database = Database::open_folder(folder).await?;
         let store = Self::of(database, Objects::open_on(folder.join("raw"), disk)?, None);
@@ -136,7 +136,7 @@ impl Store {
         Ok(store)
     }
 
-    /// The same, whichever store the objects are of: to make its database again.
+    /// Opens a store to rebuild its database, whichever store the objects belong to.
     pub async fn open_to_rebuild(settings: &StoreSettings) -> Result<Self, StoreError> {
         let store = Self::connect(settings).await?;
         store.compare_marks(false).await?;
@@ -166,32 +166,32 @@ impl Store {
                 trends: TrendCache::default(),
                 curves: CurveCache::default(),
                 orphan_age,
-                held: Mutex::default(),
+                removal_hold: Mutex::default(),
                 is_changed: AtomicBool::default(),
                 recipients: OnceLock::new(),
             }),
         }
     }
 
-    /// At which age an object that nothing refers to is removed; none where this process has the store to
-    /// itself and can tell.
+    /// Age at which an unreferenced object is removed; `None` if this process is alone on the store and knows
+    /// which objects are unreferenced.
     pub fn orphan_age(&self) -> Option<SignedDuration> {
         self.inner.orphan_age
     }
 
-    /// The raw recordings. Their methods block on the disk or the network.
+    /// The raw objects. Their methods block on the disk or the network.
     pub fn objects(&self) -> &Objects {
         &self.inner.objects
     }
 
-    /// Whether the database answers and is whole, as far as is known.
+    /// Checks that the database responds and that no damage of it is known.
     pub async fn check(&self) -> Result<(), StoreError> {
         self.check_whole()?;
         sqlx::query("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(self.read()).await?;
         Ok(())
     }
 
-    /// Whether the database takes what is written to it, found out by a small committed change.
+    /// Checks that the database is writable, by committing a small change.
     pub async fn check_writable(&self, local: Timestamp) -> Result<(), StoreError> {
         self.check_whole()?;
         sqlx::query(
@@ -203,17 +203,17 @@ impl Store {
         Ok(())
     }
 
-    /// What is known to be damaged of the database; nothing is written to it any more.
+    /// The known damage of the database, after which nothing is written to it; `None` if no damage is known.
     pub fn damage(&self) -> Option<&str> {
         self.inner.database.damage.get()
     }
 
-    /// Notes what a statement says of the database's file.
+    /// Records damage of the database file that a statement reported.
     pub fn note_damage(&self, what: String) {
         self.inner.database.damage.note(what);
     }
 
-    /// The raw objects of a store, without its database. To be called inside a runtime.
+    /// Opens the raw objects of a store without its database. Must be called inside a Tokio runtime.
     pub fn open_objects(settings: &StoreSettings) -> Result<Objects, StoreError> {
         match settings {
             StoreSettings::Folder(folder) => Ok(Objects::open_to_read(folder.join("raw"))),
@@ -222,7 +222,7 @@ impl Store {
         }
     }
 
-    /// Refuses to write to a damaged database.
+    /// Returns an error if the database is known to be damaged.
     fn check_whole(&self) -> Result<(), StoreError> {
         let path = self.inner.database.path.as_deref().unwrap_or(Path::new("flankwatch.db"));
         match self.damage() {
@@ -231,15 +231,15 @@ impl Store {
         }
     }
 
-    /// Writes what is still in the log into the database and closes it.
+    /// Checkpoints the write-ahead log and closes the database.
     pub async fn close(&self) {
         self.inner.database.close().await;
     }
 
-    /// Says who is notified of what happens to alarms from now on; before anything is written, and once.
+    /// Sets the recipients of alarm notifications. To be called once, before anything is written.
     pub fn notify(&self, recipients: Recipients) {
         if self.inner.recipients.set(Arc::new(recipients)).is_err() {
-            tracing::warn!("those who are notified of alarms stay those who were named first");
+            tracing::warn!("ignored a second list of alarm recipients: they are set once");
         }
     }
 
@@ -247,7 +247,7 @@ impl Store {
         self.inner.recipients.get().map(Arc::clone).unwrap_or_default()
     }
 
-    /// Whether other processes work on it as well.
+    /// Whether other processes use the store as well.
     pub fn is_shared(&self) -> bool {
         self.inner.orphan_age.is_some()
     }

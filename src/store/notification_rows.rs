@@ -1,4 +1,4 @@
-//! Notifications on their way: which is tried next and by whom, and what became of it.
+//! Delivery of notifications: which one is attempted next and by which process, and the outcomes.
 
 use jiff::{SignedDuration, Timestamp};
 use sqlx::any::AnyRow;
@@ -6,64 +6,64 @@ use sqlx::any::AnyRow;
 use super::rows::{from_ns, get, get_count, get_json, get_time, to_ns};
 use super::{Notification, Store, StoreError};
 
-/// How long those are kept that are sent or given up, and those that nobody sends because their recipient is
-/// in no settings any more.
+/// How long notifications are kept that are sent or given up, or whose recipient is no longer in any
+/// settings.
 const KEPT: SignedDuration = SignedDuration::from_hours(30 * 24);
 
-/// A notification that this process has the right to send.
+/// A notification leased by this process for sending.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PendingNotification {
-    /// What is told.
+    /// The notification.
     pub notification: Notification,
-    /// To whom.
+    /// The name of the recipient.
     pub recipient: String,
-    /// How often it was tried, this time included.
+    /// Number of attempts, including this one.
     pub attempts: u64,
 }
 
-/// What became of an attempt.
+/// The outcome of an attempt.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Attempt {
-    /// The recipient has it.
+    /// The recipient accepted it.
     Sent,
-    /// It failed, and is tried again.
+    /// It failed and will be retried.
     Failed {
         /// Why it failed.
         error: String,
-        /// When it is tried again, by the store's clock.
+        /// When it will be retried, by the store's clock.
         again_at: Timestamp,
     },
-    /// It failed, and is not tried again.
+    /// It failed and will not be retried.
     GivenUp {
         /// Why it failed.
         error: String,
     },
 }
 
-/// How the notifications of a recipient stand.
+/// The status of a recipient's notifications.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Notified {
     /// The recipient's name.
     pub recipient: String,
-    /// Notifications that are not sent yet.
+    /// Number of notifications that are not sent yet.
     pub waiting: u64,
-    /// When the oldest of them was noted.
+    /// When the oldest of them was created.
     pub oldest_at: Option<Timestamp>,
-    /// Those sent in the last 30 days.
+    /// Number sent in the last 30 days.
     pub sent: u64,
     /// When the last of them was sent.
     pub last_sent_at: Option<Timestamp>,
-    /// Those given up in the last 30 days.
+    /// Number given up in the last 30 days.
     pub given_up: u64,
-    /// Why the latest of those that wait or are given up failed; none where none has failed.
+    /// Why the latest failed one of those waiting or given up failed; `None` if none has failed.
     pub error: Option<String>,
 }
 
 impl Store {
-    /// The right to send the next notification of a recipient that is due; none where none is. Who does not
-    /// say within `lease` what became of it loses the right.
+    /// Leases the next due notification of a recipient; returns `None` if none is due. The lease expires
+    /// unless the outcome is reported within `lease`.
     ///
-    /// Those of one alarm go out one after the other, in the order in which they were noted.
+    /// Notifications of one alarm are sent one after the other, in the order in which they were created.
     pub async fn next_notification(
         &self,
         recipient: &str,
@@ -97,7 +97,7 @@ impl Store {
             .bind(to_ns(until)?)
             .fetch_optional(self.write())
             .await?;
-            // Where another process was faster, the next one may be free.
+            // If another process leased it first, the next one may be free.
             if let Some(row) = taken {
                 return Ok(Some(PendingNotification {
                     notification: get_json(&row, "notification", &id)?,
@@ -108,7 +108,7 @@ impl Store {
         }
     }
 
-    /// Says what became of an attempt, unless somebody else tries it by now.
+    /// Reports the outcome of an attempt, unless another process has leased the notification since.
     pub async fn end_attempt(
         &self,
         pending: &PendingNotification,
@@ -137,7 +137,7 @@ impl Store {
         Ok(())
     }
 
-    /// How the notifications stand: of each recipient that this process knows, and of each that has any.
+    /// The status of the notifications of each recipient that this process knows, and of each that has any.
     pub async fn notified(&self) -> Result<Vec<Notified>, StoreError> {
         let known = self.recipients();
         let named = known.list.iter().map(|recipient| recipient.name.clone());
@@ -171,7 +171,7 @@ impl Store {
         Ok(all)
     }
 
-    /// Removes notifications that nobody asks for any more.
+    /// Removes old notifications.
     pub async fn forget_notifications(&self, local: Timestamp) -> Result<(), StoreError> {
         self.check_whole()?;
         let now = self.now(local).await?;

@@ -1,5 +1,4 @@
-//! Who is notified of which change of an alarm, and what they are told; written in the transaction that makes
-//! the change.
+//! Notifications about changes of alarms, written in the transaction of the change.
 
 use std::sync::Arc;
 
@@ -13,22 +12,22 @@ use super::{AlarmNotice, StoreError};
 use crate::asset::AssetId;
 use crate::estimate::{AlarmQuantity, AlarmRule, AlarmState, Severity};
 
-/// Somebody who is notified.
+/// A recipient of notifications.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Recipient {
-    /// Their name in the settings.
+    /// Its name in the settings.
     pub name: String,
-    /// They are told of what reaches this severity, and of its end.
+    /// The minimum severity: the recipient is notified of alarms that reach it, and of their end.
     pub at_least: Severity,
 }
 
-/// All who are notified.
+/// All recipients of notifications.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Recipients {
-    /// Each of them.
+    /// The recipients.
     pub list: Vec<Recipient>,
-    /// An alarm that is raised by a record or event older than this is told to nobody: old recordings that
-    /// are imported are no news.
+    /// Maximum age of the record or event that raises an alarm: older ones, such as those of imported
+    /// recordings, cause no notification.
     pub newer_than: SignedDuration,
 }
 
@@ -38,17 +37,17 @@ impl Default for Recipients {
     }
 }
 
-/// What happened to an alarm, compared with what was told before.
+/// The change of an alarm relative to the previous notification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NotificationKind {
-    /// Nothing was raised before.
+    /// The alarm was raised.
     Raised,
-    /// The severity rose.
+    /// The severity increased.
     Worsened,
-    /// The severity fell.
+    /// The severity decreased.
     Eased,
-    /// Nothing is raised any more.
+    /// The alarm was cleared.
     Cleared,
 }
 
@@ -74,16 +73,16 @@ impl NotificationKind {
     }
 }
 
-/// What the recipients are told of a change.
+/// A notification about a change of an alarm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Notification {
-    /// Identifier; the same whenever this is sent again, and to whomever.
+    /// Identifier; the same for each attempt and each recipient.
     pub id: String,
-    /// Rises with the notifications of this alarm.
+    /// Sequence number among the notifications of this alarm.
     pub number: u64,
-    /// What happened.
+    /// The kind of change.
     pub kind: NotificationKind,
-    /// When it was noted.
+    /// When it was created.
     pub noted_at: Timestamp,
     /// The alarm.
     pub alarm_id: String,
@@ -91,23 +90,23 @@ pub struct Notification {
     pub asset_id: AssetId,
     /// The channel.
     pub channel: String,
-    /// What the alarm watches.
+    /// The quantity that the alarm watches.
     pub quantity: AlarmQuantity,
-    /// Its rule; none where the asset has no such rule any more.
+    /// Its rule; `None` if the asset no longer has it.
     pub rule: Option<AlarmRule>,
-    /// The severity now; none where nothing is raised.
+    /// The current severity; `None` if the alarm is not raised.
     pub severity: Option<Severity>,
-    /// The severity that was told before.
+    /// The severity in the previous notification.
     pub severity_before: Option<Severity>,
     /// The time of the record or event that caused it.
     pub time: Timestamp,
-    /// The reading that caused it, in the unit of the quantity; none where it was no reading.
+    /// The reading that caused it, in the unit of the quantity; `None` if it was not caused by a reading.
     pub value: Option<f64>,
 }
 
 impl Commit {
-    /// Keeps a notification for each recipient whom a change concerns: one that makes the alarm stand
-    /// otherwise than was told last. Nothing is told of a shelved alarm before its shelving is over.
+    /// Stores a notification for each recipient concerned if a change gives the alarm another severity than
+    /// the previous notification. A shelved alarm causes none until its shelving ends.
     pub(super) async fn note_for_recipients(
         &mut self,
         notice: &AlarmNotice,
@@ -121,9 +120,9 @@ impl Commit {
             .bind(alarm.id.as_str())
             .fetch_one(&mut *self.transaction)
             .await?;
-        let told: Option<String> = get(&row, "told_severity")?;
-        let before = told.as_deref().and_then(Severity::from_name);
-        // What no rule watches any more is over, whatever was said of it last.
+        let last_severity: Option<String> = get(&row, "told_severity")?;
+        let before = last_severity.as_deref().and_then(Severity::from_name);
+        // An alarm without a rule is cleared, whatever its last severity.
         let after = alarm.rule.as_ref().and(change.severity);
         let Some(kind) = NotificationKind::between(before, after) else {
             return Ok(());
@@ -164,7 +163,7 @@ impl Commit {
         Ok(())
     }
 
-    /// The time: where processes share the store by the database's clock, as for who sends.
+    /// The current time: on a shared store by the database's clock, which the senders use too.
     async fn time(&mut self, local: Timestamp) -> Result<Timestamp, StoreError> {
         let Some(text) = self.dialect.time_ns() else {
             return Ok(local);
@@ -179,7 +178,7 @@ impl Commit {
         recipient: &str,
     ) -> Result<(), StoreError> {
         let id = notification.id.as_str();
-        // Due at once, whatever the clock that asks.
+        // Due at once by any clock.
         sqlx::query(
             "INSERT INTO notifications (id, recipient, alarm_id, number, notification, noted_at_ns, progress, attempts, due_at_ns)
              VALUES ($1, $2, $3, $4, $5, $6, 'waiting', 0, 0)",
@@ -196,8 +195,8 @@ impl Commit {
     }
 }
 
-/// The name of an alarm's notification. The time tells it from that of an alarm of the same name before its
-/// asset was deleted.
+/// The identifier of a notification. The time distinguishes it from one of an alarm with the same id of a
+/// deleted asset.
 fn notification_id(alarm: &str, number: i64, noted_at: Timestamp) -> String {
     let text = format!("{alarm} {number} {noted_at}");
     hex::encode(&Sha256::digest(text)[..16])

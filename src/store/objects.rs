@@ -24,12 +24,13 @@ pub use mark::StoreMark;
 pub use notes::{AssetNote, RecordNote, RemovalNote};
 pub use quarantine::Quarantined;
 
-/// Written to find out whether there can be written. It is always the same file, and nothing reads it.
+/// Path of the file written to check for write access; nothing reads it.
 const WRITE_PROBE: &str = "probes/write";
 
 /// Immutable objects named by the SHA-256 of their bytes.
 ///
-/// Every method blocks on the disk or the network: call from a worker thread, not from an async one.
+/// Every method blocks on the disk or the network: to be called on a blocking or worker thread, not on an
+/// async one.
 #[derive(Debug)]
 pub struct Objects {
     backend: Backend,
@@ -42,18 +43,18 @@ enum Backend {
     Bucket(bucket::Bucket),
 }
 
-/// An object as it is listed.
+/// An entry in a list of objects.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ListedObject {
     /// Its name.
     pub name: String,
     /// Its size in bytes.
     pub bytes: u64,
-    /// When it was last written, by the clock of where it is kept.
+    /// When it was last written, by the clock of the object store.
     pub written_at: Timestamp,
 }
 
-/// A file as it is listed.
+/// An entry in a list of files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct ListedFile {
     path: String,
@@ -61,23 +62,23 @@ struct ListedFile {
 }
 
 impl Objects {
-    /// Opens a folder, making it where it is missing and clearing what an interrupted write left behind.
+    /// Opens a folder, which is created if missing, and removes the files of interrupted writes.
     pub fn open(folder: impl Into<PathBuf>) -> Result<Self, StoreError> {
         Self::open_on(folder, Arc::new(SystemDisk))
     }
 
-    /// The same on another disk.
+    /// Opens a folder on the given disk.
     pub(super) fn open_on(folder: impl Into<PathBuf>, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
         Ok(Self { backend: Backend::Folder(folder::Folder::open(folder.into(), disk)?) })
     }
 
-    /// Opens a folder that is there; what another process is writing is left alone.
+    /// Opens an existing folder without removing unfinished files, which another process may be writing.
     pub(super) fn open_to_read(folder: impl Into<PathBuf>) -> Self {
         Self { backend: Backend::Folder(folder::Folder::open_to_read(folder.into())) }
     }
 
-    /// Opens what other processes write to as well. To be called inside the runtime, which does the requests
-    /// to a bucket.
+    /// Opens objects that other processes write to as well. Must be called inside a Tokio runtime, which
+    /// performs the requests to a bucket.
     #[cfg(feature = "postgres")]
     pub(super) fn open_shared(settings: &super::ObjectsSettings) -> Result<Self, StoreError> {
         let backend = match settings {
@@ -90,15 +91,15 @@ impl Objects {
         Ok(Self { backend })
     }
 
-    /// The name that bytes are stored under: their SHA-256 in lower-case hexadecimal.
+    /// The name under which bytes are stored: their SHA-256 in lower-case hexadecimal.
     pub fn name(bytes: &[u8]) -> String {
-        // Every record is hashed: on a processor without instructions for it this is twice as fast as what
-        // hashes keys elsewhere.
+        // Every record is hashed: without SHA instructions this implementation is twice as fast as the one
+        // that hashes keys elsewhere.
         hex::encode(digest(&SHA256, bytes).as_ref())
     }
 
-    /// Stores every object under the name that [`name`](Self::name) gives its bytes, and what makes `records`
-    /// of them; when this returns they are durable, and so are their names.
+    /// Stores every object under its [`name`](Self::name), with the note needed to decode `records` from
+    /// them; bytes and names are durable once this returns.
     pub fn put_all(&self, objects: &[(String, Bytes)], records: &[RecordNote]) -> Result<(), StoreError> {
         let note = self.note_of(records)?;
         match &self.backend {
@@ -108,13 +109,14 @@ impl Objects {
         }
     }
 
-    /// The bytes of an object, checked against its name.
+    /// Reads an object and checks its bytes against its name.
     pub fn get(&self, name: &str) -> Result<Bytes, StoreError> {
         let bytes = self.file(&self.object_path(name))?;
         whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
     }
 
-    /// Whether an object is there with as many bytes; they are not read where the size is listed.
+    /// Checks that an object exists with this number of bytes. Its bytes are read only if its size differs;
+    /// in a bucket only its existence is checked.
     pub(super) fn check_size(&self, name: &str, bytes: u64) -> Result<(), StoreError> {
         match &self.backend {
             Backend::Folder(folder) => match folder.size(name)? {
@@ -130,55 +132,55 @@ impl Objects {
         }
     }
 
-    /// Whether there is room for a small record, where that is known.
-    pub fn check_room(&self) -> Result<(), StoreError> {
+    /// Checks that there is free space for a small record; always succeeds for a bucket.
+    pub fn check_free_space(&self) -> Result<(), StoreError> {
         match &self.backend {
-            Backend::Folder(folder) => folder.check_room(),
+            Backend::Folder(folder) => folder.check_free_space(),
             #[cfg(feature = "s3")]
             Backend::Bucket(_) => Ok(()),
         }
     }
 
-    /// Whether a file can be written beside the objects.
+    /// Checks that a file can be written beside the objects.
     pub fn check_writable(&self) -> Result<(), StoreError> {
         self.put_file(WRITE_PROBE, Bytes::new())
     }
 
-    /// Removes an object; one that is not there is no error.
+    /// Removes an object; a missing object is no error.
     pub fn remove(&self, name: &str) -> Result<(), StoreError> {
         self.remove_file(&self.object_path(name))
     }
 
-    /// When an object was last written; none where it is not there.
+    /// When an object was last written; `None` if it does not exist.
     pub fn written_at(&self, name: &str) -> Result<Option<Timestamp>, StoreError> {
         self.file_written_at(&self.object_path(name))
     }
 
-    /// Keeps the file of a library under the library's name, for every process.
+    /// Stores the file of a library under its name, shared by all processes.
     pub fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
         self.put_file(&library_path(id), bytes)
     }
 
-    /// The file of a library that a process keeps under its name; none where there is none.
+    /// Reads the shared file of a library; `None` if it does not exist.
     pub fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
         self.file(&library_path(id))
     }
 
-    /// Keeps a piece of an upload and returns its name, which is the hash of its bytes; when this returns it
-    /// is durable.
+    /// Stores a piece of an upload and returns its name, which is the hash of its bytes; durable once this
+    /// returns.
     pub fn put_piece(&self, upload: &str, bytes: Bytes) -> Result<String, StoreError> {
         let name = Self::name(&bytes);
         self.put_file(&piece_path(upload, &name), bytes)?;
         Ok(name)
     }
 
-    /// A piece of an upload, checked against its name.
+    /// Reads a piece of an upload and checks its bytes against its name.
     pub fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
         let bytes = self.file(&piece_path(upload, name))?;
         whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
     }
 
-    /// Removes everything that is kept of an upload.
+    /// Removes all pieces of an upload.
     pub fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.remove_pieces(upload),
@@ -187,7 +189,7 @@ impl Objects {
         }
     }
 
-    /// The uploads of which there are pieces.
+    /// Lists the uploads that have pieces.
     pub fn uploads(&self) -> Result<Vec<String>, StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.uploads(),
@@ -196,7 +198,7 @@ impl Objects {
         }
     }
 
-    /// The objects whose names begin with this byte.
+    /// Lists the objects whose names start with this byte.
     pub fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         match &self.backend {
             Backend::Folder(folder) => folder.list(shard),
@@ -206,7 +208,7 @@ impl Objects {
     }
 }
 
-/// Files by their paths: of objects, and of what is kept beside them.
+/// Files by path: objects, and the files beside them.
 impl Objects {
     fn object_path(&self, name: &str) -> String {
         match &self.backend {
@@ -281,7 +283,7 @@ fn piece_path(upload: &str, name: &str) -> String {
     format!("uploads/{upload}/{name}")
 }
 
-/// Bytes that are what their name says.
+/// Checks bytes against their name.
 fn whole(name: &str, bytes: Bytes) -> Result<Bytes, StoreError> {
     let found = Objects::name(&bytes);
     if found == name {
@@ -291,7 +293,7 @@ fn whole(name: &str, bytes: Bytes) -> Result<Bytes, StoreError> {
     }
 }
 
-/// Whether a text can be the name of an object.
+/// Whether a text is a valid object name.
 fn is_name(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit())
 }

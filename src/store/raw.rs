@@ -1,4 +1,4 @@
-//! Which raw objects are kept for which asset, and how many bytes they are.
+//! The raw objects of each asset, and their total sizes.
 
 use std::collections::{HashMap, HashSet};
 
@@ -8,30 +8,30 @@ use super::rows::{get, get_count, placeholders};
 use super::{Store, StoreError};
 use crate::asset::AssetId;
 
-/// Names asked for by one statement.
+/// Maximum number of names in one query.
 const NAMES_AT_ONCE: usize = 500;
 
-/// Raw objects that were given up.
+/// Raw objects deleted by the retention.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct GivenUp {
-    /// How many, counted once for each asset.
+    /// Their number, counted once for each asset.
     pub objects: u64,
-    /// Their bytes.
+    /// Their total size in bytes.
     pub bytes: u64,
-    /// What is left is within the quota.
+    /// Whether the remaining ones are within the quota.
     pub is_within: bool,
-    /// Names of those that nothing refers to any more.
+    /// Names of those that are no longer referenced.
     pub orphans: Vec<String>,
 }
 
 impl Store {
-    /// Bytes of raw objects kept for each asset; an object that two assets have counts for both.
+    /// Total size in bytes of the raw objects of each asset; an object of two assets counts for both.
     pub async fn raw_volumes(&self) -> Result<HashMap<String, u64>, StoreError> {
         let rows = sqlx::query("SELECT asset_id, bytes FROM raw_volumes").fetch_all(self.read()).await?;
         rows.iter().map(|row| Ok((get(row, "asset_id")?, get_count(row, "bytes")?))).collect()
     }
 
-    /// Whether a raw object is kept for an asset: not any more after it was given up.
+    /// Whether an asset still has a raw object: not after the retention deleted it.
     pub async fn keeps_raw(&self, asset: &AssetId, name: &str) -> Result<bool, StoreError> {
         let row = sqlx::query("SELECT bytes FROM raw_objects WHERE sha256 = $1 AND asset_id = $2")
             .bind(name)
@@ -41,17 +41,17 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Gives up the oldest raw objects, of one asset or of all, until they are within `quota` bytes or `most`
-    /// objects are gone; one process at a time, so that no more go than need to. Their segments stay. The
-    /// files are the caller's to remove.
-    pub async fn give_up_oldest(
+    /// Deletes the rows of the oldest raw objects, of one asset or of all, until the rest is within `quota`
+    /// bytes or `most` objects are deleted. One process at a time, so that no more are deleted than
+    /// necessary. Their segments are kept. The caller removes the files.
+    pub async fn delete_oldest_raw(
         &self,
         asset: Option<&AssetId>,
         quota: u64,
         most: u32,
     ) -> Result<GivenUp, StoreError> {
         let mut transaction = self.write().begin().await?;
-        // Others wait here until this transaction's end, and then see what it has left.
+        // Other processes wait here until the end of this transaction, and then see its result.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'retention'")
             .execute(&mut *transaction)
             .await?;
@@ -83,7 +83,7 @@ impl Store {
                 .execute(&mut *transaction)
                 .await?;
             if deleted.rows_affected() == 0 {
-                // Another process was first.
+                // Another process deleted it first.
                 continue;
             }
             sqlx::query("UPDATE raw_volumes SET bytes = bytes - $2 WHERE asset_id = $1")
@@ -105,7 +105,7 @@ impl Store {
         Ok(given_up)
     }
 
-    /// Those of the names that no asset keeps.
+    /// Returns the names that no asset references.
     pub async fn orphans_among(&self, names: Vec<String>) -> Result<Vec<String>, StoreError> {
         let mut snapshot = self.read().begin().await?;
         let kept = kept_among(&mut snapshot, &names).await?;
@@ -113,7 +113,7 @@ impl Store {
     }
 }
 
-/// Bytes of raw objects kept for an asset, or for all.
+/// Total size in bytes of the raw objects of an asset, or of all.
 async fn volume(
     transaction: &mut Transaction<'static, Any>,
     asset: Option<&AssetId>,
@@ -131,7 +131,7 @@ async fn volume(
     Ok(u64::try_from(get::<i64>(&row, "volume")?).unwrap_or(0))
 }
 
-/// Those of the names that an asset keeps.
+/// Returns the names that an asset references.
 pub(super) async fn kept_among(
     transaction: &mut Transaction<'static, Any>,
     names: &[String],

@@ -1,4 +1,4 @@
-//! The small curve of a channel's wear in lists of assets: a few picks over its whole history, without
+//! The small curve of a channel's wear in lists of assets: a few samples over its whole history, without
 //! reading the history.
 
 use std::collections::HashMap;
@@ -7,42 +7,42 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::rows::{get, to_ns};
 use super::{ChannelSummary, Store, StoreError};
 
-/// Picks over a history.
+/// Number of samples over a history.
 const PICKS: i64 = 40;
 
-/// Channels whose curves are held in memory.
+/// Maximum number of channels whose curves are cached.
 const MAX_CHANNELS: usize = 10_000;
 
-/// The curves in memory by channel number.
+/// The cached curves by channel number.
 #[derive(Debug, Default)]
 pub(super) struct CurveCache(Mutex<HashMap<i64, CachedCurve>>);
 
 #[derive(Debug)]
 struct CachedCurve {
-    /// The channel's revision when it was read.
+    /// The channel's revision at which it was read.
     revision: i64,
     curve: Arc<[f64]>,
 }
 
 impl Store {
-    /// Medians of the wear depth in µm at 40 moments or fewer, evenly from the first record to the last;
-    /// records without an estimate are left out.
+    /// Returns medians of the wear depth in µm at up to 40 times, evenly spaced from the first record to the
+    /// last; records without an estimate are skipped.
     pub async fn wear_curve(&self, channel: &ChannelSummary) -> Result<Arc<[f64]>, StoreError> {
         let (Some(first), Some(last)) = (channel.first_start_time, channel.last_start_time) else {
             return Ok(Arc::default());
         };
         let cache = &self.inner.curves.0;
-        let held = cache
+        let cached = cache
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .get(&channel.channel_no)
-            .filter(|held| held.revision >= channel.revision)
-            .map(|held| Arc::clone(&held.curve));
-        if let Some(curve) = held {
+            .filter(|cached| cached.revision >= channel.revision)
+            .map(|cached| Arc::clone(&cached.curve));
+        if let Some(curve) = cached {
             return Ok(curve);
         }
         let (first_ns, last_ns) = (to_ns(first)?, to_ns(last)?);
-        // Each moment's first record at or after it is one look into the index.
+        // The first record at or after each time is one lookup in the index.
         let rows = sqlx::query(
             "WITH RECURSIVE moments (n, time_ns) AS (
                 SELECT CAST(0 AS BIGINT), CAST($2 AS BIGINT)
@@ -72,12 +72,12 @@ impl Store {
             before = id;
         }
         let curve: Arc<[f64]> = curve.into();
-        let mut held = cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if held.len() >= MAX_CHANNELS {
-            held.clear();
+        let mut cached = cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if cached.len() >= MAX_CHANNELS {
+            cached.clear();
         }
         let entry = CachedCurve { revision: channel.revision, curve: Arc::clone(&curve) };
-        held.insert(channel.channel_no, entry);
+        cached.insert(channel.channel_no, entry);
         Ok(curve)
     }
 }

@@ -1,4 +1,4 @@
-//! What was said of each record of a channel, for those who judge a whole history by it.
+//! The results of each record of a channel, for evaluating a whole history.
 
 use super::rows::{from_ns, get, get_json, get_json_or_default, to_ns};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
@@ -9,19 +9,18 @@ use crate::signal::Indicators;
 /// The results of one record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordResults {
-    /// Its place in its channel.
+    /// Its key in its channel.
     pub key: SegmentKey,
-    /// People excluded it.
+    /// Whether it is excluded.
     pub excluded: bool,
     /// The wear estimate, without its posterior.
     pub wear: WearEstimate,
-    /// Indicators of the record, and of the run up to it.
+    /// Indicators of the record alone, and those that depend on the earlier records.
     pub indicators: [Indicators; 2],
 }
 
 impl Store {
-    /// Up to `limit` records of a channel with their results as they are served, in the order of time, from
-    /// the first one after `after`.
+    /// Up to `limit` records of a channel after `after` with their served results, in the order of time.
     pub async fn record_results(
         &self,
         channel: &ChannelSummary,

@@ -1,4 +1,4 @@
-//! Removing records of an asset.
+//! Removal of an asset's records.
 
 use std::collections::{BTreeSet, HashSet};
 
@@ -10,7 +10,7 @@ use super::rows::{from_ns, get, placeholders, to_ns};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::{AssetId, Segment, SegmentId};
 
-/// Which records of an asset.
+/// Selects records of an asset.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RecordRange {
     /// Only those of this channel.
@@ -19,12 +19,12 @@ pub struct RecordRange {
     pub from: Option<Timestamp>,
     /// Only those that start before this time.
     pub to: Option<Timestamp>,
-    /// Only those of these raw bytes.
+    /// Only those with these raw bytes.
     pub raw_sha256: Option<String>,
 }
 
 impl RecordRange {
-    /// One record.
+    /// Selects one record.
     pub fn of(segment: &Segment) -> Self {
         let next = segment.start_time.saturating_add(SignedDuration::from_nanos(1));
         Self {
@@ -36,24 +36,24 @@ impl RecordRange {
     }
 }
 
-/// Records that were removed.
+/// The records removed by one call.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RemovedRecords {
-    /// Which.
+    /// Their segments.
     pub segments: Vec<SegmentId>,
-    /// Names of the raw objects that nothing refers to any more.
+    /// Names of the raw objects that are no longer referenced.
     pub orphans: Vec<String>,
 }
 
-/// A record that is to go.
-struct Going {
+/// A record to be removed.
+struct RemovableRecord {
     key: SegmentKey,
     raw_sha256: String,
 }
 
 impl Store {
-    /// Removes up to `limit` records of each channel of an asset, the earliest ones, with everything that is
-    /// said of them. Histories that they were part of are to be folded again.
+    /// Removes up to `limit` records of each channel of an asset, the earliest first, with all their results.
+    /// Marks the histories that contained them for folding again.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn remove_records(
@@ -71,19 +71,19 @@ impl Store {
         let mut names = BTreeSet::new();
         for channel in &channels {
             let channel = commit.channel_again(channel).await?;
-            let going = commit.records_in(&channel, range, limit).await?;
-            let Some(first) = going.first().map(|going| going.key.clone()) else {
+            let records = commit.records_in(&channel, range, limit).await?;
+            let Some(first) = records.first().map(|record| record.key.clone()) else {
                 continue;
             };
-            for going in &going {
+            for record in &records {
                 sqlx::query("DELETE FROM segments WHERE id = $1")
-                    .bind(going.key.id.0.as_str())
+                    .bind(record.key.id.0.as_str())
                     .execute(&mut *commit.transaction)
                     .await?;
             }
             commit.without(channel, first).await?;
-            names.extend(going.iter().map(|going| going.raw_sha256.clone()));
-            removed.segments.extend(going.into_iter().map(|going| going.key.id));
+            names.extend(records.iter().map(|record| record.raw_sha256.clone()));
+            removed.segments.extend(records.into_iter().map(|record| record.key.id));
         }
         removed.orphans = commit.count_raw_gone(asset, names.into_iter().collect()).await?;
         commit.finish().await?;
@@ -100,7 +100,7 @@ impl Commit {
         channel: &ChannelSummary,
         range: &RecordRange,
         limit: u32,
-    ) -> Result<Vec<Going>, StoreError> {
+    ) -> Result<Vec<RemovableRecord>, StoreError> {
         let rows = sqlx::query(
             "SELECT id, start_time_ns, raw_sha256 FROM segments
              WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (raw_sha256 = $4 OR $4 = '')
@@ -113,8 +113,8 @@ impl Commit {
         .bind(i64::from(limit))
         .fetch_all(&mut *self.transaction)
         .await?;
-        let going = rows.iter().map(|row| {
-            Ok(Going {
+        let records = rows.iter().map(|row| {
+            Ok(RemovableRecord {
                 key: SegmentKey {
                     start_time: from_ns(get(row, "start_time_ns")?),
                     id: SegmentId(get(row, "id")?),
@@ -122,11 +122,11 @@ impl Commit {
                 raw_sha256: get(row, "raw_sha256")?,
             })
         });
-        going.collect()
+        records.collect()
     }
 
-    /// Counts a channel's records again after some have gone, the first of them at a place; a channel without
-    /// any goes too, with its alarms.
+    /// Updates a channel after the removal of records, the earliest of which was at `first`. A channel
+    /// without records is deleted with its alarms.
     async fn without(&mut self, mut channel: ChannelSummary, first: SegmentKey) -> Result<(), StoreError> {
         let count = sqlx::query("SELECT COUNT(*) AS segments FROM segments WHERE channel_no = $1")
             .bind(channel.channel_no)
@@ -158,8 +158,8 @@ impl Commit {
         self.set_channel(&mut channel, true).await
     }
 
-    /// Counts raw objects of an asset no longer of which it has no record any more; returns those that no
-    /// asset keeps then.
+    /// Subtracts raw objects for which an asset has no record any more from its volume; returns those that no
+    /// asset references any more.
     async fn count_raw_gone(
         &mut self,
         asset: &AssetId,

@@ -1,11 +1,10 @@
-//! Replays, so that they outlive the process. What a replay is, is the caller's: here it is text under a
-//! number.
+//! Storage of replays as numbered texts, whose format is up to the caller.
 
 use super::rows::get;
 use super::{Store, StoreError};
 
 impl Store {
-    /// Sets what is known of a replay.
+    /// Inserts or replaces a replay.
     pub async fn save_replay(&self, number: u64, replay: &str) -> Result<(), StoreError> {
         sqlx::query("INSERT INTO replays (number, replay) VALUES ($1, $2) ON CONFLICT (number) DO UPDATE SET replay = excluded.replay")
             .bind(i64::try_from(number).unwrap_or(i64::MAX))
@@ -15,7 +14,7 @@ impl Store {
         Ok(())
     }
 
-    /// Forgets all replays before a number.
+    /// Deletes all replays before a number.
     pub async fn forget_replays_before(&self, number: u64) -> Result<(), StoreError> {
         sqlx::query("DELETE FROM replays WHERE number < $1")
             .bind(i64::try_from(number).unwrap_or(i64::MAX))
@@ -24,7 +23,7 @@ impl Store {
         Ok(())
     }
 
-    /// All replays that are known, by their numbers.
+    /// All stored replays, by number.
     pub async fn saved_replays(&self) -> Result<Vec<(u64, String)>, StoreError> {
         let rows =
             sqlx::query("SELECT number, replay FROM replays ORDER BY number").fetch_all(self.read()).await?;

@@ -1,7 +1,7 @@
-//! Resumable uploads that any process goes on with: how far each is in a row, what has come of it in objects.
+//! Resumable uploads that any process can continue: their progress in rows, their bytes in objects.
 //!
-//! A piece is an object before the row says that it is there. Who comes second with the bytes of one place,
-//! or after the upload has gone, finds the row changed, and nothing of his is counted.
+//! A piece is stored as an object before the row counts it. A second sender of the same range, or one after
+//! the upload is gone, finds the row changed, and its piece is not counted.
 
 use jiff::{SignedDuration, Timestamp};
 use sqlx::any::AnyRow;
@@ -10,20 +10,20 @@ use super::rows::{asset_id, from_ns, get, get_count, get_time, to_ns};
 use super::{Store, StoreError};
 use crate::asset::AssetId;
 
-/// How long a process that reads an upload counts as alive after it last said so.
-const READER_ALIVE: SignedDuration = SignedDuration::from_secs(20);
+/// How long a process that reads an upload counts as alive after its last renewal.
+const LEASE: SignedDuration = SignedDuration::from_secs(20);
 
-/// Characters of an identifier that are the same for all uploads of one client.
+/// Length of the prefix of an identifier that is the same for all uploads of one client.
 const CLIENT_MARK: usize = 8;
 
-/// What an upload is doing.
+/// The progress of an upload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UploadProgress {
-    /// Bytes are missing, or nobody reads it yet.
+    /// Bytes are missing, or no process reads it yet.
     Receiving,
-    /// All bytes are there and are being read.
+    /// All bytes are stored and being read.
     Reading,
-    /// Its records are stored or handed over.
+    /// Its records are stored or queued.
     Finished,
     /// It could not be read.
     Failed,
@@ -40,37 +40,37 @@ impl UploadProgress {
     }
 }
 
-/// An upload that begins.
+/// A new upload.
 #[derive(Debug, Clone)]
 pub struct NewUpload {
-    /// Identifier; its first eight characters say whose it is.
+    /// Identifier; its first eight characters identify the client.
     pub id: String,
-    /// The asset whose records it will hold.
+    /// The asset that receives its records.
     pub asset: AssetId,
     /// Its length in bytes.
     pub length: u64,
-    /// When it goes if nothing comes.
+    /// When it expires if no piece arrives.
     pub expires_at: Timestamp,
 }
 
-/// An upload as it is stored.
+/// A stored upload.
 #[derive(Debug, Clone)]
 pub struct StoredUpload {
     /// Identifier.
     pub id: String,
-    /// The asset whose records it holds.
+    /// The asset that receives its records.
     pub asset: AssetId,
     /// Its length in bytes.
     pub length: u64,
-    /// Bytes that are there.
+    /// Number of bytes received.
     pub received: u64,
-    /// What it is doing.
+    /// Its progress.
     pub progress: UploadProgress,
-    /// When it goes if nothing more comes.
+    /// When it expires if no further piece arrives.
     pub expires_at: Timestamp,
     /// Until when the process that reads it counts as alive.
     pub reader_until: Option<Timestamp>,
-    /// What became of its records, as JSON.
+    /// The summary of its records as JSON.
     pub result: Option<String>,
     /// Why it failed.
     pub error: Option<String>,
@@ -86,8 +86,8 @@ pub struct UploadPiece {
 }
 
 impl Store {
-    /// Begins an upload; false where `most` are under way, or `most_of_client` whose identifiers begin with
-    /// the same `CLIENT_MARK` characters.
+    /// Starts an upload; returns false if `most` uploads are in progress, or `most_of_client` of the same
+    /// client, whose identifiers start with the same `CLIENT_MARK` characters.
     pub async fn begin_resumable(
         &self,
         upload: &NewUpload,
@@ -112,7 +112,7 @@ impl Store {
         Ok(begun.rows_affected() > 0)
     }
 
-    /// An upload that has not expired.
+    /// Reads an upload that has not expired.
     pub async fn resumable(&self, id: &str, now: Timestamp) -> Result<Option<StoredUpload>, StoreError> {
         let now = self.now(now).await?;
         let row = sqlx::query("SELECT * FROM resumable_uploads WHERE id = $1 AND expires_at_ns >= $2")
@@ -123,8 +123,8 @@ impl Store {
         row.as_ref().map(upload_of).transpose()
     }
 
-    /// Adds a piece, whose object is there, behind the first `at` bytes; false where the upload is not at
-    /// that byte any more.
+    /// Adds a piece, whose object is stored, after the first `at` bytes; returns false if the upload is no
+    /// longer at that offset.
     pub async fn add_piece(
         &self,
         id: &str,
@@ -159,7 +159,7 @@ impl Store {
         Ok(true)
     }
 
-    /// The pieces of an upload in their order.
+    /// The pieces of an upload in order.
     pub async fn upload_pieces(&self, id: &str) -> Result<Vec<UploadPiece>, StoreError> {
         let rows =
             sqlx::query("SELECT bytes, object FROM upload_pieces WHERE upload_id = $1 ORDER BY at_byte")
@@ -172,8 +172,8 @@ impl Store {
         pieces.collect()
     }
 
-    /// For the start of a process that is alone on its store: nobody reads uploads any more, and those that
-    /// are whole are kept until `expires_at` at least, as nobody could read them while no process ran.
+    /// Releases all readers at the start of a process that is alone on its store. Complete uploads are kept
+    /// until `expires_at` at least, because they could not be read while no process ran.
     pub async fn resume_resumable(&self, expires_at: Timestamp) -> Result<(), StoreError> {
         sqlx::query(
             "UPDATE resumable_uploads SET reader_until_ns = NULL, expires_at_ns = $1
@@ -185,7 +185,7 @@ impl Store {
         Ok(())
     }
 
-    /// Uploads that are whole and that nobody reads.
+    /// Complete uploads without a reader.
     pub async fn unread_uploads(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
         let now = self.now(now).await?;
         let text = format!("SELECT id FROM resumable_uploads WHERE {UNREAD} ORDER BY expires_at_ns LIMIT $2");
@@ -193,7 +193,8 @@ impl Store {
         rows.iter().map(|row| get(row, "id")).collect()
     }
 
-    /// The right to read an upload that is whole; false where another process has it, or it is read.
+    /// Acquires the right to read a complete upload; returns false if another process has it, or if it has
+    /// been read.
     pub async fn begin_reading(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
         let now = self.now(now).await?;
         let text = format!(
@@ -208,8 +209,8 @@ impl Store {
         Ok(begun.rows_affected() > 0)
     }
 
-    /// Says that an upload is still being read.
-    pub async fn go_on_reading(&self, id: &str, now: Timestamp) -> Result<(), StoreError> {
+    /// Renews the right to read an upload.
+    pub async fn renew_reading(&self, id: &str, now: Timestamp) -> Result<(), StoreError> {
         let now = self.now(now).await?;
         sqlx::query(
             "UPDATE resumable_uploads SET reader_until_ns = $2 WHERE id = $1 AND progress = 'reading'",
@@ -221,7 +222,7 @@ impl Store {
         Ok(())
     }
 
-    /// Keeps what became of an upload, which is kept until `expires_at` for those who ask.
+    /// Stores the result of an upload, which can be read until `expires_at`.
     pub async fn finish_reading(
         &self,
         id: &str,
@@ -251,8 +252,8 @@ impl Store {
         Ok(transaction.commit().await?)
     }
 
-    /// Forgets an upload; false where it is being read, unless the caller is the reader. Its objects are the
-    /// caller's to remove.
+    /// Deletes an upload; returns false if it is being read, unless the caller is the reader. The caller
+    /// removes its objects.
     pub async fn give_up_resumable(
         &self,
         id: &str,
@@ -270,8 +271,7 @@ impl Store {
         Ok(gone.rows_affected() > 0)
     }
 
-    /// Forgets up to `limit` uploads that nobody went on with, and returns which. Their objects are the
-    /// caller's to remove.
+    /// Deletes up to `limit` expired uploads and returns their identifiers. The caller removes their objects.
     pub async fn expire_resumable(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
         let now = self.now(now).await?;
         let rows = sqlx::query("SELECT id FROM resumable_uploads WHERE expires_at_ns < $1 LIMIT $2")
@@ -282,7 +282,7 @@ impl Store {
         let mut gone = Vec::new();
         for row in &rows {
             let id: String = get(row, "id")?;
-            // Somebody may have gone on with it meanwhile.
+            // It may have been continued in the meantime.
             let deleted = sqlx::query(
                 "DELETE FROM resumable_uploads WHERE id = $1 AND expires_at_ns < $2
                  AND (progress <> 'reading' OR reader_until_ns IS NULL OR reader_until_ns < $2)",
@@ -298,7 +298,7 @@ impl Store {
         Ok(gone)
     }
 
-    /// Of some uploads those that are not there any more.
+    /// Returns which of these uploads no longer exist.
     pub async fn forgotten_uploads(&self, ids: Vec<String>) -> Result<Vec<String>, StoreError> {
         let mut forgotten = Vec::new();
         for id in ids {
@@ -314,11 +314,11 @@ impl Store {
     }
 }
 
-/// An upload of which all bytes are there, and whose reader, where there was one, is gone by the time `$1`.
+/// Condition for a complete upload that has no reader, or whose reader is no longer alive at the time `$1`.
 const UNREAD: &str = "received = length AND (progress = 'receiving' OR (progress = 'reading' AND COALESCE(reader_until_ns, 0) < $1))";
 
 fn alive_until(now: Timestamp) -> Result<i64, StoreError> {
-    to_ns(now.saturating_add(READER_ALIVE).unwrap_or(Timestamp::MAX))
+    to_ns(now.saturating_add(LEASE).unwrap_or(Timestamp::MAX))
 }
 
 fn upload_of(row: &AnyRow) -> Result<StoredUpload, StoreError> {

@@ -1,4 +1,4 @@
-//! Between rows and domain types.
+//! Conversions between rows and domain types.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -32,7 +32,7 @@ pub(super) fn get_time(row: &AnyRow, column: &'static str) -> Result<Timestamp, 
     Ok(from_ns(get(row, column)?))
 }
 
-/// What the JSON text of a column says; `of` names the row in the error.
+/// Decodes the JSON text of a column; `of` names the row in the error.
 pub(super) fn get_json<T: DeserializeOwned>(
     row: &AnyRow,
     column: &'static str,
@@ -42,7 +42,7 @@ pub(super) fn get_json<T: DeserializeOwned>(
     from_json(&text, column, of)
 }
 
-/// The same of a column that older rows leave empty.
+/// Decodes the JSON text of a column that is null in older rows.
 pub(super) fn get_json_or_default<T: DeserializeOwned + Default>(
     row: &AnyRow,
     column: &'static str,
@@ -52,7 +52,7 @@ pub(super) fn get_json_or_default<T: DeserializeOwned + Default>(
     text.map_or_else(|| Ok(T::default()), |text| from_json(&text, column, of))
 }
 
-/// What a JSON text says.
+/// Decodes a JSON text.
 pub(super) fn from_json<T: DeserializeOwned>(
     text: &str,
     what: &'static str,
@@ -61,12 +61,12 @@ pub(super) fn from_json<T: DeserializeOwned>(
     serde_json::from_str(text).map_err(|source| StoreError::Damaged { what, of: of.to_string(), source })
 }
 
-/// JSON text of a value; `of` names the row in the error.
+/// Encodes a value as JSON text; `of` names the row in the error.
 pub(super) fn to_json<T: Serialize>(value: &T, what: &'static str, of: &str) -> Result<String, StoreError> {
     serde_json::to_string(value).map_err(|source| StoreError::Damaged { what, of: of.to_string(), source })
 }
 
-/// The asset of a name that the program has written.
+/// Converts a stored asset name.
 pub(super) fn asset_id(name: String) -> Result<AssetId, StoreError> {
     AssetId::new(name).map_err(|error| StoreError::Unexpected {
         what: "asset_id",
@@ -90,7 +90,7 @@ pub(super) fn finite(field: &str, value: f64) -> Result<f64, StoreError> {
     if value.is_finite() { Ok(value) } else { Err(StoreError::NotFinite { field: field.to_string(), value }) }
 }
 
-/// The same for a number that may be missing.
+/// Checks an optional number.
 pub(super) fn finite_or_none(field: &str, value: Option<f64>) -> Result<Option<f64>, StoreError> {
     value.map(|value| finite(field, value)).transpose()
 }
@@ -127,8 +127,8 @@ pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
     (0..rows).map(row).collect::<Vec<_>>().join(" OR ")
 }
 
-/// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: of a row that is there, what the one that was
-/// to be inserted says.
+/// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: an existing row takes the values of the
+/// rejected insert.
 pub(super) fn excluded(columns: &str) -> String {
     let set: Vec<String> =
         columns.split(", ").map(|column| format!("{column} = excluded.{column}")).collect();
@@ -140,14 +140,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_numbered_on_from_row_to_row() {
+    fn placeholders_are_numbered_across_rows() {
         assert_eq!(rows_of_placeholders(2, 3), "($1, $2, $3), ($4, $5, $6)");
         assert_eq!(any_of(2, &["a =", "b >="]), "(a = $1 AND b >= $2) OR (a = $3 AND b >= $4)");
         assert_eq!(excluded("a, b"), "a = excluded.a, b = excluded.b");
     }
 
     #[test]
-    fn times_go_there_and_back() {
+    fn times_round_trip() {
         for ns in [i64::MIN, -1, 0, 1, i64::MAX] {
             assert_eq!(to_ns(from_ns(ns)).unwrap(), ns);
         }
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn doubles_go_there_and_back() {
+    fn doubles_round_trip() {
         let values = [0.1, -0.0, f64::MIN_POSITIVE];
         assert_eq!(doubles_from_bytes(&doubles_to_bytes(&values)).map_bits(), values.to_vec().map_bits());
     }

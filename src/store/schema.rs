@@ -1,7 +1,6 @@
-//! The tables (`migrations`), and what the two databases say differently.
+//! The schema (`migrations`), and the differences between the two SQL dialects.
 //!
-//! A migration that has been released is never changed; the next one is a file of its own with the next
-//! number.
+//! A released migration is never changed; the next one is a new file with the next number.
 
 use std::borrow::Cow;
 
@@ -12,23 +11,23 @@ use sqlx::migrate::{MigrateError, Migration, MigrationSource, MigrationType, Mig
 
 use super::StoreError;
 
-/// Which database speaks behind the `Any` driver.
+/// The database behind the `Any` driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Dialect {
-    /// SQLite: one connection writes, so that a transaction has all rows to itself.
+    /// SQLite: a single connection writes, so that a transaction needs no row locks.
     Sqlite,
-    /// PostgreSQL: many processes write, so that a transaction locks the rows that it changes.
+    /// PostgreSQL: several processes write, so that a transaction locks the rows that it changes.
     #[cfg(feature = "postgres")]
     Postgres,
 }
 
 impl Dialect {
-    /// A text of the schema with the types of this database.
+    /// Translates a text of the schema to the types of this database.
     pub(super) fn schema(self, text: &'static str) -> Cow<'static, str> {
         match self {
             Self::Sqlite => Cow::Borrowed(text),
-            // Texts are in the order of their bytes, as everywhere in the program, whatever the database's
-            // language.
+            // Texts are sorted by their bytes, as everywhere in the program, whatever the locale of the
+            // database.
             #[cfg(feature = "postgres")]
             Self::Postgres => {
                 Cow::Owned(text.replace(" BLOB", " BYTEA").replace(" TEXT", " TEXT COLLATE \"C\""))
@@ -36,18 +35,18 @@ impl Dialect {
         }
     }
 
-    /// Behind a SELECT of rows that are going to be changed, or whose dependents are: nobody else changes
-    /// them before the transaction's end.
+    /// Suffix of a SELECT that locks rows which are going to be changed, or whose dependent rows are, until
+    /// the end of the transaction.
     pub(super) fn for_update(self) -> &'static str {
         match self {
             Self::Sqlite => "",
-            // Not FOR UPDATE, which would keep out the foreign keys of rows that refer to these.
+            // Not FOR UPDATE, which would block inserts of rows that reference these.
             #[cfg(feature = "postgres")]
             Self::Postgres => " FOR NO KEY UPDATE",
         }
     }
 
-    /// Behind a SELECT of rows that are to stay as they are until the transaction's end.
+    /// Suffix of a SELECT that locks rows against changes until the end of the transaction.
     pub(super) fn for_share(self) -> &'static str {
         match self {
             Self::Sqlite => "",
@@ -56,7 +55,7 @@ impl Dialect {
         }
     }
 
-    /// Begins a transaction that sees the database as it is at its first statement.
+    /// Statement that begins a transaction on a snapshot of the database at its first query.
     pub(super) fn begin_snapshot(self) -> &'static str {
         match self {
             Self::Sqlite => "BEGIN",
@@ -65,7 +64,7 @@ impl Dialect {
         }
     }
 
-    /// Asks for the time by the database's clock; none where that is this machine's.
+    /// Query for the time by the database's clock; `None` if that is the clock of this machine.
     pub(super) fn time_ns(self) -> Option<&'static str> {
         match self {
             Self::Sqlite => None,
@@ -76,27 +75,27 @@ impl Dialect {
         }
     }
 
-    /// Whether a statement may stay prepared whose optional doubles are sometimes missing. sqlx tells
-    /// PostgreSQL another type for a missing one, and would bind the next value under that.
+    /// Whether a statement with optional doubles may stay prepared. For a missing one, sqlx declares another
+    /// type to PostgreSQL, and would bind the next value as that type.
     pub(super) fn caches_optional_doubles(self) -> bool {
         self == Self::Sqlite
     }
 
-    /// Whether a statement on that many rows stays prepared. PostgreSQL's own preparing costs a way there and
-    /// back, and there are as many statements as there are numbers of rows.
+    /// Whether a statement on that many rows stays prepared. Preparing costs a round trip to PostgreSQL, and
+    /// there is a different statement for each number of rows.
     pub(super) fn caches_statement(self, rows: usize) -> bool {
         self == Self::Sqlite || rows == 1
     }
 }
 
-/// The migrations by their numbers, with their descriptions.
+/// The migrations: number, description and text.
 const MIGRATIONS: [(i64, &str, &str); 3] = [
     (1, "schema", include_str!("migrations/0001_schema.sql")),
     (2, "notifications", include_str!("migrations/0002_notifications.sql")),
     (3, "trend blocks", include_str!("migrations/0003_trend_blocks.sql")),
 ];
 
-/// The table of tokens: in a database that processes share, or in one of its own beside SQLite's.
+/// The table of tokens, in the shared database or in a separate SQLite database.
 pub(super) const TOKENS: &str = include_str!("migrations/tokens.sql");
 
 impl MigrationSource<'static> for Dialect {
@@ -114,8 +113,8 @@ impl MigrationSource<'static> for Dialect {
     }
 }
 
-/// Brings the tables up to date; a database of a later program is refused. Of several processes the first one
-/// does it, and the others wait.
+/// Migrates the schema; returns an error for a database of a newer program. With several processes the first
+/// one migrates, and the others wait.
 pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) -> Result<(), StoreError> {
     let migrated = async { Migrator::new(dialect).await?.run_direct(connection).await };
     migrated.await.map_err(|error| match error {

@@ -14,7 +14,7 @@ use crate::asset::{AssetId, RawReference, Segment, SegmentId};
 use crate::estimate::{Posterior, WearEstimate};
 use crate::signal::{Basis, Features, Indicators, OperatingPoint, ShaftSpeed};
 
-/// Place of a segment in its channel: by time, and by identifier where times are equal.
+/// Sort key of a segment in its channel: its time, then its identifier.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SegmentKey {
     /// The time of the first sample.
@@ -23,7 +23,7 @@ pub struct SegmentKey {
     pub id: SegmentId,
 }
 
-/// A segment before the wear estimate: everything that its own record says.
+/// A segment before its wear estimate: the results of its record alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewSegment {
     /// Identifier.
@@ -34,7 +34,7 @@ pub struct NewSegment {
     pub channel: String,
     /// The time of the first sample.
     pub start_time: Timestamp,
-    /// When the service took it.
+    /// When the service received it.
     pub received_at: Timestamp,
     /// Sampling rate in hertz.
     pub sample_rate_hz: f64,
@@ -44,52 +44,52 @@ pub struct NewSegment {
     pub unit: String,
     /// Operating point as given with the record.
     pub operating_point: OperatingPoint,
-    /// Wear depth in µm known from elsewhere.
+    /// Reference wear depth in µm from another source.
     pub reference_wear_um: Option<f64>,
-    /// Where the raw bytes are.
+    /// The raw bytes.
     pub raw: RawReference,
-    /// It takes no part in its history.
+    /// Whether it is excluded from its history.
     pub excluded: bool,
-    /// What its own record says.
+    /// The analysis of its record.
     pub analysed: Analysed,
 }
 
-/// What a record says by itself.
+/// The analysis of one record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Analysed {
-    /// What it was computed under.
+    /// The keys under which it was computed.
     pub keys: AnalysisKeys,
     /// Shaft speed that was used.
     pub shaft_speed: Option<ShaftSpeed>,
-    /// What indicators and features rest on.
+    /// The basis of indicators and features.
     pub basis: Basis,
-    /// Condition indicators that the record gives by itself.
+    /// Condition indicators of the record alone.
     pub indicators: Indicators,
     /// Features for the wear estimate.
     pub features: Features,
 }
 
-/// What the run up to a record says of it.
+/// The results of a record that depend on the earlier records.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunResult {
-    /// Indicators that need the records before.
+    /// Indicators that depend on the earlier records.
     pub indicators: Indicators,
     /// The wear estimate.
     pub wear: WearEstimate,
 }
 
-/// What is folded of a stored segment.
+/// The input of the fold for a stored segment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredFeatures {
-    /// Place of the segment in its channel.
+    /// Sort key of the segment in its channel.
     pub key: SegmentKey,
-    /// It takes no part in its history.
+    /// Whether it is excluded from its history.
     pub excluded: bool,
-    /// What they were computed under.
+    /// The key under which they were computed.
     pub feature_key: String,
     /// Features for the wear estimate.
     pub features: Features,
-    /// Indicators that the record gives by itself.
+    /// Indicators of the record alone.
     pub indicators: Indicators,
 }
 
@@ -99,7 +99,7 @@ impl NewSegment {
         SegmentKey { start_time: self.start_time, id: self.id.clone() }
     }
 
-    /// The whole segment with what the run up to it adds.
+    /// Completes the segment with the results that depend on the earlier records.
     pub fn with_run(mut self, run: RunResult) -> Segment {
         self.analysed.indicators.extend(run.indicators);
         Segment {
@@ -124,7 +124,7 @@ impl NewSegment {
     }
 }
 
-/// In which order segments are listed.
+/// The order in which segments are listed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Order {
@@ -135,7 +135,7 @@ pub enum Order {
     Desc,
 }
 
-/// Which segments are listed.
+/// Selects the segments to be listed.
 #[derive(Debug, Clone, Default)]
 pub struct SegmentFilter {
     /// Only this channel.
@@ -144,25 +144,25 @@ pub struct SegmentFilter {
     pub from: Option<Timestamp>,
     /// Only those that start before this time.
     pub to: Option<Timestamp>,
-    /// Only those that come after this one in the order.
+    /// Only those after this one in the order.
     pub after: Option<SegmentKey>,
-    /// In which order.
+    /// The order.
     pub order: Order,
 }
 
-/// What is read of a segment.
+/// The columns that are read of a segment.
 const SEGMENT: &str =
     "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicators, a.features,
         w.estimate, w.run_indicators, p.wear_um, p.probability";
 
-/// What is served of segments `s`.
+/// Joins segments `s` with the results in their served generations.
 const SERVED: &str = "JOIN channels c ON c.channel_no = s.channel_no
     JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
     JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = c.wear_generation
     LEFT JOIN wear_posteriors p ON p.segment_id = s.id AND p.generation = c.wear_generation";
 
 impl Store {
-    /// A segment, whole; none where there is none of that identifier.
+    /// Reads a whole segment; returns `None` if there is none with that identifier.
     pub async fn segment(&self, id: &SegmentId) -> Result<Option<Segment>, StoreError> {
         Ok(self.segments_by_id(std::slice::from_ref(id)).await?.pop())
     }
@@ -176,7 +176,7 @@ impl Store {
         rows.iter().map(|row| Ok((get(row, "name")?, get(row, "unit")?))).collect()
     }
 
-    /// Those of these identifiers of which there are segments.
+    /// Returns the identifiers of segments that exist.
     pub async fn known_segments(&self, ids: &[SegmentId]) -> Result<HashSet<SegmentId>, StoreError> {
         let mut known = HashSet::new();
         for chunk in ids.chunks(200) {
@@ -192,7 +192,7 @@ impl Store {
         Ok(known)
     }
 
-    /// Those of the segments that are stored, whole, in no order.
+    /// Reads the segments that exist, in no particular order.
     pub async fn segments_by_id(&self, ids: &[SegmentId]) -> Result<Vec<Segment>, StoreError> {
         let mut found = Vec::new();
         for chunk in ids.chunks(200) {
@@ -233,8 +233,7 @@ impl Store {
         Ok(found)
     }
 
-    /// Up to `limit` segments of a channel with their features as they are served, in the order of time, from
-    /// the first one after `after`.
+    /// Up to `limit` segments of a channel after `after` with their served features, in the order of time.
     pub async fn features(
         &self,
         channel: &ChannelSummary,
@@ -281,8 +280,8 @@ impl Store {
             Order::Asc => (">", "ASC", i64::MIN),
             Order::Desc => ("<", "DESC", i64::MAX),
         };
-        // Chosen before anything is joined: PostgreSQL would otherwise join the whole channel, as it cannot
-        // know that each has what is served.
+        // Selected before the joins: PostgreSQL would otherwise join the whole channel, because it cannot
+        // know that each segment has served results.
         let text = format!(
             "{SEGMENT} FROM (
                 SELECT * FROM segments WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (start_time_ns, id) {after} ($4, $5)
@@ -306,7 +305,7 @@ impl Store {
     }
 }
 
-/// Features as they are read for folding.
+/// Decodes the input of the fold from a row.
 pub(super) fn features_of(row: &AnyRow) -> Result<StoredFeatures, StoreError> {
     let id: String = get(row, "id")?;
     Ok(StoredFeatures {
@@ -318,7 +317,7 @@ pub(super) fn features_of(row: &AnyRow) -> Result<StoredFeatures, StoreError> {
     })
 }
 
-/// A segment without its estimate.
+/// Decodes a segment without its estimate from a row.
 pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
     let id: String = get(row, "id")?;
     let asset_id: String = get(row, "asset_id")?;

@@ -1,13 +1,13 @@
-//! Where a store is.
+//! Settings of a store.
 
 use std::path::{Path, PathBuf};
 
-/// Where a store is.
+/// The location of a store.
 #[derive(Debug, Clone)]
 pub enum StoreSettings {
-    /// A data folder of this process alone: SQLite and files.
+    /// A data folder used by this process alone: SQLite and files.
     Folder(PathBuf),
-    /// What any number of processes share: PostgreSQL and objects that all of them reach.
+    /// A store shared by any number of processes: PostgreSQL, and objects that all of them can access.
     #[cfg(feature = "postgres")]
     Shared(SharedSettings),
 }
@@ -18,28 +18,28 @@ impl From<&Path> for StoreSettings {
     }
 }
 
-/// A store that processes share.
+/// Settings of a shared store.
 #[cfg(feature = "postgres")]
 #[derive(Clone)]
 pub struct SharedSettings {
     /// The PostgreSQL database, `postgres://user:password@host/name?sslmode=verify-full`.
     pub database_url: String,
-    /// Connections of this process for transactions that write.
+    /// Maximum number of write connections of this process.
     pub write_connections: u32,
-    /// Connections of this process for reading.
+    /// Maximum number of read connections of this process.
     pub read_connections: u32,
-    /// How long a request waits for a connection before the database counts as away.
+    /// How long a request waits for a connection before the database counts as unavailable.
     pub connect_timeout: std::time::Duration,
-    /// Where raw recordings and libraries are.
+    /// Location of raw recordings and libraries.
     pub objects: ObjectsSettings,
-    /// An object that nothing refers to is removed when it is at least this old. To be longer than anything
-    /// that was answered waits for its results.
+    /// Minimum age at which an unreferenced object is removed. Must be longer than any accepted record waits
+    /// for its results.
     pub orphan_age: std::time::Duration,
 }
 
 #[cfg(feature = "postgres")]
 impl SharedSettings {
-    /// The defaults for a database and a place of objects.
+    /// The default settings for a database and a location of objects.
     pub fn new(database_url: impl Into<String>, objects: ObjectsSettings) -> Self {
         Self {
             database_url: database_url.into(),
@@ -63,11 +63,11 @@ impl std::fmt::Debug for SharedSettings {
     }
 }
 
-/// Where shared objects are.
+/// The location of shared objects.
 #[cfg(feature = "postgres")]
 #[derive(Debug, Clone)]
 pub enum ObjectsSettings {
-    /// A folder that every process reaches under this path.
+    /// A folder that every process can access under this path.
     Folder(PathBuf),
     /// A bucket of an S3-compatible object store.
     #[cfg(feature = "s3")]
@@ -78,20 +78,19 @@ pub enum ObjectsSettings {
 #[cfg(feature = "postgres")]
 #[derive(Clone)]
 pub struct BucketSettings {
-    /// The bucket, which is there already.
+    /// Name of the bucket, which must exist.
     pub bucket: String,
-    /// Address of the server; that of AWS where not given. One that begins with `http://` is spoken to
-    /// without TLS.
+    /// URL of the server; by default that of AWS. A URL starting with `http://` is used without TLS.
     pub endpoint: Option<String>,
-    /// The region; servers other than AWS take any.
+    /// The region; servers other than AWS accept any.
     pub region: String,
-    /// Key and secret; where not given those that AWS gives the machine it runs on.
+    /// Access key and secret; by default those that AWS provides to the machine.
     pub credentials: Option<BucketCredentials>,
-    /// What the names of all objects begin with; may be empty.
+    /// Prefix of the names of all objects; may be empty.
     pub prefix: String,
 }
 
-/// Who uses a bucket.
+/// Credentials of a bucket.
 #[cfg(feature = "postgres")]
 #[derive(Clone)]
 pub struct BucketCredentials {

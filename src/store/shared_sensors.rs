@@ -1,4 +1,4 @@
-//! Which assets share the sensor of another one.
+//! The assets that share the sensor of another asset.
 
 use std::collections::BTreeSet;
 
@@ -9,12 +9,12 @@ use super::rows::{asset_id, get, placeholders};
 use super::{Asset, Store, StoreError};
 use crate::asset::{AssetId, AssetSpec};
 
-/// The other assets of the sensor of asset `$1`, among the assets.
+/// Condition for the other assets of the sensor of asset `$1`.
 const OF_SENSOR: &str = "id IN (SELECT of_asset FROM shared_sensors WHERE asset_id = $1)
     OR id IN (SELECT asset_id FROM shared_sensors WHERE of_asset = $1)
     OR id IN (SELECT b.asset_id FROM shared_sensors a JOIN shared_sensors b ON b.of_asset = a.of_asset WHERE a.asset_id = $1)";
 
-/// The other assets of an asset's sensor count as changed: what they are analysed with has.
+/// Marks the other assets of an asset's sensor as changed, because their analysis depends on it.
 pub(super) async fn change_others(
     transaction: &mut Transaction<'_, Any>,
     id: &AssetId,
@@ -34,7 +34,7 @@ pub(super) async fn change_others(
     Ok(())
 }
 
-/// Brings the row of an asset in line with its description, which has changed.
+/// Updates the row of an asset after a change of its description.
 pub(super) async fn set(transaction: &mut Transaction<'_, Any>, spec: &AssetSpec) -> Result<(), StoreError> {
     change_others(transaction, &spec.id).await?;
     sqlx::query("DELETE FROM shared_sensors WHERE asset_id = $1")
@@ -53,8 +53,7 @@ pub(super) async fn set(transaction: &mut Transaction<'_, Any>, spec: &AssetSpec
 }
 
 impl Store {
-    /// Up to `limit` assets that share another one's sensor and lack the records from before they were
-    /// described.
+    /// Up to `limit` assets that share another asset's sensor and lack records from before they were created.
     pub async fn late_members(&self, limit: u32) -> Result<Vec<AssetId>, StoreError> {
         let rows = sqlx::query(
             "SELECT asset_id FROM shared_sensors WHERE is_caught_up = 0 ORDER BY asset_id LIMIT $1",
@@ -65,7 +64,7 @@ impl Store {
         rows.iter().map(|row| asset_id(get(row, "asset_id")?)).collect()
     }
 
-    /// Says that an asset has had everything that came through another one before it was described.
+    /// Marks an asset as caught up with the earlier records of the asset whose sensor it shares.
     pub async fn caught_up(&self, member: &AssetId, of: &AssetId) -> Result<(), StoreError> {
         sqlx::query("UPDATE shared_sensors SET is_caught_up = 1 WHERE asset_id = $1 AND of_asset = $2 AND is_caught_up = 0")
             .bind(member.as_str())
@@ -75,7 +74,7 @@ impl Store {
         Ok(())
     }
 
-    /// Those of some assets that have others on their sensor.
+    /// Returns the assets whose sensor is shared, and the other assets of these sensors.
     pub async fn sharing_a_sensor(&self, ids: &[&AssetId]) -> Result<BTreeSet<AssetId>, StoreError> {
         let list = placeholders(1, ids.len());
         let text = format!(
@@ -93,8 +92,8 @@ impl Store {
         Ok(sharing)
     }
 
-    /// An asset and all others of its sensor, in the order of their names: the one that the records come for,
-    /// and those that share its sensor.
+    /// An asset and the other assets of its sensor, sorted by name: the owner of the sensor, and those that
+    /// share it.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn assets_of_sensor(&self, id: &AssetId) -> Result<Vec<Asset>, StoreError> {

@@ -1,4 +1,4 @@
-//! Shelvings of alarms that are over.
+//! Expired shelvings of alarms.
 
 use jiff::Timestamp;
 
@@ -6,9 +6,8 @@ use super::rows::{get, to_ns};
 use super::{Store, StoreError};
 
 impl Store {
-    /// Identifiers of up to `limit` alarms that were shelved until `now` or an earlier time, and nothing has
-    /// said so yet.
-    pub async fn ended_shelvings(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
+    /// Identifiers of up to `limit` alarms whose shelving has expired at `now` and is not ended yet.
+    pub async fn expired_shelvings(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
         let rows = sqlx::query(
             "SELECT id FROM alarms WHERE shelved_until_ns <= $1 ORDER BY shelved_until_ns, id LIMIT $2",
         )

@@ -1,4 +1,4 @@
-//! Since when channels have been silent.
+//! Silent channels: when their latest records were received.
 
 use jiff::Timestamp;
 
@@ -7,21 +7,21 @@ use super::rows::{from_ns, get};
 use super::{Asset, ChannelSummary, Store, StoreError};
 use crate::asset::AssetId;
 
-/// Records of a channel that are looked at, the latest by their own time: what comes in of long ago is no
-/// sign of life.
+/// Number of latest records of a channel, by start time, that count: receiving an old record does not end a
+/// silence.
 const LATEST: u32 = 8;
 
-/// A channel, and when the last of its latest records was received.
+/// A channel, and when it last received one of its latest records.
 #[derive(Debug)]
 pub struct Silence {
     /// The channel.
     pub channel: ChannelSummary,
-    /// When.
+    /// The time of receipt.
     pub since: Timestamp,
 }
 
 impl Store {
-    /// The assets with a rule on silence.
+    /// The assets with a silence rule.
     pub async fn assets_with_rules_on_silence(&self) -> Result<Vec<Asset>, StoreError> {
         let rows = sqlx::query("SELECT * FROM assets WHERE spec LIKE '%\"stale_s\"%' ORDER BY id")
             .fetch_all(self.read())
@@ -29,7 +29,7 @@ impl Store {
         rows.iter().map(super::assets::asset_of).collect()
     }
 
-    /// Of each channel of these assets since when it has been silent.
+    /// The silence of each channel of these assets.
     pub async fn silences(&self, assets: &[&AssetId]) -> Result<Vec<Silence>, StoreError> {
         let text = |these: &str| {
             format!(

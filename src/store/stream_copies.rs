@@ -1,8 +1,8 @@
-//! The folders of live streams, copied while a service writes to them.
+//! Copies of the folders of live streams, made while a service writes to them.
 //!
-//! Files of a journal are only appended to or removed. They are opened together before any is copied, so that
-//! a copy is the journal as it was at one moment, or a little later at its end. An entry that is there in part
-//! is left out when the journal is read.
+//! Files of a journal are only appended to or removed. They are all opened before any is copied, so that a
+//! copy is a snapshot of the journal, apart from entries appended later. A partial entry is skipped when the
+//! journal is read.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -14,27 +14,28 @@ use super::StoreError;
 use super::objects::file_error;
 use super::stream_levels::OLDER_LEVELS;
 
-/// Where the streams are in a data folder and in a backup.
+/// Folder of the streams in a data folder and in a backup.
 const STREAMS: &str = "streams";
 
-/// Where copies are until they are whole.
+/// Folder of incomplete copies.
 const PART: &str = "streams.part";
 
-/// Streams that are copied, and not in their place yet.
+/// Copied streams that are not moved to their final place yet.
 #[derive(Debug)]
 pub(super) struct StreamCopies {
     folder: PathBuf,
-    /// Asset and name of each, as a path.
+    /// Relative path of each: asset and name.
     streams: Vec<PathBuf>,
-    /// Streams that could not be copied, each with why.
+    /// Streams that could not be copied, each with the reason.
     pub(super) failed: Vec<String>,
 }
 
 impl StreamCopies {
-    /// Copies the streams of one folder for another one. With `only_new`, those that the other has stay as
-    /// they are.
+    /// Copies the streams of one folder for another one. With `only_new`, streams that the other folder has
+    /// are skipped.
     ///
-    /// Error: what an earlier copy left cannot be removed. A stream that cannot be copied is in `failed`.
+    /// Error: the remains of an earlier copy cannot be removed. A stream that cannot be copied is listed in
+    /// `failed`.
     pub(super) fn make(from: &Path, to: &Path, only_new: bool) -> Result<Self, StoreError> {
         let mut copies = Self { folder: to.to_path_buf(), streams: Vec::new(), failed: Vec::new() };
         let part = copies.part();
@@ -52,7 +53,7 @@ impl StreamCopies {
         Ok(copies)
     }
 
-    /// Puts the copies in their place beside the streams that are there; returns how many.
+    /// Moves the copies to their place beside existing streams; returns their number.
     pub(super) fn add(self) -> Result<u64, StoreError> {
         for stream in &self.streams {
             let path = self.folder.join(STREAMS).join(stream);
@@ -67,7 +68,7 @@ impl StreamCopies {
         Ok(self.streams.len() as u64)
     }
 
-    /// Puts the copies in the place of all streams that are there; returns how many.
+    /// Replaces all existing streams by the copies; returns their number.
     pub(super) fn replace(self) -> Result<u64, StoreError> {
         remove_all(&self.folder.join(STREAMS))?;
         self.add()
@@ -93,7 +94,7 @@ fn copy_stream(from: &Path, to: &Path) -> Result<(), StoreError> {
     copy().map_err(failed)
 }
 
-/// Opens all files of a stream. Begins again where one is removed or takes another one's name meanwhile.
+/// Opens all files of a stream. Starts again if one is removed or renamed in the meantime.
 fn open_files(folder: &Path) -> io::Result<Vec<(OsString, File)>> {
     loop {
         let older_levels = changed_at(&folder.join(OLDER_LEVELS));
@@ -113,7 +114,7 @@ fn changed_at(path: &Path) -> Option<SystemTime> {
     fs::metadata(path).and_then(|data| data.modified()).ok()
 }
 
-/// Asset and name of each stream in a folder, as a path.
+/// Relative paths of the streams in a folder: asset and name.
 fn streams_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let list = || {
         let mut streams = Vec::new();
@@ -127,7 +128,7 @@ fn streams_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     list().map_err(|source| file_error("list", folder, source))
 }
 
-/// The names in a folder, in their order; none where there is no folder.
+/// The sorted names in a folder; empty if the folder does not exist.
 fn names_in(folder: &Path) -> io::Result<Vec<OsString>> {
     let entries = match fs::read_dir(folder) {
         Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
@@ -176,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_has_no_hole_while_files_of_the_stream_come_and_go() {
+    fn a_copy_is_contiguous_while_files_are_added_and_removed() {
         let (data, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let folder = data.path().join("streams/pump/main");
         let mut journal = StreamJournal::open(&folder, 2, Bytes::new()).unwrap();
@@ -204,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_backup_has_the_streams_that_there_are_and_a_restore_leaves_those_that_are_there() {
+    fn a_backup_replaces_streams_and_a_restore_keeps_existing_ones() {
         let (data, copy) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let write = |folder: &Path, stream: &str, text: &str| {
             let folder = folder.join("streams").join(stream);
@@ -217,7 +218,7 @@ mod tests {
         write(data.path(), "pump/main", "one");
         write(data.path(), "fan/main", "two");
         write(copy.path(), "gone/main", "old");
-        // An earlier copy was broken off.
+        // An earlier copy was interrupted.
         fs::create_dir_all(copy.path().join("streams.part/pump/main")).unwrap();
         let copies = StreamCopies::make(data.path(), copy.path(), false).unwrap();
         assert_eq!(copies.replace().unwrap(), 2);

@@ -1,9 +1,9 @@
-//! The journal of a stream: what came, in files that are only appended to, each entry with a checksum.
+//! The journal of a stream: append-only files of entries with checksums.
 //!
-//! An entry is its length, the CRC-32 of the rest, its kind and its content; numbers are little-endian. Every
-//! file begins with a checkpoint, from which its other entries go on, so that the oldest files can be
-//! removed. A file ends at the first entry that is not whole: what comes after the process was killed is in a
-//! new one.
+//! An entry consists of its length, the CRC-32 of the rest, its kind and its content; numbers are
+//! little-endian. Every file starts with a checkpoint, the state before its other entries, so that the oldest
+//! files can be removed. A file ends at its first incomplete entry: after a crash, entries are written to a
+//! new file.
 
 use std::collections::VecDeque;
 use std::fs::{self, File, OpenOptions};
@@ -15,41 +15,41 @@ use bytes::{BufMut, Bytes, BytesMut};
 use super::StoreError;
 use super::objects::file_error;
 
-/// Bytes after which another file is begun.
+/// File size in bytes at which a new file is started.
 const FILE_BYTES: u64 = 4 << 20;
 
-/// The largest entry that is read back: samples that are taken at once are fewer.
+/// Maximum size of an entry that is read; samples stored at once are fewer.
 const MAX_ENTRY_BYTES: usize = 9 << 20;
 
-/// Stands for no time.
+/// Encodes a missing time.
 const NO_TIME: i64 = i64::MIN;
 
-/// Length and checksum.
+/// Size of length and checksum.
 const HEAD_BYTES: usize = 8;
 
 /// One entry of a journal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum JournalEntry {
-    /// Everything that follows from the entries before.
+    /// The state after all previous entries.
     Checkpoint(Bytes),
-    /// Samples that follow on those before, or begin after a gap.
+    /// Samples that follow the previous ones or a gap.
     Frames {
-        /// Index of the first one.
+        /// Index of the first frame.
         first: u64,
-        /// When the first one was there, by the sender's clock or at its receipt, in nanoseconds since 1970;
-        /// none where nobody looked at a clock.
+        /// Time of the first frame, by the sender's clock or at its receipt, in nanoseconds since 1970;
+        /// `None` if unknown.
         time_ns: Option<i64>,
-        /// Frames as they came.
+        /// Frames as received.
         bytes: Bytes,
     },
-    /// Samples that never came.
+    /// Samples that were never received.
     Gap {
-        /// Index of the first one.
+        /// Index of the first frame.
         first: u64,
-        /// How many.
+        /// Number of frames.
         frames: u64,
     },
-    /// Anything else that is to be remembered.
+    /// Any other event.
     Note(Bytes),
 }
 
@@ -84,7 +84,7 @@ impl JournalEntry {
         out[begin + 4..begin + HEAD_BYTES].copy_from_slice(&sum.to_le_bytes());
     }
 
-    /// The content of an entry; none where it is not one that is written here.
+    /// Decodes an entry; returns `None` if its kind or content is unknown.
     fn read(content: Bytes) -> Option<Self> {
         let (kind, content) = (*content.first()?, content.slice(1..));
         let number = |at: usize| <[u8; 8]>::try_from(content.get(at..at + 8)?).ok();
@@ -109,7 +109,7 @@ impl JournalEntry {
 #[derive(Debug)]
 struct JournalFile {
     number: u64,
-    /// Index after the last sample in it or before it; none where no sample has come.
+    /// Index after the last sample in it or in earlier files; `None` before the first sample.
     end: Option<u64>,
 }
 
@@ -125,7 +125,8 @@ pub struct StreamJournal {
 }
 
 impl StreamJournal {
-    /// The entries of the journal in a folder, file by file, each up to its first entry that is not whole.
+    /// Calls `take` with the entries of the journal in a folder, file by file, each up to its first
+    /// incomplete entry.
     pub fn replay(folder: &Path, mut take: impl FnMut(JournalEntry)) -> Result<(), StoreError> {
         for number in numbers(folder)? {
             read_entries(&path_of(folder, number), |entry| {
@@ -136,8 +137,8 @@ impl StreamJournal {
         Ok(())
     }
 
-    /// Goes on with the journal in a folder in a new file, which begins with a checkpoint. `frame_bytes` is
-    /// the length of a frame.
+    /// Opens the journal in a folder and starts a new file with a checkpoint. `frame_bytes` is the size of a
+    /// frame.
     pub fn open(folder: &Path, frame_bytes: usize, checkpoint: Bytes) -> Result<Self, StoreError> {
         fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
         let mut files = VecDeque::new();
@@ -153,19 +154,19 @@ impl StreamJournal {
         let end = files.iter().rev().find_map(|file| file.end);
         let (current, current_bytes) = begin_file(folder, number, checkpoint)?;
         files.push_back(JournalFile { number, end });
-        // Also the folders above are to be there after a power failure.
+        // The parent folders must survive a power failure too.
         for folder in folder.ancestors().skip(1).take(3) {
             sync_folder(folder)?;
         }
         Ok(Self { folder: folder.to_path_buf(), frame_bytes, files, current, current_bytes })
     }
 
-    /// Whether the file is long enough for another one to be begun with [`rotate`](Self::rotate).
+    /// Whether the current file is full and a new one should be started with [`rotate`](Self::rotate).
     pub fn is_file_full(&self) -> bool {
         self.current_bytes >= FILE_BYTES
     }
 
-    /// Begins another file.
+    /// Starts a new file.
     pub fn rotate(&mut self, checkpoint: Bytes) -> Result<(), StoreError> {
         let last = self.files.back();
         let (number, end) = last.map_or((0, None), |file| (file.number + 1, file.end));
@@ -174,7 +175,7 @@ impl StreamJournal {
         Ok(())
     }
 
-    /// Appends entries and has them on the disk. On an error none of them is there.
+    /// Appends entries durably. On an error none of them is stored.
     pub fn append(&mut self, entries: &[JournalEntry]) -> Result<(), StoreError> {
         let mut bytes = BytesMut::new();
         for entry in entries {
@@ -182,7 +183,7 @@ impl StreamJournal {
         }
         let written = self.current.write_all(&bytes).and_then(|()| self.current.sync_data());
         if let Err(source) = written {
-            // What may be there in part, or only in memory, must not look as if it were safe.
+            // Entries that may be partial, or only in memory, must not look durable.
             let _ = self.current.set_len(self.current_bytes);
             let number = self.files.back().map_or(0, |file| file.number);
             return Err(file_error("write", &path_of(&self.folder, number), source));
@@ -195,7 +196,7 @@ impl StreamJournal {
         Ok(())
     }
 
-    /// Removes the files that have only samples before an index.
+    /// Removes files with only samples before an index.
     pub fn remove_before(&mut self, index: u64) -> Result<(), StoreError> {
         while self.files.len() > 1
             && let Some(oldest) = self.files.front()
@@ -212,7 +213,7 @@ impl StreamJournal {
         Ok(())
     }
 
-    /// The bytes of these frames; none where some of them are not there.
+    /// Reads the bytes of these frames; returns `None` if some are missing.
     pub fn frames(&self, first: u64, frames: u64) -> Result<Option<Bytes>, StoreError> {
         let end = first + frames;
         let width = self.frame_bytes;
@@ -239,7 +240,7 @@ impl StreamJournal {
         Ok((next == end).then(|| found.freeze()))
     }
 
-    /// The oldest file's bytes and those after it, as they are on the disk.
+    /// Total size of the files in bytes.
     pub fn bytes(&self) -> u64 {
         let length = |file: &JournalFile| {
             fs::metadata(path_of(&self.folder, file.number)).map_or(0, |data| data.len())
@@ -260,7 +261,7 @@ fn path_of(folder: &Path, number: u64) -> PathBuf {
     folder.join(format!("{number:012}.journal"))
 }
 
-/// The numbers of a journal's files, in their order.
+/// The sorted numbers of a journal's files.
 fn numbers(folder: &Path) -> Result<Vec<u64>, StoreError> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -285,7 +286,7 @@ fn begin_file(folder: &Path, number: u64, checkpoint: Bytes) -> Result<(File, u6
         Ok(file)
     };
     let file = begin().map_err(|source| {
-        // The number is to be free for another try.
+        // Free the number for a retry.
         let _ = fs::remove_file(&path);
         file_error("write", &path, source)
     })?;
@@ -298,7 +299,7 @@ fn sync_folder(folder: &Path) -> Result<(), StoreError> {
     synced.map_err(|source| file_error("sync the folder", folder, source))
 }
 
-/// Gives the entries of a file to `take`, until it says that it has enough or one is not whole.
+/// Calls `take` with the entries of a file until it returns false or an entry is incomplete.
 fn read_entries(path: &Path, mut take: impl FnMut(JournalEntry) -> bool) -> Result<(), StoreError> {
     let failed = |source| file_error("read", path, source);
     let mut file = io::BufReader::with_capacity(1 << 16, File::open(path).map_err(failed)?);
@@ -310,7 +311,7 @@ fn read_entries(path: &Path, mut take: impl FnMut(JournalEntry) -> bool) -> Resu
         let [a, b, c, d, e, f, g, h] = head;
         let length = u32::from_le_bytes([a, b, c, d]) as usize;
         if length > MAX_ENTRY_BYTES {
-            tracing::warn!(file = %path.display(), "an entry of the journal is damaged");
+            tracing::warn!(file = %path.display(), "skipped the rest of a journal file: an entry is damaged");
             return Ok(());
         }
         let mut content = vec![0; length];
@@ -318,7 +319,7 @@ fn read_entries(path: &Path, mut take: impl FnMut(JournalEntry) -> bool) -> Resu
             return Ok(());
         }
         if crc32fast::hash(&content) != u32::from_le_bytes([e, f, g, h]) {
-            tracing::warn!(file = %path.display(), "an entry of the journal is damaged");
+            tracing::warn!(file = %path.display(), "skipped the rest of a journal file: an entry is damaged");
             return Ok(());
         }
         let Some(entry) = JournalEntry::read(content.into()) else { return Ok(()) };
@@ -328,7 +329,7 @@ fn read_entries(path: &Path, mut take: impl FnMut(JournalEntry) -> bool) -> Resu
     }
 }
 
-/// Whether so many bytes were there.
+/// Fills `bytes`; returns whether there were enough.
 fn read_whole(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
     match reader.read_exact(bytes) {
         Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
@@ -352,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_appended_is_read_back_and_half_an_entry_is_not() {
+    fn complete_entries_are_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = StreamJournal::open(folder.path(), 2, Bytes::from_static(b"a")).unwrap();
         let gap = JournalEntry::Gap { first: 10, frames: 5 };
@@ -367,7 +368,7 @@ mod tests {
         assert_eq!(journal.frames(2, 3).unwrap().unwrap(), Bytes::from_static(&[2, 0, 3, 0, 4, 0]));
         assert_eq!(journal.frames(8, 4).unwrap(), None);
         drop(journal);
-        // Killed in the middle of an entry, or a bit of it turned over.
+        // Killed in the middle of an entry, or a bit flipped.
         let path = path_of(folder.path(), 0);
         let whole = fs::read(&path).unwrap();
         for (bytes, left) in [(&whole[..whole.len() - 1], 4), (&whole[..60], 2)] {
@@ -378,7 +379,7 @@ mod tests {
         turned[30] ^= 1;
         fs::write(&path, turned).unwrap();
         assert_eq!(entries(folder.path()), expected[..1]);
-        // What comes after is in a file of its own.
+        // Later entries are in a new file.
         fs::write(&path, &whole[..whole.len() - 1]).unwrap();
         let mut journal = StreamJournal::open(folder.path(), 2, Bytes::from_static(b"b")).unwrap();
         journal.append(&[frames(20, 1)]).unwrap();
@@ -387,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn files_go_when_nothing_in_them_is_needed() {
+    fn files_are_removed_once_they_are_not_needed() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = StreamJournal::open(folder.path(), 2, Bytes::new()).unwrap();
         for k in 0..4 {

@@ -1,4 +1,4 @@
-//! The levels of a stream, second by second, in rows of one length.
+//! The levels of a stream for each second, in rows of fixed length.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -8,7 +8,7 @@ use super::StoreError;
 use super::objects::file_error;
 use crate::recording::stream::{ChannelLevel, Level};
 
-/// Bytes after which the older half of the levels goes: days for many channels, weeks for few.
+/// File size in bytes at which the older file is replaced: days of levels for many channels, weeks for few.
 const FILE_BYTES: u64 = 16 << 20;
 
 /// The file of the older levels.
@@ -26,7 +26,7 @@ pub struct TimedLevel {
     pub level: Level,
 }
 
-/// The levels of a stream: two files, of which the older one goes when the newer one is full.
+/// The levels of a stream in two files; the older one is dropped when the newer one is full.
 #[derive(Debug)]
 pub struct StreamLevels {
     folder: PathBuf,
@@ -36,7 +36,7 @@ pub struct StreamLevels {
 }
 
 impl StreamLevels {
-    /// The levels in a folder, which there need not be yet.
+    /// Opens the levels in a folder, which may not exist yet.
     pub fn open(folder: &Path, channels: usize) -> Result<Self, StoreError> {
         let mut levels = Self { folder: folder.to_path_buf(), channels, last: None };
         let last = levels.read(i64::MIN, i64::MAX)?.last().map(|row| row.level.first);
@@ -44,7 +44,7 @@ impl StreamLevels {
         Ok(levels)
     }
 
-    /// Appends levels that are later than those that are there.
+    /// Appends levels; those not later than the last stored one are skipped.
     pub fn append(&mut self, rows: &[TimedLevel]) -> Result<(), StoreError> {
         let new = rows.iter().filter(|row| self.last.is_none_or(|last| row.level.first > last));
         let mut bytes = Vec::new();
@@ -66,7 +66,7 @@ impl StreamLevels {
                 fs::rename(&path, self.older())?;
             }
             let mut file = OpenOptions::new().append(true).create(true).open(&path)?;
-            // Half a row of a process that was killed.
+            // Drops a partial row left by a crash.
             let length = file.metadata()?.len();
             file.set_len(length - length % self.row_bytes() as u64)?;
             file.write_all(&bytes)
@@ -76,7 +76,7 @@ impl StreamLevels {
         Ok(())
     }
 
-    /// The levels of seconds that begin from one time to another, in their order.
+    /// The levels of the seconds that start from one time to another, in order.
     pub fn read(&self, from_ns: i64, to_ns: i64) -> Result<Vec<TimedLevel>, StoreError> {
         let mut rows = Vec::new();
         for path in [self.older(), self.newer()] {
@@ -102,7 +102,7 @@ impl StreamLevels {
         Ok(rows)
     }
 
-    /// The first of `count` rows that is not before a time.
+    /// Index of the first of `count` rows that is not before a time.
     fn first_from(&self, file: &mut (impl Read + Seek), count: u64, from_ns: i64) -> io::Result<u64> {
         let (mut low, mut high) = (0, count);
         while low < high {

@@ -1,8 +1,8 @@
-//! Who may use a service, as rows: of the database that processes share, or of a small one of their own.
+//! Storage of access tokens: in the shared database, or in a small database of their own.
 //!
-//! On one machine that is `tokens.db` in the data folder. The service keeps its own database to itself, and
-//! tokens are made and revoked by another process while it runs; they also outlive that database. It has no
-//! write-ahead log, so that any number of processes may open it at any time.
+//! On one machine that is `tokens.db` in the data folder, because the service locks its own database, while
+//! tokens are created and revoked by another process at the same time; tokens also outlive that database. It
+//! has no write-ahead log, so that any number of processes may open it at any time.
 
 use std::fs;
 use std::io::{self, Read};
@@ -17,22 +17,22 @@ use super::objects::file_error;
 use super::rows::{get, get_time, to_ns};
 use super::{Store, StoreError, integrity, schema};
 
-/// The database of tokens in a data folder.
+/// File name of the token database in a data folder.
 pub(super) const FILE: &str = "tokens.db";
 
-/// Where the head of an SQLite file counts the transactions that changed it.
+/// Offset of the change counter in the header of an SQLite file.
 const CHANGE_COUNTER: usize = 24;
 
-/// What is kept of a token: not the token.
+/// The stored data of a token, without its secret.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StoredToken {
-    /// The part of the token that is no secret.
+    /// The public part of the token.
     pub id: String,
-    /// What it is for.
+    /// Its purpose, in the user's words.
     pub name: String,
-    /// How far it reaches, in the word of the API.
+    /// Its scope, as named by the API.
     pub scope: String,
-    /// When it was made.
+    /// When it was created.
     pub created_at: Timestamp,
     /// SHA-256 of its secret in hexadecimal.
     pub sha256: String,
@@ -41,26 +41,26 @@ pub struct StoredToken {
 /// The tokens of a service.
 #[derive(Debug, Clone)]
 pub struct TokenStore {
-    place: Place,
+    backend: Backend,
 }
 
 #[derive(Debug, Clone)]
-enum Place {
+enum Backend {
     File(PathBuf),
     Shared(Store),
 }
 
-/// A state of a file of tokens; every change of the tokens makes another one.
+/// A version of the token file, which differs after every change of the tokens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TokensVersion(Option<u32>);
 
-/// A connection for one piece of work.
-enum Opened {
+/// A connection for one operation.
+enum TokenConnection {
     Own(Box<AnyConnection>),
     Pooled(PoolConnection<Any>),
 }
 
-impl Opened {
+impl TokenConnection {
     fn get(&mut self) -> &mut AnyConnection {
         match self {
             Self::Own(connection) => connection,
@@ -72,25 +72,25 @@ impl Opened {
         if let Self::Own(connection) = self
             && let Err(error) = connection.close().await
         {
-            tracing::warn!(%error, "failed to close the database of tokens");
+            tracing::warn!(%error, "failed to close the token database");
         }
     }
 }
 
 impl TokenStore {
-    /// The tokens of a data folder; there need not be any.
+    /// The tokens of a data folder, which may have none.
     pub fn in_folder(folder: &Path) -> Self {
-        Self { place: Place::File(folder.join(FILE)) }
+        Self { backend: Backend::File(folder.join(FILE)) }
     }
 
-    /// The tokens of a store that processes share.
+    /// The tokens of a shared store.
     pub fn shared(store: Store) -> Self {
-        Self { place: Place::Shared(store) }
+        Self { backend: Backend::Shared(store) }
     }
 
-    /// Which state the tokens are in; none where that is not known without asking for them.
+    /// The version of the tokens; `None` for a shared store, where it is not known without a query.
     pub fn version(&self) -> Result<Option<TokensVersion>, StoreError> {
-        let Place::File(path) = &self.place else {
+        let Backend::File(path) = &self.backend else {
             return Ok(None);
         };
         let mut head = [0; CHANGE_COUNTER + 4];
@@ -100,7 +100,7 @@ impl TokenStore {
                 let counter = [head[24], head[25], head[26], head[27]];
                 Ok(Some(TokensVersion(Some(u32::from_be_bytes(counter)))))
             }
-            // Not made yet, or just being made.
+            // Not created yet, or being created.
             Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::UnexpectedEof) => {
                 Ok(Some(TokensVersion(None)))
             }
@@ -108,9 +108,9 @@ impl TokenStore {
         }
     }
 
-    /// The tokens that stand, the oldest first; none where there never were any.
+    /// The valid tokens, the oldest first; `None` if there never were any.
     pub async fn tokens(&self) -> Result<Option<Vec<StoredToken>>, StoreError> {
-        if let Place::File(path) = &self.place
+        if let Backend::File(path) = &self.backend
             && !path.exists()
         {
             return Ok(None);
@@ -140,7 +140,7 @@ impl TokenStore {
         Ok(Some(tokens))
     }
 
-    /// Keeps a token; false where one of that identifier is there, or was.
+    /// Stores a token; returns false if its identifier is or was in use.
     pub async fn insert(&self, token: &StoredToken) -> Result<bool, StoreError> {
         let mut opened = self.open(true).await?;
         let inserted = sqlx::query(
@@ -158,7 +158,7 @@ impl TokenStore {
         Ok(inserted?.rows_affected() > 0)
     }
 
-    /// Takes a token back; false where there is none that stands.
+    /// Revokes a token; returns false if there is no valid one with that identifier.
     pub async fn revoke(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
         let mut opened = self.open(true).await?;
         let revoked =
@@ -172,28 +172,28 @@ impl TokenStore {
         Ok(revoked?.rows_affected() > 0)
     }
 
-    async fn open(&self, to_write: bool) -> Result<Opened, StoreError> {
-        match &self.place {
-            Place::File(path) => {
+    async fn open(&self, to_write: bool) -> Result<TokenConnection, StoreError> {
+        match &self.backend {
+            Backend::File(path) => {
                 let opened = connect(path).await.map_err(|error| integrity::named(path, error))?;
-                Ok(Opened::Own(Box::new(opened)))
+                Ok(TokenConnection::Own(Box::new(opened)))
             }
-            Place::Shared(store) => {
+            Backend::Shared(store) => {
                 let pool = if to_write { store.write() } else { store.read() };
-                Ok(Opened::Pooled(pool.acquire().await?))
+                Ok(TokenConnection::Pooled(pool.acquire().await?))
             }
         }
     }
 
     fn named(&self, error: sqlx::Error) -> StoreError {
-        match &self.place {
-            Place::File(path) => integrity::named(path, error),
-            Place::Shared(_) => error.into(),
+        match &self.backend {
+            Backend::File(path) => integrity::named(path, error),
+            Backend::Shared(_) => error.into(),
         }
     }
 }
 
-/// Opens the database of tokens, made where it is missing, for its owner alone.
+/// Opens the token database; creates it if missing, accessible only to its owner.
 async fn connect(path: &Path) -> Result<AnyConnection, StoreError> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
@@ -205,7 +205,7 @@ async fn connect(path: &Path) -> Result<AnyConnection, StoreError> {
     options.open(path).map_err(|source| file_error("write", path, source))?;
     sqlx::any::install_default_drivers();
     let mut connection = AnyConnection::connect(&sqlite_url(path, "rw")).await?;
-    // What is revoked stays revoked, also where the power fails just after.
+    // A revoked token stays revoked, even if the power fails right after.
     for statement in ["PRAGMA busy_timeout = 10000", "PRAGMA synchronous = EXTRA", schema::TOKENS] {
         sqlx::query(statement).execute(&mut connection).await?;
     }

@@ -1,8 +1,8 @@
-//! Histories of whole channels, kept in memory as columns once they have been asked for.
+//! Histories of whole channels, cached in memory as columns.
 //!
-//! Reading 10⁵ rows takes more than a second, so a history that was read stays, and only what was added since
-//! is read again; the channel's revision numbers say whether that is enough. One that nobody has asked for yet
-//! begins with the blocks that are kept of it (`trend_blocks`).
+//! Reading 10⁵ rows takes more than a second, so a history stays in memory, and only records added since are
+//! read; the channel's revisions tell whether that is enough. A history that is not in memory starts from its
+//! stored blocks (`trend_blocks`).
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -18,13 +18,14 @@ use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
 use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 
-/// Records held in memory over all channels before the least recently asked-for histories are dropped.
+/// Maximum number of cached records of all channels, beyond which the least recently used histories are
+/// dropped.
 const MAX_RECORDS: usize = 1_000_000;
 
-/// Rows read in one piece.
+/// Rows read in one query.
 const ROWS_AT_ONCE: usize = 4096;
 
-/// One channel's history in the order of time: parallel columns, one entry a segment.
+/// One channel's history in the order of time: parallel columns with one entry for each segment.
 #[derive(Debug, Clone, Default)]
 pub struct Trend {
     /// Time of each segment's first sample.
@@ -33,11 +34,11 @@ pub struct Trend {
     pub segment_id: Vec<SegmentId>,
     /// Unit of the latest segment's samples.
     pub unit: String,
-    /// Value of each indicator by name; NaN where a segment has none.
+    /// Values of each indicator by name; NaN if a segment does not have it.
     pub indicators: BTreeMap<String, Vec<f64>>,
-    /// Shaft speed in hertz that was used; NaN where none was found.
+    /// Rotational frequency of the shaft in hertz; NaN if unknown.
     pub shaft_speed_hz: Vec<f64>,
-    /// Torque in N·m that came with the record; NaN where none did.
+    /// Torque in N·m given with the record; NaN if none was given.
     pub torque_nm: Vec<f64>,
     /// The wear estimates.
     pub wear: Vec<WearPoint>,
@@ -48,9 +49,9 @@ pub struct Trend {
 /// The wear estimate of one segment without its posterior.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WearPoint {
-    /// What kind of answer it is.
+    /// The status.
     pub status: WearStatus,
-    /// The same in words.
+    /// The status in words.
     pub reason: Box<str>,
     /// Median in µm.
     pub median_um: Option<f64>,
@@ -66,7 +67,7 @@ pub struct WearPoint {
     pub p95_um: Option<f64>,
     /// Natural logarithm of the evidence.
     pub log_evidence: Option<f64>,
-    /// Wear depth known from elsewhere in µm.
+    /// Reference wear depth in µm from another source.
     pub reference_wear_um: Option<f64>,
 }
 
@@ -122,7 +123,7 @@ impl Trend {
         Ok(())
     }
 
-    /// Makes all columns as long as there are records.
+    /// Extends all columns to the number of records.
     pub(super) fn fill(&mut self) {
         let records = self.len();
         for column in self.indicators.values_mut() {
@@ -136,50 +137,51 @@ impl Trend {
     }
 }
 
-/// The histories in memory.
+/// The cached histories.
 #[derive(Debug, Default)]
 pub(super) struct TrendCache {
-    held: Mutex<Held>,
+    cached: Mutex<CachedTrends>,
     reading: tokio::sync::Mutex<()>,
 }
 
 #[derive(Debug, Default)]
-struct Held {
-    /// By channel number: the history and when it was last asked for, in askings.
+struct CachedTrends {
+    /// By channel number: the history, and the access count at its last use.
     trends: HashMap<i64, (Arc<Trend>, u64)>,
-    askings: u64,
+    accesses: u64,
 }
 
 impl TrendCache {
-    fn lock(&self) -> MutexGuard<'_, Held> {
-        // What is held is replaced whole, so a panic elsewhere cannot have left half of it.
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, CachedTrends> {
+        // Entries are replaced as a whole, so a panic elsewhere cannot leave a partial one.
+        self.cached.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn get(&self, channel_no: i64) -> Option<Arc<Trend>> {
-        let mut held = self.lock();
-        held.askings += 1;
-        let now = held.askings;
-        let (trend, asked) = held.trends.get_mut(&channel_no)?;
-        *asked = now;
+        let mut cached = self.lock();
+        cached.accesses += 1;
+        let now = cached.accesses;
+        let (trend, last_access) = cached.trends.get_mut(&channel_no)?;
+        *last_access = now;
         Some(Arc::clone(trend))
     }
 
-    /// Takes a history off the cache.
+    /// Removes a history from the cache.
     pub(super) fn remove(&self, channel_no: i64) -> Option<Arc<Trend>> {
         self.lock().trends.remove(&channel_no).map(|(trend, _)| trend)
     }
 
     fn put(&self, trend: Arc<Trend>) {
-        let mut held = self.lock();
-        let now = held.askings;
-        held.trends.insert(trend.channel_no, (trend, now));
-        let mut records: usize = held.trends.values().map(|(trend, _)| trend.len()).sum();
-        while records > MAX_RECORDS && held.trends.len() > 1 {
-            let Some((&oldest, _)) = held.trends.iter().min_by_key(|(_, (_, asked))| *asked) else {
+        let mut cached = self.lock();
+        let now = cached.accesses;
+        cached.trends.insert(trend.channel_no, (trend, now));
+        let mut records: usize = cached.trends.values().map(|(trend, _)| trend.len()).sum();
+        while records > MAX_RECORDS && cached.trends.len() > 1 {
+            let Some((&oldest, _)) = cached.trends.iter().min_by_key(|(_, (_, last_access))| *last_access)
+            else {
                 break;
             };
-            if let Some((trend, _)) = held.trends.remove(&oldest) {
+            if let Some((trend, _)) = cached.trends.remove(&oldest) {
                 records -= trend.len();
             }
         }
@@ -187,13 +189,13 @@ impl TrendCache {
 }
 
 impl Store {
-    /// The history of a channel as of its summary or later.
+    /// The history of a channel, at least as recent as its summary.
     pub async fn trend(&self, channel: &ChannelSummary) -> Result<Arc<Trend>, StoreError> {
         let current = |trend: &Arc<Trend>| trend.revision >= channel.revision;
         if let Some(trend) = self.inner.trends.get(channel.channel_no).filter(current) {
             return Ok(trend);
         }
-        // One reader at a time brings a history up to date; those behind it find it done.
+        // One reader at a time updates a history; the next ones find it updated.
         let _turn = self.inner.trends.reading.lock().await;
         let mut trend = match self.inner.trends.remove(channel.channel_no) {
             Some(trend) if current(&trend) => {
@@ -203,15 +205,15 @@ impl Store {
             Some(trend) if trend.revision >= channel.rewritten_revision => trend,
             _ => Arc::new(Trend { channel_no: channel.channel_no, ..Trend::default() }),
         };
-        // Taken off the cache before, so that this copies only what a slow reader still looks at.
+        // It is removed from the cache first, so that `make_mut` copies it only if a reader still uses it.
         self.append(Arc::make_mut(&mut trend), channel).await?;
         self.inner.trends.put(Arc::clone(&trend));
         Ok(trend)
     }
 
     async fn append(&self, trend: &mut Trend, channel: &ChannelSummary) -> Result<(), StoreError> {
-        // One snapshot of the database for all pieces: a history that is swapped meanwhile is seen whole, the
-        // old one or the new.
+        // One database snapshot for all queries: if the history is replaced in the meantime, either the old
+        // or the new one is read.
         let mut snapshot = self.read().begin_with(self.dialect().begin_snapshot()).await?;
         let row = sqlx::query("SELECT * FROM channels WHERE channel_no = $1")
             .bind(channel.channel_no)
@@ -240,7 +242,7 @@ impl Store {
     }
 }
 
-/// Rows of a channel's history behind a segment, or from its beginning.
+/// Rows of a channel's history after a segment, or from its start.
 pub(super) async fn rows_after(
     snapshot: &mut Transaction<'_, Any>,
     channel: &ChannelSummary,

@@ -1,5 +1,5 @@
-//! Blocks of a long history as columns, beside its rows: a history that nobody has asked for since the start
-//! is then there at once.
+//! Blocks of a long history stored as columns, in addition to its rows, so that a history that is not in
+//! memory can be read quickly.
 
 use std::collections::BTreeMap;
 
@@ -12,13 +12,13 @@ use super::trend::{Trend, WearPoint, rows_after};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 
-/// Records in a block.
+/// Number of records in a block.
 pub(super) const RECORDS: usize = 1024;
 
-/// Grows with every change of what a block holds.
+/// Version of the block format; incremented with every change of it.
 const FORMAT: i64 = 1;
 
-/// Channels that are looked at at once.
+/// Maximum number of channels in one round.
 const MAX_CHANNELS: i64 = 100;
 
 /// The columns of a block.
@@ -40,7 +40,7 @@ struct Block {
     status: Vec<String>,
     #[prost(string, repeated, tag = "8")]
     reason: Vec<String>,
-    /// Those of [`numbers_of`], one after the other for each record; NaN where there is none.
+    /// The numbers of [`numbers_of`], record after record; NaN for a missing number.
     #[prost(double, repeated, tag = "9")]
     wear: Vec<f64>,
 }
@@ -54,7 +54,7 @@ struct Column {
     values: Vec<f64>,
 }
 
-/// The numbers of an estimate.
+/// Count of numbers of an estimate.
 const NUMBERS: usize = 8;
 
 fn numbers_of(wear: &WearPoint) -> [Option<f64>; NUMBERS] {
@@ -89,7 +89,7 @@ impl Block {
         })
     }
 
-    /// Whether its columns are as long as they have to be.
+    /// Whether all columns have the right length.
     fn is_whole(&self) -> bool {
         let lengths = [
             self.start_time_ns.len(),
@@ -111,7 +111,7 @@ impl Block {
             column.resize(position, f64::NAN);
             column.extend(values);
         }
-        // Nearly all records of a block have one of a few.
+        // A block contains only a few different statuses.
         let mut statuses = BTreeMap::new();
         let numbers = self.wear.as_chunks::<NUMBERS>().0;
         for ((status, reason), numbers) in self.status.into_iter().zip(self.reason).zip(numbers) {
@@ -146,7 +146,7 @@ impl Block {
     }
 }
 
-/// Begins a history with the blocks that are kept of it.
+/// Starts a history from its stored blocks.
 pub(super) async fn load(
     snapshot: &mut Transaction<'_, Any>,
     channel: &ChannelSummary,
@@ -162,7 +162,7 @@ pub(super) async fn load(
     .await?;
     for (expected, row) in (0..).zip(&rows) {
         let number: i64 = get(row, "number")?;
-        // One that cannot be read is left to the rows, and so are those behind it.
+        // An unreadable block, and those after it, are read from the rows.
         let block = Block::decode(get::<Vec<u8>>(row, "columns")?.as_slice()).ok().filter(Block::is_whole);
         let Some(block) = block.filter(|_| number == expected) else { break };
         block.append_to(trend)?;
@@ -171,8 +171,8 @@ pub(super) async fn load(
 }
 
 impl Store {
-    /// Keeps blocks of the histories that lack some.
-    pub async fn keep_trend_blocks(&self) -> Result<(), StoreError> {
+    /// Stores the missing blocks of long histories.
+    pub async fn store_trend_blocks(&self) -> Result<(), StoreError> {
         self.check_whole()?;
         let lacking = sqlx::query(
             "SELECT * FROM channels c WHERE c.segments >= $1 AND c.segments >= $1 * (1 + (
@@ -187,12 +187,12 @@ impl Store {
         .await?;
         for row in &lacking {
             let channel = channel_of(row)?;
-            while self.keep_next_block(&channel).await? {}
+            while self.store_next_block(&channel).await? {}
         }
         Ok(())
     }
 
-    /// How many blocks of an asset's histories are kept, and still hold.
+    /// Number of valid stored blocks of an asset's histories.
     pub async fn trend_blocks(&self, asset: &str) -> Result<u64, StoreError> {
         let row = sqlx::query(
             "SELECT COUNT(*) AS blocks FROM trend_blocks b JOIN channels c ON c.channel_no = b.channel_no
@@ -205,8 +205,8 @@ impl Store {
         super::rows::get_count(&row, "blocks")
     }
 
-    /// Keeps the next block of a history; false where there are not as many records.
-    async fn keep_next_block(&self, channel: &ChannelSummary) -> Result<bool, StoreError> {
+    /// Stores the next block of a history; returns false if there are not enough records.
+    async fn store_next_block(&self, channel: &ChannelSummary) -> Result<bool, StoreError> {
         let mut snapshot = self.read().begin_with(self.dialect().begin_snapshot()).await?;
         let row = sqlx::query("SELECT * FROM channels WHERE channel_no = $1")
             .bind(channel.channel_no)

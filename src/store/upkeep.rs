@@ -1,4 +1,5 @@
-//! What is left to be done by whichever process finds it, where one that had it to do may have died.
+//! Work that any process may take over because the one responsible for it may have died, and the shared
+//! clock.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -6,12 +7,12 @@ use super::rows::{asset_id, get, to_ns};
 use super::{Store, StoreError};
 use crate::asset::AssetId;
 
-/// Between two searches for objects that nothing refers to, whichever process makes them.
-const SWEPT_EVERY: SignedDuration = SignedDuration::from_hours(24);
+/// Time between two searches for unreferenced objects by any process.
+const SWEEP_INTERVAL: SignedDuration = SignedDuration::from_hours(24);
 
 impl Store {
-    /// Up to `limit` assets of which a channel's history may not be as it is asked for.
-    pub async fn unsettled_assets(&self, limit: u32) -> Result<Vec<AssetId>, StoreError> {
+    /// Up to `limit` assets with a history that may be outdated.
+    pub async fn outdated_assets(&self, limit: u32) -> Result<Vec<AssetId>, StoreError> {
         let rows = sqlx::query(
             "SELECT id FROM assets a WHERE settled_revision < revision
                 OR EXISTS (SELECT 1 FROM channels c WHERE c.asset_id = a.id AND c.must_fold + c.leftovers > 0) LIMIT $1",
@@ -22,8 +23,8 @@ impl Store {
         rows.iter().map(|row| asset_id(get(row, "id")?)).collect()
     }
 
-    /// Says that all histories of an asset are as they were asked for at a version of it.
-    pub async fn settle_asset(&self, asset: &AssetId, version: i64) -> Result<(), StoreError> {
+    /// Marks all histories of an asset as up to date at a version of it.
+    pub async fn mark_up_to_date(&self, asset: &AssetId, version: i64) -> Result<(), StoreError> {
         sqlx::query("UPDATE assets SET settled_revision = $2 WHERE id = $1 AND settled_revision < $2")
             .bind(asset.as_str())
             .bind(version)
@@ -32,7 +33,7 @@ impl Store {
         Ok(())
     }
 
-    /// The time: where processes share the store by the database's clock, which is one for all of them.
+    /// The current time: on a shared store by the database's clock, which is the same for all processes.
     pub async fn now(&self, local: Timestamp) -> Result<Timestamp, StoreError> {
         let Some(text) = self.dialect().time_ns() else {
             return Ok(local);
@@ -41,11 +42,11 @@ impl Store {
         super::rows::get_time(&row, "now_ns")
     }
 
-    /// Whether this process is to search for objects that nothing refers to: none did for a day.
+    /// Claims the search for unreferenced objects; returns false if a process made one within the last day.
     pub async fn begin_sweep(&self, now: Timestamp) -> Result<bool, StoreError> {
         let begun = sqlx::query("UPDATE counters SET value = $1 WHERE name = 'swept_at_ns' AND value <= $2")
             .bind(to_ns(now)?)
-            .bind(to_ns(now.saturating_sub(SWEPT_EVERY).unwrap_or(Timestamp::MIN))?)
+            .bind(to_ns(now.saturating_sub(SWEEP_INTERVAL).unwrap_or(Timestamp::MIN))?)
             .execute(self.write())
             .await?;
         Ok(begun.rows_affected() > 0)

@@ -1,4 +1,4 @@
-//! Writing estimates of segments, with their posteriors.
+//! Writing the estimates of segments with their posteriors.
 
 use super::commit::{Commit, ROWS_AT_ONCE};
 use super::rows::{
@@ -8,7 +8,7 @@ use super::{RunResult, StoreError};
 use crate::asset::SegmentId;
 use crate::estimate::WearEstimate;
 
-/// What is written of an estimate.
+/// The columns of an estimate.
 const ESTIMATE: &str = "status, reason, median_um, mean_um, p05_um, p25_um, p75_um, p95_um, log_evidence, estimate, run_indicators";
 
 /// An estimate to be written.
@@ -16,12 +16,12 @@ pub(super) struct WearRow<'a> {
     pub(super) generation: i64,
     pub(super) segment: &'a SegmentId,
     pub(super) result: &'a RunResult,
-    /// The segment is added by the same transaction: nothing was said of it before.
+    /// Whether the segment is added by the same transaction and so has no earlier estimate.
     pub(super) is_first: bool,
 }
 
 impl Commit {
-    /// Sets estimates of segments, the first ones or new ones.
+    /// Inserts or replaces estimates of segments.
     pub(super) async fn set_wears(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
         for chunk in wears.chunks(ROWS_AT_ONCE) {
             self.set_estimates(chunk).await?;

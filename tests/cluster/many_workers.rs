@@ -408,7 +408,7 @@ fn workers_that_keep_a_quota_at_the_same_time_give_up_no_more_than_needed() {
         let largest = all.iter().map(|(_, bytes)| bytes.len() as u64).max().unwrap();
         for quota in [volume / 2, volume / 4] {
             let given_up =
-                workers.iter().map(|worker| worker.store.give_up_oldest(Some(&spec.id), quota, 256));
+                workers.iter().map(|worker| worker.store.delete_oldest_raw(Some(&spec.id), quota, 256));
             let given_up = futures_util::future::join_all(given_up).await;
             assert_eq!(given_up.iter().filter(|one| one.as_ref().unwrap().objects > 0).count(), 1);
             let left = workers[0].store.raw_volumes().await.unwrap()["pump"];

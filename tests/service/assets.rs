@@ -181,7 +181,7 @@ fn a_change_can_be_conditional_on_the_description_that_was_seen() {
     let changed = put(&description, &[("if-match", &tag)]).expect(200);
     assert_eq!(changed.json()["name"], "Pump 1");
     description["name"] = serde_json::json!("Pump 2");
-    put(&description, &[("if-match", &tag)]).expect_problem(412, &["pump", "changed meanwhile"]);
+    put(&description, &[("if-match", &tag)]).expect_problem(412, &["pump", "has changed"]);
     put(&description, &[("if-none-match", "*")]).expect_problem(412, &["pump"]);
     assert_eq!(service.get("/v1/assets/pump").expect(200).json()["name"], "Pump 1");
     let list = format!("\"other\", {}", changed.header("etag"));

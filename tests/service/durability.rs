@@ -151,7 +151,7 @@ fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay()
     segments.reverse();
     let waveform =
         |segment: &Value| service.get(&format!("/v1/segments/{}/waveform", segment["id"].as_str().unwrap()));
-    waveform(&segments[0]).expect_problem(410, &["not kept any more"]);
+    waveform(&segments[0]).expect_problem(410, &["no longer available"]);
     waveform(&segments[11]).expect(200);
     let shown =
         service.get(&format!("/v1/segments/{}", segments[0]["id"].as_str().unwrap())).expect(200).json();

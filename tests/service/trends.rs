@@ -220,7 +220,7 @@ fn a_history_kept_as_columns_is_the_one_of_its_rows() {
     let blocks = |service: &Service| {
         let store = service.service().store.clone();
         service.run(async {
-            store.keep_trend_blocks().await.unwrap();
+            store.store_trend_blocks().await.unwrap();
             store.trend_blocks("pump").await.unwrap()
         })
     };

@@ -125,7 +125,7 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
         .expect_problem(409, &["first"]);
     let sent = service.upload("first", &record("in", 0));
     let mut moved = second("third");
-    service.put_json("/v1/assets/second", &moved).expect_problem(422, &["sensor.of", "what it was before"]);
+    service.put_json("/v1/assets/second", &moved).expect_problem(422, &["sensor.of", "the previous value"]);
     moved["sensor"] = json!({});
     service.put_json("/v1/assets/second", &moved).expect_problem(422, &["not given"]);
 

@@ -120,7 +120,7 @@ fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
         ("good.csv", "out.mcap", "--rate 0 --unit g", "sample_rate_hz is 0"),
         ("good.csv", "out.mcap", "--rate 10 --unit g --shaft-speed-hz -2", "shaft_speed_hz is -2"),
         ("good.csv", "out.mcap", "--rate 10 --unit g --record-seconds 0", "the cut is 0 samples"),
-        ("in.csv", "out.mcap", "--rate 10 --unit g --asset Pump!", "--asset: asset id \"Pump!\""),
+        ("in.csv", "out.mcap", "--rate 10 --unit g --asset Pump!", "--asset: asset id is \"Pump!\""),
         ("in.csv", "out.mcap", "--rate 10 --unit g --channels b", "no column \"b\""),
         ("in.csv", "out.flac", "--rate 10 --unit g", "OUT is"),
         ("in.csv", "there.mcap", "--rate 10 --unit g", "exists, expected a new file"),

@@ -1,4 +1,5 @@
-//! What new segments do to the history of their channel: folded under the channel's lock, and written.
+//! Appends new segments to the history of their channel: folds them under the channel's lock and prepares the
+//! rows to be written.
 
 use std::collections::BTreeMap;
 
@@ -16,33 +17,33 @@ use crate::store::{
     AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey,
 };
 
-/// Stored records after a late one that are folded again at once. Where there are more, the late record gets
-/// its estimate, and those after it are folded in the background.
+/// Maximum number of stored records after a late one that are folded again at once. If there are more, the
+/// late record gets its estimate at once and those after it are folded in the background.
 const FOLDED_AT_ONCE: u64 = 512;
 
-/// A channel's new segments with what they become.
+/// A channel's new segments and the result of folding them.
 pub(crate) struct Appended<'a> {
     asset: &'a Asset,
-    /// As it is in the transaction.
+    /// The channel as read in the transaction.
     channel: ChannelSummary,
     new: BTreeMap<SegmentKey, NewSegment>,
     slot: OwnedMutexGuard<Slot>,
-    /// Under which keys the channel's history stands.
+    /// The keys of the channel's history.
     keys: ChannelKeys,
     fold: Fold,
 }
 
-/// What new segments do to a channel's history.
+/// The effect of new segments on a channel's history.
 enum Fold {
-    /// The estimates after position `after` are these.
-    From { after: u64, folded: Folded, estimator: KeyedEstimator },
-    /// They have these results for now, and the history after them is to be folded again in the background.
-    Later { results: Vec<(SegmentKey, RunResult)> },
+    /// All estimates after position `after` are known.
+    Complete { after: u64, folded: Folded, estimator: KeyedEstimator },
+    /// The new segments have provisional results; the history after them is folded again in the background.
+    Deferred { results: Vec<(SegmentKey, RunResult)> },
 }
 
 impl Folding {
-    /// Folds the new segments of a channel as far as that is done at once; `current` is the estimator that is
-    /// asked for now.
+    /// Folds the new segments of a channel as far as that is done at once; `current` is the estimator for the
+    /// current description and library.
     pub(crate) async fn append<'a>(
         &self,
         simulations: &Simulations,
@@ -57,10 +58,10 @@ impl Folding {
             return Err(ServiceError::DescriptionChanged(asset.spec.id.clone()));
         }
         if channel.segments == 0 {
-            // The first records of a channel stand under what is asked for now.
+            // The first records of a channel are folded under the current keys.
             let keys = ChannelKeys { analysed: wanted, fold: current.fold_key.clone() };
             let timeline = self.timeline(asset, None, &mut slot).await?;
-            let folded = self.fold_first(current, None, inputs_of(&new), &timeline).await?;
+            let folded = self.fold_with_priority(current, None, inputs_of(&new), &timeline).await?;
             let estimator = current.clone();
             return Ok(Appended {
                 asset,
@@ -68,19 +69,19 @@ impl Folding {
                 new,
                 slot,
                 keys,
-                fold: Fold::From { after: 0, folded, estimator },
+                fold: Fold::Complete { after: 0, folded, estimator },
             });
         }
         let keys = channel.keys.clone();
         let fits = new.values().all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
-        // Records go on under the estimator of the history that is served, until another one is.
+        // Records are folded with the estimator of the served history until another history is served.
         let estimator = simulations.estimator_of(&keys.fold).filter(|_| fits);
         let fold = match estimator {
             Some(estimator) => self.fold_in(&estimator, asset, &channel, &new, &mut slot).await?,
             None => {
                 let need = asset.spec.baseline.records;
                 let result = || while_recomputing(need);
-                Fold::Later { results: new.keys().map(|key| (key.clone(), result())).collect() }
+                Fold::Deferred { results: new.keys().map(|key| (key.clone(), result())).collect() }
             }
         };
         Ok(Appended { asset, channel, new, slot, keys, fold })
@@ -100,7 +101,7 @@ impl Folding {
         }
         let points = slot.points.get_or_insert_default();
         let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
-            return Ok(Fold::Later { results: Vec::new() });
+            return Ok(Fold::Deferred { results: Vec::new() });
         };
         let newest = points.newest().cloned();
         let from = match points.before(first) {
@@ -113,12 +114,12 @@ impl Folding {
         let mut inputs = inputs_of(new);
         let is_latest = newest.as_ref().is_some_and(|newest| newest.last < *first);
         if is_latest {
-            let folded = self.fold_first(estimator, from, inputs, &timeline).await?;
+            let folded = self.fold_with_priority(estimator, from, inputs, &timeline).await?;
             let estimator = estimator.clone();
-            return Ok(Fold::From { after, folded, estimator });
+            return Ok(Fold::Complete { after, folded, estimator });
         }
         let fold_all = stored_after <= FOLDED_AT_ONCE && newest.is_some();
-        // All that is stored after the state, or only what lies before the last of the new ones.
+        // All stored records after the state, or only those before the last new one.
         let mut cursor = from.as_ref().map(|point| point.last.clone());
         loop {
             let stored = self.store.features(channel, cursor.as_ref(), 1024).await?;
@@ -132,28 +133,28 @@ impl Folding {
             }
         }
         inputs.sort_by(|a, b| a.key.cmp(&b.key));
-        let mut folded = self.fold_first(estimator, from, inputs, &timeline).await?;
+        let mut folded = self.fold_with_priority(estimator, from, inputs, &timeline).await?;
         if fold_all {
-            // Those before the first new one are what they were.
+            // The results before the first new record are unchanged.
             folded.results.retain(|(key, _)| key >= first);
             let estimator = estimator.clone();
-            return Ok(Fold::From { after, folded, estimator });
+            return Ok(Fold::Complete { after, folded, estimator });
         }
         folded.results.retain(|(key, _)| new.contains_key(key));
-        Ok(Fold::Later { results: folded.results })
+        Ok(Fold::Deferred { results: folded.results })
     }
 }
 
 impl Appended<'_> {
-    /// What is to be written.
+    /// The rows to be written.
     pub(crate) fn rows(&mut self) -> Result<ChannelRows<'_>, ServiceError> {
         self.channel.keys = self.keys.clone();
         let (wears, states, is_rewritten) = match &self.fold {
-            Fold::From { after, folded, .. } => {
+            Fold::Complete { after, folded, .. } => {
                 let states = Some((*after, states_of(&folded.points)?));
                 (&folded.results, states, folded.results.len() != self.new.len())
             }
-            Fold::Later { results } => {
+            Fold::Deferred { results } => {
                 self.channel.must_fold = true;
                 (results, None, true)
             }
@@ -167,19 +168,19 @@ impl Appended<'_> {
         })
     }
 
-    /// Writes what the fold says of the channel's alarms; returns what is new of them.
+    /// Writes the channel's alarms as folded; returns the notices of new changes.
     pub(crate) async fn set_alarms(
         &mut self,
         commit: &mut Commit,
         now: Timestamp,
     ) -> Result<Vec<AlarmNotice>, ServiceError> {
-        let Fold::From { folded, estimator, .. } = &self.fold else {
+        let Fold::Complete { folded, estimator, .. } = &self.fold else {
             return Ok(Vec::new());
         };
         let is_append = folded.results.len() == self.new.len();
         let has_alarms = self.slot.timeline.as_ref().is_none_or(|known| known.has_alarms);
-        // Where records were only added and nothing came of it, what is stored stands.
-        if folded.alarms.is_quiet() && (is_append || !has_alarms) {
+        // If records were only appended and changed no alarm, the stored alarms are still right.
+        if folded.alarms.is_empty() && (is_append || !has_alarms) {
             return Ok(Vec::new());
         }
         let notices =
@@ -190,29 +191,29 @@ impl Appended<'_> {
         Ok(notices)
     }
 
-    /// To be called once all is committed: brings the channel's slot up to date, and says what was stored.
+    /// Updates the channel's slot and returns the stored segments. To be called after the commit.
     pub(crate) fn committed(self, simulations: &Simulations) -> Committed {
         let Self { asset, channel, mut new, mut slot, fold, .. } = self;
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
-            Fold::From { after, folded, estimator } => {
-                // Of a channel that has just begun nobody else saw that its library came meanwhile.
+            Fold::Complete { after, folded, estimator } => {
+                // Only here is it noticed that the library of a new channel became ready in the meantime.
                 let now = || simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;
                 slot.points.get_or_insert_default().replace(after, folded.points);
                 (folded.results, is_outdated)
             }
-            Fold::Later { results } => (results, true),
+            Fold::Deferred { results } => (results, true),
         };
         let stored = results.into_iter().filter_map(|(key, result)| Some(new.remove(&key)?.with_run(result)));
         Committed { segments: stored.collect(), outdated: is_outdated.then(|| asset.spec.id.clone()) }
     }
 }
 
-/// What became of a channel's new segments.
+/// A channel's new segments after the commit.
 pub(crate) struct Committed {
     pub(crate) segments: Vec<Segment>,
-    /// The asset, where its history is to be folded again in the background.
+    /// The asset, if its history has to be folded again in the background.
     pub(crate) outdated: Option<AssetId>,
 }
 

@@ -1,4 +1,4 @@
-//! One lock for each channel, with what only its holder may change.
+//! One lock for each channel, with cached data that only its holder may change.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,14 +10,16 @@ use super::timeline::Timeline;
 use crate::asset::AssetId;
 use crate::store::{Asset, ChannelSummary};
 
-/// Channels whose states stay in memory; those of others are read again when needed.
+/// Number of channels from which on the slots that are not in use are dropped; their data is read again when
+/// needed.
 const MAX_CACHED: usize = 512;
 
-/// What the store held of a channel when something was read of it; where it holds the same, that still is so.
+/// The revisions of a channel and its asset in the store. Data read at these revisions is valid as long as
+/// the store has the same ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Revisions {
     asset: i64,
-    /// None before the first record.
+    /// `None` before the first record.
     channel: Option<(i64, i64)>,
 }
 
@@ -27,18 +29,18 @@ impl Revisions {
     }
 }
 
-/// What is held of a channel.
+/// The cached data of a channel.
 #[derive(Debug, Default)]
 pub(crate) struct Slot {
-    /// The latest states of the fold; none until they are needed.
+    /// The latest states of the fold; `None` until they are needed.
     pub(crate) points: Option<RecentPoints>,
-    /// What happened between its records; none until it is needed, or where more has happened since.
+    /// The timeline; `None` until it is needed, or if it is outdated.
     pub(crate) timeline: Option<Arc<Timeline>>,
-    /// What both were read of or made from.
+    /// The revisions at which both were read.
     revisions: Option<Revisions>,
 }
 
-/// The same behind the channel's lock.
+/// A slot behind the channel's lock.
 type LockedSlot = Arc<tokio::sync::Mutex<Slot>>;
 
 /// The slots of all channels in use.
@@ -48,26 +50,26 @@ pub(crate) struct Channels {
 }
 
 impl Slot {
-    /// Forgets what was not made from this: another process may have changed the channel.
+    /// Clears the slot unless it was read at these revisions: another process may have changed the channel.
     pub(crate) fn validate(&mut self, revisions: Revisions) {
         if self.revisions != Some(revisions) {
             *self = Self { revisions: Some(revisions), ..Self::default() };
         }
     }
 
-    /// Says that what is held is what the store holds now.
+    /// Marks the cached data as that of these revisions.
     pub(crate) fn set_revisions(&mut self, revisions: Revisions) {
         self.revisions = Some(revisions);
     }
 
-    /// Forgets everything.
+    /// Clears the slot.
     pub(crate) fn clear(&mut self) {
         *self = Self::default();
     }
 }
 
 impl Channels {
-    /// The slot of a channel; kept in memory as long as it is held.
+    /// The slot of a channel; it is not dropped while it is in use.
     pub(crate) fn slot(&self, asset: &AssetId, channel: &str) -> LockedSlot {
         let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
         if slots.len() >= MAX_CACHED {
@@ -76,12 +78,12 @@ impl Channels {
         Arc::clone(slots.entry((asset.clone(), channel.to_string())).or_default())
     }
 
-    /// The right to change a channel.
+    /// Locks a channel for changes.
     pub(crate) async fn lock(&self, asset: &AssetId, channel: &str) -> OwnedMutexGuard<Slot> {
         self.slot(asset, channel).lock_owned().await
     }
 
-    /// Forgets an asset that is gone.
+    /// Drops the slots of a deleted asset.
     pub(crate) fn forget(&self, asset: &AssetId) {
         let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
         slots.retain(|(of, _), _| of != asset);

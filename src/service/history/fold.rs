@@ -1,8 +1,8 @@
 //! Folding a channel's records into its wear estimates and run means, in the order of time.
 //!
-//! The estimate of a record, and NA4 and NB4, are functions of what all records of its channel up to it in
-//! time say. States on the way are kept, so that a late record folds only what comes after it, and gets the
-//! same bits as if all had come in order.
+//! The estimate of a record, and NA4 and NB4, are functions of all records of its channel up to its time.
+//! Intermediate states are stored, so that a late record refolds only the records after it, and gives the
+//! same bits as if all records had arrived in order.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -17,19 +17,19 @@ use crate::store::{
     StoreError, StoredFeatures,
 };
 
-/// Latest states held in memory: records of connections side by side come in nearly in order.
+/// Latest states held in memory: records of parallel connections arrive nearly in order.
 const RECENT: usize = 16;
 
-/// What the fold takes of one record.
+/// The input of the fold for one record.
 #[derive(Debug, Clone)]
 pub(crate) struct FoldInput {
     pub(crate) key: SegmentKey,
-    /// It only has its place.
+    /// Whether it takes no part in the fold and only keeps its place.
     pub(crate) excluded: bool,
-    /// Features for the wear estimate; empty where they were made in another way than those of the other
+    /// Features for the wear estimate; empty if they were computed in another way than those of the other
     /// records.
     pub(crate) features: Features,
-    /// Indicators that the record gives by itself; empty likewise.
+    /// Indicators of the record alone; empty in the same case.
     pub(crate) indicators: Indicators,
 }
 
@@ -37,7 +37,7 @@ pub(crate) struct FoldInput {
 #[derive(Debug, Clone)]
 pub(crate) struct FoldPoint {
     pub(crate) last: SegmentKey,
-    /// Number of records that went in.
+    /// Number of records folded.
     pub(crate) position: u64,
     state: ChannelState,
 }
@@ -48,41 +48,41 @@ pub(crate) struct RecentPoints {
     points: VecDeque<FoldPoint>,
 }
 
-/// What came of folding some records.
+/// The result of folding some records.
 #[derive(Debug)]
 pub(crate) struct Folded {
     /// One result for each record.
     pub(crate) results: Vec<(SegmentKey, RunResult)>,
-    /// States to be kept, the newest last.
+    /// States to be stored, the newest last.
     pub(crate) points: Vec<FoldPoint>,
-    /// What came of the alarms.
+    /// The changes of the alarms.
     pub(crate) alarms: AlarmRun,
 }
 
-/// The alarms of a channel from a place on.
+/// The alarm changes of a channel after a place.
 #[derive(Debug)]
 pub(crate) struct AlarmRun {
-    /// The place: twice the number of records before.
+    /// The place: twice the number of records before it.
     after: u64,
     changes: Vec<PlacedChange>,
-    /// After all records, and after what operators did since the last one.
+    /// The alarms after all records and all operator actions.
     panel: AlarmPanel,
 }
 
 impl AlarmRun {
-    /// Before the first record.
+    /// The alarms before the first record.
     pub(crate) fn start(keyed: &KeyedEstimator) -> Self {
         Self { after: 0, changes: Vec::new(), panel: keyed.estimator.start().into_alarms() }
     }
 
-    /// Replaces what comes after the place where `next` begins.
-    pub(crate) fn go_on(&mut self, next: Self) {
+    /// Replaces the changes after the place at which `next` starts.
+    pub(crate) fn splice(&mut self, next: Self) {
         self.changes.retain(|change| change.place <= next.after);
         self.changes.extend(next.changes);
         self.panel = next.panel;
     }
 
-    /// For the store.
+    /// Returns the alarms in the form that the store takes.
     pub(crate) fn folded<'a>(&'a self, keyed: &'a KeyedEstimator, is_append: bool) -> FoldedAlarms<'a> {
         FoldedAlarms {
             rules: keyed.estimator.rules(),
@@ -93,8 +93,8 @@ impl AlarmRun {
         }
     }
 
-    /// Whether nothing happened.
-    pub(crate) fn is_quiet(&self) -> bool {
+    /// Whether there are no changes.
+    pub(crate) fn is_empty(&self) -> bool {
         self.changes.is_empty()
     }
 
@@ -105,7 +105,7 @@ impl AlarmRun {
 }
 
 impl FoldInput {
-    /// A stored record as input of a fold under a feature key.
+    /// Converts a stored record to the input of a fold under a feature key.
     pub(crate) fn of(stored: StoredFeatures, feature_key: &str) -> Self {
         if stored.feature_key != feature_key {
             return Self {
@@ -125,12 +125,12 @@ impl FoldInput {
 }
 
 impl FoldPoint {
-    /// From the store.
+    /// Decodes a stored state.
     pub(crate) fn from_stored(stored: FoldState) -> Result<Self, serde_json::Error> {
         Ok(Self { state: serde_json::from_str(&stored.state)?, last: stored.last, position: stored.position })
     }
 
-    /// For the store.
+    /// Encodes the state for the store.
     pub(crate) fn to_stored(&self) -> Result<FoldState, ServiceError> {
         let state = serde_json::to_string(&self.state).map_err(|source| StoreError::Damaged {
             what: "state",
@@ -142,7 +142,7 @@ impl FoldPoint {
 }
 
 impl RecentPoints {
-    /// With the newest state only.
+    /// Creates a list of the newest state only.
     pub(crate) fn new(newest: Option<FoldPoint>) -> Self {
         Self { points: newest.into_iter().collect() }
     }
@@ -152,12 +152,12 @@ impl RecentPoints {
         self.points.back()
     }
 
-    /// The latest state in which neither `key` nor any later record is.
+    /// The latest state that includes neither `key` nor any later record.
     pub(crate) fn before(&self, key: &SegmentKey) -> Option<&FoldPoint> {
         self.points.iter().rev().find(|point| point.last < *key)
     }
 
-    /// Replaces what comes after position `after`.
+    /// Replaces the states after position `after`.
     pub(crate) fn replace(&mut self, after: u64, points: Vec<FoldPoint>) {
         while self.points.back().is_some_and(|point| point.position > after) {
             self.points.pop_back();
@@ -169,7 +169,7 @@ impl RecentPoints {
     }
 }
 
-/// Folding records as a task for a worker thread.
+/// Returns the folding of records as a task for a worker thread.
 pub(crate) fn folding(
     keyed: &KeyedEstimator,
     from: Option<FoldPoint>,
@@ -180,7 +180,7 @@ pub(crate) fn folding(
     move || fold(&keyed, from, inputs, &timeline)
 }
 
-/// Of the states on the way those that the store keeps, and the newest.
+/// Selects the states to be stored: every [`SEGMENTS_PER_STATE`] records, and the newest.
 pub(crate) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, ServiceError> {
     let newest = points.last().map_or(0, |point| point.position);
     points
@@ -190,7 +190,7 @@ pub(crate) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, ServiceE
         .collect()
 }
 
-/// Folds records, in the order of time, on from a state or from the start. CPU work: for a worker thread.
+/// Folds records, in the order of time, from a state or from the start. CPU-bound: for a worker thread.
 fn fold(
     keyed: &KeyedEstimator,
     from: Option<FoldPoint>,
@@ -229,7 +229,7 @@ fn fold(
         let result = RunResult { indicators: result.indicators, wear: result.wear };
         results.push((key, result));
     }
-    // An event counts from the next record on; what operators did to an alarm counts at once.
+    // An event takes effect with the next record; an operator action takes effect at once.
     for action in timeline.actions_from(last_time) {
         alarms.add(2 * position + 1, estimator.action(&mut state, action).into_iter().collect());
     }
@@ -237,19 +237,19 @@ fn fold(
     Folded { results, points, alarms }
 }
 
-/// A state from the store; one that cannot be read is worth as much as none, since it can be computed again.
+/// Decodes a stored state; returns `None` if it cannot be decoded, because it can be recomputed.
 pub(crate) fn read_point(channel: &ChannelSummary, stored: FoldState) -> Option<FoldPoint> {
     let position = stored.position;
     FoldPoint::from_stored(stored)
         .inspect_err(|error| {
-            tracing::warn!(asset = %channel.asset_id, channel = channel.channel, position, %error, "failed to read a state of the fold");
+            tracing::warn!(asset = %channel.asset_id, channel = channel.channel, position, %error, "failed to read a stored fold state");
         })
         .ok()
 }
 
-/// The estimate of a record that came while the history before it is being computed again.
+/// The estimate of a record that arrives while the history before it is being recomputed.
 pub(crate) fn while_recomputing(need: u32) -> RunResult {
-    let reason = "the records before this one are being computed again, its wear follows".to_owned();
+    let reason = "the earlier records are being recomputed, the wear estimate follows".to_owned();
     let baseline = BaselineProgress { have: 0, need };
     let wear = WearEstimate::without_number(WearStatus::Recomputing, reason, baseline);
     RunResult { indicators: Indicators::default(), wear }

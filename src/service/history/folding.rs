@@ -1,4 +1,4 @@
-//! Folding on worker threads, with what the fold begins from.
+//! Folding on worker threads, and the states and timelines from which a fold starts.
 
 use std::sync::Arc;
 
@@ -18,9 +18,9 @@ pub(crate) struct Folding {
 }
 
 impl Folding {
-    /// Folds records, in the order of time, on from a state or from the start, before records that wait to be
-    /// analysed: somebody holds the channel's lock meanwhile.
-    pub(crate) async fn fold_first(
+    /// Folds records, in the order of time, from a state or from the start. Takes priority over records
+    /// waiting for their analysis, because the caller holds the channel's lock.
+    pub(crate) async fn fold_with_priority(
         &self,
         keyed: &KeyedEstimator,
         from: Option<FoldPoint>,
@@ -31,7 +31,7 @@ impl Folding {
         self.workers.run_first("estimate the wear", fold).await
     }
 
-    /// The state after a channel's latest record; none before the first one, or where it cannot be read.
+    /// The state after a channel's latest record; `None` before the first one, or if it cannot be read.
     pub(crate) async fn newest_point(
         &self,
         channel: &ChannelSummary,
@@ -40,7 +40,7 @@ impl Folding {
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }
 
-    /// The latest kept state in which neither `key` nor any later record is.
+    /// The latest stored state that includes neither `key` nor any later record.
     pub(crate) async fn point_before(
         &self,
         channel: &ChannelSummary,
@@ -50,8 +50,8 @@ impl Folding {
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }
 
-    /// What happened between the records of a channel, none before its first one; kept in the slot, whose
-    /// lock the caller holds.
+    /// The timeline of a channel, which is `None` before its first record; cached in the slot, whose lock the
+    /// caller holds.
     pub(crate) async fn timeline(
         &self,
         asset: &Asset,

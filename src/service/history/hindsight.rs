@@ -1,4 +1,4 @@
-//! A channel's records looked back at from its last inspection.
+//! Retrospective estimates of the records before a channel's last inspection.
 
 use super::History;
 use super::fold::FoldInput;
@@ -7,17 +7,19 @@ use crate::service::error::ServiceError;
 use crate::service::sensor_group::described;
 use crate::store::{ChannelSummary, SegmentKey};
 
-/// Most records that are looked back at: each takes some milliseconds, and its features are held meanwhile.
+/// Maximum number of records: each takes some milliseconds, and its features are in memory during the
+/// computation.
 const MAX_RECORDS: usize = 5000;
 
-/// Records read from the store at once.
+/// Records read from the store in one query.
 const READ_AT_ONCE: u32 = 500;
 
 impl History {
-    /// The estimates of a channel's records before its last inspection with what that has taught, in the order
-    /// of time; none without an inspection. They are worked out on demand; what is stored stays as it is.
+    /// Returns the estimates of a channel's records before its last inspection, given that inspection, in the
+    /// order of time; empty without an inspection. They are computed on demand; the stored estimates stay as
+    /// they are.
     ///
-    /// Error: [`ServiceError::Field`] where too many records lie before it.
+    /// Error: [`ServiceError::Field`] if there are too many records before the inspection.
     pub async fn in_hindsight(
         &self,
         channel: &ChannelSummary,
@@ -42,7 +44,7 @@ impl History {
                 return Err(ServiceError::Field {
                     field: "records before the inspection",
                     value: format!("more than {MAX_RECORDS}"),
-                    expected: "at most 5000 to look back at",
+                    expected: "at most 5000 records",
                 });
             }
             if is_last || inputs.len() - count < READ_AT_ONCE as usize {
@@ -56,12 +58,12 @@ impl History {
             let keyed = keys.into_iter().zip(estimates);
             keyed.filter_map(|(key, estimate)| Some((key?.clone(), estimate?))).collect()
         };
-        self.folding.workers.run("look back from an inspection", look_back).await
+        self.folding.workers.run("compute estimates in hindsight", look_back).await
     }
 }
 
-/// Records and events in the order of time, an event before the records of its time, and records with their
-/// keys. Excluded ones take no part.
+/// Records with their keys, and events, in the order of time; an event comes before the records of the same
+/// time. Excluded records are skipped.
 fn steps<'a>(
     inputs: &'a [FoldInput],
     events: &'a [MaintenanceEvent],
@@ -73,7 +75,7 @@ fn steps<'a>(
     });
     let events = events.iter().map(|event| (event.time, (None, LifeStep::Event(event))));
     let mut all: Vec<_> = events.chain(records).collect();
-    // Stable: at one time events stay before records.
+    // Stable: events stay before records of the same time.
     all.sort_by_key(|(time, _)| *time);
     all.into_iter().map(|(_, step)| step).collect()
 }

@@ -1,5 +1,5 @@
-//! The history of each channel: its records folded in the order of time, late ones too, and folded again
-//! where what they depend on changed.
+//! The history of each channel: its records are folded in the order of time, late ones too, and folded again
+//! when the inputs of the fold change.
 
 mod append;
 mod channels;
@@ -9,7 +9,7 @@ mod hindsight;
 mod progress;
 mod recompute;
 mod timeline;
-mod waiting;
+mod update_queue;
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -30,10 +30,10 @@ pub(crate) use append::{Appended, Committed};
 pub(crate) use channels::Slot;
 use folding::Folding;
 use progress::Progress;
-use recompute::{Made, Recomputer};
-use waiting::Waiting;
+use recompute::{Recomputer, UpdateOutcome};
+use update_queue::UpdateQueue;
 
-/// When a history that another process makes is looked at again.
+/// Time after which a history that another process computes is checked again.
 const RETRY_AFTER: Duration = Duration::from_secs(2);
 
 /// The histories of all channels.
@@ -44,7 +44,7 @@ pub struct History {
     folding: Folding,
     progress: Arc<Progress>,
     recomputer: Recomputer,
-    waiting: Mutex<Waiting>,
+    queue: Mutex<UpdateQueue>,
 }
 
 impl History {
@@ -69,15 +69,15 @@ impl History {
             folding: folding.clone(),
             progress: Arc::clone(&progress),
         };
-        Self { simulations, role, channels, folding, progress, recomputer, waiting: Mutex::default() }
+        Self { simulations, role, channels, folding, progress, recomputer, queue: Mutex::default() }
     }
 
-    /// The right to change a channel.
+    /// Locks a channel for changes.
     pub(crate) async fn lock(&self, asset: &AssetId, channel: &str) -> OwnedMutexGuard<Slot> {
         self.channels.lock(asset, channel).await
     }
 
-    /// Folds the new segments of a channel into its history; nothing is written yet.
+    /// Folds the new segments of a channel into its history, without writing anything yet.
     pub(crate) async fn append<'a>(
         &self,
         asset: &'a Asset,
@@ -89,74 +89,74 @@ impl History {
         self.folding.append(&self.simulations, asset, current, channel, new, slot).await
     }
 
-    /// Forgets an asset that is gone.
+    /// Forgets a deleted asset.
     pub(crate) fn forget(&self, asset: &AssetId) {
         self.channels.forget(asset);
         self.progress.forget(asset);
     }
 
-    /// The last recomputation of each channel since the start, of one asset or of all.
+    /// The last recomputation of each channel since the start, of one asset or of all assets.
     pub fn recomputations(&self, asset: Option<&AssetId>) -> Vec<Arc<Recomputation>> {
         self.progress.list(asset)
     }
 
-    /// Shows a recomputation that another process does.
+    /// Records the progress of a recomputation in another process.
     pub fn note_recomputation(&self, done_elsewhere: Recomputation) {
         self.progress.note(done_elsewhere);
     }
 
-    /// Brings the histories of assets up to what is asked for now, one after the other, in the background; an
-    /// API node notifies the workers.
+    /// Brings the histories of assets up to date in the background, one after the other; an API node notifies
+    /// the workers instead.
     pub(crate) fn recompute_in_background(self: &Arc<Self>, assets: Vec<AssetId>) {
         if let Role::ApiNode(queue) = &self.role {
             assets.iter().for_each(|asset| queue.notify_changed(asset));
             return;
         }
         {
-            let mut waiting = self.waiting();
-            assets.into_iter().for_each(|asset| waiting.push(asset));
-            if waiting.is_running || waiting.is_empty() {
+            let mut queue = self.queue();
+            assets.into_iter().for_each(|asset| queue.push(asset));
+            if queue.is_running || queue.is_empty() {
                 return;
             }
-            waiting.is_running = true;
+            queue.is_running = true;
         }
         let history = Arc::clone(self);
         tokio::spawn(async move {
             while let Some(asset) = history.next() {
                 match history.recomputer.recompute_asset(&asset).await {
-                    Ok(Made::Here | Made::WithItsLibrary) => {}
-                    // Whoever is at it may end before it is done.
-                    Ok(Made::Elsewhere) => history.retry_later(asset).await,
+                    Ok(UpdateOutcome::Done | UpdateOutcome::AwaitsLibrary) => {}
+                    // The other process may end before it is done.
+                    Ok(UpdateOutcome::InOtherProcess) => history.retry_later(asset).await,
                     Err(ServiceError::Store(error)) if error.is_unavailable() || error.is_conflict() => {
-                        tracing::warn!(%asset, %error, "failed to compute a history again: trying again later");
+                        tracing::warn!(%asset, %error, "failed to recompute a history: retrying later");
                         history.retry_later(asset).await;
                     }
-                    Err(error) => tracing::warn!(%asset, %error, "failed to compute a history again"),
+                    Err(error) => tracing::warn!(%asset, %error, "failed to recompute a history"),
                 }
             }
         });
     }
 
-    fn waiting(&self) -> MutexGuard<'_, Waiting> {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    fn queue(&self) -> MutexGuard<'_, UpdateQueue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn next(&self) -> Option<AssetId> {
-        self.waiting().pop()
+        self.queue().pop()
     }
 
     async fn retry_later(&self, asset: AssetId) {
-        self.waiting().push(asset);
+        self.queue().push(asset);
         tokio::time::sleep(RETRY_AFTER).await;
     }
 
-    /// Computes the histories again, in the background, of assets whose library has come, has got more
-    /// members, or will not come.
+    /// Recomputes, in the background, the histories of assets whose library is ready, has more members, or
+    /// has failed.
     pub(crate) fn recompute_when_simulated(
         self: &Arc<Self>,
         mut simulated: mpsc::UnboundedReceiver<Vec<AssetId>>,
     ) {
-        // Not held: what waits here must not keep the service alive.
+        // Weak: this task must not keep the service alive.
         let history = Arc::downgrade(self);
         tokio::spawn(async move {
             while let Some(assets) = simulated.recv().await {

@@ -1,4 +1,4 @@
-//! The recomputations since the start, as they are shown: the last one of each channel.
+//! The progress of recomputations: the last one of each channel since the start.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,7 +10,7 @@ use crate::service::events::{Announcer, LiveEvent};
 use crate::service::recomputation::{Recomputation, RecomputationState};
 use crate::store::ChannelSummary;
 
-/// Shows and announces how far recomputations are.
+/// Lists and announces the progress of recomputations.
 #[derive(Debug)]
 pub(crate) struct Progress {
     shown: Mutex<BTreeMap<(AssetId, String), Arc<Recomputation>>>,
@@ -23,18 +23,18 @@ impl Progress {
     }
 
     fn lock(&self) -> MutexGuard<'_, BTreeMap<(AssetId, String), Arc<Recomputation>>> {
-        // Entries are replaced whole, so a panic elsewhere cannot have left half of one.
+        // Entries are replaced as a whole, so a panic elsewhere cannot leave a partial one.
         self.shown.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The last recomputation of each channel, of one asset or of all.
+    /// The last recomputation of each channel, of one asset or of all assets.
     pub(crate) fn list(&self, asset: Option<&AssetId>) -> Vec<Arc<Recomputation>> {
         let shown = self.lock();
         let wanted = shown.values().filter(|shown| asset.is_none_or(|asset| shown.asset == *asset));
         wanted.cloned().collect()
     }
 
-    /// Shows that a channel's history is being computed again.
+    /// Lists a channel's recomputation as started.
     pub(crate) fn begin(&self, channel: &ChannelSummary, started_at: Timestamp) {
         self.note(Recomputation {
             asset: channel.asset_id.clone(),
@@ -50,7 +50,7 @@ impl Progress {
         });
     }
 
-    /// Shows and announces how far that is.
+    /// Changes a listed recomputation and announces it.
     pub(crate) fn update(&self, asset: &AssetId, channel: &str, change: impl FnOnce(&mut Recomputation)) {
         let mut shown = self.lock();
         if let Some(recomputation) = shown.get_mut(&(asset.clone(), channel.to_owned())) {
@@ -61,13 +61,13 @@ impl Progress {
         }
     }
 
-    /// Shows a recomputation as it is.
+    /// Lists a recomputation.
     pub(crate) fn note(&self, recomputation: Recomputation) {
         let key = (recomputation.asset.clone(), recomputation.channel.clone());
         self.lock().insert(key, Arc::new(recomputation));
     }
 
-    /// Forgets the recomputations of an asset that is gone.
+    /// Forgets the recomputations of a deleted asset.
     pub(crate) fn forget(&self, asset: &AssetId) {
         self.lock().retain(|(of, _), _| of != asset);
     }

@@ -1,5 +1,5 @@
-//! Histories computed again in the background: after a change of the description, the library or the method,
-//! or where records came late. The old answers are served until the new ones are complete, and then all at
+//! Recomputation of histories in the background: after a change of the description, the library or the
+//! method, or after late records. The old history is served until the new one is complete and replaces it at
 //! once.
 
 use std::sync::Arc;
@@ -20,56 +20,57 @@ use crate::service::sensor_group::described;
 use crate::service::simulations::{KeyedEstimator, Simulations};
 use crate::service::workers::Workers;
 use crate::store::{
-    Analysed, AnalysisGeneration, Asset, ChannelKeys, ChannelSummary, MadeFrom, NewSegment, SegmentKey,
-    Store, StoreError, WearGeneration,
+    Analysed, AnalysisGeneration, Asset, ChannelKeys, ChannelSummary, GenerationInputs, NewSegment,
+    SegmentKey, Store, StoreError, WearGeneration,
 };
 
-/// Records folded in one piece: bounds the memory and the length of a transaction.
+/// Records folded in one batch: bounds the memory and the length of a transaction.
 const FOLDED_AT_ONCE: u32 = 256;
 
-/// Records analysed in one piece.
+/// Records analysed in one batch.
 const ANALYSED_AT_ONCE: u32 = 32;
 
 /// Rows removed in one transaction.
 const REMOVED_AT_ONCE: u32 = 500;
 
-/// How often what other processes bring meanwhile is folded before a history is begun again later.
+/// Maximum number of times that records added by other processes are folded before the recomputation is
+/// retried later.
 const MAX_TURNS: u32 = 100;
 
-/// Who brings a history up to date.
+/// The outcome of bringing a history up to date.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Made {
-    /// This process; it is done.
-    Here,
-    /// Another one, which is at it.
-    Elsewhere,
-    /// Nobody before the asset's library is there: this process is told then.
-    WithItsLibrary,
+pub(crate) enum UpdateOutcome {
+    /// It is up to date.
+    Done,
+    /// Another process is computing it.
+    InOtherProcess,
+    /// It waits for the asset's library, whose completion triggers it again.
+    AwaitsLibrary,
 }
 
-/// The generations that are being made.
+/// The generations being written.
 #[derive(Debug, Clone, Copy)]
 struct Generations {
     analyses: AnalysisGeneration,
     wear: WearGeneration,
 }
 
-/// A history as far as it is folded again.
+/// The state of a history that is being folded again.
 #[derive(Debug)]
-struct Refolded {
-    /// The state after the last record folded; none before the first one.
+struct FoldProgress {
+    /// The state after the last record folded; `None` before the first one.
     point: Option<FoldPoint>,
     /// All changes of alarms so far.
     alarms: AlarmRun,
 }
 
-impl Refolded {
+impl FoldProgress {
     fn start(estimator: &KeyedEstimator) -> Self {
         Self { point: None, alarms: AlarmRun::start(estimator) }
     }
 }
 
-/// Computes histories again.
+/// Recomputes histories.
 pub(crate) struct Recomputer {
     pub(crate) store: Store,
     pub(crate) workers: Arc<Workers>,
@@ -82,19 +83,19 @@ pub(crate) struct Recomputer {
 }
 
 impl Recomputer {
-    /// Brings the channels of an asset up to what is asked for now.
-    pub(crate) async fn recompute_asset(&self, asset: &AssetId) -> Result<Made, ServiceError> {
-        let mut made = Made::Here;
+    /// Brings the channels of an asset up to date.
+    pub(crate) async fn recompute_asset(&self, asset: &AssetId) -> Result<UpdateOutcome, ServiceError> {
+        let mut outcome = UpdateOutcome::Done;
         let version = match self.store.asset(asset).await {
             Ok(asset) => asset.version(),
-            Err(StoreError::AssetUnknown(_)) => return Ok(Made::Here),
+            Err(StoreError::AssetUnknown(_)) => return Ok(UpdateOutcome::Done),
             Err(error) => return Err(error.into()),
         };
         for channel in self.store.channels(asset).await? {
             match self.bring_up_to_date(asset, &channel.channel).await {
-                Ok(Made::Here) => {}
-                Ok(not_yet) => made = not_yet,
-                Err(ServiceError::Store(StoreError::AssetUnknown(_))) => return Ok(Made::Here),
+                Ok(UpdateOutcome::Done) => {}
+                Ok(not_yet) => outcome = not_yet,
+                Err(ServiceError::Store(StoreError::AssetUnknown(_))) => return Ok(UpdateOutcome::Done),
                 Err(error) => {
                     self.progress.update(asset, &channel.channel, |shown| {
                         shown.state = RecomputationState::Failed;
@@ -104,51 +105,52 @@ impl Recomputer {
                 }
             }
         }
-        if made == Made::Here {
-            self.store.settle_asset(asset, version).await?;
+        if outcome == UpdateOutcome::Done {
+            self.store.mark_up_to_date(asset, version).await?;
         }
-        Ok(made)
+        Ok(outcome)
     }
 
-    /// Computes a channel again as long as it is not what is asked for.
-    async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<Made, ServiceError> {
+    /// Recomputes a channel until it is up to date.
+    async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<UpdateOutcome, ServiceError> {
         loop {
             let description = described(&self.store, asset).await?;
             let estimator = self.simulations.estimator(&description.spec);
             let Some(channel) = self.store.channel(asset, name).await? else {
-                return Ok(Made::Here);
+                return Ok(UpdateOutcome::Done);
             };
             let wanted =
                 ChannelKeys { analysed: analysis_keys(&description.spec), fold: estimator.fold_key.clone() };
             if channel.segments == 0 || (channel.keys == wanted && !channel.must_fold) {
                 self.remove_leftovers(&channel).await?;
-                return Ok(Made::Here);
+                return Ok(UpdateOutcome::Done);
             }
             let served = self.simulations.estimator_of(&channel.keys.fold);
             if estimator.awaits_library() && !served.is_some_and(|served| served.is_without_library()) {
-                // What was folded with a library is served until there is another one.
-                return Ok(Made::WithItsLibrary);
+                // The history folded with a library is served until the new library is ready.
+                return Ok(UpdateOutcome::AwaitsLibrary);
             }
             let is_other_fold = channel.keys.analysed == wanted.analysed && channel.keys.fold != wanted.fold;
             if is_other_fold
                 && self.store.is_shared()
                 && self.simulations.awaits_neighbours(&description.spec)
             {
-                // Who has them already made the history with them, and would do so again.
-                return Ok(Made::Elsewhere);
+                // A process that has the neighbours already has computed the history with them, and would do
+                // so again.
+                return Ok(UpdateOutcome::InOtherProcess);
             }
-            let Some(wear) = self.store.begin_making(&channel, self.clock.now()).await? else {
-                return Ok(Made::Elsewhere);
+            let Some(wear) = self.store.begin_generation(&channel, self.clock.now()).await? else {
+                return Ok(UpdateOutcome::InOtherProcess);
             };
             match self.recompute(&description, &estimator, &channel, wear, wanted).await {
                 Ok(()) => {}
-                // Another process took its place, or its description changed: looked at from the start.
+                // Another process took over, or the description changed: start again.
                 Err(ServiceError::Store(StoreError::Outdated(what))) => {
                     tracing::debug!(%asset, channel = name, what, "restarting a recomputation");
                 }
                 Err(error) => {
-                    // The error that counts is the first one.
-                    let _ = self.store.stop_making(&channel, wear).await;
+                    // The first error is the one to report.
+                    let _ = self.store.abandon_generation(&channel, wear).await;
                     return Err(error);
                 }
             }
@@ -178,20 +180,20 @@ impl Recomputer {
             self.analyse_again(&description.spec, channel, generations).await?;
         }
         self.progress.update(asset, name, |shown| shown.state = RecomputationState::Folding);
-        let mut history = Refolded::start(estimator);
+        let mut history = FoldProgress::start(estimator);
         let timeline = self.timeline_now(description, channel).await?;
         while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await?
             >= FOLDED_AT_ONCE as usize
         {}
-        // From here on this process brings nothing new: what came meanwhile is little. What another one
-        // brings is folded in another turn.
+        // Under the lock this process adds no records, and few have arrived since. Those that another process
+        // adds are folded in a further turn.
         let mut slot = slot.lock().await;
         let mut turns = 0;
         let (notices, now) = loop {
             let current_asset = described(&self.store, asset).await?;
             if analysis_keys(&current_asset.spec) != wanted.analysed {
-                // Changed again meanwhile; what was made is not what is asked for.
-                return Ok(store.stop_making(channel, wear).await?);
+                // The description changed again in the meantime: this history is outdated already.
+                return Ok(store.abandon_generation(channel, wear).await?);
             }
             let (current, changed_from) = store.take_changes(channel, wear).await?;
             if !is_analysed {
@@ -207,10 +209,10 @@ impl Recomputer {
                 let stored = store.state_of_generation(channel, wear, &earliest).await?;
                 history.point = stored.and_then(|stored| read_point(channel, stored));
             }
-            // Also where no record is left: what operators did since the last one.
+            // Also if no record is left: operator actions after the last one.
             while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await? > 0 {}
             let alarms = history.alarms.folded(estimator, false);
-            let from = MadeFrom { asset: current_asset.version(), channel: current.version() };
+            let from = GenerationInputs { asset: current_asset.version(), channel: current.version() };
             let now = self.clock.now();
             match store.serve(channel, from, (analyses, wear), wanted.clone(), alarms, now).await {
                 Err(error) if error.is_conflict() && turns < MAX_TURNS => turns += 1,
@@ -220,7 +222,7 @@ impl Recomputer {
         slot.clear();
         drop(slot);
         self.events.announce_alarms(notices);
-        tracing::info!(%asset, channel = name, records = channel.segments, "computed a history again");
+        tracing::info!(%asset, channel = name, records = channel.segments, "recomputed a history");
         self.progress.update(asset, name, |shown| {
             shown.state = RecomputationState::Finished;
             shown.finished_at = Some(now);
@@ -229,7 +231,7 @@ impl Recomputer {
         Ok(())
     }
 
-    /// What happened between the records of a channel, without what is held of it.
+    /// The current timeline of a channel, read from the store instead of from the slot.
     async fn timeline_now(
         &self,
         asset: &Asset,
@@ -238,7 +240,7 @@ impl Recomputer {
         self.folding.timeline(asset, Some(channel), &mut Slot::default()).await
     }
 
-    /// Analyses again what is not analysed yet in a generation.
+    /// Analyses the records that have no analysis in a generation yet.
     async fn analyse_again(
         &self,
         spec: &AssetSpec,
@@ -253,21 +255,21 @@ impl Recomputer {
                 return Ok(());
             };
             after = Some(last.key());
-            // One task for each record, so that records that come in meanwhile have their turn in between.
+            // One task for each record, so that new records are processed in between.
             let mut tasks = tokio::task::JoinSet::new();
             for segment in segments {
                 let (store, workers, spec) = (self.store.clone(), Arc::clone(&self.workers), spec.clone());
                 tasks.spawn(async move {
                     let samples = usize::try_from(segment.samples).unwrap_or(usize::MAX);
                     let again = move || analyse_one(&store, &spec, segment);
-                    workers.run_analysis("analyse a record again", samples, again).await
+                    workers.run_analysis("reanalyse a record", samples, again).await
                 });
             }
             let mut analyses: Vec<(SegmentId, Analysed)> = Vec::new();
             let mut without_raw = 0;
             while let Some(done) = tasks.join_next().await {
                 let (id, analysed, is_new) =
-                    done.map_err(|_| ServiceError::WorkerLost("analyse a record again"))??;
+                    done.map_err(|_| ServiceError::WorkerLost("reanalyse a record"))??;
                 without_raw += u64::from(!is_new);
                 analyses.push((id, analysed));
             }
@@ -280,18 +282,17 @@ impl Recomputer {
         }
     }
 
-    /// Folds the records after what is folded so far, at most so many at once, and returns how many they
-    /// were.
+    /// Folds the next batch of records and returns its size; 0 at the end of the history.
     async fn fold_piece(
         &self,
         estimator: &KeyedEstimator,
         channel: &ChannelSummary,
         Generations { analyses, wear }: Generations,
         timeline: &Arc<Timeline>,
-        history: &mut Refolded,
+        history: &mut FoldProgress,
     ) -> Result<usize, ServiceError> {
         let store = &self.store;
-        let Refolded { point, alarms } = history;
+        let FoldProgress { point, alarms } = history;
         let after = point.as_ref().map(|point| &point.last);
         let stored = store.features_of_generation(channel, analyses, after, FOLDED_AT_ONCE).await?;
         let count = stored.len();
@@ -299,7 +300,7 @@ impl Recomputer {
         let position = point.as_ref().map_or(0, |point| point.position);
         let fold = folding(estimator, point.clone(), inputs, timeline);
         let mut folded = self.workers.run("estimate the wear", fold).await?;
-        alarms.go_on(folded.alarms);
+        alarms.splice(folded.alarms);
         if count == 0 {
             return Ok(0);
         }
@@ -327,7 +328,8 @@ impl Recomputer {
     }
 }
 
-/// What a stored record says when it is asked again; what it said before where its raw bytes cannot be had.
+/// Analyses a stored record again; keeps its old analysis if its raw bytes cannot be read. The flag says
+/// whether the analysis is up to date.
 fn analyse_one(store: &Store, spec: &AssetSpec, segment: NewSegment) -> (SegmentId, Analysed, bool) {
     if segment.analysed.keys == analysis_keys(spec) {
         return (segment.id, segment.analysed, true);
@@ -335,7 +337,7 @@ fn analyse_one(store: &Store, spec: &AssetSpec, segment: NewSegment) -> (Segment
     match StoredRecord::from(&segment).read(store) {
         Ok(record) => (segment.id, analyse(&record, spec), true),
         Err(error) => {
-            tracing::debug!(segment = %segment.id, %error, "failed to analyse a record again: keeping its results");
+            tracing::debug!(segment = %segment.id, %error, "failed to reanalyse a record: keeping its results");
             (segment.id, segment.analysed, false)
         }
     }

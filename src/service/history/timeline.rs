@@ -1,30 +1,30 @@
-//! What happens between the records of a channel: maintenance of its asset, and what operators do to its
-//! alarms.
+//! Events between the records of a channel: maintenance of its asset, and operator actions on its alarms.
 
 use jiff::Timestamp;
 
 use crate::estimate::{MaintenanceEvent, PanelAction};
 
-/// Something between two records.
+/// An event between two records.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum TimelineEvent {
-    /// What an operator did to an alarm.
+    /// An operator action on an alarm.
     Action(PanelAction),
-    /// What was done to the machine.
+    /// A maintenance event of the machine.
     Maintenance(MaintenanceEvent),
 }
 
-/// Everything that happened between the records of a channel.
+/// All events between the records of a channel.
 #[derive(Debug, Default)]
 pub(crate) struct Timeline {
-    /// In the order of their places; at the same one, actions before events.
+    /// Sorted by time; at the same time, actions before maintenance events.
     all: Vec<TimelineEvent>,
-    /// The channel has alarms that something happened to.
+    /// Whether the channel has stored alarms.
     pub(crate) has_alarms: bool,
 }
 
 impl TimelineEvent {
-    /// The time of its place: an action comes after the records of that time, an event before them.
+    /// The time at which it takes effect: an action after the records of that time, a maintenance event
+    /// before them.
     fn time(&self) -> Timestamp {
         match self {
             Self::Action(action) => action.taken.after,
@@ -42,18 +42,18 @@ impl TimelineEvent {
 }
 
 impl Timeline {
-    /// Events and actions, each in the order of time.
+    /// Merges maintenance events and actions, each given in the order of time.
     pub(crate) fn new(events: Vec<MaintenanceEvent>, actions: Vec<PanelAction>, has_alarms: bool) -> Self {
         let actions = actions.into_iter().map(TimelineEvent::Action);
         let mut all: Vec<TimelineEvent> =
             actions.chain(events.into_iter().map(TimelineEvent::Maintenance)).collect();
-        // Stable: at one time actions stay before events, and each in its own order.
+        // Stable: at the same time actions stay before maintenance events, and each kind keeps its order.
         all.sort_by_key(TimelineEvent::time);
         Self { all, has_alarms }
     }
 
-    /// What lies between a record of the time `before`, none before the first one, and one of the time
-    /// `next`.
+    /// The events between a record at the time `before`, `None` at the start of the history, and one at the
+    /// time `next`.
     pub(crate) fn between(
         &self,
         before: Option<Timestamp>,
@@ -64,7 +64,7 @@ impl Timeline {
         not_beyond.filter(move |one| one.lies_between(before, next))
     }
 
-    /// What operators did after a record of the time `last`.
+    /// The operator actions after a record at the time `last`.
     pub(crate) fn actions_from(&self, last: Option<Timestamp>) -> impl Iterator<Item = &PanelAction> {
         self.all.iter().filter_map(move |one| match one {
             TimelineEvent::Action(action) if last.is_none_or(|last| last <= action.taken.after) => {

@@ -1,4 +1,4 @@
-//! Storing segments: what many connections bring at once is folded and committed together, so that all share
+//! Commits of segments: those of concurrent connections are folded and committed together, so that they share
 //! one wait for the disk.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -18,27 +18,27 @@ use crate::service::sensor_group::among_others;
 use crate::service::simulations::{KeyedEstimator, Simulations};
 use crate::store::{Asset, Commit, NewSegment, SegmentKey, Store};
 
-/// Segments committed together.
+/// Maximum number of segments committed together.
 const MAX_TOGETHER: usize = 256;
 
-/// How often a transaction that another process stood in the way of is prepared again.
-const PREPARED_AGAIN: u32 = 10;
+/// Maximum number of retries of a transaction that conflicts with another process.
+const MAX_RETRIES: u32 = 10;
 
-/// How long storing may take on a store that other processes use, before it counts as away: a connection that
-/// was cut says nothing.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Time after which a commit on a shared store counts as failed: a connection that is cut off gives no error.
+const COMMIT_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A segment as it is after storing.
+/// A segment after the commit.
 #[derive(Debug)]
 pub(crate) struct CommittedSegment {
     pub(crate) segment: Segment,
-    /// It was there before.
+    /// Whether it was stored before.
     pub(crate) repeated: bool,
-    /// Other assets shared the asset's sensor when it was stored; those described later find it stored.
+    /// Whether other assets shared the asset's sensor when it was stored; assets created later find it
+    /// stored.
     pub(crate) shares_sensor: bool,
 }
 
-/// Segments of one asset that are to be stored, and who waits for it.
+/// Segments of one asset to be committed, and the sender of the answer.
 pub(crate) struct Job {
     asset: AssetId,
     segments: Vec<NewSegment>,
@@ -53,23 +53,23 @@ pub(crate) struct Committer {
     pub(crate) retention: Arc<Retention>,
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) events: Announcer,
-    pub(crate) waiting: Waiting,
+    pub(crate) queue: CommitQueue,
 }
 
-/// What waits to be stored.
+/// The queue of jobs to be committed.
 #[derive(Default)]
-pub(crate) struct Waiting {
+pub(crate) struct CommitQueue {
     jobs: Mutex<Vec<Job>>,
-    /// Held while segments are committed, and while something between them is stored.
+    /// Held during a commit of segments, and during changes that must not run concurrently with one.
     turn: tokio::sync::Mutex<()>,
 }
 
-impl Waiting {
+impl CommitQueue {
     fn push(&self, job: Job) {
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner).push(job);
     }
 
-    /// The jobs that are to be committed together next.
+    /// Removes and returns the jobs to be committed together next.
     fn take(&self) -> Vec<Job> {
         let mut jobs = self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
         let mut segments = 0;
@@ -83,24 +83,24 @@ impl Waiting {
 }
 
 impl Committer {
-    /// Waits until no segments are being committed, and keeps them from it.
+    /// Waits until no segments are being committed, and blocks commits until the guard is dropped.
     pub(crate) async fn pause(&self) -> tokio::sync::MutexGuard<'_, ()> {
-        self.waiting.turn.lock().await
+        self.queue.turn.lock().await
     }
 
-    /// Folds and stores segments of one asset, and announces them. The answer, in the order given, comes once
-    /// everything is on the disk.
+    /// Folds, stores and announces segments of one asset. Returns them in the given order once everything is
+    /// durable.
     pub(crate) async fn commit(
         &self,
         asset: &AssetId,
         segments: Vec<NewSegment>,
     ) -> Result<Vec<CommittedSegment>, ServiceError> {
         let (answer, mut answered) = oneshot::channel();
-        let queue = &self.waiting;
+        let queue = &self.queue;
         queue.push(Job { asset: asset.clone(), segments, answer });
         loop {
             {
-                // Whoever has the turn works for all who wait; those behind find it done.
+                // The holder of the turn commits for all waiting callers, which then find their answer ready.
                 let _turn = queue.turn.lock().await;
                 if let Ok(answer) = answered.try_recv() {
                     return answer;
@@ -113,7 +113,7 @@ impl Committer {
             }
             match answered.try_recv() {
                 Ok(answer) => return answer,
-                // It was not among the first ones.
+                // The job was not among the first ones.
                 Err(oneshot::error::TryRecvError::Empty) => {}
                 Err(oneshot::error::TryRecvError::Closed) => {
                     return Err(ServiceError::WorkerLost("store a record"));
@@ -125,46 +125,46 @@ impl Committer {
     async fn commit_jobs(&self, jobs: Vec<Job>) {
         let (waiting, answers): (Vec<_>, Vec<_>) =
             jobs.into_iter().map(|job| ((job.asset, job.segments), job.answer)).unzip();
-        let outcomes = match self.commit_patiently(&waiting).await {
+        let outcomes = match self.commit_with_retries(&waiting).await {
             Ok(stored) => stored.into_iter().map(Ok).collect(),
             Err(error) if waiting.len() == 1 => vec![Err(error)],
             Err(ServiceError::Store(error)) if error.is_unavailable() => {
-                tracing::warn!(%error, jobs = waiting.len(), "failed to store records");
-                waiting.iter().map(|_| Err(STORE_AWAY)).collect()
+                tracing::warn!(%error, jobs = waiting.len(), "failed to commit records");
+                waiting.iter().map(|_| Err(STORE_UNAVAILABLE)).collect()
             }
             Err(error) => {
-                tracing::debug!(%error, jobs = waiting.len(), "failed to store records together: storing each request by itself");
+                tracing::debug!(%error, jobs = waiting.len(), "failed to commit records together: committing each request separately");
                 let mut outcomes = Vec::with_capacity(waiting.len());
                 for job in &waiting {
-                    let stored = self.commit_patiently(std::slice::from_ref(job)).await;
+                    let stored = self.commit_with_retries(std::slice::from_ref(job)).await;
                     outcomes.push(stored.map(|mut stored| stored.pop().unwrap_or_default()));
                 }
                 outcomes
             }
         };
         for (answer, outcome) in answers.into_iter().zip(outcomes) {
-            // The asker may have gone; what is stored is stored.
+            // The caller may be gone; its segments stay stored.
             let _ = answer.send(outcome);
         }
     }
 
-    /// Stores all of this in one transaction, or nothing; again where another process was in the way.
-    async fn commit_patiently(
+    /// Stores all jobs in one transaction, or none; retries on a conflict with another process.
+    async fn commit_with_retries(
         &self,
         jobs: &[(AssetId, Vec<NewSegment>)],
     ) -> Result<Vec<Vec<CommittedSegment>>, ServiceError> {
         let mut tries = 0;
         loop {
             let outcome = if self.store.is_shared() {
-                let together = tokio::time::timeout(PATIENCE, self.commit_together(jobs));
-                together.await.unwrap_or(Err(STORE_AWAY))
+                let together = tokio::time::timeout(COMMIT_TIMEOUT, self.commit_together(jobs));
+                together.await.unwrap_or(Err(STORE_UNAVAILABLE))
             } else {
                 self.commit_together(jobs).await
             };
             match outcome {
-                Err(ServiceError::Store(error)) if error.is_conflict() && tries < PREPARED_AGAIN => {
+                Err(ServiceError::Store(error)) if error.is_conflict() && tries < MAX_RETRIES => {
                     tries += 1;
-                    tracing::debug!(%error, tries, "conflict with another process: committing again");
+                    tracing::debug!(%error, tries, "conflict with another process: retrying the commit");
                     tokio::time::sleep(Duration::from_millis(u64::from(5 * tries))).await;
                 }
                 outcome => return outcome,
@@ -172,7 +172,7 @@ impl Committer {
         }
     }
 
-    /// Stores all of this in one transaction, or nothing.
+    /// Stores all jobs in one transaction, or none.
     async fn commit_together(
         &self,
         jobs: &[(AssetId, Vec<NewSegment>)],
@@ -192,14 +192,14 @@ impl Committer {
             slots.push(self.history.lock(asset, channel).await);
         }
         let mut commit = self.store.begin().await?;
-        // Locked in the order of their names; from here on no other process changes them.
+        // Locked in the order of their names; no other process changes them from here on.
         let (assets, sharing) = self.assets_of(&mut commit, &names).await?;
         let channels = commit.channels(&names).await?;
-        // Asked under the locks: nobody else stores them now.
+        // Read under the locks: no one else stores them now.
         let repeats = self.store.segments_by_id(&ids).await?;
         let mut done: HashMap<SegmentId, (Segment, bool)> = HashMap::new();
         done.extend(repeats.into_iter().map(|segment| (segment.id.clone(), (segment, true))));
-        let mut fresh = Vec::with_capacity(names.len());
+        let mut new_by_channel = Vec::with_capacity(names.len());
         let mut estimators: HashMap<&AssetId, KeyedEstimator> = HashMap::new();
         for (((asset, _), mut new), (channel, slot)) in
             by_channel.into_iter().zip(channels.into_iter().zip(slots))
@@ -211,10 +211,10 @@ impl Committer {
             if !estimators.contains_key(asset) {
                 estimators.insert(asset, self.simulations.estimator(&assets[asset].spec));
             }
-            fresh.push((asset, channel, new, slot));
+            new_by_channel.push((asset, channel, new, slot));
         }
         let history = &self.history;
-        let append = fresh.into_iter().map(|(asset, channel, new, slot)| {
+        let append = new_by_channel.into_iter().map(|(asset, channel, new, slot)| {
             history.append(&assets[asset], &estimators[asset], channel, new, slot)
         });
         let appended = try_join_all(append).await?;
@@ -239,7 +239,7 @@ impl Committer {
         Ok(jobs.iter().map(answer).collect())
     }
 
-    /// Writes what was folded in one transaction; returns the segments as they are stored.
+    /// Writes the folded segments in one transaction; returns them as stored.
     async fn write(
         &self,
         mut commit: Commit,
@@ -272,8 +272,8 @@ impl Committer {
         Ok(stored)
     }
 
-    /// The assets of channels as they stay until the transaction's end, the other meshes of their sensors
-    /// known to them; and which have any.
+    /// Reads the assets of channels, locked until the end of the transaction, with the other meshes of their
+    /// sensors. Also returns the assets that share a sensor.
     async fn assets_of(
         &self,
         commit: &mut Commit,
@@ -292,5 +292,6 @@ impl Committer {
     }
 }
 
-/// What is answered where the store does not answer.
-const STORE_AWAY: ServiceError = ServiceError::Busy { what: "the store is away", retry_after_s: 5 };
+/// The error if the store does not respond.
+const STORE_UNAVAILABLE: ServiceError =
+    ServiceError::Busy { what: "the store is unavailable", retry_after_s: 5 };

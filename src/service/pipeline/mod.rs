@@ -1,22 +1,23 @@
-//! The way of a record, the same for an upload, a recording of many records, a replay and the work queue:
+//! The steps that process a record, the same for an upload, a recording of many records, a replay and the
+//! work queue:
 //!
 //! ```text
 //! decode ─▶ identify ─▶ store raw ┬▶ fold ─▶ commit ─▶ announce
 //!                       analyse ──┘
 //! ```
 //!
-//! | step | where |
+//! | step | source |
 //! | --- | --- |
-//! | decode | `record/decode.rs`; records of a recording come decoded from `read_ahead.rs` |
-//! | identify, and find repeats | `record/identify.rs` |
+//! | decode | `record/decode.rs`; records of a recording are decoded by `read_ahead.rs` |
+//! | identify, and find repeated records | `record/identify.rs` |
 //! | store raw | `raw/objects.rs` |
 //! | analyse | `record/analyse.rs` |
 //! | fold | `history/append.rs`, called by the commit under its locks |
 //! | commit | `commit.rs` |
-//! | announce | `events.rs`, called by the commit once all is on the disk |
+//! | announce | `events.rs`, called by the commit once everything is durable |
 //!
-//! On an API node the way ends with the work queue after the raw bytes are stored; a worker goes on from the
-//! analysis.
+//! On an API node the pipeline ends with the work queue after the raw bytes are stored; a worker continues
+//! with the analysis.
 
 mod commit;
 mod read_ahead;
@@ -45,22 +46,22 @@ use super::workers::{Ticket, Workers, detached};
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
 use crate::store::{NewSegment, RecordNote, Store, StoreError};
 use commit::CommittedSegment;
-pub(crate) use commit::{Committer, Waiting};
+pub(crate) use commit::{CommitQueue, Committer};
 pub(crate) use read_ahead::{ReadBatch, RecordStream};
 pub(crate) use recording::RecordedBatch;
 pub use summary::{BatchSummary, Refused};
 
-/// How often a record is analysed again because its asset's description changed meanwhile.
+/// Maximum number of times that a record is analysed because its asset's description changes in the meantime.
 const MAX_ANALYSES: u32 = 5;
 
-/// What became of one record.
+/// The outcome of an accepted record.
 #[derive(Debug)]
 pub enum Accepted {
-    /// It is stored now.
+    /// It is newly stored.
     Stored(Box<Segment>),
     /// It was stored before.
     Repeated(Box<Segment>),
-    /// Its raw bytes are stored, and it is in the queue to be analysed.
+    /// Its raw bytes are stored, and it is queued for its analysis.
     Queued(Box<QueuedRecord>),
 }
 
@@ -73,7 +74,7 @@ impl Accepted {
     }
 }
 
-/// Takes records through all steps.
+/// Runs records through all steps.
 pub struct Pipeline {
     pub(crate) store: Store,
     pub(crate) workers: Arc<Workers>,
@@ -87,21 +88,21 @@ pub struct Pipeline {
     pub(crate) start_time_ahead: Duration,
 }
 
-/// Records whose raw bytes are on the disk, those stored before apart: what is left is their commit, or the
-/// queue.
+/// Records whose raw bytes are durable: those stored before, and those that are still to be committed or
+/// queued.
 pub(crate) struct Batch {
     known: Vec<Segment>,
     rest: Rest,
 }
 
-/// What is left to be done for records that were not stored before.
+/// The remaining step for records that were not stored before.
 enum Rest {
     Nothing,
     Commit(Box<AnalysedBatch>),
     Enqueue(Arc<dyn WorkQueue>, Vec<QueuedRecord>),
 }
 
-/// Records that are analysed and whose raw bytes are on the disk.
+/// Records that are analysed and whose raw bytes are durable.
 struct AnalysedBatch {
     spec: AssetSpec,
     records: Arc<Vec<IdentifiedRecord>>,
@@ -110,18 +111,18 @@ struct AnalysedBatch {
     raw: UncommittedObjects,
 }
 
-/// The raw bytes of records, by their names, with what makes records of them.
+/// The raw bytes of records by their names, with the notes needed to decode them, or none if they are stored.
 enum RawBytes {
     New(Vec<(String, Bytes)>, Vec<RecordNote>),
     Stored,
 }
 
 impl Pipeline {
-    /// Takes the bytes of one record (or of one recording of several channels), and answers once everything
-    /// is on the disk; on an API node, once the raw bytes are stored and the record is in the queue.
+    /// Accepts the bytes of one record (or of one recording of several channels), and returns once everything
+    /// is durable; on an API node, once the raw bytes are stored and the record is queued.
     ///
-    /// Returns what became of each channel, in the order of the channels. A repeat is answered with what is
-    /// stored.
+    /// Returns the outcome of each channel, in the order of the channels; for a repeated record, the stored
+    /// segment.
     pub async fn accept(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -139,7 +140,7 @@ impl Pipeline {
             }
             accepted
         };
-        detached("take a record", upload).await?
+        detached("accept a record", upload).await?
     }
 
     async fn take_upload(
@@ -169,16 +170,16 @@ impl Pipeline {
         Ok(accepted)
     }
 
-    /// The latest time that a record may be of which is received at a time.
+    /// The latest start time that a record may have which is received at a time.
     fn latest(&self, received_at: Timestamp) -> Timestamp {
         received_at.saturating_add(self.start_time_ahead).unwrap_or(Timestamp::MAX)
     }
 
-    /// Takes a record of the queue, from the analysis on; none where its asset was removed. A repeat changes
-    /// nothing.
+    /// Processes a queued record from the analysis on; returns `None` if its asset was deleted. A repeated
+    /// record changes nothing.
     ///
-    /// Errors: those of the store, which may pass; a record whose raw bytes are damaged, or are not the
-    /// record that was enqueued, will never do.
+    /// Errors: those of the store, which may be temporary; permanent ones if the raw bytes are damaged or are
+    /// not those of the queued record.
     pub async fn process(
         self: &Arc<Self>,
         record: &QueuedRecord,
@@ -210,7 +211,7 @@ impl Pipeline {
         Ok(self.finish(Batch { known, rest }).await?.pop())
     }
 
-    /// All steps up to the commit, which may go on beside the commit of the records before.
+    /// Runs all steps up to the commit; may run concurrently with the commit of the previous records.
     async fn begin(
         &self,
         group: SensorGroup,
@@ -227,7 +228,7 @@ impl Pipeline {
             .map(|segment| Segment::clone(segment))
             .collect();
         if !known.is_empty() {
-            self.raw.mend(&known, &raws).await?;
+            self.raw.repair(&known, &raws).await?;
         }
         records.retain(|record| !stored.contains_key(&record.id));
         let names: HashSet<&str> = records.iter().map(|record| record.raw.sha256.as_str()).collect();
@@ -271,8 +272,8 @@ impl Pipeline {
         Ok(Rest::Commit(Box::new(AnalysedBatch { spec, records, segments: segments?, received_at, raw })))
     }
 
-    /// The last steps: the commit with its fold and announcements, or the queue. What is answered is in the
-    /// order of the records, those stored before first.
+    /// Runs the last steps: the commit with its fold and announcements, or the queue. Returns the outcomes in
+    /// the order of the records, those stored before first.
     async fn finish(&self, batch: Batch) -> Result<Vec<Accepted>, ServiceError> {
         let mut accepted: Vec<Accepted> =
             batch.known.into_iter().map(|segment| Accepted::Repeated(Box::new(segment))).collect();
@@ -313,8 +314,8 @@ impl Pipeline {
         Ok(committed.into_iter().map(accepted))
     }
 
-    /// Commits segments, also where there is no library to compare with yet; where the asset's description
-    /// changed meanwhile, they are analysed again.
+    /// Commits segments, also if their library is not ready yet. If the asset's description changed in the
+    /// meantime, they are analysed again.
     async fn commit_segments(
         &self,
         mut spec: AssetSpec,
@@ -324,7 +325,7 @@ impl Pipeline {
     ) -> Result<Vec<CommittedSegment>, ServiceError> {
         let mut analyses = 1;
         loop {
-            self.simulations.known(&spec).await;
+            self.simulations.wait_until_loaded(&spec).await;
             match self.committer.commit(&spec.id, segments).await {
                 Err(ServiceError::DescriptionChanged(_)) if analyses < MAX_ANALYSES => analyses += 1,
                 done => return done,
@@ -334,9 +335,9 @@ impl Pipeline {
         }
     }
 
-    /// Analyses records of an asset for the others of its sensor. Those are asked for after the records are
-    /// stored, so that an asset that is described just now either is among them or finds the records there.
-    /// The caller holds the records' [`UncommittedObjects`].
+    /// Analyses records of an asset for the other assets of its sensor. These are read after the records are
+    /// stored, so that an asset created concurrently either is among them or finds the records stored. The
+    /// caller holds the records' [`UncommittedObjects`].
     async fn analyse_for_group(
         &self,
         asset: &AssetId,
@@ -350,8 +351,8 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Stores what an asset that shares another one's sensor does not have yet; returns how many records that
-    /// were. The caller holds their [`UncommittedObjects`].
+    /// Stores the records that an asset sharing another one's sensor does not have yet; returns their number.
+    /// The caller holds their [`UncommittedObjects`].
     pub(crate) async fn analyse_for_member(
         &self,
         member: AssetSpec,
@@ -368,7 +369,7 @@ impl Pipeline {
         Ok(self.commit_segments(member, &records, segments, received_at).await?.len())
     }
 
-    /// What the queue takes of records.
+    /// Converts records to queued records.
     async fn queued(
         &self,
         group: &SensorGroup,
@@ -384,7 +385,7 @@ impl Pipeline {
         Ok(queued.collect())
     }
 
-    /// A record of the queue, read from its raw bytes.
+    /// Reads a queued record from its raw bytes.
     async fn identify_queued(&self, queued: &QueuedRecord) -> Result<IdentifiedRecord, ServiceError> {
         let bytes = raw_bytes(&self.store, &queued.raw.sha256).await?;
         let queued = queued.clone();
@@ -395,7 +396,7 @@ impl Pipeline {
             if identified.id == queued.id {
                 Ok(identified)
             } else {
-                Err(ServiceError::QueuedOtherwise { found: identified.id, expected: queued.id })
+                Err(ServiceError::QueuedRecordMismatch { found: identified.id, expected: queued.id })
             }
         };
         self.workers.run("read a record", identify).await?

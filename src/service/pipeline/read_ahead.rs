@@ -1,4 +1,4 @@
-//! The records of a recording as a thread of their own reads them, in batches and within a bound on memory.
+//! Reads the records of a recording ahead on a separate thread, in batches and within a memory limit.
 
 use std::sync::Arc;
 
@@ -7,57 +7,57 @@ use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, mpsc};
 
 use crate::recording::{Recorded, RecordingError};
 
-/// Bytes of memory of one batch, beyond which the next one begins: bounds the length of a transaction.
+/// Bytes of memory after which a batch ends: bounds the length of a transaction.
 const BATCH_BYTES: usize = 32 << 20;
 
-/// Records of one batch, beyond which the next one begins.
+/// Maximum number of records in a batch.
 const BATCH_RECORDS: usize = 128;
 
-/// Records read ahead of the one that is processed.
+/// Number of records read ahead.
 const READ_AHEAD: usize = 8;
 
-/// A record and its number in the recording, counted from 0.
+/// A record and its index in the recording, from 0.
 pub(crate) type Numbered = (u64, Result<Recorded, RecordingError>);
 
 /// Consecutive records of a recording.
 #[derive(Default)]
 pub(crate) struct ReadBatch {
     pub(crate) records: Vec<Numbered>,
-    /// What they take of the recording's memory; given back when dropped.
-    pub(crate) room: Option<OwnedSemaphorePermit>,
+    /// Their share of the recording's memory; released when dropped.
+    pub(crate) memory: Option<OwnedSemaphorePermit>,
 }
 
-/// Records of one recording as they come from the thread that reads it.
+/// The records of one recording, from the thread that reads it.
 ///
-/// What is read and not yet stored keeps within a bound: one more record is read only where there is room for
-/// one as large as the last, or where nothing is held at all, so that a record of any size gets through by
-/// itself.
+/// The records that are read but not stored yet stay within a memory limit: the next record is read only if
+/// one as large as the last fits. A record beyond the limit takes all of it, so that a record of any size
+/// gets through alone.
 pub(crate) struct RecordStream {
     receiver: mpsc::Receiver<(Result<Recorded, RecordingError>, OwnedSemaphorePermit)>,
     read: u64,
-    room: Room,
+    memory: MemoryBudget,
 }
 
-/// The memory of one recording's records.
+/// The memory limit of one recording's records.
 #[derive(Clone)]
-struct Room {
+struct MemoryBudget {
     kibibytes: Arc<Semaphore>,
     most: u32,
-    /// The reader waits for room.
-    wanted: Arc<Notify>,
+    /// Notified when the reader waits for memory.
+    reader_waits: Arc<Notify>,
 }
 
 impl RecordStream {
-    /// Reads with the iterator that `open` makes on a thread of its own, at most `bytes` ahead of what is
-    /// stored.
+    /// Reads from the iterator that `open` returns, on a separate thread, at most `bytes` ahead of the stored
+    /// records.
     pub(crate) fn spawn<I, F>(bytes: usize, open: F) -> Self
     where
         F: FnOnce() -> Result<I, RecordingError> + Send + 'static,
         I: Iterator<Item = Result<Recorded, RecordingError>>,
     {
         let (sender, receiver) = mpsc::channel(READ_AHEAD);
-        let room = Room::new(bytes);
-        let (reserve, runtime) = (room.clone(), Handle::current());
+        let memory = MemoryBudget::new(bytes);
+        let (reserve, runtime) = (memory.clone(), Handle::current());
         tokio::task::spawn_blocking(move || {
             let mut records = match open() {
                 Ok(records) => Some(records),
@@ -69,7 +69,7 @@ impl RecordStream {
                 }
             };
             let mut expected = 0;
-            // The other side may have gone: then reading ends too.
+            // Reading ends when the receiver is dropped.
             while let Some(mut taken) = reserve.take(expected, &runtime)
                 && let Some(record) = records.as_mut().and_then(Iterator::next)
             {
@@ -88,10 +88,10 @@ impl RecordStream {
                 }
             }
         });
-        Self { receiver, read: 0, room }
+        Self { receiver, read: 0, memory }
     }
 
-    /// The next record by itself; empty at the end.
+    /// The next record as a batch; empty at the end.
     pub(crate) async fn next(&mut self) -> ReadBatch {
         let mut batch = ReadBatch::default();
         if let Some(received) = self.receiver.recv().await {
@@ -101,7 +101,7 @@ impl RecordStream {
         batch
     }
 
-    /// The next batch: waits for one record and takes with it those that follow at once; empty at the end.
+    /// The next batch: waits for one record and adds those that are available at once; empty at the end.
     pub(crate) async fn next_batch(&mut self) -> ReadBatch {
         let mut batch = self.next().await;
         while !batch.records.is_empty() && batch.records.len() < BATCH_RECORDS && batch.bytes() < BATCH_BYTES
@@ -113,8 +113,8 @@ impl RecordStream {
                 Err(_) if batch.records.len() < READ_AHEAD => tokio::select! {
                     biased;
                     next = self.receiver.recv() => next,
-                    // It waits for what this batch holds.
-                    () = self.room.wanted.notified() => None,
+                    // The reader waits for the memory of this batch.
+                    () = self.memory.reader_waits.notified() => None,
                 },
                 Err(_) => None,
             };
@@ -128,8 +128,8 @@ impl RecordStream {
 
 impl Drop for RecordStream {
     fn drop(&mut self) {
-        // A reader that waits for room ends.
-        self.room.kibibytes.close();
+        // Ends a reader that waits for memory.
+        self.memory.kibibytes.close();
     }
 }
 
@@ -140,35 +140,35 @@ impl ReadBatch {
         (record, taken): (Result<Recorded, RecordingError>, OwnedSemaphorePermit),
     ) {
         self.records.push((number, record));
-        match &mut self.room {
-            Some(room) => room.merge(taken),
-            None => self.room = Some(taken),
+        match &mut self.memory {
+            Some(memory) => memory.merge(taken),
+            None => self.memory = Some(taken),
         }
     }
 
     fn bytes(&self) -> usize {
-        self.room.as_ref().map_or(0, |room| 1024 * room.num_permits())
+        self.memory.as_ref().map_or(0, |memory| 1024 * memory.num_permits())
     }
 }
 
-impl Room {
+impl MemoryBudget {
     fn new(bytes: usize) -> Self {
         let most = u32::try_from(bytes / 1024).unwrap_or(u32::MAX).max(1);
-        Self { kibibytes: Arc::new(Semaphore::new(most as usize)), most, wanted: Arc::default() }
+        Self { kibibytes: Arc::new(Semaphore::new(most as usize)), most, reader_waits: Arc::default() }
     }
 
-    /// What so many bytes take: all of it where they are more than there is.
+    /// The kibibytes for a number of bytes, capped at the limit.
     fn needed(&self, bytes: usize) -> u32 {
         u32::try_from(bytes.div_ceil(1024)).unwrap_or(u32::MAX).min(self.most)
     }
 
-    /// Waits for room; none where nobody wants records any more. Blocks the thread.
+    /// Waits for memory; returns `None` once the stream is dropped. Blocks the thread.
     fn take(&self, kibibytes: u32, runtime: &Handle) -> Option<OwnedSemaphorePermit> {
         let semaphore = || Arc::clone(&self.kibibytes);
         if let Ok(taken) = semaphore().try_acquire_many_owned(kibibytes) {
             return Some(taken);
         }
-        self.wanted.notify_one();
+        self.reader_waits.notify_one();
         runtime.block_on(semaphore().acquire_many_owned(kibibytes)).ok()
     }
 }
@@ -186,7 +186,7 @@ mod tests {
 
     const MIB: usize = 1 << 20;
 
-    /// A record that takes this many bytes, half of them raw.
+    /// A record of this many bytes, half of them raw.
     fn recorded(bytes: usize) -> Recorded {
         Recorded {
             record: Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", vec![0.5; bytes / 8]).unwrap(),
@@ -196,21 +196,21 @@ mod tests {
         }
     }
 
-    /// A stream of records of these sizes, and how many bytes have been read of it.
-    fn stream(room: usize, sizes: Vec<usize>) -> (RecordStream, Arc<AtomicUsize>) {
+    /// A stream of records of these sizes, and the number of bytes read from it.
+    fn stream(memory: usize, sizes: Vec<usize>) -> (RecordStream, Arc<AtomicUsize>) {
         let read = Arc::new(AtomicUsize::new(0));
         let counted = Arc::clone(&read);
         let records = sizes.into_iter().map(move |bytes| {
             counted.fetch_add(bytes, Ordering::SeqCst);
             Ok(recorded(bytes))
         });
-        (RecordStream::spawn(room, move || Ok(records)), read)
+        (RecordStream::spawn(memory, move || Ok(records)), read)
     }
 
-    /// Reads to the end, keeping the batch before as one that waits for the disk; the largest number of bytes
-    /// that were held.
-    async fn read_through(room: usize, sizes: Vec<usize>) -> (usize, Vec<usize>) {
-        let (mut records, read) = stream(room, sizes);
+    /// Reads to the end, holding the previous batch as one that waits for the disk; returns the largest
+    /// number of bytes held and the batch sizes.
+    async fn read_through(memory: usize, sizes: Vec<usize>) -> (usize, Vec<usize>) {
+        let (mut records, read) = stream(memory, sizes);
         let (mut before, mut stored, mut most) = (ReadBatch::default(), 0, 0);
         let mut batches = Vec::new();
         let bytes = |batch: &ReadBatch| -> usize {
@@ -236,19 +236,19 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn large_records_keep_within_the_bound() {
+    async fn large_records_stay_within_the_limit() {
         let (most, batches) = read_through(12 * MIB, vec![4 * MIB; 12]).await;
         assert_eq!(batches.iter().sum::<usize>(), 12);
         assert!(most <= 12 * MIB, "{most} bytes held");
     }
 
     #[tokio::test]
-    async fn a_record_beyond_the_bound_gets_through_by_itself() {
+    async fn a_record_beyond_the_limit_gets_through_alone() {
         for sizes in [vec![8 * MIB; 4], vec![MIB / 64, 8 * MIB, MIB / 64, MIB / 64, 8 * MIB], vec![8; 300]] {
             let (count, largest) = (sizes.len(), sizes.iter().copied().max().unwrap());
             let (most, batches) = read_through(2 * MIB, sizes).await;
             assert_eq!(batches.iter().sum::<usize>(), count);
-            // One that is larger than the one before is there before there is room for it.
+            // A record larger than the previous one is in memory before its memory is acquired.
             assert!(most <= 2 * MIB + largest, "{most} bytes held");
         }
     }
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_reader_that_waits_for_room_ends_with_its_stream() {
+    async fn a_reader_that_waits_for_memory_ends_with_its_stream() {
         let ended = Arc::new(());
         let held = Arc::clone(&ended);
         let records = std::iter::repeat_with(move || {

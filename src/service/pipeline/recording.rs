@@ -1,4 +1,4 @@
-//! Recordings of many records: read on a thread, and taken through the pipeline in batches.
+//! Recordings of many records: read on a separate thread, and processed by the pipeline in batches.
 
 use std::io::{self, BufReader, Read};
 
@@ -16,20 +16,20 @@ use crate::service::record::{ChannelUnits, check_time, defaults_of, identify_rec
 use crate::service::sensor_group::SensorGroup;
 use crate::service::tally::Outcome;
 
-/// A batch of a recording whose raw bytes are on the disk.
+/// A batch of a recording whose raw bytes are durable.
 pub(crate) struct RecordedBatch {
     batch: Batch,
     summary: BatchSummary,
-    /// What its records take of their recording's memory, until they are stored.
-    _room: Option<OwnedSemaphorePermit>,
+    /// The share of the recording's memory that its records take until they are stored.
+    _memory: Option<OwnedSemaphorePermit>,
 }
 
 impl Pipeline {
-    /// Takes every record of an MCAP recording, read from where `open` says, and answers once everything is
-    /// on the disk.
+    /// Accepts every record of an MCAP recording, read from the reader that `open` returns; returns once
+    /// everything is durable.
     ///
-    /// A record that cannot be used is listed in the answer and the others are taken; an error is returned
-    /// only where not one could be read, or where the service itself failed.
+    /// An invalid record is listed in the summary and the others are accepted. An error is returned only if
+    /// no record could be read, or if the service itself failed.
     pub async fn accept_recording<R: Read + Send + 'static>(
         &self,
         asset: &AssetId,
@@ -52,7 +52,7 @@ impl Pipeline {
                 if matches!(batch.records[..], [(0, Err(_))])
                     && let Some((number, Err(error))) = batch.records.pop()
                 {
-                    // Nothing but one error: not a recording at all, unless something follows after all.
+                    // Only an error: not a recording at all, unless records follow.
                     batch = records.next_batch().await;
                     if batch.records.is_empty() {
                         self.tally.count(Outcome::Refused, 1);
@@ -78,14 +78,14 @@ impl Pipeline {
         }
     }
 
-    /// All steps up to the commit for a batch of records of one recording; those that cannot be used are
-    /// listed in its summary.
+    /// Runs all steps up to the commit for a batch of records of one recording; invalid ones are listed in
+    /// its summary.
     pub(crate) async fn begin_batch(
         &self,
         asset: &AssetId,
         read: ReadBatch,
     ) -> Result<RecordedBatch, ServiceError> {
-        let ReadBatch { records, room } = read;
+        let ReadBatch { records, memory } = read;
         let group = SensorGroup::of(&self.store, asset).await?;
         let received_at = self.clock.now();
         let (mut units, latest) =
@@ -128,18 +128,17 @@ impl Pipeline {
         Ok(RecordedBatch {
             batch: self.begin(group, records, raws, received_at).await?,
             summary,
-            _room: room,
+            _memory: memory,
         })
     }
 
-    /// Commits a batch, where there is one, in one transaction and adds what became of its records to
-    /// `summary`.
+    /// Commits a batch, if there is one, in one transaction and adds its outcomes to `summary`.
     pub(crate) async fn finish_batch(
         &self,
         begun: Option<RecordedBatch>,
         summary: &mut BatchSummary,
     ) -> Result<(), ServiceError> {
-        let Some(RecordedBatch { batch, summary: mut of_batch, _room }) = begun else {
+        let Some(RecordedBatch { batch, summary: mut of_batch, _memory }) = begun else {
             return Ok(());
         };
         for accepted in self.finish(batch).await? {

@@ -1,4 +1,4 @@
-//! What became of the records of a recording.
+//! The summary of a recording: how many of its records were stored, repeated or refused.
 
 use std::collections::BTreeSet;
 
@@ -8,49 +8,49 @@ use serde::Serialize;
 use crate::asset::SegmentId;
 use crate::signal::Record;
 
-/// Refused records that are listed by name; further ones are only counted.
+/// Maximum number of refused records that are listed; further ones are only counted.
 const MAX_REFUSED_LISTED: usize = 1000;
 
-/// Taken records that are listed by name; further ones are only counted.
+/// Maximum number of accepted records that are listed; further ones are only counted.
 const MAX_TAKEN_LISTED: usize = 10_000;
 
-/// A record of a recording that was not taken.
+/// A refused record of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct Refused {
-    /// Which record of the recording, counted from 0.
+    /// Index of the record in the recording, from 0.
     pub record: u64,
-    /// Its channel, where it could be read so far.
+    /// Its channel; null if it could not be read.
     pub channel: Option<String>,
-    /// Why not.
+    /// Why it was refused.
     pub reason: String,
 }
 
-/// What became of a recording.
+/// The summary of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct BatchSummary {
     /// Records read.
     pub records: u64,
-    /// Of these, stored now.
+    /// Of these, newly stored.
     pub stored: u64,
-    /// Of these, in the queue to be analysed; absent where they are analysed before the answer.
+    /// Of these, queued for their analysis; absent if records are analysed before the response.
     #[serde(skip_serializing_if = "is_none")]
     pub queued: u64,
     /// Of these, stored before.
     pub repeated: u64,
-    /// Those that were not taken.
+    /// The refused records, at most the first 1000.
     pub refused: Vec<Refused>,
-    /// How many were not taken.
+    /// Number of refused records.
     pub refused_count: u64,
-    /// The channels of those that were taken.
+    /// The channels of the accepted records.
     pub channels: BTreeSet<String>,
-    /// Start of the earliest record taken.
+    /// Start of the earliest accepted record.
     pub first_start_time: Option<Timestamp>,
-    /// Start of the latest record taken.
+    /// Start of the latest accepted record.
     pub last_start_time: Option<Timestamp>,
-    /// Those that were taken now, the first 10 000.
+    /// The newly stored or queued records, at most the first 10 000.
     #[serde(skip)]
     pub segments: Vec<SegmentId>,
-    /// Length of all records taken, in seconds.
+    /// Total length of the accepted records in seconds.
     #[serde(skip)]
     pub record_seconds: f64,
 }
@@ -73,24 +73,24 @@ impl BatchSummary {
 }
 
 impl BatchSummary {
-    /// Lists a record that was taken now.
+    /// Lists a newly stored or queued record.
     pub(crate) fn take(&mut self, segment: &SegmentId) {
         if self.segments.len() < MAX_TAKEN_LISTED {
             self.segments.push(segment.clone());
         }
     }
 
-    /// Adds what became of later records.
+    /// Adds the summary of later records.
     pub(crate) fn join(&mut self, later: Self) {
         self.records += later.records;
         self.stored += later.stored;
         self.queued += later.queued;
         self.repeated += later.repeated;
         self.refused_count += later.refused_count;
-        let room = MAX_REFUSED_LISTED.saturating_sub(self.refused.len());
-        self.refused.extend(later.refused.into_iter().take(room));
-        let room = MAX_TAKEN_LISTED.saturating_sub(self.segments.len());
-        self.segments.extend(later.segments.into_iter().take(room));
+        let capacity = MAX_REFUSED_LISTED.saturating_sub(self.refused.len());
+        self.refused.extend(later.refused.into_iter().take(capacity));
+        let capacity = MAX_TAKEN_LISTED.saturating_sub(self.segments.len());
+        self.segments.extend(later.segments.into_iter().take(capacity));
         self.channels.extend(later.channels);
         self.first_start_time = self.first_start_time.into_iter().chain(later.first_start_time).min();
         self.last_start_time = self.last_start_time.max(later.last_start_time);

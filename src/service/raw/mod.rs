@@ -1,4 +1,4 @@
-//! Raw bytes: stored before anything refers to them, removed when nothing does any more.
+//! Raw bytes: stored before anything references them, removed once nothing does.
 
 mod objects;
 mod retention;

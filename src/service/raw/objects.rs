@@ -1,10 +1,9 @@
-//! Raw objects, and those that nothing refers to.
+//! Raw objects, and the removal of unreferenced ones.
 //!
-//! Between the storing of raw bytes and the commit of the rows that refer to them an object looks like one
-//! that nothing needs. In this process a lock tells them apart. Another process of the store may be in
-//! between as well, or a record may wait in the queue: every storing writes the object anew, so its age says
-//! since when nobody has brought it, and one that nothing refers to goes once it is older than anything
-//! waits.
+//! Between the storage of raw bytes and the commit of the rows that reference them, an object looks
+//! unreferenced. Within this process a lock distinguishes the two. On a shared store another process may be
+//! between these steps too, or a record may wait in the queue: storing an object again resets its age, so an
+//! unreferenced object is removed only once it is older than any record can wait.
 
 use std::collections::{BTreeSet, HashSet};
 use std::sync::Arc;
@@ -26,15 +25,15 @@ pub(crate) struct RawObjects {
     store: Store,
     workers: Arc<Workers>,
     role: Role,
-    /// How long an object is in quarantine before it is removed.
+    /// How long an object stays in quarantine before it is removed.
     quarantined_for: Duration,
-    /// Held for reading from before raw bytes are stored until their rows are committed; for writing while
-    /// objects that nothing refers to are removed.
+    /// Read-locked from before raw bytes are stored until their rows are committed; write-locked while
+    /// unreferenced objects are removed.
     uncommitted: Arc<RwLock<()>>,
 }
 
-/// Raw objects whose rows are still to be committed. Where that does not happen, those that nothing refers to
-/// are removed when this is dropped: they count to no quota.
+/// Raw objects whose rows are not committed yet. If they are never committed, the unreferenced ones are
+/// removed when this is dropped, because they count towards no quota.
 pub(crate) struct UncommittedObjects {
     objects: Arc<RawObjects>,
     names: Vec<String>,
@@ -46,8 +45,8 @@ impl RawObjects {
         Self { store, workers, role, quarantined_for, uncommitted: Arc::default() }
     }
 
-    /// Stores raw bytes under their names, and what makes `records` of them; they are on the disk once this
-    /// returns.
+    /// Stores raw bytes under their names, with the notes needed to decode `records` from them; durable once
+    /// this returns.
     pub(crate) async fn put(
         &self,
         raws: Vec<(String, Bytes)>,
@@ -57,9 +56,13 @@ impl RawObjects {
         Ok(blocking("store raw bytes", move || store.objects().put_all(&raws, &records)).await??)
     }
 
-    /// Stores raw bytes of records that are stored already where they were lost or damaged; not those that
-    /// were given up.
-    pub(crate) async fn mend(&self, known: &[Segment], raws: &[(String, Bytes)]) -> Result<(), ServiceError> {
+    /// Stores the raw bytes of known records again if they were lost or damaged, but not if the retention
+    /// deleted them.
+    pub(crate) async fn repair(
+        &self,
+        known: &[Segment],
+        raws: &[(String, Bytes)],
+    ) -> Result<(), ServiceError> {
         let mut kept = Vec::new();
         for (name, bytes) in raws {
             let of = known.iter().find(|segment| segment.raw.sha256 == *name);
@@ -73,22 +76,20 @@ impl RawObjects {
             return Ok(());
         }
         let store = self.store.clone();
-        let mend = move || {
-            kept.retain(|(name, _)| store.objects().get(name).is_err_and(|error| error.is_of_object()));
+        let repair = move || {
+            kept.retain(|(name, _)| store.objects().get(name).is_err_and(|error| error.is_object_error()));
             for (object, _) in &kept {
-                tracing::warn!(
-                    object,
-                    "a raw recording was lost or damaged, and came again: it is stored anew"
-                );
+                tracing::warn!(object, "a raw object was lost or damaged and was received again: storing it");
             }
             store.objects().put_all(&kept, &[])
         };
-        Ok(blocking("store raw bytes", mend).await??)
+        Ok(blocking("store raw bytes", repair).await??)
     }
 
-    /// Notes beside the raw objects what people said of an asset, or that it is gone.
+    /// Writes the note of an asset beside the raw objects, or removes it if the asset is deleted.
     ///
-    /// Where the objects are not those that the database knows, what is noted already stays.
+    /// An existing note is kept while removals are suspended, that is, if the objects may not belong to the
+    /// database.
     pub(crate) async fn note_asset(&self, id: &AssetId) -> Result<(), ServiceError> {
         let note = match self.store.asset(id).await {
             Ok(asset) => Some(AssetNote {
@@ -103,7 +104,7 @@ impl RawObjects {
         let (store, id) = (self.store.clone(), id.clone());
         let write = move || {
             let objects = store.objects();
-            if store.held().is_some() && objects.asset_note(&id)?.is_some() {
+            if store.removal_hold().is_some() && objects.asset_note(&id)?.is_some() {
                 return Ok(());
             }
             match &note {
@@ -111,18 +112,18 @@ impl RawObjects {
                 None => objects.remove_asset_note(&id),
             }
         };
-        Ok(blocking("note an asset", write).await??)
+        Ok(blocking("write the note of an asset", write).await??)
     }
 
-    /// The same for an asset whose change is stored: where it cannot be noted now, the next start does it.
+    /// Writes the note of an asset whose change is stored; after a failure the next start writes it.
     pub(crate) async fn note_changed_asset(&self, id: &AssetId) {
         if let Err(error) = self.note_asset(id).await {
-            tracing::warn!(asset = %id, %error, "failed to note an asset beside its raw recordings");
+            tracing::warn!(asset = %id, %error, "failed to write the note of an asset beside its raw recordings");
         }
     }
 
-    /// Notes beside the raw objects that records were removed: nothing makes them again. Sent again, they are
-    /// others to a queue.
+    /// Writes a note of removed records beside the raw objects, so that a rebuild skips them. On a shared
+    /// store their dead-letter count is raised, so that the queue accepts them if they are sent again.
     pub(crate) async fn note_removal(&self, removal: RemovalNote) -> Result<(), ServiceError> {
         if self.store.is_shared() {
             let letter = i64::try_from(removal.removed_at.as_nanosecond()).unwrap_or(i64::MAX);
@@ -131,13 +132,13 @@ impl RawObjects {
             }
         }
         let store = self.store.clone();
-        Ok(blocking("note a removal", move || store.objects().put_removal(&removal)).await??)
+        Ok(blocking("write the note of a removal", move || store.objects().put_removal(&removal)).await??)
     }
 
-    /// Keeps objects of these names, to be stored now or there already, from being removed until this is
-    /// dropped.
+    /// Protects objects of these names, which may exist already or not, from removal until the returned guard
+    /// is dropped.
     pub(crate) async fn uncommitted(self: &Arc<Self>, mut names: Vec<String>) -> UncommittedObjects {
-        // Where other processes store as well, the upkeep removes what one of them has lost.
+        // On a shared store the upkeep removes unreferenced objects.
         if self.store.is_shared() {
             names.clear();
         }
@@ -148,22 +149,22 @@ impl RawObjects {
         }
     }
 
-    /// Waits until nobody is between storing raw bytes and committing their rows, and keeps everybody from
-    /// beginning.
+    /// Waits until no raw bytes are waiting for the commit of their rows, and blocks new ones until the guard
+    /// is dropped.
     pub(crate) async fn exclusive(&self) -> OwnedRwLockWriteGuard<()> {
         Arc::clone(&self.uncommitted).write_owned().await
     }
 
-    /// Puts all objects that nothing refers to into quarantine: what a process that was killed had stored
-    /// without its results. Removes what was there for long enough. Nothing is moved or removed where the
-    /// objects are not those that the database knows.
+    /// Moves all unreferenced objects into quarantine, such as those that a killed process stored without
+    /// results, and removes objects whose time in quarantine is over. Does nothing while removals are
+    /// suspended.
     pub(crate) async fn sweep(&self) -> Result<(), ServiceError> {
         if self.store.check_marks().await?.is_some() {
             return Ok(());
         }
         let (objects, bytes) = self.quarantine_orphans().await?;
         if objects > 0 {
-            tracing::info!(objects, bytes, "moved raw objects that no record refers to into quarantine");
+            tracing::info!(objects, bytes, "moved unreferenced raw objects into quarantine");
         }
         let (store, kept_for) = (self.store.clone(), self.quarantined_for);
         let remove = move || {
@@ -175,7 +176,7 @@ impl RawObjects {
         };
         let (objects, bytes) = self.workers.run("empty the quarantine", remove).await??;
         if objects > 0 {
-            tracing::info!(objects, bytes, "removed raw objects that were in quarantine for long enough");
+            tracing::info!(objects, bytes, "removed raw objects whose time in quarantine is over");
         }
         Ok(())
     }
@@ -202,7 +203,7 @@ impl RawObjects {
             if waiting.is_none() {
                 waiting = Some(self.waiting().await?);
             }
-            // What is being stored just now looks the same: asked again under the lock.
+            // Objects being stored at the moment look the same: checked again under the lock.
             let _exclusive = self.exclusive().await;
             let mut orphans = self.store.orphans_among(suspects).await?;
             orphans.retain(|name| waiting.as_ref().is_none_or(|waiting| !waiting.contains(name)));
@@ -212,12 +213,12 @@ impl RawObjects {
                 .filter(|object| orphans.contains(&object.name))
                 .map(|object| object.bytes)
                 .sum::<u64>();
-            self.put_away(orphans).await?;
+            self.quarantine_unneeded(orphans).await?;
         }
         Ok((count, bytes))
     }
 
-    /// What records refer to that are in the queue or among the dead letters.
+    /// The objects referenced by records in the queue or among the dead letters.
     async fn waiting(&self) -> Result<HashSet<String>, ServiceError> {
         match self.role.queue() {
             Some(queue) => queue.objects_waiting().await,
@@ -225,21 +226,20 @@ impl RawObjects {
         }
     }
 
-    /// Moves objects that nothing refers to into quarantine. The caller has the
-    /// [`exclusive`](Self::exclusive) lock.
+    /// Moves unreferenced objects into quarantine. The caller holds the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn quarantine(&self, names: Vec<String>) -> Result<(), ServiceError> {
-        let unneeded = self.without_waiting(names).await?;
-        self.put_away(unneeded).await
+        let unneeded = self.excluding_waiting(names).await?;
+        self.quarantine_unneeded(unneeded).await
     }
 
-    /// Removes objects that nothing refers to. The caller has the [`exclusive`](Self::exclusive) lock.
+    /// Removes unreferenced objects. The caller holds the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn remove(&self, names: Vec<String>) -> Result<(), ServiceError> {
-        let unneeded = self.without_waiting(names).await?;
-        self.give_away(unneeded, |store, name| store.objects().remove(name)).await
+        let unneeded = self.excluding_waiting(names).await?;
+        self.dispose_of(unneeded, |store, name| store.objects().remove(name)).await
     }
 
-    /// Those of these objects that no record needs which waits.
-    async fn without_waiting(&self, mut names: Vec<String>) -> Result<Vec<String>, ServiceError> {
+    /// Returns the objects that no waiting record needs.
+    async fn excluding_waiting(&self, mut names: Vec<String>) -> Result<Vec<String>, ServiceError> {
         if !names.is_empty() {
             let waiting = self.waiting().await?;
             names.retain(|name| !waiting.contains(name));
@@ -247,32 +247,32 @@ impl RawObjects {
         Ok(names)
     }
 
-    /// Moves objects into quarantine that neither a row nor a record that waits refers to.
-    async fn put_away(&self, names: Vec<String>) -> Result<(), ServiceError> {
+    /// Moves objects into quarantine that neither a row nor a waiting record references.
+    async fn quarantine_unneeded(&self, names: Vec<String>) -> Result<(), ServiceError> {
         if names.is_empty() {
             return Ok(());
         }
         let store = self.store.clone();
-        let now = blocking("learn the time", move || store.objects().time()).await??;
-        self.give_away(names, move |store, name| store.objects().quarantine(name, now)).await
+        let now = blocking("read the clock of the object store", move || store.objects().time()).await??;
+        self.dispose_of(names, move |store, name| store.objects().quarantine(name, now)).await
     }
 
-    /// Does away with objects; where other processes store as well, only with those that none of them can
-    /// have brought lately.
-    async fn give_away(
+    /// Calls `away` for each object; on a shared store only for objects that no process can have stored
+    /// recently.
+    async fn dispose_of(
         &self,
         names: Vec<String>,
         away: impl Fn(&Store, &str) -> Result<(), StoreError> + Send + 'static,
     ) -> Result<(), ServiceError> {
-        if names.is_empty() || self.store.held().is_some() {
+        if names.is_empty() || self.store.removal_hold().is_some() {
             return Ok(());
         }
         let store = self.store.clone();
-        let give_away = move || {
-            // Nothing is written to learn the time where it does not matter: the disk may be full.
+        let dispose_of = move || {
+            // The time is read, which writes a file, only if it is needed: the disk may be full.
             let age = store.is_shared().then(|| Age::now(&store)).transpose()?;
             for name in &names {
-                // Asked again at the last moment: bringing an object again makes it new.
+                // Checked at the last moment: storing an object again resets its age.
                 let is_old_enough = |age: &Age| {
                     Ok::<_, StoreError>(
                         store.objects().written_at(name)?.is_some_and(|time| age.is_old_enough(time)),
@@ -284,10 +284,10 @@ impl RawObjects {
             }
             Ok::<_, StoreError>(())
         };
-        Ok(self.workers.run("remove raw recordings", give_away).await??)
+        Ok(self.workers.run("remove raw recordings", dispose_of).await??)
     }
 
-    /// Removes those of these objects that nothing refers to; returns how many.
+    /// Removes the unreferenced ones of these objects; returns their number.
     async fn remove_uncommitted(&self, names: Vec<String>) -> Result<usize, ServiceError> {
         let _exclusive = self.exclusive().await;
         let orphans = self.store.orphans_among(names).await?;
@@ -306,11 +306,12 @@ impl RawObjects {
     }
 }
 
-/// From which age on objects may go that nothing refers to. What was answered and waits for its results is
-/// younger. Ages are by the clock that dates the objects: that of a process may be wrong.
+/// The age from which on an unreferenced object may be removed. Objects of accepted records that wait for
+/// their results are younger. Ages are by the clock of the object store, because the clock of a process may
+/// be wrong.
 struct Age {
     now: Timestamp,
-    /// None where this process has the store to itself and can tell.
+    /// `None` if this process is alone on the store and knows which objects are unreferenced.
     most: Option<SignedDuration>,
 }
 
@@ -325,7 +326,7 @@ impl Age {
 }
 
 impl UncommittedObjects {
-    /// Their rows are committed.
+    /// Marks the rows of the objects as committed.
     pub(crate) fn are_committed(&mut self) {
         self.names.clear();
     }
@@ -336,7 +337,7 @@ impl Drop for UncommittedObjects {
         if self.names.is_empty() {
             return;
         }
-        // At the end of the process the next start does it.
+        // At the end of the process this is left to the next start.
         let Ok(runtime) = Handle::try_current() else {
             return;
         };

@@ -1,7 +1,7 @@
-//! Raw recordings within their quotas.
+//! Retention: deletes the oldest raw recordings that exceed the quotas.
 //!
-//! What is derived from a record stays when its raw bytes are given up; they are given up only after it is
-//! stored, since an object is counted in the transaction that stores the results of its record.
+//! The results of a record are kept when its raw bytes are deleted. They are deleted only after the results
+//! are stored, because an object is counted in the transaction that stores the results of its record.
 
 use std::sync::Arc;
 
@@ -11,10 +11,10 @@ use crate::service::error::ServiceError;
 use crate::service::limits::RawQuotas;
 use crate::store::{GivenUp, Store};
 
-/// Objects given up in one transaction.
-const GIVEN_UP_AT_ONCE: u32 = 256;
+/// Objects deleted in one transaction.
+const DELETED_AT_ONCE: u32 = 256;
 
-/// Gives up the oldest raw recordings over the quotas.
+/// Deletes the oldest raw recordings that exceed the quotas.
 pub(crate) struct Retention {
     store: Store,
     objects: Arc<RawObjects>,
@@ -27,19 +27,19 @@ impl Retention {
         Self { store, objects, quotas, turn: tokio::sync::Mutex::default() }
     }
 
-    /// Gives up the oldest raw recordings where there are more than the quotas allow, in the background.
+    /// Applies the quotas in the background.
     pub(crate) fn apply_in_background(self: &Arc<Self>) {
         if self.quotas == RawQuotas::default() {
             return;
         }
         let retention = Arc::clone(self);
         tokio::spawn(async move {
-            // One at a time; one that waits sees what those before it have done.
+            // One application at a time; the next one sees its result.
             let Ok(_turn) = retention.turn.try_lock() else {
                 return;
             };
             if let Err(error) = retention.apply().await {
-                tracing::warn!(%error, "failed to give up raw recordings over their quota");
+                tracing::warn!(%error, "failed to apply the quotas of raw recordings");
             }
         });
     }
@@ -68,12 +68,17 @@ impl Retention {
     async fn give_up(&self, asset: Option<&AssetId>, quota: u64) -> Result<(), ServiceError> {
         loop {
             let _exclusive = self.objects.exclusive().await;
-            let given_up = self.store.give_up_oldest(asset, quota, GIVEN_UP_AT_ONCE).await?;
+            let given_up = self.store.delete_oldest_raw(asset, quota, DELETED_AT_ONCE).await?;
             let GivenUp { objects, bytes, is_within, orphans } = given_up;
             if objects > 0 {
                 self.objects.remove(orphans).await?;
                 let of = asset.map_or("all", AssetId::as_str);
-                tracing::info!(of, objects, bytes, "gave up the oldest raw recordings for the quota");
+                tracing::info!(
+                    of,
+                    objects,
+                    bytes,
+                    "deleted the oldest raw recordings to stay within the quota"
+                );
             }
             if is_within || objects == 0 {
                 return Ok(());

@@ -1,4 +1,4 @@
-//! Pieces of resumable uploads: removed once nobody goes on with their upload.
+//! Pieces of resumable uploads, removed once their upload expires.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use crate::service::error::ServiceError;
 use crate::service::workers::Workers;
 use crate::store::{Store, StoreError};
 
-/// Uploads that expire at a time.
+/// Maximum number of uploads expired at a time.
 const MAX_EXPIRED: u32 = 100;
 
 /// The pieces of resumable uploads in a store.
@@ -22,13 +22,13 @@ impl UploadPieces {
         Self { store, workers, clock }
     }
 
-    /// Removes resumable uploads that nobody went on with.
+    /// Removes expired resumable uploads.
     pub async fn expire(&self) -> Result<(), ServiceError> {
         let gone = self.store.expire_resumable(self.clock.now(), MAX_EXPIRED).await?;
         self.remove(gone).await
     }
 
-    /// Removes pieces of uploads that are gone: what a process brought that did not see that.
+    /// Removes pieces of uploads that no longer exist, stored by a process that had not noticed.
     pub async fn remove_forgotten(&self) -> Result<(), ServiceError> {
         let store = self.store.clone();
         let list = move || store.objects().uploads();
@@ -37,7 +37,7 @@ impl UploadPieces {
         self.remove(forgotten).await
     }
 
-    /// Removes all pieces of uploads.
+    /// Removes all pieces of these uploads.
     pub async fn remove(&self, uploads: Vec<String>) -> Result<(), ServiceError> {
         if uploads.is_empty() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Everything that a record says by itself.
+//! The analysis of one record: its indicators and features.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::service::workers::{Workers, is_large, with_analyzer};
 use crate::signal::{Condition, Record};
 use crate::store::{Analysed, NewSegment};
 
-/// Indicators and features of a record. To be called on a worker thread.
+/// Computes the indicators and features of a record. To be called on a worker thread.
 pub(crate) fn analyse(record: &Record, spec: &AssetSpec) -> Analysed {
     let bearings = spec.bearings();
     let Condition { analysis, basis } = with_analyzer(record.samples().len(), |analyzer| {
@@ -28,7 +28,7 @@ pub(crate) fn analyse(record: &Record, spec: &AssetSpec) -> Analysed {
     }
 }
 
-/// The segments of records, in their order, analysed on worker threads.
+/// Analyses records on worker threads; returns their segments in the same order.
 pub(crate) async fn analyse_all(
     workers: &Workers,
     spec: &AssetSpec,
@@ -49,7 +49,7 @@ pub(crate) async fn analyse_all(
             analysed.push(ready);
             continue;
         }
-        // The large ones one after the other: there may not be the memory for two.
+        // Large records one after the other: memory may not suffice for two.
         let (spec, of) = (spec.clone(), Arc::clone(records));
         let large = move || segment(&of[n], &spec, received_at);
         analysed.push(workers.run_analysis(TASK, records[n].samples(), large).await?);

@@ -1,4 +1,4 @@
-//! The unit of each channel: that of its records, else that of the description, else that of its first
+//! The unit of each channel: that of its stored records, else that of the description, else that of its first
 //! record.
 
 use std::collections::HashMap;
@@ -9,23 +9,23 @@ use crate::service::error::ServiceError;
 use crate::signal::Record;
 use crate::store::Store;
 
-/// The unit of samples of which nobody knows it.
+/// The unit of samples whose unit is unknown.
 const UNKNOWN: &str = "1";
 
 /// Units of the channels of an asset.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct ChannelUnits {
     by_channel: HashMap<String, String>,
-    /// Of channels of which nothing is known by name.
+    /// Unit of all other channels.
     others: Option<String>,
 }
 
 impl ChannelUnits {
-    /// Those of an asset as far as they are known.
+    /// Reads the known units of an asset's channels.
     pub(crate) async fn of(store: &Store, spec: &AssetSpec) -> Result<Self, ServiceError> {
         let mut by_channel: HashMap<String, String> = spec.channel_units().into_iter().collect();
         for (channel, unit) in store.channel_units(&spec.id).await? {
-            // Where nobody said a unit, the description may say it later.
+            // If no unit was given so far, the description may give it later.
             if unit != UNKNOWN {
                 by_channel.insert(channel, unit);
             } else if spec.sensor.unit.is_none() {
@@ -35,30 +35,31 @@ impl ChannelUnits {
         Ok(Self { by_channel, others: spec.sensor.unit.clone() })
     }
 
-    /// The units by the names of channels.
+    /// The known units by channel name.
     pub(crate) fn by_channel(&self) -> impl Iterator<Item = (String, String)> + '_ {
         let known = self.by_channel.iter().filter(|(_, unit)| *unit != UNKNOWN);
         known.map(|(channel, unit)| (channel.clone(), unit.clone()))
     }
 
-    /// The first record of a channel says its unit, where nothing else does.
+    /// Takes the unit of a channel from its first record if it is unknown so far.
     pub(crate) fn note_first(&mut self, record: &Record) {
         if self.others.is_none() && !self.by_channel.contains_key(record.channel()) {
             self.by_channel.insert(record.channel().to_owned(), record.unit().to_owned());
         }
     }
 
-    /// A record in the unit of its channel; and the unit that it came in, where its samples are others now.
+    /// Converts a record to the unit of its channel. Also returns its original unit if the sample values
+    /// changed.
     ///
-    /// Error: it is in a unit that cannot be brought to that of its channel.
-    pub(crate) fn fix(&self, record: Record) -> Result<(Record, Option<String>), ServiceError> {
+    /// Error: its unit cannot be converted to that of its channel.
+    pub(crate) fn convert(&self, record: Record) -> Result<(Record, Option<String>), ServiceError> {
         let unit = self.by_channel.get(record.channel()).or(self.others.as_ref());
         let Some(unit) = unit.filter(|unit| *unit != record.unit()) else {
             return Ok((record, None));
         };
-        let came_in = record.unit().to_owned();
-        let is_same = crate::signal::unit_factor(&came_in, unit) == Some(1.0);
+        let original_unit = record.unit().to_owned();
+        let is_same = crate::signal::unit_factor(&original_unit, unit) == Some(1.0);
         let fixed = record.in_unit(unit).map_err(RecordingError::from)?;
-        Ok((fixed, (!is_same).then_some(came_in)))
+        Ok((fixed, (!is_same).then_some(original_unit)))
     }
 }

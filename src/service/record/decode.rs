@@ -1,4 +1,4 @@
-//! The bytes of an upload decoded: one record for each channel.
+//! Decodes the bytes of an upload: one record for each channel.
 
 use jiff::Timestamp;
 
@@ -14,7 +14,7 @@ use crate::signal::{OperatingPoint, Record};
 /// The media type of MATLAB files.
 const MATLAB: &str = "application/x-matlab-data";
 
-/// How the bytes of one record are written.
+/// The format of the bytes of one record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RecordFormat {
     /// A WAV file.
@@ -27,33 +27,33 @@ pub enum RecordFormat {
     Raw(RawLayout),
     /// CSV.
     Csv(CsvLayout),
-    /// A MATLAB file of version 5, with the sampling rate in hertz where it does not say it.
+    /// A MATLAB file of version 5, with the sampling rate in hertz if the file does not contain it.
     Mat(Option<f64>),
 }
 
-/// What the sender says of a record beside its bytes; what the bytes say themselves counts first.
+/// Metadata that the sender gives with a record; values in the bytes themselves take precedence.
 #[derive(Debug, Clone, Default)]
 pub struct UploadMetadata {
-    /// The time of the first sample; the time of receipt where nobody says.
+    /// The time of the first sample; by default the time of receipt.
     pub start_time: Option<Timestamp>,
     /// The channel's name, for a recording of one channel.
     pub channel: Option<String>,
-    /// The channels' names in their order, for a recording of several; empty where it says itself or does not
-    /// matter.
+    /// The names of the channels in order, for a recording of several; empty if the recording contains them
+    /// or they do not matter.
     pub channel_names: Vec<String>,
     /// Unit of the samples.
     pub unit: Option<String>,
-    /// Units of the channels that are named, in their order; one that is empty is that of all. Empty where
-    /// all have the same.
+    /// Units of the named channels in order; an empty text stands for `unit`. Empty if all channels have the
+    /// same unit.
     pub channel_units: Vec<String>,
     /// Operating point.
     pub operating_point: OperatingPoint,
-    /// Wear depth in µm known from elsewhere.
+    /// Reference wear depth in µm from another source.
     pub reference_wear_um: Option<f64>,
 }
 
 impl RecordFormat {
-    /// The media type of such bytes, with everything that is needed to read them.
+    /// The media type of the format, with all parameters that are needed to decode it.
     pub fn media_type(self) -> String {
         match self {
             Self::Wav => "audio/wav".to_string(),
@@ -66,8 +66,7 @@ impl RecordFormat {
         }
     }
 
-    /// The format of a media type: without parameters, or one of bare samples as
-    /// [`media_type`](Self::media_type) wrote it.
+    /// The format of a media type, without parameters or as written by [`media_type`](Self::media_type).
     pub fn from_media_type(media_type: &str) -> Option<Self> {
         let (media_type, _) = without_unit(media_type);
         match media_type {
@@ -92,7 +91,7 @@ impl RecordFormat {
         }
     }
 
-    /// The records in the bytes, one for each channel.
+    /// Decodes the records in the bytes, one for each channel.
     pub(crate) fn decode(
         self,
         bytes: &[u8],
@@ -112,10 +111,10 @@ impl RecordFormat {
     }
 }
 
-/// Goes before the unit of the samples in a stored media type, where records are in another one.
+/// Precedes the original unit of the samples in a stored media type, if records were converted.
 const UNIT: &str = "; unit=";
 
-/// A stored media type with the unit that the samples came in.
+/// Appends the original unit of the samples to a media type.
 pub(crate) fn with_unit(media_type: String, unit: Option<&str>) -> String {
     match unit {
         Some(unit) => media_type + UNIT + unit,
@@ -123,7 +122,8 @@ pub(crate) fn with_unit(media_type: String, unit: Option<&str>) -> String {
     }
 }
 
-/// A stored media type, and the unit that the samples came in where records are in another one.
+/// Splits a stored media type into the media type and the original unit of the samples, if records were
+/// converted.
 pub(crate) fn without_unit(media_type: &str) -> (&str, Option<&str>) {
     match media_type.split_once(UNIT) {
         Some((media_type, unit)) => (media_type, Some(unit)),
@@ -131,7 +131,7 @@ pub(crate) fn without_unit(media_type: &str) -> (&str, Option<&str>) {
     }
 }
 
-/// What holds for an asset's records where they do not say.
+/// The default values for an asset's records.
 pub(crate) fn defaults_of(spec: &AssetSpec, units: &ChannelUnits, start_time: Timestamp) -> RecordDefaults {
     RecordDefaults {
         channel: spec.sensor.channel.clone(),
@@ -142,7 +142,7 @@ pub(crate) fn defaults_of(spec: &AssetSpec, units: &ChannelUnits, start_time: Ti
     }
 }
 
-/// The records of an upload, in the order of their channels.
+/// Decodes the records of an upload, in the order of their channels.
 pub(crate) fn decode_upload(
     spec: &AssetSpec,
     units: &ChannelUnits,
@@ -169,8 +169,8 @@ pub(crate) fn decode_upload(
             expected: "as many units as channel_names has names",
         });
     }
-    let said = names.iter().zip(own).filter(|(_, unit)| !unit.is_empty());
-    defaults.channel_units.extend(said.map(|(name, unit)| (name.clone(), unit.clone())));
+    let given = names.iter().zip(own).filter(|(_, unit)| !unit.is_empty());
+    defaults.channel_units.extend(given.map(|(name, unit)| (name.clone(), unit.clone())));
     let records = format.decode(bytes, &defaults)?;
     check_names(&metadata.channel_names, records.len())?;
     Ok(records)
@@ -183,7 +183,7 @@ fn check_names(names: &[String], channels: usize) -> Result<(), ServiceError> {
         return refuse("as many names as the recording has channels");
     }
     if (1..names.len()).any(|n| names[..n].contains(&names[n])) {
-        return refuse("every name once");
+        return refuse("each name at most once");
     }
     Ok(())
 }

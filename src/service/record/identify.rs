@@ -1,5 +1,5 @@
-//! The identity of a record: the hash of its asset, channel, time and raw bytes. The same record again is
-//! found by it.
+//! The identity of a record: the hash of its asset, channel, time and raw bytes, by which repeated records
+//! are found.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -15,31 +15,31 @@ use crate::service::work_queue::QueuedRecord;
 use crate::signal::Record;
 use crate::store::{Asset, Objects, Store};
 
-/// Longest unit taken, in bytes.
+/// Maximum length of a unit in bytes.
 const MAX_UNIT_BYTES: usize = 64;
 
-/// The greatest depth in µm that is known of a gear, as of an inspection.
+/// Maximum reference wear depth in µm, the same as for an inspection.
 const MAX_DEPTH_UM: f64 = 1e5;
 
-/// A record with its identifier and its raw bytes' name, before anything is stored.
+/// A record with its identifier and the name of its raw bytes, before anything is stored.
 pub(crate) struct IdentifiedRecord {
     pub(crate) id: SegmentId,
     pub(crate) record: Arc<Record>,
     pub(crate) raw: RawReference,
     pub(crate) reference_wear_um: Option<f64>,
-    /// It is to take no part in its history.
+    /// Whether it is excluded from its history.
     pub(crate) excluded: bool,
 }
 
-/// What has the identity of a record.
+/// A record with an identity.
 pub(crate) trait Identified {
     fn id(&self) -> &SegmentId;
-    /// The identifier of the same record for another asset of its sensor.
+    /// The identifier of the record for another asset of its sensor.
     fn id_for(&self, asset: &AssetId) -> SegmentId;
 }
 
 impl IdentifiedRecord {
-    /// Identifies a record; refuses what cannot be stored or addressed.
+    /// Identifies a record; returns an error if it cannot be stored or addressed.
     pub(crate) fn new(
         asset: &AssetId,
         record: Record,
@@ -50,7 +50,7 @@ impl IdentifiedRecord {
         Ok(Self { reference_wear_um, ..Self::of_stored(asset, record, raw, false) })
     }
 
-    /// One that is stored already, for this asset or for another one of its sensor.
+    /// Identifies a record that is stored already, for this asset or another asset of its sensor.
     pub(crate) fn of_stored(asset: &AssetId, record: Record, raw: RawReference, excluded: bool) -> Self {
         Self {
             id: SegmentId::derive(asset, record.channel(), record.start_time(), &raw),
@@ -61,7 +61,8 @@ impl IdentifiedRecord {
         }
     }
 
-    /// The same record for another asset of its sensor; a depth that is known is not that of its mesh.
+    /// The record for another asset of its sensor, without the reference depth, which is not that of the
+    /// other mesh.
     pub(crate) fn for_member(&self, member: &AssetSpec) -> Self {
         Self {
             id: self.id_for(&member.id),
@@ -72,7 +73,7 @@ impl IdentifiedRecord {
         }
     }
 
-    /// What the work queue takes of it.
+    /// Converts it to a queued record.
     pub(crate) fn queued(&self, asset: &Asset, received_at: Timestamp, given_up: u32) -> QueuedRecord {
         let record = &self.record;
         QueuedRecord {
@@ -147,8 +148,8 @@ fn check_unit(record: &Record) -> Result<(), ServiceError> {
     Ok(())
 }
 
-/// Refuses a record that says to be of a time so far ahead that somebody's clock must be wrong: every later
-/// one would be a late record.
+/// Returns an error if a record is so far in the future that a clock must be wrong: it would turn every later
+/// record into a late one.
 pub(crate) fn check_time(start_time: Timestamp, latest: Timestamp) -> Result<(), ServiceError> {
     if start_time <= latest {
         return Ok(());
@@ -160,7 +161,7 @@ pub(crate) fn check_time(start_time: Timestamp, latest: Timestamp) -> Result<(),
     })
 }
 
-/// Identifies the records that the bytes of one upload hold, one for each channel.
+/// Identifies the records of one upload, one for each channel.
 pub(crate) fn identify_upload(
     asset: &AssetId,
     mut units: ChannelUnits,
@@ -173,11 +174,11 @@ pub(crate) fn identify_upload(
     let identified = (0..).zip(records).map(|(channel_index, record)| {
         check_unit(&record)?;
         units.note_first(&record);
-        let (record, came_in) = units.fix(record)?;
+        let (record, original_unit) = units.convert(record)?;
         let raw = RawReference {
             sha256: sha256.clone(),
             bytes: bytes.len() as u64,
-            media_type: with_unit(format.media_type(), came_in.as_deref()),
+            media_type: with_unit(format.media_type(), original_unit.as_deref()),
             channel_index,
         };
         IdentifiedRecord::new(asset, record, raw, reference_wear_um)
@@ -196,12 +197,15 @@ pub(crate) fn identify_recorded(
 ) -> IdentifiedOrRefused {
     let recorded = record.map_err(|error| (None, error.into()))?;
     let channel = recorded.record.channel().to_string();
-    let fixed = check_unit(&recorded.record).and_then(|()| units.fix(recorded.record));
-    let (record, came_in) = fixed.map_err(|error| (Some(channel.clone()), error))?;
+    let fixed = check_unit(&recorded.record).and_then(|()| units.convert(recorded.record));
+    let (record, original_unit) = fixed.map_err(|error| (Some(channel.clone()), error))?;
     let raw = RawReference {
         sha256: Objects::name(&recorded.raw),
         bytes: recorded.raw.len() as u64,
-        media_type: with_unit(RecordFormat::of_block(recorded.encoding).media_type(), came_in.as_deref()),
+        media_type: with_unit(
+            RecordFormat::of_block(recorded.encoding).media_type(),
+            original_unit.as_deref(),
+        ),
         channel_index: 0,
     };
     match IdentifiedRecord::new(asset, record, raw, recorded.reference_wear_um) {
@@ -210,8 +214,8 @@ pub(crate) fn identify_recorded(
     }
 }
 
-/// The segments of records that are stored for their asset already, and for all other assets of its sensor
-/// too.
+/// Returns the segments of the records that are stored already for their asset and for all other assets of
+/// its sensor.
 pub(crate) async fn known_to_all(
     store: &Store,
     records: &[impl Identified],

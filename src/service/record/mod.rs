@@ -1,4 +1,5 @@
-//! One record: decoded, identified, analysed; and read again from its raw bytes once it is stored.
+//! One record: its decoding, identification and analysis, and reading it from its raw bytes once it is
+//! stored.
 
 mod analyse;
 mod channel_units;

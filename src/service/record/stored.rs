@@ -1,4 +1,4 @@
-//! Stored records again: their samples and their spectra, from the raw bytes.
+//! Reads stored records from their raw bytes, and computes their spectra.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use crate::signal::{
 };
 use crate::store::{NewSegment, Store, StoreError};
 
-/// What is stored of a record besides its raw bytes, to decode them again.
+/// The metadata of a stored record that is needed to decode its raw bytes.
 pub(crate) struct StoredRecord {
     channel: String,
     start_time: Timestamp,
@@ -46,22 +46,23 @@ macro_rules! stored_record_from {
 stored_record_from!(Segment, NewSegment, QueuedRecord);
 
 impl StoredRecord {
-    /// The record, from raw bytes that are checked against their hash. Blocks on the disk.
+    /// Reads the record from its raw bytes, which are checked against their hash. Blocks on the disk or the
+    /// network.
     pub(crate) fn read(&self, store: &Store) -> Result<Record, ServiceError> {
         self.decode(&store.objects().get(&self.raw.sha256)?)
     }
 
-    /// The record in its raw bytes.
+    /// Decodes the record from its raw bytes.
     pub(crate) fn decode(&self, bytes: &[u8]) -> Result<Record, ServiceError> {
         let unexpected = |what, value, expected| StoreError::Unexpected { what, value, expected };
         let media_type = &self.raw.media_type;
-        let (_, came_in) = without_unit(media_type);
+        let (_, original_unit) = without_unit(media_type);
         let format = RecordFormat::from_media_type(media_type)
             .ok_or_else(|| unexpected("raw_media_type", media_type.clone(), "a media type of one record"))?;
         let defaults = RecordDefaults {
             channel: Some(self.channel.clone()),
             start_time: self.start_time,
-            unit: Some(came_in.unwrap_or(&self.unit).to_owned()),
+            unit: Some(original_unit.unwrap_or(&self.unit).to_owned()),
             operating_point: self.operating_point,
             ..RecordDefaults::default()
         };
@@ -75,7 +76,8 @@ impl StoredRecord {
     }
 }
 
-/// Raw bytes, checked against their hash. No thread that computes waits for the disk or the network.
+/// Reads raw bytes and checks them against their hash, on a blocking thread, so that no worker thread waits
+/// for the disk or the network.
 pub(crate) async fn raw_bytes(store: &Store, name: &str) -> Result<Bytes, ServiceError> {
     let (store, name) = (store.clone(), name.to_owned());
     Ok(blocking("read a record", move || store.objects().get(&name)).await??)
@@ -88,37 +90,37 @@ pub struct StoredRecords {
 }
 
 impl StoredRecords {
-    /// Those in a store, read and analysed by these workers.
+    /// Creates a reader of the records in a store, which analyses them on these workers.
     pub(crate) fn new(store: Store, workers: Arc<Workers>) -> Self {
         Self { store, workers }
     }
 
-    /// The raw bytes that a segment was made of, checked against their hash.
+    /// Reads the raw bytes of a segment, checked against their hash.
     ///
-    /// Error: [`ServiceError::RawGivenUp`].
+    /// Error: [`ServiceError::RawDeleted`].
     pub async fn raw(&self, segment: &Segment) -> Result<Bytes, ServiceError> {
         let name = &segment.raw.sha256;
         match raw_bytes(&self.store, name).await {
             Err(ServiceError::Store(StoreError::ObjectMissing(_)))
                 if !self.store.keeps_raw(&segment.asset_id, name).await? =>
             {
-                Err(ServiceError::RawGivenUp(segment.id.clone()))
+                Err(ServiceError::RawDeleted(segment.id.clone()))
             }
             read => read.inspect_err(
-                |error| tracing::warn!(segment = %segment.id, %error, "failed to read raw recording"),
+                |error| tracing::warn!(segment = %segment.id, %error, "failed to read a raw recording"),
             ),
         }
     }
 
-    /// The record that a segment was made of, read from its raw bytes and checked against their hash.
+    /// Reads the record of a segment from its raw bytes, checked against their hash.
     pub async fn recall(&self, segment: &Segment) -> Result<Record, ServiceError> {
         let bytes = self.raw(segment).await?;
         let stored = StoredRecord::from(segment);
         self.workers.run("read a record", move || stored.decode(&bytes)).await?
     }
 
-    /// What `analyse` makes of a segment's record and of what is known of its mesh; `task` names it if it is
-    /// lost.
+    /// Runs `analyse` on a segment's record and the context of its mesh; `task` names it in the error if it
+    /// panics.
     pub async fn analyse_stored<T: Send + 'static>(
         &self,
         segment: &Segment,
@@ -136,7 +138,7 @@ impl StoredRecords {
         self.workers.run_analysis(task, samples, analyse).await
     }
 
-    /// The amplitude spectrum of a segment and its mesh harmonics.
+    /// Computes the amplitude spectrum of a segment and its mesh harmonics.
     pub async fn spectrum(&self, segment: &Segment) -> Result<(Spectrum, Vec<MeshLine>), ServiceError> {
         let spec = described(&self.store, &segment.asset_id).await?.spec;
         let record = self.recall(segment).await?;
@@ -150,8 +152,8 @@ impl StoredRecords {
         self.workers.run_analysis("compute a spectrum", samples, analyse).await
     }
 
-    /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found
-    /// in the record.
+    /// Computes the envelope spectrum of a segment in the requested band, else in that of the asset, else in
+    /// the one found in the record.
     pub async fn envelope(
         &self,
         segment: &Segment,
@@ -183,7 +185,7 @@ impl StoredRecords {
                 let was_given = matches!(band.source, BandSource::Query | BandSource::Asset);
                 let spectrum = match analyzer.envelope_spectrum(&record, band.band_hz) {
                     Ok(spectrum) => spectrum,
-                    // Of the band that was looked for nothing is to be had: the record is too short for any.
+                    // The record is too short for any band that the search could find.
                     Err(BandError::TooNarrow { .. }) if !was_given => {
                         Spectrum { amplitude: Vec::new(), ..analyzer.amplitude_spectrum(&record) }
                     }
@@ -203,14 +205,14 @@ impl StoredRecords {
     }
 }
 
-/// The band that an envelope spectrum is asked for in.
+/// The requested band of an envelope spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BandChoice {
-    /// That of the asset.
+    /// The band of the asset.
     OfAsset,
-    /// The one that is found so.
+    /// The band found by this search.
     Search(EnvelopeSearch),
-    /// From the first to the second frequency in hertz.
+    /// The band from the first to the second frequency in hertz.
     Hertz([f64; 2]),
 }
 

@@ -1,4 +1,4 @@
-//! The folders on disk, and which recordings may be replayed: only files inside the configured folder.
+//! The folders on disk, and the recordings that may be replayed: only files inside the configured folder.
 
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use crate::service::error::ServiceError;
 use crate::service::limits::ServiceFolders;
 
-/// Makes the folders where they are missing and clears what interrupted uploads left behind.
+/// Creates missing folders and removes the files of interrupted uploads.
 pub(crate) fn prepare(folders: &ServiceFolders) -> Result<(), ServiceError> {
     for folder in [&folders.libraries, &folders.recordings, &folders.uploads] {
         fs::create_dir_all(folder).map_err(|source| ServiceError::File {
@@ -30,24 +30,24 @@ pub(crate) fn prepare(folders: &ServiceFolders) -> Result<(), ServiceError> {
     Ok(())
 }
 
-/// A file of the folder that may be replayed.
+/// A recording that may be replayed.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct ReplayFile {
     /// Its path inside the folder.
     pub file: String,
-    /// Its length.
+    /// Its length in bytes.
     pub bytes: u64,
-    /// When it was changed last.
+    /// When it was last modified.
     pub modified_at: Timestamp,
 }
 
-/// Files that are listed.
+/// Maximum number of files that are listed.
 const MAX_FILES: usize = 1000;
 
-/// Folders within the folder that are looked into.
+/// Maximum depth of subfolders that are searched.
 const MAX_DEPTH: usize = 4;
 
-/// MCAP recordings in the folder, the latest first; links are passed over.
+/// The MCAP recordings in the folder, the latest first; symbolic links are skipped.
 pub(crate) fn recordings(folder: &Path) -> Vec<ReplayFile> {
     let mut found = Vec::new();
     let mut left = vec![(folder.to_owned(), 0)];
@@ -73,23 +73,23 @@ pub(crate) fn recordings(folder: &Path) -> Vec<ReplayFile> {
     found
 }
 
-/// The path of a recording inside the folder.
+/// Resolves the path of a recording inside the folder.
 ///
-/// Refused: an absolute path, `..`, a link that leads out of the folder, and anything but a file.
+/// Errors: an absolute path, `..`, a symbolic link out of the folder, or anything but a file.
 pub(crate) fn find(folder: &Path, file: &str) -> Result<PathBuf, ServiceError> {
     let refuse = |reason| ServiceError::ReplayFile { file: file.to_string(), reason };
     let relative = Path::new(file);
     let is_plain = relative.components().all(|part| matches!(part, Component::Normal(_)));
     if file.is_empty() || file.contains(['\0', '\\']) || !is_plain {
         return Err(refuse(
-            "is not a path inside the replay folder, expected one without \"..\" and not absolute",
+            "is not a path inside the replay folder, expected a relative path without \"..\"",
         ));
     }
     let folder =
-        fs::canonicalize(folder).map_err(|_| refuse("is not there: the replay folder cannot be read"))?;
+        fs::canonicalize(folder).map_err(|_| refuse("is not available: the replay folder cannot be read"))?;
     let path = fs::canonicalize(folder.join(relative)).map_err(|_| refuse("is not in the replay folder"))?;
     if !path.starts_with(&folder) {
-        return Err(refuse("leads out of the replay folder"));
+        return Err(refuse("is a link out of the replay folder"));
     }
     if !path.is_file() {
         return Err(refuse("is not a file"));
@@ -144,7 +144,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_that_leads_out_is_refused_and_one_that_stays_in_is_not() {
+    fn only_links_within_the_folder_are_followed() {
         let outside = tempfile::tempdir().unwrap();
         let folder = outside.path().join("recordings");
         fs::create_dir_all(&folder).unwrap();

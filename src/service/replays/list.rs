@@ -1,4 +1,4 @@
-//! The replays that are remembered, in memory and in the store.
+//! The list of running and ended replays, in memory and in the store.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,10 +10,10 @@ use crate::service::events::{Announcer, LiveEvent};
 use crate::service::replay::{Replay, ReplayState};
 use crate::store::Store;
 
-/// Ended replays that are remembered.
+/// Maximum number of replays that are remembered.
 const MAX_REMEMBERED: usize = 1000;
 
-/// All replays that are remembered.
+/// The list of replays.
 pub(crate) struct ReplayList {
     store: Store,
     events: Announcer,
@@ -32,11 +32,11 @@ impl ReplayList {
     }
 
     fn lock(&self) -> MutexGuard<'_, Entries> {
-        // Entries are replaced whole, so a panic elsewhere cannot have left half of one.
+        // Entries are replaced as a whole, so a panic elsewhere cannot leave a partial one.
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Gives a new replay its number, and saves it.
+    /// Assigns a new replay its number, and saves it.
     pub(crate) async fn number(&self, replay: &mut Replay) -> u64 {
         let number = {
             let mut entries = self.lock();
@@ -47,12 +47,12 @@ impl ReplayList {
         self.save(number, replay).await;
         let forgotten = number.saturating_sub(MAX_REMEMBERED as u64);
         if let Err(error) = self.store.forget_replays_before(forgotten).await {
-            tracing::warn!(%error, "failed to forget old replays");
+            tracing::warn!(%error, "failed to remove old replays");
         }
         number
     }
 
-    /// Reads what the process before has saved; returns those that were running.
+    /// Reads the replays that the previous process saved; returns those that were running.
     pub(crate) async fn load(&self) -> Result<Vec<(u64, Replay)>, ServiceError> {
         let mut running = Vec::new();
         for (number, text) in self.store.saved_replays().await? {
@@ -74,7 +74,7 @@ impl ReplayList {
         Ok(running)
     }
 
-    /// Remembers a replay that runs until `stop` says otherwise.
+    /// Adds a running replay, which `stop` can stop.
     pub(crate) fn insert_running(&self, number: u64, replay: Arc<Replay>, stop: watch::Sender<bool>) {
         let by_number = &mut self.lock().by_number;
         by_number.insert(number, (replay, stop));
@@ -87,22 +87,22 @@ impl ReplayList {
         }
     }
 
-    /// Shows a replay as it is now.
+    /// Updates a replay in the list.
     pub(crate) fn update(&self, number: u64, replay: &Replay) {
         if let Some((shown, _)) = self.lock().by_number.get_mut(&number) {
             *shown = Arc::new(replay.clone());
         }
     }
 
-    /// Shows and announces a replay as it is now.
+    /// Updates and announces a replay.
     pub(crate) fn announce(&self, number: u64, replay: &Replay) {
         self.update(number, replay);
         self.events.announce(LiveEvent::ReplayChanged(Box::new(replay.clone())));
     }
 
-    /// Saves a replay in the store, to go on with at the next start.
+    /// Saves a replay in the store, so that the next start can resume it.
     pub(crate) async fn save(&self, number: u64, replay: &Replay) {
-        // A recording in the folder of one of several processes is that one's own affair.
+        // Other processes on a shared store do not have the recording.
         if self.store.is_shared() {
             return;
         }
@@ -123,7 +123,7 @@ impl ReplayList {
         self.lock().by_number.values().rev().map(|(replay, _)| Arc::clone(replay)).collect()
     }
 
-    /// A replay, and what stops it.
+    /// A replay, and the sender that stops it.
     ///
     /// Error: [`ServiceError::ReplayUnknown`].
     pub(crate) fn get(&self, id: &str) -> Result<(Arc<Replay>, watch::Sender<bool>), ServiceError> {

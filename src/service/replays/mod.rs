@@ -1,4 +1,5 @@
-//! Replays: recordings from the replay folder taken through the pipeline as if they happened now.
+//! Replays: recordings from the replay folder sent through the pipeline, at the pace at which they were
+//! recorded or faster.
 
 mod folder;
 mod list;
@@ -27,7 +28,7 @@ pub(crate) use folder::prepare as prepare_folders;
 use list::ReplayList;
 use run::Run;
 
-/// The replays that a process runs and remembers.
+/// Runs and lists replays.
 pub struct Replays {
     store: Store,
     workers: Arc<Workers>,
@@ -36,7 +37,7 @@ pub struct Replays {
     role: Role,
     folder: PathBuf,
     list: Arc<ReplayList>,
-    /// The service ends: replays that are stopped now go on at the next start.
+    /// Whether the service ends: replays that are stopped now resume at the next start.
     is_ending: Arc<AtomicBool>,
 }
 
@@ -62,7 +63,7 @@ impl Replays {
         }
     }
 
-    /// Recordings that may be replayed, the latest first; an API node has none.
+    /// The recordings that may be replayed, the latest first; an API node has none.
     ///
     /// Errors: [`ServiceError::WorkerLost`].
     pub async fn files(&self) -> Result<Vec<ReplayFile>, ServiceError> {
@@ -75,13 +76,13 @@ impl Replays {
 
     /// Starts a replay.
     ///
-    /// Errors: no such asset, a file outside the replay folder, too many recordings being read; an API node
-    /// has no replay folder.
+    /// Errors: the asset does not exist, the file is outside the replay folder, too many recordings are being
+    /// read, or this is an API node, which has no replay folder.
     pub async fn start(&self, request: ReplayRequest) -> Result<Arc<Replay>, ServiceError> {
         if self.role.is_api_node() {
             return Err(ServiceError::ReplayFile {
                 file: request.file,
-                reason: "is in no folder that all API nodes have: `flankwatch replay` sends recordings to them",
+                reason: "cannot be replayed by an API node, which has no replay folder: send it with `flankwatch replay`",
             });
         }
         let found = self.find(&request.asset, &request.file).await?;
@@ -90,8 +91,7 @@ impl Replays {
         Ok(self.run_in_background(number, replay, found))
     }
 
-    /// Goes on with the replays that were running when the process before ended, and remembers those that
-    /// were over.
+    /// Resumes the replays that were running when the previous process ended, and lists the ended ones.
     pub(crate) async fn resume(&self) -> Result<(), ServiceError> {
         for (number, mut replay) in self.list.load().await? {
             tracing::info!(
@@ -117,7 +117,7 @@ impl Replays {
         Ok(())
     }
 
-    /// What a replay needs: the asset's description, the recording, the right to read it.
+    /// Finds what a replay needs: the asset's description, the recording, and a permit to read it.
     async fn find(
         &self,
         asset: &AssetId,
@@ -169,16 +169,16 @@ impl Replays {
         Ok(self.list.get(id)?.0)
     }
 
-    /// Stops a replay and waits until it has; one that has ended is left as it is.
+    /// Stops a replay and waits until it has stopped; an ended one stays as it is.
     pub async fn stop(&self, id: &str) -> Result<Arc<Replay>, ServiceError> {
         let (_, stop) = self.list.get(id)?;
         stop.send_replace(true);
-        // The replay drops its end of the channel when it is over.
+        // The replay drops its end of the channel when it ends.
         stop.closed().await;
         self.get(id)
     }
 
-    /// Stops all replays, for the end of the service: they go on at its next start.
+    /// Stops all replays at the end of the service; they resume at the next start.
     pub async fn stop_all(&self) {
         self.is_ending.store(true, Ordering::SeqCst);
         for replay in self.list() {

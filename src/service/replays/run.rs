@@ -1,4 +1,4 @@
-//! A replay under way: reading, analysing and storing side by side.
+//! A running replay: reading, analysing and storing concurrently.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,10 +13,10 @@ use crate::service::error::ServiceError;
 use crate::service::pipeline::{BatchSummary, Pipeline, ReadBatch, RecordStream, RecordedBatch};
 use crate::service::replay::{Pace, Replay, ReplayState};
 
-/// How often a running replay's progress is saved.
+/// Time between two saves of a running replay's progress.
 const SAVED_EVERY: Duration = Duration::from_secs(1);
 
-/// What a running replay works with.
+/// The context of a running replay.
 pub(crate) struct Run {
     pub(crate) pipeline: Arc<Pipeline>,
     pub(crate) list: Arc<ReplayList>,
@@ -26,7 +26,7 @@ pub(crate) struct Run {
 }
 
 impl Run {
-    /// Runs a replay to its end and notes that.
+    /// Runs a replay to its end and saves the outcome.
     pub(crate) async fn to_end(
         &self,
         mut replay: Replay,
@@ -93,7 +93,7 @@ impl Run {
         match end {
             Ok(state) => replay.state = state,
             Err(error) => {
-                tracing::warn!(replay = replay.id, %error, "replay failed");
+                tracing::warn!(replay = replay.id, %error, "failed to complete a replay");
                 replay.state = ReplayState::Failed;
                 replay.error = Some(error);
             }
@@ -108,17 +108,17 @@ impl Run {
     }
 }
 
-/// What comes next in a replay.
+/// The next step of a replay.
 enum Next {
-    /// Records.
+    /// A batch of records.
     Batch(Box<RecordedBatch>),
-    /// Nothing: the recording is over.
+    /// The end of the recording.
     End,
-    /// Nothing: the replay is to stop.
+    /// The replay was stopped.
     Stopped,
 }
 
-/// The next record once its time has come: as far after the first one as it was recorded, divided by `times`.
+/// Returns the next record when it is due: after the time from the first record to it, divided by `times`.
 async fn paced(
     records: &mut RecordStream,
     times: f64,
@@ -137,8 +137,8 @@ async fn paced(
     batch
 }
 
-/// Notes what became of a replay's records so far: `elapsed` is how long those beyond the first
-/// `seconds_before` took.
+/// Updates a replay from the summary of its records; `elapsed` is the time that the records beyond the first
+/// `seconds_before` seconds took.
 fn note(replay: &mut Replay, summary: &BatchSummary, seconds_before: f64, elapsed: Duration) {
     replay.records_done = summary.records;
     replay.stored = summary.stored;
@@ -155,7 +155,7 @@ fn note(replay: &mut Replay, summary: &BatchSummary, seconds_before: f64, elapse
     }
 }
 
-/// What became of a replay's records, to go on from.
+/// The summary of a replay so far, from which it resumes.
 fn so_far(replay: &Replay) -> BatchSummary {
     BatchSummary {
         records: replay.records_done,

@@ -1,5 +1,5 @@
-//! Why libraries could not be simulated, kept beside them: a restart gives the same answer and does not try
-//! again what would fail again.
+//! Reasons why libraries could not be simulated, stored beside them, so that a restart does not repeat a
+//! simulation that would fail again.
 
 use std::fs;
 use std::io;
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-/// Another version of the program may simulate what this one cannot.
+/// A failure is valid only for this version: another one may be able to simulate the library.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The failures in a folder, a file for each library.
@@ -23,36 +23,36 @@ struct Failure {
 }
 
 impl Failures {
-    /// In a folder, which is made when the first failure is kept.
+    /// The failures in a folder, which is created with the first failure.
     pub(super) fn new(folder: PathBuf) -> Self {
         Self { folder }
     }
 
-    /// Why this version of the program could not simulate a library; none where it has not tried, or where
-    /// the file cannot be read.
+    /// Why this version of the program could not simulate a library; `None` if it has not tried, or if the
+    /// file cannot be read.
     pub(super) fn reason(&self, library: &str) -> Option<String> {
         let bytes = fs::read(self.path(library)).ok()?;
         let failure: Failure = serde_json::from_slice(&bytes).ok()?;
         (failure.version == VERSION).then_some(failure.reason)
     }
 
-    /// Keeps a failure. Where that is not possible the next start tries again.
-    pub(super) fn keep(&self, library: &str, reason: &str) {
+    /// Stores a failure. If that fails, the next start simulates the library again.
+    pub(super) fn store(&self, library: &str, reason: &str) {
         let failure = Failure { version: VERSION.to_owned(), reason: reason.to_owned() };
-        let kept = serde_json::to_vec(&failure).map_err(io::Error::from).and_then(|bytes| {
+        let written = serde_json::to_vec(&failure).map_err(io::Error::from).and_then(|bytes| {
             fs::create_dir_all(&self.folder)?;
             fs::write(self.path(library), bytes)
         });
-        if let Err(error) = kept {
-            tracing::warn!(library, %error, "failed to keep why a simulation failed; the next start tries again");
+        if let Err(error) = written {
+            tracing::warn!(library, %error, "failed to store the failure of a simulation: the next start repeats the simulation");
         }
     }
 
-    /// Lets a library be tried again.
-    pub(super) fn forget(&self, library: &str) {
+    /// Removes the failure of a library, so that it is simulated again.
+    pub(super) fn remove(&self, library: &str) {
         match fs::remove_file(self.path(library)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                tracing::warn!(library, %error, "failed to forget a failed simulation; it is not tried again");
+                tracing::warn!(library, %error, "failed to remove the failure of a simulation: the simulation is not repeated");
             }
             _ => {}
         }
@@ -68,11 +68,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_failure_counts_for_the_version_that_had_it() {
+    fn a_failure_is_valid_for_its_version_only() {
         let folder = tempfile::tempdir().unwrap();
         let failures = Failures::new(folder.path().join("failures"));
         assert_eq!(failures.reason("a1"), None);
-        failures.keep("a1", "no candidate");
+        failures.store("a1", "no candidate");
         assert_eq!(failures.reason("a1").as_deref(), Some("no candidate"));
         let path = failures.path("a1");
         let other = fs::read_to_string(&path).unwrap().replace(VERSION, "0.0.0-other");
@@ -80,8 +80,8 @@ mod tests {
         assert_eq!(failures.reason("a1"), None);
         fs::write(&path, "{\"version").unwrap();
         assert_eq!(failures.reason("a1"), None);
-        failures.forget("a1");
-        failures.forget("a1");
+        failures.remove("a1");
+        failures.remove("a1");
         assert!(!path.exists());
     }
 }

@@ -1,4 +1,4 @@
-//! The simulation of one library and of the pairs around it, on a thread of its own.
+//! The simulation of one library and of the neighbouring pairs, on a separate thread.
 
 use std::any::Any;
 use std::collections::HashMap;
@@ -17,14 +17,14 @@ use crate::library::{
     BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, VARIANTS,
 };
 
-/// Pairs that are simulated in one turn, some seconds on two cores: an asset that waits for its library comes
-/// between.
-const MEMBERS_A_TURN: usize = 32 * VARIANTS;
+/// Pairs simulated in one turn, a few seconds on two cores, so that an asset waiting for its library is
+/// served in between.
+const MEMBERS_PER_TURN: usize = 32 * VARIANTS;
 
-/// By the id of the library that they are around.
+/// Ensembles by the id of their central library.
 pub(super) type Ensembles = Mutex<HashMap<String, Arc<Ensemble>>>;
 
-/// One library that is asked for.
+/// The simulation of one requested library.
 pub(super) struct Job {
     pub(super) id: String,
     pub(super) pair: PairSpec,
@@ -36,55 +36,55 @@ pub(super) struct Job {
     pub(super) turns: Arc<Turns>,
     pub(super) ensembles: Arc<Ensembles>,
     pub(super) simulation: watch::Sender<Simulation>,
-    /// Nobody wants it any more.
+    /// Set when the library is no longer needed.
     pub(super) cancel: Arc<AtomicBool>,
-    /// Tells the assets that there is more to compare with, or that there will be nothing.
-    pub(super) tell: Box<dyn Fn() + Send + Sync>,
+    /// Notifies the assets that the library is ready, has more members, or has failed.
+    pub(super) notify: Box<dyn Fn() + Send + Sync>,
 }
 
 impl Job {
-    /// Loads or simulates it. Whatever becomes of that, it is said.
+    /// Loads or simulates the library and publishes the outcome.
     pub(super) fn run(self) {
         match self.load_or_simulate() {
-            Ok(()) => tracing::info!(library = %self.id, "simulated or loaded"),
-            Err(End::Cancelled) => {
-                tracing::info!(library = %self.id, "stopped a simulation that no asset needs any more");
+            Ok(()) => tracing::info!(library = %self.id, "library ready"),
+            Err(JobError::Cancelled) => {
+                tracing::info!(library = %self.id, "stopped the simulation of a library that no asset needs");
                 return;
             }
-            Err(End::FailedBefore(reason)) => {
-                tracing::error!(library = %self.id, reason, "failed to simulate before; not tried again");
+            Err(JobError::FailedBefore(reason)) => {
+                tracing::error!(library = %self.id, reason, "skipped the simulation of a library: it failed before");
                 self.simulation.send_modify(|simulation| simulation.fail(reason));
             }
-            Err(End::Failed { reason, is_of_pair }) => {
-                tracing::error!(library = %self.id, reason, "failed to simulate");
-                if is_of_pair {
-                    self.source.failures().keep(&self.id, &reason);
+            Err(JobError::Failed { reason, is_permanent }) => {
+                tracing::error!(library = %self.id, reason, "failed to simulate a library");
+                if is_permanent {
+                    self.source.failures().store(&self.id, &reason);
                 }
                 self.simulation.send_modify(|simulation| simulation.fail(reason));
             }
         }
-        (self.tell)();
+        (self.notify)();
     }
 
-    fn load_or_simulate(&self) -> Result<(), End> {
-        if guarded(|| Ok(self.load()))? {
+    fn load_or_simulate(&self) -> Result<(), JobError> {
+        if catch_panics(|| Ok(self.load()))? {
             return Ok(());
         }
         let Some(reason) = self.source.failures().reason(&self.id) else {
-            return guarded(|| self.simulate());
+            return catch_panics(|| self.simulate());
         };
-        // Where the pairs around it failed, it is there itself.
+        // The library itself exists if only its neighbours failed.
         let is_ready = matches!(self.simulation.borrow().readiness, Readiness::Ready(_));
-        if !is_ready && let Some(library) = self.source.kept(&self.pair, &self.grid) {
+        if !is_ready && let Some(library) = self.source.cached(&self.pair, &self.grid) {
             let alone = Ensemble::of(Arc::clone(&library));
             self.ready(library, alone, None);
         }
-        Err(End::FailedBefore(reason))
+        Err(JobError::FailedBefore(reason))
     }
 
     fn simulate(&self) -> Result<(), LibraryError> {
         if matches!(self.simulation.borrow().readiness, Readiness::Ready(_)) {
-            (self.tell)();
+            (self.notify)();
         } else {
             self.begin(SimulationStage::Waiting);
         }
@@ -98,8 +98,7 @@ impl Job {
             self.ready(library, alone, None);
             return Ok(());
         }
-        // Estimates wait for the first members alone: when the rest are there, histories are folded again
-        // with them.
+        // Estimates wait only for the first members; histories are folded again when the rest are ready.
         let first = {
             let _turn = self.turns.wait(SimulationStage::FirstMembers);
             self.begin(SimulationStage::FirstMembers);
@@ -114,40 +113,41 @@ impl Job {
             }
         };
         self.ready(Arc::clone(&library), first.clone(), Some(SimulationStage::Members));
-        (self.tell)();
+        (self.notify)();
         let whole = self.remaining(first)?;
         self.ready(library, whole, None);
         Ok(())
     }
 
-    /// All members, some more in each turn.
+    /// Simulates all members, some more in each turn.
     fn remaining(&self, first: Ensemble) -> Result<Ensemble, LibraryError> {
         let (begin, all) = (self.neighbours.first().members, self.neighbours.members);
         let progress = self.progress();
-        let mut so_far = first;
-        for done in (begin..all).step_by(MEMBERS_A_TURN) {
+        let mut ensemble = first;
+        for done in (begin..all).step_by(MEMBERS_PER_TURN) {
             let before = (done - begin) / VARIANTS;
             let of_all = |more: usize, _: usize| progress(before + more, (all - begin).div_ceil(VARIANTS));
             let _turn = self.turns.wait(SimulationStage::Members);
-            let settings = EnsembleSettings { members: done + MEMBERS_A_TURN };
+            let settings = EnsembleSettings { members: done + MEMBERS_PER_TURN };
             if settings.members >= all {
-                return self.members(&so_far, &self.neighbours, &of_all);
+                return self.members(&ensemble, &self.neighbours, &of_all);
             }
             let control = BuildControl::with_progress(&of_all).cancelled_by(&self.cancel);
-            so_far = so_far.extended(&settings, &control)?;
+            ensemble = ensemble.extended(&settings, &control)?;
         }
-        Ok(so_far)
+        Ok(ensemble)
     }
 
-    /// Takes what was kept from before, the first members where not all are; returns whether that is all.
+    /// Loads the library and its members from the cache, only the first members if not all are cached;
+    /// returns whether everything was loaded.
     fn load(&self) -> bool {
         let _turn = lock(&self.loading);
-        let Some(library) = self.source.kept(&self.pair, &self.grid) else {
+        let Some(library) = self.source.cached(&self.pair, &self.grid) else {
             return false;
         };
         let kept = |settings: &EnsembleSettings| match settings.members {
             0 => Some(Ensemble::of(Arc::clone(&library))),
-            _ => self.source.kept_ensemble(&library, settings),
+            _ => self.source.cached_ensemble(&library, settings),
         };
         if let Some(whole) = kept(&self.neighbours) {
             self.ready(Arc::clone(&library), whole, None);
@@ -186,7 +186,7 @@ impl Job {
         }
     }
 
-    /// There is this to compare with, while what is `next` is simulated.
+    /// Publishes the library and its ensemble; the stage `next` is simulated meanwhile.
     fn ready(&self, library: Arc<Library>, ensemble: Ensemble, next: Option<SimulationStage>) {
         lock(&self.ensembles).insert(self.id.clone(), Arc::new(ensemble));
         self.simulation.send_modify(|simulation| {
@@ -197,37 +197,38 @@ impl Job {
     }
 }
 
-/// How a simulation ends that does not succeed.
+/// Why a simulation ends without success.
 #[derive(Debug, PartialEq, Eq)]
-enum End {
+enum JobError {
     Cancelled,
-    /// At an earlier start, for this reason.
+    /// It failed at an earlier start, for this reason.
     FailedBefore(String),
     Failed {
         reason: String,
-        /// It would fail again; else, with a full disk for example, the next start may succeed.
-        is_of_pair: bool,
+        /// Whether the pair is the cause and it would fail again; otherwise, for example with a full disk,
+        /// the next start may succeed.
+        is_permanent: bool,
     },
 }
 
-fn guarded<T>(simulate: impl FnOnce() -> Result<T, LibraryError>) -> Result<T, End> {
-    // What a panic leaves behind is only read where it is whole.
+fn catch_panics<T>(simulate: impl FnOnce() -> Result<T, LibraryError>) -> Result<T, JobError> {
+    // State left by a panic is read only if it is complete.
     match catch_unwind(AssertUnwindSafe(simulate)) {
         Ok(Ok(done)) => Ok(done),
-        Ok(Err(LibraryError::Cancelled)) => Err(End::Cancelled),
+        Ok(Err(LibraryError::Cancelled)) => Err(JobError::Cancelled),
         Ok(Err(error)) => {
             use LibraryError::{Gear, Grid, Response};
-            let is_of_pair = matches!(error, Gear(_) | Grid { .. } | Response { .. });
-            Err(End::Failed { reason: error.to_string(), is_of_pair })
+            let is_permanent = matches!(error, Gear(_) | Grid { .. } | Response { .. });
+            Err(JobError::Failed { reason: error.to_string(), is_permanent })
         }
         Err(panic) => {
-            let reason = format!("the simulation panicked: {}", words_of(panic.as_ref()));
-            Err(End::Failed { reason, is_of_pair: true })
+            let reason = format!("the simulation panicked: {}", panic_message(panic.as_ref()));
+            Err(JobError::Failed { reason, is_permanent: true })
         }
     }
 }
 
-fn words_of(panic: &(dyn Any + Send)) -> &str {
+fn panic_message(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<&str>().copied();
     text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("without a message")
 }
@@ -242,19 +243,19 @@ mod tests {
 
     #[test]
     fn errors_and_panics_become_reasons() {
-        assert_eq!(guarded(|| Ok(())), Ok(()));
-        assert_eq!(guarded::<()>(|| Err(LibraryError::Cancelled)), Err(End::Cancelled));
-        let damaged = guarded::<()>(|| Err(LibraryError::Damaged("torn".into())));
+        assert_eq!(catch_panics(|| Ok(())), Ok(()));
+        assert_eq!(catch_panics::<()>(|| Err(LibraryError::Cancelled)), Err(JobError::Cancelled));
+        let damaged = catch_panics::<()>(|| Err(LibraryError::Damaged("torn".into())));
         let reason = "damaged library file: torn".to_owned();
-        assert_eq!(damaged, Err(End::Failed { reason, is_of_pair: false }));
+        assert_eq!(damaged, Err(JobError::Failed { reason, is_permanent: false }));
         let teeth = 0;
         let reason = "the simulation panicked: 0 teeth".to_owned();
-        let panicked = guarded::<()>(|| panic!("{teeth} teeth"));
-        assert_eq!(panicked, Err(End::Failed { reason, is_of_pair: true }));
+        let panicked = catch_panics::<()>(|| panic!("{teeth} teeth"));
+        assert_eq!(panicked, Err(JobError::Failed { reason, is_permanent: true }));
     }
 
-    /// How a job ends, of a pair that can be simulated, with this many wear states.
-    fn ends(folder: &std::path::Path, id: &str, states: usize) -> Simulation {
+    /// The final status of a job for a valid pair, with this many wear states.
+    fn run_job(folder: &std::path::Path, id: &str, states: usize) -> Simulation {
         let (simulation, receiver) = watch::channel(Simulation::begin());
         let job = Job {
             id: id.to_owned(),
@@ -267,22 +268,22 @@ mod tests {
             ensembles: Arc::default(),
             simulation,
             cancel: Arc::default(),
-            tell: Box::new(|| {}),
+            notify: Box::new(|| {}),
         };
         job.run();
         receiver.borrow().clone()
     }
 
     #[test]
-    fn what_failed_is_not_tried_again_until_it_is_forgotten() {
+    fn a_failed_simulation_is_skipped_until_its_failure_is_removed() {
         let folder = tempfile::tempdir().unwrap();
-        let failed = ends(folder.path(), "a1", 0);
+        let failed = run_job(folder.path(), "a1", 0);
         let reason = failed.error.unwrap();
         assert!(reason.contains("states"), "{reason}");
-        // It would succeed now, but is not tried.
-        let again = ends(folder.path(), "a1", 3);
+        // It would succeed now, but is skipped.
+        let again = run_job(folder.path(), "a1", 3);
         assert_eq!((again.readiness.name(), again.error), ("failed", Some(reason)));
-        LibrarySource::alone(folder.path()).failures().forget("a1");
-        assert_eq!(ends(folder.path(), "a1", 3).readiness.name(), "ready");
+        LibrarySource::alone(folder.path()).failures().remove("a1");
+        assert_eq!(run_job(folder.path(), "a1", 3).readiness.name(), "ready");
     }
 }

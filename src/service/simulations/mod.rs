@@ -1,5 +1,5 @@
-//! The library of each asset, simulated once in the background. Records wait for none: until theirs is there
-//! they are folded without it, and then again.
+//! The library of each asset, simulated once in the background. Records do not wait for it: they are folded
+//! without it at first, and again once it is ready.
 
 mod failures;
 mod job;
@@ -23,43 +23,43 @@ pub(crate) use source::LibrarySource;
 pub use status::{Readiness, Simulation, SimulationProgress, SimulationStage};
 use turns::Turns;
 
-/// How long a record waits until it is known whether its library is kept from before: where it is, a history
-/// that was folded with it goes on.
-const KNOWN_WITHIN: Duration = Duration::from_secs(10);
+/// How long a record waits for its library to be loaded from the cache, so that its history continues with
+/// the library it was folded with.
+const MAX_LOAD_WAIT: Duration = Duration::from_secs(10);
 
-/// An estimator and what identifies everything that it depends on.
+/// An estimator with keys that identify all its inputs.
 #[derive(Debug, Clone)]
 pub(crate) struct KeyedEstimator {
     pub(crate) estimator: ChannelEstimator,
-    /// A fold under another key has to begin again.
+    /// A fold under another key has to start again.
     pub(crate) fold_key: String,
-    /// Features under another key cannot go in.
+    /// Features under another key cannot be folded.
     pub(crate) feature_key: Arc<str>,
-    /// Why it compares with no library; none where it does.
+    /// Why it has no library; `None` if it has one.
     lack: Option<LibraryLack>,
 }
 
 impl KeyedEstimator {
-    /// Whether there will be another one when the asset's library is there.
+    /// Whether it will be replaced once the asset's library is ready.
     pub(crate) fn awaits_library(&self) -> bool {
         self.lack == Some(LibraryLack::Simulated)
     }
 
-    /// Whether it compares with no library.
+    /// Whether it has no library.
     pub(crate) fn is_without_library(&self) -> bool {
         self.lack.is_some()
     }
 }
 
-/// A library that assets ask for.
-struct Asked {
+/// A library that assets need.
+struct RequestedLibrary {
     simulation: watch::Receiver<Simulation>,
     cancel: Arc<AtomicBool>,
-    /// The assets, as they were described then.
-    by: HashMap<AssetId, AssetSpec>,
+    /// The assets with their descriptions at the time of the request.
+    assets: HashMap<AssetId, AssetSpec>,
 }
 
-impl Asked {
+impl RequestedLibrary {
     fn is_over(&self) -> bool {
         let simulation = self.simulation.borrow();
         !simulation.is_loading && simulation.progress.is_none()
@@ -71,19 +71,19 @@ impl Asked {
 }
 
 /// By library id.
-type AllAsked = Mutex<HashMap<String, Asked>>;
+type RequestedLibraries = Mutex<HashMap<String, RequestedLibrary>>;
 
 /// The libraries in use.
 pub struct Simulations {
     source: LibrarySource,
-    /// For module 6 mm; each pair's own is [`GridSettings::for_pair`].
+    /// For module 6 mm; [`GridSettings::for_pair`] gives the settings for a pair.
     grid: GridSettings,
-    asked: Arc<AllAsked>,
-    /// By fold key, also those of histories that are being computed again.
+    requested: Arc<RequestedLibraries>,
+    /// By fold key, including those of histories that are being recomputed.
     estimators: Mutex<HashMap<String, KeyedEstimator>>,
     neighbours: EnsembleSettings,
     ensembles: Arc<Ensembles>,
-    /// Told the assets whose library has come, has got more members, or will not come.
+    /// Receives the assets whose library is ready, has more members, or has failed.
     changed: mpsc::UnboundedSender<Vec<AssetId>>,
     /// One library is loaded at a time.
     loading: Arc<Mutex<()>>,
@@ -91,7 +91,7 @@ pub struct Simulations {
 }
 
 impl Simulations {
-    /// What was folded of the assets that `changed` is told is to be folded again.
+    /// Creates the simulations; `changed` receives assets whose histories have to be folded again.
     pub(crate) fn new(
         source: LibrarySource,
         grid: GridSettings,
@@ -102,7 +102,7 @@ impl Simulations {
             changed,
             source,
             grid,
-            asked: Arc::default(),
+            requested: Arc::default(),
             estimators: Mutex::default(),
             neighbours,
             ensembles: Arc::default(),
@@ -111,86 +111,90 @@ impl Simulations {
         }
     }
 
-    /// The folder of all libraries. Its methods block on the disk.
+    /// The cache of all libraries. Its methods block on the disk.
     pub fn cache(&self) -> Arc<LibraryCache> {
         Arc::clone(self.source.cache())
     }
 
-    /// The identifier of an asset's library, and how far it is; starts it where nobody has asked for it yet.
+    /// The identifier and status of an asset's library; starts its simulation if it was not requested before.
     pub fn of(&self, spec: &AssetSpec) -> (Option<String>, Simulation) {
-        match self.ask(spec) {
+        match self.request(spec) {
             Some((id, simulation)) => (Some(id), simulation.borrow().clone()),
             None => (None, Simulation::none()),
         }
     }
 
-    /// Starts an asset's library in the background where nobody has asked for it yet.
+    /// Starts the simulation of an asset's library in the background if it was not requested before.
     pub fn start(&self, spec: &AssetSpec) {
-        self.ask(spec);
+        self.request(spec);
     }
 
-    /// Takes a description: its library is started in the background, one that failed, also before the last
-    /// restart, again where the description is another than before; what it asked for before is stopped where
-    /// no other asset asks for it.
+    /// Sets the description of an asset and starts to simulate its library in the background. If the
+    /// description is new, a library that failed, also before a restart, is tried again. The library of the
+    /// previous description is stopped if no other asset needs it.
     pub fn describe(&self, spec: &AssetSpec) {
         let id = self.id_of(spec);
         self.release_except(&spec.id, id.as_deref());
         let Some(id) = id else { return };
         let failed = {
-            let mut all = lock(&self.asked);
-            // What every asset describes is asked for at the start: this is another description.
-            let is_new = all.get(&id).is_none_or(|asked| asked.by.get(&spec.id) != Some(spec));
-            let is_over = all.get(&id).is_none_or(Asked::has_failed);
+            let mut all = lock(&self.requested);
+            // The libraries of all assets are requested at the start, so this is a new description.
+            let is_new = all.get(&id).is_none_or(|requested| requested.assets.get(&spec.id) != Some(spec));
+            let is_over = all.get(&id).is_none_or(RequestedLibrary::has_failed);
             if is_new && is_over {
-                self.source.failures().forget(&id);
+                self.source.failures().remove(&id);
                 all.remove(&id)
             } else {
                 None
             }
         };
-        self.ask(spec);
-        if let Some(asked) = lock(&self.asked).get_mut(&id) {
-            asked.by.extend(failed.into_iter().flat_map(|failed| failed.by));
-            asked.by.insert(spec.id.clone(), spec.clone());
+        self.request(spec);
+        if let Some(requested) = lock(&self.requested).get_mut(&id) {
+            requested.assets.extend(failed.into_iter().flat_map(|failed| failed.assets));
+            requested.assets.insert(spec.id.clone(), spec.clone());
         }
     }
 
-    /// Forgets an asset that is gone: what is simulated for it alone is stopped.
+    /// Forgets a deleted asset: simulations for this asset alone are stopped.
     pub(crate) fn release(&self, asset: &AssetId) {
         self.release_except(asset, None);
     }
 
     fn release_except(&self, asset: &AssetId, kept: Option<&str>) {
-        lock(&self.asked).retain(|id, asked| {
-            if Some(id.as_str()) == kept || asked.by.remove(asset).is_none() || !asked.by.is_empty() {
+        lock(&self.requested).retain(|id, requested| {
+            if Some(id.as_str()) == kept
+                || requested.assets.remove(asset).is_none()
+                || !requested.assets.is_empty()
+            {
                 return true;
             }
-            let is_there = asked.is_over() && !asked.has_failed();
+            let is_there = requested.is_over() && !requested.has_failed();
             if !is_there {
-                asked.cancel.store(true, Ordering::Relaxed);
+                requested.cancel.store(true, Ordering::Relaxed);
             }
             is_there
         });
     }
 
-    fn ask(&self, spec: &AssetSpec) -> Option<(String, watch::Receiver<Simulation>)> {
+    fn request(&self, spec: &AssetSpec) -> Option<(String, watch::Receiver<Simulation>)> {
         let pair = spec.pair()?.clone();
         let grid = self.grid.for_pair(&pair);
         let id = library_id(&pair, &grid);
-        let mut all = lock(&self.asked);
-        if let Some(asked) = all.get_mut(&id) {
-            asked.by.entry(spec.id.clone()).or_insert_with(|| spec.clone());
-            return Some((id, asked.simulation.clone()));
+        let mut all = lock(&self.requested);
+        if let Some(requested) = all.get_mut(&id) {
+            requested.assets.entry(spec.id.clone()).or_insert_with(|| spec.clone());
+            return Some((id, requested.simulation.clone()));
         }
         let (sender, receiver) = watch::channel(Simulation::begin());
         let cancel = Arc::<AtomicBool>::default();
-        let asked = Asked {
+        let requested = RequestedLibrary {
             simulation: receiver.clone(),
             cancel: Arc::clone(&cancel),
-            by: HashMap::from([(spec.id.clone(), spec.clone())]),
+            assets: HashMap::from([(spec.id.clone(), spec.clone())]),
         };
-        all.insert(id.clone(), asked);
-        let (asked, changed, told) = (Arc::downgrade(&self.asked), self.changed.clone(), id.clone());
+        all.insert(id.clone(), requested);
+        let (requested, changed, library) =
+            (Arc::downgrade(&self.requested), self.changed.clone(), id.clone());
         let job = Job {
             id: id.clone(),
             pair,
@@ -202,30 +206,29 @@ impl Simulations {
             ensembles: Arc::clone(&self.ensembles),
             simulation: sender,
             cancel,
-            tell: Box::new(move || tell(&asked, &told, &changed)),
+            notify: Box::new(move || notify(&requested, &library, &changed)),
         };
-        // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the
-        // end of the process.
+        // A separate thread, not one of the runtime: a build may take a minute and must not delay the exit of
+        // the process.
         if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(move || job.run()) {
-            tracing::error!(%error, "failed to start a thread for a library");
-            // Who asks next tries again.
+            tracing::error!(%error, "failed to start a thread for the simulation of a library");
+            // The next request tries again.
             all.remove(&id);
         }
         Some((id, receiver))
     }
 
-    /// Waits until it is known whether the library of an asset is kept from before.
-    pub(crate) async fn known(&self, spec: &AssetSpec) {
-        let Some((_, mut simulation)) = self.ask(spec) else {
+    /// Waits until the library of an asset is loaded from the cache or known to be missing there.
+    pub(crate) async fn wait_until_loaded(&self, spec: &AssetSpec) {
+        let Some((_, mut simulation)) = self.request(spec) else {
             return;
         };
         let known = simulation.wait_for(|simulation| !simulation.is_loading);
-        // Where it takes longer the record is folded without.
-        let _ = tokio::time::timeout(KNOWN_WITHIN, known).await;
+        // After the timeout the record is folded without the library.
+        let _ = tokio::time::timeout(MAX_LOAD_WAIT, known).await;
     }
 
-    /// The estimator of an asset as it is now: without a library where that is still simulated, or will not
-    /// come.
+    /// The current estimator of an asset: without a library if that is still being simulated, or has failed.
     pub(crate) fn estimator(&self, spec: &AssetSpec) -> KeyedEstimator {
         let (id, simulation) = self.of(spec);
         let lack = match simulation.readiness {
@@ -234,8 +237,8 @@ impl Simulations {
             Readiness::Building => LibraryLack::Simulated,
             Readiness::Failed(reason) => LibraryLack::Failed(reason),
             Readiness::Ready(library) => {
-                let kept = id.and_then(|id| lock(&self.ensembles).get(&id).cloned());
-                return self.keyed(spec, Ok(kept.unwrap_or_else(|| Arc::new(Ensemble::of(library)))));
+                let ensemble = id.and_then(|id| lock(&self.ensembles).get(&id).cloned());
+                return self.keyed(spec, Ok(ensemble.unwrap_or_else(|| Arc::new(Ensemble::of(library)))));
             }
         };
         self.keyed(spec, Err(lack))
@@ -245,17 +248,17 @@ impl Simulations {
         spec.pair().map(|pair| library_id(pair, &self.grid.for_pair(pair)))
     }
 
-    /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded
-    /// again with them.
+    /// Whether neighbours of an asset's library are still being simulated, so that a history folded now has
+    /// to be folded again with them.
     pub(crate) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
-        let Some((_, simulation)) = self.ask(spec) else {
+        let Some((_, simulation)) = self.request(spec) else {
             return false;
         };
         let simulation = simulation.borrow();
         self.neighbours.members > 0 && (simulation.is_loading || simulation.progress.is_some())
     }
 
-    /// The estimator of a fold key, where it was in use since the start.
+    /// The estimator of a fold key, if it was in use since the start.
     pub(crate) fn estimator_of(&self, fold_key: &str) -> Option<KeyedEstimator> {
         lock(&self.estimators).get(fold_key).cloned()
     }
@@ -284,19 +287,18 @@ impl Simulations {
 }
 
 impl Drop for Simulations {
-    /// What nobody can ask for any more is not simulated to its end: it would keep every core from others in
-    /// this process.
+    /// Cancels all simulations: they would keep every core busy although nothing can use their results.
     fn drop(&mut self) {
-        for asked in lock(&self.asked).values() {
-            asked.cancel.store(true, Ordering::Relaxed);
+        for requested in lock(&self.requested).values() {
+            requested.cancel.store(true, Ordering::Relaxed);
         }
     }
 }
 
-/// Tells the assets that ask for a library.
-fn tell(all: &Weak<AllAsked>, library: &str, changed: &mpsc::UnboundedSender<Vec<AssetId>>) {
+/// Notifies the assets that need a library.
+fn notify(all: &Weak<RequestedLibraries>, library: &str, changed: &mpsc::UnboundedSender<Vec<AssetId>>) {
     let Some(all) = all.upgrade() else { return };
-    let assets = lock(&all).get(library).map(|asked| asked.by.keys().cloned().collect());
-    // Nobody is told where the service has ended meanwhile.
+    let assets = lock(&all).get(library).map(|requested| requested.assets.keys().cloned().collect());
+    // The receiver is gone if the service has ended.
     let _ = changed.send(assets.unwrap_or_default());
 }

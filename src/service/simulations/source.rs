@@ -1,5 +1,5 @@
-//! Where libraries come from: the folder of this process, else, where processes share a store, the one of
-//! them that built it, else a build.
+//! The sources of libraries: the folder of this process, else, on a shared store, the process that built it,
+//! else a build.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,33 +16,33 @@ use crate::library::{
 use crate::service::clock::Clock;
 use crate::store::{Store, StoreError};
 
-/// When a library that another process builds, or a store that is away, is asked again.
-const ASKED_AGAIN: Duration = Duration::from_secs(2);
+/// Interval at which a library that another process builds, or an unavailable store, is checked again.
+const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 
-/// How often a process that builds says so.
-const SAID_EVERY: Duration = Duration::from_secs(15);
+/// Interval at which a process renews its right to build a library.
+const RENEWAL_INTERVAL: Duration = Duration::from_secs(15);
 
-/// Libraries by the hash of their inputs. Every method blocks: to be called on a thread of its own, not on
-/// one of the runtime.
+/// Libraries by the hash of their inputs. Every method blocks: to be called on a separate thread, not on one
+/// of the runtime.
 #[derive(Clone)]
 pub(crate) struct LibrarySource {
     cache: Arc<LibraryCache>,
     shared: Option<Shared>,
 }
 
-/// What processes share libraries through.
+/// The store through which processes share libraries.
 #[derive(Clone)]
 struct Shared {
     store: Store,
     clock: Arc<dyn Clock>,
     runtime: Handle,
-    /// Else it waits until another process has built.
+    /// Whether this process builds libraries; otherwise it waits until another one has.
     builds: bool,
 }
 
 impl LibrarySource {
-    /// Of a folder, and of the store where processes share it; there a process that does not build leaves
-    /// that to others. To be called inside the runtime.
+    /// The libraries in a folder, and in the store if it is shared; unless `builds`, other processes build
+    /// them there. Must be called inside a Tokio runtime.
     pub(crate) fn new(cache: Arc<LibraryCache>, store: &Store, clock: &Arc<dyn Clock>, builds: bool) -> Self {
         let shared = store.is_shared().then(|| Shared {
             store: store.clone(),
@@ -53,7 +53,7 @@ impl LibrarySource {
         Self { cache, shared }
     }
 
-    /// Of a folder that no other process uses.
+    /// The libraries in a folder that no other process uses.
     #[cfg(test)]
     pub(super) fn alone(folder: &std::path::Path) -> Self {
         Self { cache: Arc::new(LibraryCache::new(folder.to_owned())), shared: None }
@@ -69,28 +69,28 @@ impl LibrarySource {
         Failures::new(self.cache.folder().join("failures"))
     }
 
-    /// The library of these inputs, where it was simulated before.
-    pub(super) fn kept(&self, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
+    /// The cached library of these inputs.
+    pub(super) fn cached(&self, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
         let id = library_id(pair, grid);
         if let Ok(Some(library)) = self.cache.get(&id)
-            && is_it(&library, pair, grid)
+            && has_inputs(&library, pair, grid)
         {
             return Some(library);
         }
         let library = self.shared.as_ref()?.fetch(&id).ok()??;
-        if !is_it(&library, pair, grid) {
+        if !has_inputs(&library, pair, grid) {
             return None;
         }
         self.cache.put(&library).ok()?;
         Some(Arc::new(library))
     }
 
-    /// Keeps an ensemble for the next start. One that cannot be kept, on a full disk for example, is used all
-    /// the same.
-    fn keep_ensemble(&self, ensemble: &Ensemble) {
+    /// Caches an ensemble for the next start. If that fails, for example on a full disk, the ensemble is used
+    /// all the same.
+    fn cache_ensemble(&self, ensemble: &Ensemble) {
         if let Err(error) = self.cache.put_ensemble(ensemble) {
             let id = ensemble.id();
-            tracing::warn!(ensemble = id, %error, "failed to keep the ensemble; the next start simulates it again");
+            tracing::warn!(ensemble = id, %error, "failed to cache an ensemble: the next start simulates it again");
         }
     }
 
@@ -102,7 +102,7 @@ impl LibrarySource {
         progress: &(dyn Fn(usize, usize) + Sync),
         cancel: &AtomicBool,
     ) -> Result<Arc<Library>, LibraryError> {
-        // Nobody may want it any more when its turn has come.
+        // It may have been cancelled while it waited for its turn.
         check(cancel)?;
         match &self.shared {
             Some(shared) => shared.get_or_build(&self.cache, pair, grid, progress, cancel),
@@ -113,8 +113,8 @@ impl LibrarySource {
         }
     }
 
-    /// The ensemble with these settings around a library, where it was simulated before.
-    pub(super) fn kept_ensemble(
+    /// The cached ensemble with these settings around a library.
+    pub(super) fn cached_ensemble(
         &self,
         library: &Arc<Library>,
         settings: &EnsembleSettings,
@@ -123,7 +123,7 @@ impl LibrarySource {
             Ok(None) => {}
             Ok(kept) => return kept,
             Err(error) => {
-                tracing::warn!(library = library.id(), %error, "failed to read the kept ensemble; simulating it again");
+                tracing::warn!(library = library.id(), %error, "failed to read a cached ensemble: simulating it again");
             }
         }
         let id = ensemble_id(library.id(), settings);
@@ -132,41 +132,41 @@ impl LibrarySource {
             && let Ok(ensemble) = decode_ensemble(&bytes, Arc::clone(library))
             && ensemble.id() == id
         {
-            self.keep_ensemble(&ensemble);
+            self.cache_ensemble(&ensemble);
             return Some(ensemble);
         }
         None
     }
 
-    /// The ensemble with these settings around the library of a smaller one: as it was simulated before, else
-    /// simulated with what the smaller one has.
+    /// The ensemble with these settings around the library of a smaller one: from the cache, else simulated
+    /// as an extension of the smaller one.
     pub(super) fn ensemble(
         &self,
         smaller: &Ensemble,
         settings: &EnsembleSettings,
         control: &BuildControl<'_>,
     ) -> Result<Ensemble, LibraryError> {
-        if let Some(kept) = self.kept_ensemble(smaller.described(), settings) {
+        if let Some(kept) = self.cached_ensemble(smaller.described(), settings) {
             return Ok(kept);
         }
         let ensemble = smaller.extended(settings, control)?;
-        self.keep_ensemble(&ensemble);
+        self.cache_ensemble(&ensemble);
         if let Some(shared) = &self.shared
             && let Err(error) =
                 shared.store.objects().put_library(ensemble.id(), encode_ensemble(&ensemble).into())
         {
-            // Another process simulates the same bits.
-            tracing::warn!(ensemble = ensemble.id(), %error, "failed to share the ensemble");
+            // Another process then simulates the same ensemble, bit for bit.
+            tracing::warn!(ensemble = ensemble.id(), %error, "failed to share an ensemble");
         }
         Ok(ensemble)
     }
 }
 
-fn is_it(library: &Library, pair: &PairSpec, grid: &GridSettings) -> bool {
+fn has_inputs(library: &Library, pair: &PairSpec, grid: &GridSettings) -> bool {
     library.pair() == pair && library.manifest().grid == *grid
 }
 
-/// Ends what nobody wants any more.
+/// Returns an error if the build is cancelled.
 fn check(cancel: &AtomicBool) -> Result<(), LibraryError> {
     if cancel.load(Ordering::Relaxed) {
         return Err(LibraryError::Cancelled);
@@ -185,35 +185,35 @@ impl Shared {
     ) -> Result<Arc<Library>, LibraryError> {
         let id = library_id(pair, grid);
         if let Ok(Some(library)) = cache.get(&id)
-            && is_it(&library, pair, grid)
+            && has_inputs(&library, pair, grid)
         {
             return Ok(library);
         }
         loop {
             check(cancel)?;
             match self.fetch(&id) {
-                Ok(Some(library)) if is_it(&library, pair, grid) => {
+                Ok(Some(library)) if has_inputs(&library, pair, grid) => {
                     cache.put(&library)?;
                     return Ok(Arc::new(library));
                 }
                 Ok(_) => match self.begin(&id) {
                     Ok(true) => break,
                     // Another process builds it.
-                    Ok(false) => std::thread::sleep(ASKED_AGAIN),
+                    Ok(false) => std::thread::sleep(RETRY_INTERVAL),
                     Err(error) => self.wait_for_store(&error),
                 },
                 Err(error) => self.wait_for_store(&error),
             }
         }
-        let said = Mutex::new(Instant::now());
+        let renewed_at = Mutex::new(Instant::now());
         let progress = |done, total| {
             progress(done, total);
-            let mut said = said.lock().unwrap_or_else(PoisonError::into_inner);
-            if said.elapsed() >= SAID_EVERY {
-                *said = Instant::now();
-                // Where this is not heard, another process builds the same: the same bits.
-                if let Err(error) = self.runtime.block_on(self.store.go_on_building(&id, self.clock.now())) {
-                    tracing::warn!(%error, "failed to say that a library is being built");
+            let mut renewed_at = renewed_at.lock().unwrap_or_else(PoisonError::into_inner);
+            if renewed_at.elapsed() >= RENEWAL_INTERVAL {
+                *renewed_at = Instant::now();
+                // If this fails, another process may build the same library, bit for bit.
+                if let Err(error) = self.runtime.block_on(self.store.renew_building(&id, self.clock.now())) {
+                    tracing::warn!(%error, "failed to renew the right to build a library");
                 }
             }
         };
@@ -222,7 +222,7 @@ impl Shared {
         if built.is_err()
             && let Err(error) = self.runtime.block_on(self.store.end_building(&id))
         {
-            tracing::warn!(%error, "failed to say that a library is no longer being built: it is tried again after a minute");
+            tracing::warn!(%error, "failed to release the right to build a library: it expires after a minute");
         }
         let library = built?;
         let bytes = encode(&library);
@@ -233,7 +233,7 @@ impl Shared {
         Ok(library)
     }
 
-    /// The library as another process built it; none where there is none that can be used.
+    /// The library as another process built it; `None` if there is none, or if it cannot be used.
     fn fetch(&self, id: &str) -> Result<Option<Library>, StoreError> {
         let Some(bytes) = self.store.objects().library(id)? else {
             return Ok(None);
@@ -242,7 +242,7 @@ impl Shared {
             Ok(library) if library.id() == id => Ok(Some(library)),
             Ok(_) => Ok(None),
             Err(error) => {
-                tracing::warn!(library = id, %error, "failed to decode the shared library: building it again");
+                tracing::warn!(library = id, %error, "failed to decode a shared library: building it again");
                 Ok(None)
             }
         }
@@ -256,8 +256,8 @@ impl Shared {
     }
 
     fn wait_for_store(&self, error: &StoreError) {
-        tracing::warn!(%error, "failed to reach the store for a library: trying again");
-        std::thread::sleep(ASKED_AGAIN);
+        tracing::warn!(%error, "failed to access the store for a library: retrying");
+        std::thread::sleep(RETRY_INTERVAL);
     }
 }
 
@@ -266,9 +266,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_ensemble_that_cannot_be_kept_is_used() {
+    fn an_ensemble_that_cannot_be_cached_is_used() {
         let folder = tempfile::tempdir().unwrap();
-        // Where its folder would be there is a file.
+        // A file takes the place of its folder.
         std::fs::write(folder.path().join("ensembles"), "").unwrap();
         let source = LibrarySource::alone(folder.path());
         let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap();
@@ -278,6 +278,6 @@ mod tests {
         let control = BuildControl::silent();
         let ensemble = source.ensemble(&Ensemble::of(library), &settings, &control).unwrap();
         assert_eq!(ensemble.members().len(), 4);
-        assert!(source.kept_ensemble(ensemble.described(), &settings).is_none());
+        assert!(source.cached_ensemble(ensemble.described(), &settings).is_none());
     }
 }

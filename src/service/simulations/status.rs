@@ -1,20 +1,20 @@
-//! How far the simulation of an asset's library is.
+//! The status of the simulation of an asset's library.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use crate::library::Library;
 
-/// Whether an asset's library is there.
+/// Whether an asset's library is ready.
 #[derive(Debug, Clone)]
 pub enum Readiness {
     /// The asset describes no gear pair.
     None,
     /// Being simulated or loaded.
     Building,
-    /// There.
+    /// Ready for use.
     Ready(Arc<Library>),
-    /// Not to be had.
+    /// The simulation failed, for this reason.
     Failed(String),
 }
 
@@ -30,28 +30,28 @@ impl Readiness {
     }
 }
 
-/// What of an asset's library is being simulated.
+/// The stage of the simulation of an asset's library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SimulationStage {
-    /// Nothing yet: another asset's is.
+    /// Waiting while the library of another asset is being simulated.
     Waiting,
-    /// The pair as it is described.
+    /// The pair as described.
     Library,
-    /// The pairs around it that a first estimate is made with.
+    /// The first neighbouring pairs, needed for a first estimate.
     FirstMembers,
-    /// All the others around it; estimates are made meanwhile.
+    /// The remaining neighbouring pairs; estimates are computed meanwhile.
     Members,
 }
 
-/// How much of a stage is done.
+/// The progress of a stage.
 #[derive(Debug, Clone, Copy)]
 pub struct SimulationProgress {
     /// The stage.
     pub stage: SimulationStage,
     done: usize,
     total: usize,
-    /// When the first piece was done, and how many were then: some may have been kept from an earlier build.
+    /// When the first piece was done, and how many were done then: some may come from an earlier build.
     first: Option<(Instant, usize)>,
 }
 
@@ -60,14 +60,14 @@ impl SimulationProgress {
         Self { stage, done: 0, total: 0, first: None }
     }
 
-    /// Notes how many pieces are done at a time; threads may say so in another order than they count.
+    /// Records how many pieces are done at a time; calls from several threads may arrive out of order.
     pub(super) fn note(&mut self, done: usize, total: usize, now: Instant) {
         self.done = self.done.max(done);
         self.total = total;
         self.first.get_or_insert((now, done));
     }
 
-    /// The part of the stage that is done, 0 to 1.
+    /// The fraction of the stage that is done, 0 to 1.
     pub fn fraction(&self) -> f64 {
         if self.total == 0 {
             return 0.0;
@@ -75,7 +75,7 @@ impl SimulationProgress {
         self.done as f64 / self.total as f64
     }
 
-    /// How long the stage still takes in s, at the speed it has had so far; none before that is known.
+    /// The remaining time of the stage in seconds, at its speed so far; `None` until that is known.
     pub fn remaining_s(&self, now: Instant) -> Option<f64> {
         let (began, before) = self.first?;
         let since = self.done.checked_sub(before).filter(|since| *since > 0)?;
@@ -84,16 +84,16 @@ impl SimulationProgress {
     }
 }
 
-/// An asset's library, as far as it is.
+/// The status of an asset's library.
 #[derive(Debug, Clone)]
 pub struct Simulation {
-    /// Whether it is there.
+    /// Whether it is ready.
     pub readiness: Readiness,
-    /// How far what is being simulated is; none where nothing is.
+    /// Progress of the current stage; `None` if nothing is being simulated.
     pub progress: Option<SimulationProgress>,
-    /// Why the library, or the pairs around it, could not be simulated.
+    /// Why the library, or its neighbours, could not be simulated.
     pub error: Option<String>,
-    /// It is not known yet whether it is kept from before.
+    /// Whether it is still being loaded from the cache.
     pub(super) is_loading: bool,
 }
 
@@ -106,7 +106,7 @@ impl Simulation {
         Self { readiness: Readiness::None, is_loading: false, ..Self::begin() }
     }
 
-    /// Says that it ends here; what is ready stays so.
+    /// Ends the simulation with an error; a library that is ready stays ready.
     pub(super) fn fail(&mut self, reason: String) {
         if !matches!(self.readiness, Readiness::Ready(_)) {
             self.readiness = Readiness::Failed(reason.clone());
@@ -129,7 +129,7 @@ mod tests {
         let after = |s: u64| began + Duration::from_secs(s);
         let mut progress = SimulationProgress::begin(SimulationStage::Library);
         assert_eq!((progress.fraction(), progress.remaining_s(after(1))), (0.0, None));
-        // 40 of 100 were kept from an earlier build.
+        // 40 of 100 come from an earlier build.
         progress.note(40, 100, began);
         assert_eq!(progress.remaining_s(after(5)), None);
         progress.note(50, 100, after(10));
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_later_leaves_what_is_ready() {
+    fn a_failure_is_reported() {
         let mut simulation = Simulation::begin();
         simulation.fail("no".to_owned());
         assert_eq!(simulation.readiness.name(), "failed");

@@ -1,5 +1,5 @@
-//! Whose simulation comes next. Each uses every core by itself, so they are made one after the other; what
-//! an asset waits for goes before what makes its answers finer.
+//! The order of simulations. Each uses every core, so they run one after the other; a library that an asset
+//! waits for comes before one that only refines its estimates.
 
 use std::collections::BTreeSet;
 use std::sync::{Condvar, Mutex};
@@ -7,7 +7,7 @@ use std::sync::{Condvar, Mutex};
 use super::job::lock;
 use super::status::SimulationStage;
 
-/// Turns at simulating: the earlier stage first, and of one stage who has waited longest.
+/// A priority lock: the earlier stage first, and within a stage in the order of arrival.
 #[derive(Debug, Default)]
 pub(super) struct Turns {
     queue: Mutex<Queue>,
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_waited_for_goes_first() {
+    fn earlier_stages_come_first() {
         use SimulationStage::{FirstMembers, Library, Members};
         let turns = Turns::default();
         let order = Mutex::new(Vec::new());
@@ -65,7 +65,7 @@ mod tests {
                     let _turn = turns.wait(stage);
                     lock(order).push((stage, count));
                 });
-                // In this order they begin to wait.
+                // They start to wait in this order.
                 while lock(&turns.queue).waiting.len() <= count {
                     std::thread::yield_now();
                 }

@@ -1,4 +1,4 @@
-//! Measuring campaigns: for a time every sample of a stream becomes a record.
+//! Measuring campaigns, during which every sample of a stream becomes part of a record.
 
 use std::sync::Arc;
 
@@ -10,20 +10,20 @@ use super::state::StreamState;
 use crate::asset::AssetId;
 use crate::service::error::ServiceError;
 
-/// How a measuring campaign stands.
+/// The status of a measuring campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CampaignStatus {
-    /// It goes on.
+    /// Whether it is running.
     pub is_running: bool,
     /// Index of the first sample.
     pub first: u64,
     /// Index after the last one.
     pub end: u64,
-    /// The time of the first sample: no record of it begins earlier.
+    /// The time of the first sample: no record of the campaign starts earlier.
     pub start_time: Timestamp,
-    /// The time at which it ends or ended: all of its records begin earlier.
+    /// The time at which it ends or ended: all of its records start earlier.
     pub end_time: Option<Timestamp>,
-    /// Times at which samples became records for it.
+    /// Number of cuts of the campaign; the records of all channels count as one.
     pub records: u64,
 }
 
@@ -42,9 +42,10 @@ impl CampaignStatus {
 }
 
 impl Streams {
-    /// Makes records of everything for so many seconds from now on; where a campaign runs it ends then.
+    /// Starts a campaign of this many seconds from now on, or sets the end of the running one to then.
     ///
-    /// Errors: [`ServiceError::StreamUnknown`]; there was no sample yet; the asset's records are too large.
+    /// Errors: [`ServiceError::StreamUnknown`], also if the stream has no sample yet; the asset's records are
+    /// too large.
     pub async fn begin_campaign(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -65,7 +66,7 @@ impl Streams {
         Ok(begun)
     }
 
-    /// Ends the campaign that runs, if one does.
+    /// Ends the running campaign, if there is one.
     ///
     /// Error: [`ServiceError::StreamUnknown`].
     pub async fn end_campaign(self: &Arc<Self>, asset: &AssetId, name: &str) -> Result<(), ServiceError> {

@@ -1,44 +1,45 @@
-//! A time of which every sample becomes a record: around an alarm, or a measuring campaign.
+//! Captures: periods of which every sample becomes part of a record, around an alarm or for a measuring
+//! campaign.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use crate::recording::stream::{StreamCut, StreamCutter};
 
-/// Samples that all become records, back to back. Nothing else is cut meanwhile.
+/// A range of samples that become back-to-back records. Nothing else is cut meanwhile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Capture {
-    /// The first sample that is in no record of it yet.
+    /// The first sample that is not in a record of it yet.
     pub(super) from: u64,
     /// Index after the last one.
     pub(super) until: u64,
-    /// Length of its records; the last one may be shorter.
+    /// Length of its records in frames; the last one may be shorter.
     pub(super) record_frames: u64,
     pub(super) is_campaign: bool,
 }
 
-/// A measuring campaign: that which runs, or else the last one.
+/// A measuring campaign: the running one, or else the last one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Campaign {
-    /// Index of its first sample, and the time of it.
+    /// Index and time of its first sample.
     pub(crate) first: u64,
     pub(crate) start_time: Timestamp,
     /// Index after its last sample.
     pub(crate) until: u64,
-    /// The time of that, once it is over.
+    /// The time of that sample, once the campaign is over.
     pub(crate) end_time: Option<Timestamp>,
-    /// Records that were cut for it, those of all channels counted as one.
+    /// Number of cuts; the records of all channels count as one.
     pub(crate) records: u64,
 }
 
 impl Capture {
-    /// The next record that is whole.
+    /// The next complete record.
     pub(super) fn next_cut(&self, cutter: &StreamCutter) -> Option<StreamCut> {
         let end = (self.from + self.record_frames).min(self.until);
         (end <= cutter.end()).then(|| self.cut(end)).flatten()
     }
 
-    /// What is left of what has come.
+    /// A record of the remaining samples received so far.
     pub(super) fn rest(&self, cutter: &StreamCutter) -> Option<StreamCut> {
         self.cut(cutter.end().min(self.until))
     }

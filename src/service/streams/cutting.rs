@@ -1,4 +1,4 @@
-//! How records are cut out of a stream: what the asset's description says, in samples of the stream.
+//! The rules by which records are cut out of a stream: those of the asset's description, converted to frames.
 
 use super::state::StreamState;
 use crate::asset::{AssetSpec, OperatingBin, SteadySpec};
@@ -6,22 +6,22 @@ use crate::recording::RecordingError;
 use crate::recording::stream::{CutPolicy, StreamCut, StreamCutter, StreamFormat};
 use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint};
 
-/// Bytes of one record that is cut.
+/// Maximum number of bytes of one record.
 const MAX_RECORD_BYTES: u64 = 64 << 20;
 
-/// Seconds of the shortest records of a time that is kept whole.
+/// Minimum length in seconds of the records of a capture.
 const CAPTURED_S: f64 = 1.0;
 
-/// How records are cut.
+/// The cutting rules of a stream.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cutting {
     clocked: CutPolicy,
-    /// In place of the interval.
+    /// Replaces the interval of `clocked`.
     steady: Option<SteadyCutting>,
     bins: Vec<OperatingBin>,
-    /// Samples before and after an alarm that become records.
+    /// Frames before and after an alarm that become records.
     around_alarm: Option<(u64, u64)>,
-    /// Length of records of a time that is kept whole.
+    /// Length of the records of a capture in frames.
     captured_frames: u64,
 }
 
@@ -32,14 +32,14 @@ struct SteadyCutting {
     apart_frames: u64,
 }
 
-/// A record that is whole, by what it is cut.
+/// A complete record, and the rule by which it is cut.
 pub(super) enum Decision {
     Clocked(StreamCut),
     Steady { cut: StreamCut, bin: String, next_from: u64 },
 }
 
 impl Cutting {
-    /// That of an asset's description.
+    /// The rules of an asset's description.
     ///
     /// Error: a record would be too long or too large.
     pub(crate) fn of(spec: &AssetSpec, format: &StreamFormat) -> Result<Self, RecordingError> {
@@ -53,7 +53,7 @@ impl Cutting {
         let on_alarm = spec.stream.on_alarm;
         let around_alarm =
             on_alarm.map(|around| (format.frames_in(around.before_s), format.frames_in(around.after_s)));
-        // Not so short that many are cut at once.
+        // Not so short that many are pending at once.
         let most = MAX_RECORD_BYTES / format.frame_bytes() as u64;
         let captured_frames = clocked
             .record_frames()
@@ -63,28 +63,28 @@ impl Cutting {
         Ok(Self { clocked, steady, bins: spec.operating_bins.clone(), around_alarm, captured_frames })
     }
 
-    /// Samples before and after an alarm that become records; none where all do anyway.
+    /// Frames before and after an alarm that become records; `None` if all frames do anyway.
     pub(super) fn around_alarm(&self) -> Option<(u64, u64)> {
         self.around_alarm.filter(|_| !self.takes_all())
     }
 
-    /// Length of records of a time that is kept whole.
+    /// Length of the records of a capture in frames.
     pub(super) fn captured_frames(&self) -> u64 {
         self.captured_frames
     }
 
-    /// Whether all samples become records.
+    /// Whether all frames become records.
     pub(super) fn takes_all(&self) -> bool {
         self.steady.is_none() && self.clocked.takes_all()
     }
 
-    /// Where the next record begins at the earliest after one.
+    /// The earliest first frame of the next record after a cut.
     pub(super) fn after(&self, cut: StreamCut) -> u64 {
         if self.steady.is_some() { cut.end() } else { self.clocked.after(cut) }
     }
 
-    /// Whether the machine still does what it did, within the bounds and in the same operating bin. Without
-    /// bounds any change is one.
+    /// Whether a new operating point is within the bounds of the steady period and in the same operating bin.
+    /// Without bounds, any change ends the period.
     pub(super) fn is_steady(&self, state: &StreamState, point: &OperatingPoint) -> bool {
         let began = state.steadiness.began_with();
         let (speed, torque) = self
@@ -95,17 +95,17 @@ impl Cutting {
             && self.bin_of(began) == self.bin_of(point)
     }
 
-    /// Passes over samples that no record begins with any more, so that they need not be kept.
+    /// Skips frames with which no record can start any more, so that they need not be kept.
     pub(super) fn pass_over(&self, cutter: &mut StreamCutter) {
         if self.steady.is_some() {
-            // A record is cut as soon as it is whole.
+            // A record is cut as soon as it is complete.
             cutter.skip_before((cutter.end() + 1).saturating_sub(self.clocked.record_frames()));
         } else if self.clocked.takes_none() {
             cutter.skip();
         }
     }
 
-    /// The next record that is whole; none while a capture runs.
+    /// The next complete record; `None` during a capture.
     pub(super) fn next_cut(&self, state: &StreamState) -> Option<Decision> {
         if state.capture.is_some() {
             return None;
@@ -116,12 +116,12 @@ impl Cutting {
         }
     }
 
-    /// What is left before a gap and becomes a record.
+    /// A record of the remaining frames before a gap.
     pub(super) fn last_cut(&self, state: &StreamState) -> Option<StreamCut> {
         self.steady.is_none().then(|| state.cutter.last_cut(&self.clocked)).flatten()
     }
 
-    /// The last samples of the time for which a machine has to be steady.
+    /// A record at the end of the time for which the machine has to be steady.
     fn steady_cut(&self, steady: &SteadyCutting, state: &StreamState) -> Option<Decision> {
         let point = state.steadiness.began_with();
         if !is_running(point) {
@@ -139,7 +139,7 @@ impl Cutting {
         })
     }
 
-    /// The name of the operating bin; an empty one where it is none.
+    /// The name of the operating bin; empty if there is none.
     fn bin_of(&self, point: &OperatingPoint) -> &str {
         let bin = self.bins.iter().find(|bin| bin.holds(point.shaft_speed_hz, point.torque_nm));
         bin.map_or("", |bin| bin.name.as_str())
@@ -159,7 +159,7 @@ impl From<CutPolicy> for Cutting {
     }
 }
 
-/// Whether it is known what the machine does, and it does not stand.
+/// Whether the machine is known to run.
 fn is_running(point: &OperatingPoint) -> bool {
     match (point.shaft_speed_hz, point.torque_nm) {
         (Some(speed_hz), _) => speed_hz != 0.0,
@@ -174,7 +174,7 @@ fn stays(began: Option<f64>, now: Option<f64>, fraction: f64) -> bool {
     }
 }
 
-/// Refuses records with more bytes than are read at once.
+/// Returns an error if a record would exceed the maximum number of bytes.
 pub(super) fn check_bytes(frames: u64, format: &StreamFormat) -> Result<(), RecordingError> {
     if frames.saturating_mul(format.frame_bytes() as u64) <= MAX_RECORD_BYTES {
         return Ok(());
@@ -223,27 +223,33 @@ mod tests {
         Chunk { first, time_ns: Some(first as i64 * 100_000_000), bytes }
     }
 
-    /// Sends samples in pieces of a length, with what the sender says before an index; the stream is opened
-    /// again before every piece where it `restarts`. Returns first samples and speeds of the records.
-    fn cut(said: &[(u64, OperatingPoint)], gaps: &[u64], piece: u64, restarts: bool) -> Vec<(u64, u64, f64)> {
+    /// Sends samples in pieces of a length, with the operating points in `points` set before an index; the
+    /// stream is reopened before every piece if `restarts`. Returns first sample, length and speed of the
+    /// records.
+    fn cut(
+        points: &[(u64, OperatingPoint)],
+        gaps: &[u64],
+        piece: u64,
+        restarts: bool,
+    ) -> Vec<(u64, u64, f64)> {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::I16, 10.0, 1, None).unwrap();
         let mut stream = StoredStream::create(folder.path(), Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
         let mut edges: Vec<u64> = (0..=3000 / piece).map(|n| n * piece).collect();
-        edges.extend(said.iter().map(|(index, _)| *index).chain(gaps.iter().flat_map(|at| [*at, at + 1])));
+        edges.extend(points.iter().map(|(index, _)| *index).chain(gaps.iter().flat_map(|at| [*at, at + 1])));
         edges.sort_unstable();
         edges.dedup();
         for pair in edges.windows(2) {
             if restarts {
                 drop(stream);
                 stream = StoredStream::open(folder.path()).unwrap().unwrap();
-                stream.plan(&steady()).unwrap();
+                stream.plan_records(&steady()).unwrap();
             }
             if gaps.contains(&pair[0]) {
                 stream.give_up_before(pair[1], &steady()).unwrap();
                 continue;
             }
-            for (_, point) in said.iter().filter(|(index, _)| *index == pair[0]) {
+            for (_, point) in points.iter().filter(|(index, _)| *index == pair[0]) {
                 stream.set_operating_point(*point, &steady()).unwrap();
             }
             stream.take(vec![chunk(pair[0], pair[1])], &steady()).unwrap();
@@ -258,9 +264,9 @@ mod tests {
     }
 
     #[test]
-    fn records_are_of_a_steady_machine_one_for_each_bin_and_time_however_samples_come_and_after_restarts() {
-        // Nothing is known; slow; a bit faster, which is within the bounds; faster than that; fast; standing.
-        let said = [
+    fn steady_records_do_not_depend_on_chunks_or_restarts() {
+        // Unknown; slow; slightly faster, within the bounds; faster than that; fast; standing still.
+        let points = [
             (100, point(10.0, 80.0)),
             (120, point(10.15, 82.0)),
             (400, point(10.4, 82.0)),
@@ -269,17 +275,17 @@ mod tests {
             (1840, point(20.0, 80.0)),
             (2500, point(0.0, 80.0)),
         ];
-        // The last 2 s of 5 s; the slow one is cut once in 100 s, and the fast one waits for its time and,
-        // as its torque changed, for being steady again.
+        // The last 2 s of 5 s; the slow one is cut once in 100 s, and the fast one waits for its interval
+        // and, because its torque changed, for a new steady period.
         let expected = [(130, 20, 10.15), (730, 20, 20.0), (1730, 20, 20.0)];
         for piece in [13, 50, 3000] {
             for restarts in [false, true] {
-                assert_eq!(cut(&said, &[], piece, restarts), expected, "{piece} {restarts}");
+                assert_eq!(cut(&points, &[], piece, restarts), expected, "{piece} {restarts}");
             }
         }
-        // What came before a gap does not count; a change while a record is awaited begins again.
-        let said = [(0, point(10.0, 80.0)), (40, point(12.0, 80.0)), (60, point(12.0, 81.0))];
-        assert_eq!(cut(&said, &[80], 7, true), [(111, 20, 12.0), (1111, 20, 12.0), (2111, 20, 12.0)]);
+        // Samples before a gap do not count; a change during the wait starts a new steady period.
+        let points = [(0, point(10.0, 80.0)), (40, point(12.0, 80.0)), (60, point(12.0, 81.0))];
+        assert_eq!(cut(&points, &[80], 7, true), [(111, 20, 12.0), (1111, 20, 12.0), (2111, 20, 12.0)]);
     }
 
     #[test]

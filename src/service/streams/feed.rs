@@ -1,5 +1,5 @@
-//! The live view of a stream: a frame several times a second, made once however many watch, and only while
-//! somebody does. Who is slow gets fewer frames.
+//! The live view of a stream: several frames a second, computed once for all viewers and only while there are
+//! any. Slow viewers get fewer frames.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,51 +19,51 @@ use crate::store::StoreError;
 /// Time between two frames.
 const INTERVAL: Duration = Duration::from_millis(125);
 
-/// How often the asset's description is read again.
-const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+/// Interval at which the asset's description is read again.
+const DESCRIPTION_INTERVAL: Duration = Duration::from_secs(2);
 
-/// Without samples for so long they are said to be missing, and again each second.
+/// Time without samples after which viewers are notified, and then again each second.
 const WAITING_AFTER: Duration = Duration::from_secs(2);
 
-/// The latest of a stream that somebody watches.
+/// The latest update of a live view.
 #[derive(Debug, Clone, Default)]
-struct Latest {
+struct LatestUpdate {
     /// Counts frames.
     number: u64,
     frame: Option<Arc<str>>,
-    /// Whole seconds for which no samples came, where they are missed.
+    /// Whole seconds without samples, once they are overdue.
     waiting_s: Option<u64>,
     is_over: bool,
 }
 
-/// What those who watch a stream are told.
+/// Sends the updates of a live view to its viewers.
 #[derive(Debug, Default)]
 pub(super) struct LiveFeed {
-    latest: watch::Sender<Latest>,
+    latest: watch::Sender<LatestUpdate>,
     is_running: AtomicBool,
 }
 
-/// Something new in a stream that is watched.
+/// An update of a live view.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LiveUpdate {
     /// A [`LiveFrame`](super::LiveFrame) as JSON.
     Frame(Arc<str>),
-    /// No samples came for so many seconds.
+    /// No samples have arrived for this number of seconds.
     Waiting(u64),
 }
 
-/// Who watches a stream.
+/// A viewer of a stream.
 #[derive(Debug)]
 pub struct StreamViewer {
-    latest: watch::Receiver<Latest>,
-    /// What was told last.
+    latest: watch::Receiver<LatestUpdate>,
+    /// The last frame and waiting time returned.
     seen: u64,
     waiting_s: Option<u64>,
 }
 
 impl StreamViewer {
-    /// What is new, without what was passed over meanwhile; none where the stream is gone or the service
-    /// ends. Nothing is lost where the caller stops waiting.
+    /// Waits for the next update; updates in between are skipped. Returns `None` if the stream is removed or
+    /// the service ends. Cancel-safe.
     pub async fn next(&mut self) -> Option<LiveUpdate> {
         loop {
             let latest = self.latest.borrow_and_update().clone();
@@ -88,7 +88,7 @@ impl StreamViewer {
 }
 
 impl LiveFeed {
-    /// Nobody is told anything more: the stream is gone.
+    /// Ends the live view: the stream is removed.
     pub(super) fn end(&self) {
         self.latest.send_if_modified(|latest| {
             let changes = !latest.is_over && self.is_running.load(Ordering::SeqCst);
@@ -97,63 +97,65 @@ impl LiveFeed {
         });
     }
 
-    fn tell(&self, change: impl FnOnce(&mut Latest)) {
+    fn update(&self, change: impl FnOnce(&mut LatestUpdate)) {
         self.latest.send_modify(change);
     }
 
-    /// Whether the caller is the one to make frames now.
+    /// Whether the caller becomes the producer of frames.
     fn begin(&self) -> bool {
         !self.is_running.swap(true, Ordering::SeqCst)
     }
 
-    /// Whether nobody watches, and the caller makes no frames any more.
+    /// Whether there are no viewers, in which case the caller must stop producing frames.
     fn is_ended_without_viewers(&self) -> bool {
         if self.latest.receiver_count() > 0 {
             return false;
         }
         self.is_running.store(false, Ordering::SeqCst);
-        // One may have come since the last look.
+        // One may have been added since the last check.
         self.latest.receiver_count() == 0 || !self.begin()
     }
 }
 
 impl Streams {
-    /// Begins to watch a stream.
+    /// Adds a viewer to a stream.
     ///
-    /// Errors: the asset is not known; [`ServiceError::StreamUnknown`]; [`ServiceError::StreamsShared`].
+    /// Errors: the asset does not exist; [`ServiceError::StreamUnknown`]; [`ServiceError::StreamsShared`].
     pub async fn watch(self: &Arc<Self>, asset: &AssetId, name: &str) -> Result<StreamViewer, ServiceError> {
         self.status(asset, name).await?;
         let stream = self.find(asset, name, false)?;
         let latest = stream.feed.latest.subscribe();
         if stream.feed.begin() {
-            stream.feed.tell(|latest| *latest = Latest { number: latest.number + 1, ..Latest::default() });
-            tokio::spawn(Feeding::new(Arc::clone(self), stream).run());
+            stream.feed.update(|latest| {
+                *latest = LatestUpdate { number: latest.number + 1, ..LatestUpdate::default() }
+            });
+            tokio::spawn(FrameProducer::new(Arc::clone(self), stream).run());
         }
         Ok(StreamViewer { latest, seen: 0, waiting_s: None })
     }
 }
 
-/// Makes the frames of one stream.
-struct Feeding {
+/// Produces the frames of one stream.
+struct FrameProducer {
     streams: Arc<Streams>,
     stream: Arc<LiveStream>,
     /// The asset's description, and when it was read.
     asset: Option<(Arc<AssetSpec>, Instant)>,
-    /// When the last samples were seen to come.
-    heard_at: Option<Instant>,
-    /// What the last frame was made for, and up to which sample it is.
+    /// When new samples were last seen.
+    last_sample_at: Option<Instant>,
+    /// The index for which the last frame was made, and the index and time of its end.
     seen_next: Option<u64>,
     shown_end: Option<u64>,
     shown_time: Option<Timestamp>,
 }
 
-impl Feeding {
+impl FrameProducer {
     fn new(streams: Arc<Streams>, stream: Arc<LiveStream>) -> Self {
         Self {
             streams,
             stream,
             asset: None,
-            heard_at: None,
+            last_sample_at: None,
             seen_next: None,
             shown_end: None,
             shown_time: None,
@@ -188,20 +190,20 @@ impl Feeding {
                 ) => {
                     break;
                 }
-                // It may be back the next time.
+                // It may succeed the next time.
                 Err(error) => {
                     let (asset, name) = (&self.stream.asset, &self.stream.name);
-                    tracing::debug!(%asset, name, %error, "a live view has to wait");
+                    tracing::debug!(%asset, name, %error, "failed to produce a frame of a live view: retrying");
                     self.wait();
                 }
             }
         }
-        self.stream.feed.tell(|latest| latest.is_over = true);
+        self.stream.feed.update(|latest| latest.is_over = true);
         self.stream.feed.is_running.store(false, Ordering::SeqCst);
         self.forget().await;
     }
 
-    /// Makes a frame of the latest samples.
+    /// Produces a frame of the latest samples.
     async fn show(&mut self) -> Result<(), ServiceError> {
         let asset = self.asset().await?;
         let stream = Arc::clone(&self.stream);
@@ -211,15 +213,15 @@ impl Feeding {
             self.wait();
             return Ok(());
         }
-        // The first one shows what was there already.
+        // The first frame shows earlier samples.
         if self.shown_end.is_some() {
-            self.heard_at = Some(Instant::now());
+            self.last_sample_at = Some(Instant::now());
         }
         (self.shown_end, self.shown_time) = (end, latest.time);
         let make = move || serde_json::to_string(&latest.frame(&asset));
-        // Numbers and names: it always serialises.
-        let frame = self.streams.workers.run_first("make a live view", make).await?.unwrap_or_default();
-        self.stream.feed.tell(|latest| {
+        // Numbers and names always serialise.
+        let frame = self.streams.workers.run_first("produce a live view", make).await?.unwrap_or_default();
+        self.stream.feed.update(|latest| {
             latest.number += 1;
             latest.frame = Some(frame.into());
             latest.waiting_s = None;
@@ -229,13 +231,13 @@ impl Feeding {
 
     async fn asset(&mut self) -> Result<Arc<AssetSpec>, ServiceError> {
         if let Some((asset, read_at)) = &self.asset
-            && read_at.elapsed() < LOOK_INTERVAL
+            && read_at.elapsed() < DESCRIPTION_INTERVAL
         {
             return Ok(Arc::clone(asset));
         }
         let asset = match (self.streams.store.asset(&self.stream.asset).await, &self.asset) {
             (Ok(asset), _) => Arc::new(asset.spec.clone()),
-            // The database may be away: the view goes on without it.
+            // If the database is unavailable, the view continues with the last description.
             (Err(error), Some((asset, _))) if error.is_unavailable() => Arc::clone(asset),
             (Err(error), _) => return Err(error.into()),
         };
@@ -243,11 +245,11 @@ impl Feeding {
         Ok(asset)
     }
 
-    /// Says for how long no samples came.
+    /// Updates the time without samples.
     fn wait(&self) {
-        let waited = match self.heard_at {
-            Some(heard_at) => heard_at.elapsed(),
-            // Not since somebody watches: by the time of the last one.
+        let waited = match self.last_sample_at {
+            Some(last_sample_at) => last_sample_at.elapsed(),
+            // None since the first viewer: by the time of the last sample.
             None => self.since_last_sample().unwrap_or_default(),
         };
         let waiting_s = (waited >= WAITING_AFTER).then_some(waited.as_secs());
@@ -261,9 +263,9 @@ impl Feeding {
         Duration::try_from(self.streams.clock.now().duration_since(self.shown_time?)).ok()
     }
 
-    /// Holds no samples any more.
+    /// Releases the samples in memory.
     async fn forget(self) {
         let stream = self.stream;
-        let _ = blocking("look at a stream", move || stream.forget_latest()).await;
+        let _ = blocking("release the samples of a stream", move || stream.forget_latest()).await;
     }
 }

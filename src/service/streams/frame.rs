@@ -1,4 +1,4 @@
-//! What is shown of a stream at one moment: its last samples, their spectrum and their level.
+//! A frame of a live view: the last samples of a stream, their spectrum and their level.
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -9,49 +9,49 @@ use crate::recording::stream::StreamFormat;
 use crate::service::workers::with_analyzer;
 use crate::signal::{OperatingPoint, Record, reduction};
 
-/// Seconds of samples that a spectrum is made of, and the fewest and most samples of a channel.
+/// Seconds of samples for a spectrum, and the minimum and maximum number of samples of a channel.
 const SPECTRUM_S: f64 = 1.0;
 const SPECTRUM_FRAMES: std::ops::RangeInclusive<u64> = 256..=32_768;
 
-/// Samples of all channels that one frame is made of.
+/// Maximum number of samples of all channels for one frame.
 const MAX_SAMPLES: u64 = 1 << 19;
 
-/// The part of them that the scope shows, from the end.
+/// The scope shows the last one in this many parts of the samples.
 const SCOPE_PART: usize = 4;
 
-/// Points of all scopes and of all spectra of a frame, and those of one channel.
+/// Maximum number of points of all scopes and of all spectra of a frame, and the ranges for one channel.
 const ALL_POINTS: usize = 8000;
 const SCOPE_POINTS: std::ops::RangeInclusive<usize> = 32..=600;
 const SPECTRUM_POINTS: std::ops::RangeInclusive<usize> = 32..=1000;
 
-/// A stream at one moment.
+/// A frame of a live view.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct LiveFrame {
     /// Index after the last sample.
     pub next: u64,
     /// Time of the last sample.
     pub time: Option<Timestamp>,
-    /// Samples of each channel that spectrum and level are of, up to the last one.
+    /// Number of samples of each channel, up to the last one, used for spectrum and level.
     pub samples: u64,
     /// Sampling rate in hertz.
     pub sample_rate_hz: f64,
-    /// Unit of the samples; `1` where it is not known.
+    /// Unit of the samples; `1` if unknown.
     pub unit: String,
-    /// Distance of the spectrum's bins in hertz; none where there are too few samples.
+    /// Spacing of the spectrum's bins in hertz; null if there are too few samples.
     pub resolution_hz: Option<f64>,
-    /// Samples of each channel that the scope shows, up to the last one.
+    /// Number of samples of each channel, up to the last one, shown by the scope.
     pub scope_samples: u64,
-    /// Speed of the mesh's driving shaft, where it is known.
+    /// Rotational frequency of the mesh's driving shaft in hertz, if known.
     pub shaft_speed_hz: Option<f64>,
-    /// Who says it.
+    /// The source of the shaft speed.
     pub shaft_speed_source: Option<LiveSpeedSource>,
-    /// Mesh frequency at that speed.
+    /// Mesh frequency at that speed in hertz.
     pub mesh_frequency_hz: Option<f64>,
-    /// The channels in their order.
+    /// The channels in order.
     pub channels: Vec<LiveChannel>,
 }
 
-/// Who says how fast the shaft turns.
+/// The source of a shaft speed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LiveSpeedSource {
@@ -61,35 +61,35 @@ pub enum LiveSpeedSource {
     Asset,
 }
 
-/// One channel of a stream at one moment.
+/// One channel of a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct LiveChannel {
     /// Its name.
     pub name: String,
-    /// Root mean square, with the mean in it; null where no sample is a number.
+    /// Root mean square including the mean; null if no sample is a number.
     pub rms: f32,
-    /// Greatest magnitude.
+    /// Largest magnitude.
     pub peak: f32,
-    /// Samples that are no number. With any of them there is no spectrum.
+    /// Number of samples that are not a number. If there are any, there is no spectrum.
     pub invalid_samples: u64,
-    /// Which samples of the scope are drawn, from 0 on: the lowest and the highest of each stretch.
+    /// Indices, from 0, of the scope samples to draw: the minimum and the maximum of each interval.
     pub scope_index: Vec<u32>,
     /// Their values.
     pub scope: Vec<f32>,
-    /// Which bins of the spectrum are drawn: the greatest of each stretch. Bin k is at k × `resolution_hz`.
+    /// Indices of the spectrum bins to draw: the maximum of each interval. Bin k is at k × `resolution_hz`.
     pub bin: Vec<u32>,
-    /// Their peak amplitudes under a Hann window, the mean removed.
+    /// Their peak amplitudes with a Hann window, mean removed.
     pub amplitude: Vec<f32>,
 }
 
-/// The samples of each channel that a frame of a stream is made of.
+/// The number of samples of each channel for a frame of a stream.
 pub(super) fn frames_of(format: &StreamFormat) -> u64 {
     let most = (MAX_SAMPLES / format.channels().max(1) as u64).max(1);
     format.frames_in(SPECTRUM_S).clamp(*SPECTRUM_FRAMES.start(), *SPECTRUM_FRAMES.end()).min(most)
 }
 
-/// What a frame is made of.
-pub(super) struct Latest {
+/// The input of a frame.
+pub(super) struct LatestSamples {
     pub(super) format: StreamFormat,
     pub(super) first: u64,
     pub(super) bytes: Bytes,
@@ -97,7 +97,7 @@ pub(super) struct Latest {
     pub(super) operating_point: OperatingPoint,
 }
 
-impl Latest {
+impl LatestSamples {
     /// Index after the last sample.
     pub(super) fn end(&self) -> u64 {
         self.first + (self.bytes.len() / self.format.frame_bytes()) as u64
@@ -164,7 +164,7 @@ impl Latest {
             frame.unit.as_str(),
             values,
         );
-        // Not where a sample is no number.
+        // Fails if a sample is not a number.
         if let Ok(record) = record {
             let spectrum = with_analyzer(samples, |analyzer| analyzer.amplitude_spectrum(&record));
             frame.resolution_hz = Some(spectrum.resolution_hz);
@@ -175,7 +175,7 @@ impl Latest {
         channel
     }
 
-    /// The speed of the shaft that drives the mesh.
+    /// The speed of the shaft that drives the mesh, and its source.
     fn speed(&self, asset: &AssetSpec) -> (Option<f64>, Option<LiveSpeedSource>) {
         let turns = asset.gear.as_ref().map_or(1.0, |gear| gear.driving_shaft_turns());
         let nominal_hz = asset.mesh_context().nominal_shaft_speed_hz;
@@ -187,7 +187,7 @@ impl Latest {
     }
 }
 
-/// Four significant digits: more are not seen, and cost their way over the network.
+/// Rounds to four significant digits: more are not visible and cost bandwidth.
 fn rounded(value: f64) -> f32 {
     if value == 0.0 || !value.is_finite() {
         return value as f32;
@@ -206,8 +206,8 @@ mod tests {
         AssetSpec::from_toml(text).unwrap()
     }
 
-    fn latest(channels: u32, values: impl IntoIterator<Item = f32>) -> Latest {
-        Latest {
+    fn latest(channels: u32, values: impl IntoIterator<Item = f32>) -> LatestSamples {
+        LatestSamples {
             format: StreamFormat::new(RawSample::F32, 20_000.0, channels, None).unwrap(),
             first: 100,
             bytes: values.into_iter().flat_map(f32::to_le_bytes).collect(),
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_that_is_no_number_and_too_few_of_them_cost_the_spectrum_only() {
+    fn nan_samples_and_short_frames_omit_only_the_spectrum() {
         let mut values: Vec<f32> = (0..1000).map(|n| sine(n, 500.0, 1.0)).collect();
         values[900] = f32::NAN;
         let frame = latest(1, values).frame(&asset());
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn the_senders_speed_goes_before_that_of_the_description() {
+    fn the_speed_of_the_sender_takes_precedence() {
         let mut latest = latest(1, [0.0; 256]);
         latest.operating_point.shaft_speed_hz = Some(12.5);
         let frame = latest.frame(&asset());
@@ -265,13 +265,13 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_is_bounded_whatever_the_stream() {
+    fn the_size_of_a_frame_is_bounded() {
         for (rate_hz, channels) in [(1.0, 1), (1e7, 1), (51_200.0, 256), (1e6, 64)] {
             let format = StreamFormat::new(RawSample::F32, rate_hz, channels, None).unwrap();
             let frames = frames_of(&format);
             assert!(frames * u64::from(channels) <= MAX_SAMPLES && frames >= 256, "{frames}");
             let values = (0..frames * u64::from(channels)).map(|n| (n % 977) as f32);
-            let latest = Latest { format, ..latest(1, values) };
+            let latest = LatestSamples { format, ..latest(1, values) };
             let text = serde_json::to_string(&latest.frame(&asset())).unwrap();
             assert!(text.len() < 400_000, "{channels}: {}", text.len());
         }

@@ -1,4 +1,4 @@
-//! One stream in memory: who sends it, and its records on their way into the pipeline.
+//! One stream in memory: its sender, its viewers, and its pending records.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use tokio::sync::watch;
 
 use super::feed::LiveFeed;
-use super::frame::{Latest, frames_of};
+use super::frame::{LatestSamples, frames_of};
 use super::state::PendingCut;
 use super::stored::StoredStream;
 use crate::asset::AssetId;
@@ -20,17 +20,17 @@ pub(crate) struct LiveStream {
     pub(crate) asset: AssetId,
     pub(crate) name: String,
     pub(crate) folder: PathBuf,
-    /// None until it is read, and after its files could not be written: then it is read again.
+    /// `None` until it is read, and after a failed write: it is then read again.
     stored: Mutex<Option<StoredStream>>,
-    /// The number of the connection that sends it; 0 where none has or its asset is gone.
+    /// The number of the connection that sends it; 0 before the first one.
     owner: watch::Sender<u64>,
-    /// Records that are still to be made.
+    /// Number of pending records.
     pending: watch::Sender<usize>,
-    /// Index after the last sample; None where it was not read yet or there is none.
+    /// Index after the last sample; `None` if the stream is not read yet or has no sample.
     next: watch::Sender<Option<u64>>,
     pub(super) feed: LiveFeed,
     is_cutting: AtomicBool,
-    /// Nothing is written any more: another process may go on with it.
+    /// Whether writing has stopped, because another process may take over.
     is_closed: AtomicBool,
 }
 
@@ -50,13 +50,13 @@ impl LiveStream {
         }
     }
 
-    /// The stream is sent by another connection from now on; returns its number.
+    /// Makes another connection the sender; returns its number.
     pub(super) fn take_over(&self) -> u64 {
         self.owner.send_modify(|owner| *owner += 1);
         *self.owner.borrow()
     }
 
-    /// Tells when another connection has taken over.
+    /// Follows the number of the sending connection.
     pub(super) fn follow_owner(&self) -> watch::Receiver<u64> {
         self.owner.subscribe()
     }
@@ -69,18 +69,18 @@ impl LiveStream {
         self.pending.subscribe()
     }
 
-    /// Tells how far the samples are.
+    /// Follows the index after the last sample.
     pub(super) fn follow_next(&self) -> watch::Receiver<Option<u64>> {
         self.next.subscribe()
     }
 
-    /// The latest samples, which are held in memory from now on.
-    pub(super) fn latest(&self) -> Result<Latest, ServiceError> {
+    /// The latest samples, which stay in memory from now on.
+    pub(super) fn latest(&self) -> Result<LatestSamples, ServiceError> {
         self.with_stored(|stored| {
             let (first, bytes) = stored.recent(frames_of(&stored.state().format))?;
             let state = stored.state();
             let end = first + (bytes.len() / state.format.frame_bytes()) as u64;
-            Ok(Latest {
+            Ok(LatestSamples {
                 format: state.format.clone(),
                 first,
                 bytes,
@@ -90,7 +90,7 @@ impl LiveStream {
         })
     }
 
-    /// Nobody watches any more.
+    /// Releases the samples in memory.
     pub(super) fn forget_latest(&self) {
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(stored) = stored.as_mut() {
@@ -98,8 +98,8 @@ impl LiveStream {
         }
     }
 
-    /// Works on what is stored, which is read where it is not yet, on the thread that asks. Where files
-    /// cannot be written it is read again the next time: nothing in memory is ahead of the disk.
+    /// Runs `work` on the stored stream, which is read first if necessary. Blocks. After a failed write the
+    /// stream is read again the next time, so that memory is never ahead of the disk.
     pub(super) fn with<T>(
         &self,
         work: impl FnOnce(&mut Option<StoredStream>) -> Result<T, ServiceError>,
@@ -122,7 +122,7 @@ impl LiveStream {
         done
     }
 
-    /// The same of a stream that is there.
+    /// Runs `work` on the stored stream; returns an error if it does not exist.
     pub(super) fn with_stored<T>(
         &self,
         work: impl FnOnce(&mut StoredStream) -> Result<T, ServiceError>,
@@ -137,14 +137,14 @@ impl LiveStream {
         ServiceError::StreamUnknown { asset: self.asset.clone(), name: self.name.clone() }
     }
 
-    /// Waits for what is being written, and writes nothing after it.
+    /// Waits for a running write, and allows no further one.
     pub(super) fn close(&self) {
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         self.is_closed.store(true, Ordering::SeqCst);
         *stored = None;
     }
 
-    /// Removes everything that is kept of it.
+    /// Removes the stream from memory and disk.
     pub(super) fn remove(&self) -> Result<(), ServiceError> {
         self.take_over();
         self.feed.end();
@@ -159,7 +159,7 @@ impl LiveStream {
         }
     }
 
-    /// Whether the caller is the one to make its records now.
+    /// Whether there are pending records and the caller becomes the one to store them.
     pub(super) fn begin_cutting(&self) -> bool {
         *self.pending.borrow() > 0 && !self.is_cutting.swap(true, Ordering::SeqCst)
     }
@@ -168,15 +168,19 @@ impl LiveStream {
         self.is_cutting.store(false, Ordering::SeqCst);
     }
 
-    /// The next record that is to be made, with its bytes; none where there is none.
+    /// The next pending record with its bytes; `None` if there is none.
     pub(super) fn next_cut(&self) -> Result<Option<CutRecord>, ServiceError> {
         self.with_stored(|stored| {
             let state = stored.state();
             let Some(pending) = state.pending.front().cloned() else { return Ok(None) };
             let Some(bytes) = stored.bytes_of(pending.cut)? else {
                 let (first, frames) = (pending.cut.first, pending.cut.frames);
-                tracing::error!(first, frames, "samples of a stream that were to become a record are gone");
-                stored.done(first, true)?;
+                tracing::error!(
+                    first,
+                    frames,
+                    "skipped a record of a stream: its samples are missing in the journal"
+                );
+                stored.finish_record(first, true)?;
                 return Err(RecordingError::NoBytes.into());
             };
             let tachometer = stored.state().tachometer_of(pending.cut);
@@ -186,7 +190,7 @@ impl LiveStream {
     }
 }
 
-/// A record on its way into the pipeline.
+/// A record to be sent through the pipeline.
 pub(super) struct CutRecord {
     pub(super) pending: PendingCut,
     pub(super) format: crate::recording::stream::StreamFormat,

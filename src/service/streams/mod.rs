@@ -1,8 +1,8 @@
-//! Live streams: samples that come without end, kept in a journal on the disk until records are cut out of
-//! them, which go the way of all records.
+//! Live streams: continuous samples, stored in a journal on the disk until records are cut out of them and
+//! sent through the pipeline.
 //!
-//! What is answered as kept is on the disk. A process that is killed goes on with the journal at its next
-//! start: a record that was cut is the same record then, with the same identifier, and is stored once.
+//! Acknowledged samples are durable. After a crash the next start continues with the journal: a record that
+//! was cut is the same record then, with the same identifier, and is stored once.
 
 mod campaigns;
 mod capture;
@@ -45,10 +45,10 @@ use stored::{StoredStream, folder_of};
 pub use stored::{StreamGap, StreamProgress};
 pub(crate) use tachometer::Pulses;
 
-/// Streams of one asset.
+/// Maximum number of streams of one asset.
 const MAX_OF_ASSET: usize = 16;
 
-/// Records of a stream that wait for the pipeline; the sender waits beyond that.
+/// Number of records of a stream waiting for the pipeline from which on the sender has to wait.
 const MAX_PENDING: usize = 4;
 
 /// The live streams of a service.
@@ -57,41 +57,42 @@ pub struct Streams {
     workers: Arc<Workers>,
     pipeline: Arc<Pipeline>,
     clock: Arc<dyn Clock>,
-    /// None where processes share a store: a journal is in the folder of one.
+    /// `None` on a shared store, because a journal is in the folder of one process.
     folder: Option<PathBuf>,
     events: Announcer,
     all: Mutex<HashMap<(AssetId, String), Arc<LiveStream>>>,
     is_over: watch::Sender<bool>,
 }
 
-/// How a stream stands.
+/// The status of a stream.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StreamStatus {
     /// Its name.
     pub name: String,
-    /// How its samples are written.
+    /// The format of its samples.
     pub format: StreamFormat,
-    /// Index after the last sample that is kept.
+    /// Index after the last stored sample.
     pub next: Option<u64>,
-    /// The time that this index is of.
+    /// The time of this index.
     pub next_time: Option<Timestamp>,
-    /// By how much samples come faster than the rate says, in parts per million.
+    /// Deviation of the actual from the nominal sampling rate in parts per million; positive if samples
+    /// arrive faster.
     pub drift_ppm: Option<f64>,
-    /// How often the sender's clock jumped.
+    /// Number of jumps of the sender's clock.
     pub clock_jumps: u64,
-    /// Gaps, and the samples that are missing in them.
+    /// Number of gaps.
     pub gaps: u64,
-    /// Samples of each channel that are missing.
+    /// Samples of each channel that are missing in the gaps.
     pub gap_samples: u64,
-    /// Times at which samples became records.
+    /// Number of cuts stored as records; the records of all channels count as one.
     pub records: u64,
-    /// The same of records that were refused.
+    /// Number of cuts whose records were refused.
     pub records_refused: u64,
-    /// Records that are still to be stored.
+    /// Number of cuts that are not stored yet.
     pub records_waiting: u64,
-    /// Bytes of samples on the disk.
+    /// Bytes of the journal on the disk.
     pub journal_bytes: u64,
-    /// The measuring campaign that runs, or else the last one.
+    /// The running measuring campaign, or else the last one.
     pub campaign: Option<CampaignStatus>,
 }
 
@@ -109,11 +110,11 @@ impl Streams {
         Arc::new(Self { store, workers, pipeline, clock, folder, events, all: Mutex::default(), is_over })
     }
 
-    /// Begins to send a stream, or goes on with it. Whoever sent it before is told that it does no more.
-    /// `first` is the index that a new stream begins with, that of its first sample where not given.
+    /// Opens a stream for sending, a new one or an existing one. A previous sender is notified that it has
+    /// been replaced. `first` is the index at which a new stream starts; by default that of its first sample.
     ///
     /// Errors: the asset has no sensor of its own; the stream has another format; a record of it would be too
-    /// large; there are too many.
+    /// large; the asset has too many streams.
     pub async fn open(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -129,7 +130,7 @@ impl Streams {
         let (next, owner) = blocking("open a stream", move || {
             opened.with(|stored| {
                 if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
-                    // That of an asset of the same name that is gone.
+                    // The stream of a deleted asset of the same name.
                     *stored = None;
                     remove_folder(&opened.folder)?;
                 }
@@ -148,7 +149,7 @@ impl Streams {
                         name: opened.name.clone(),
                     });
                 }
-                stored.begin_again();
+                stored.drop_waiting_chunks();
                 Ok((stored.state().next, opened.take_over()))
             })
         })
@@ -158,7 +159,7 @@ impl Streams {
         Ok(StreamSender { streams: Arc::clone(self), stream, owner, cutting, format, next, pending })
     }
 
-    /// How the streams of an asset stand, by their names.
+    /// The status of each stream of an asset, sorted by name.
     pub async fn list(&self, asset: &AssetId) -> Result<Vec<StreamStatus>, ServiceError> {
         self.store.asset(asset).await?;
         let streams = self.of_asset(asset);
@@ -170,17 +171,17 @@ impl Streams {
             known.sort_by(|one, other| one.name.cmp(&other.name));
             known
         };
-        blocking("look at streams", list).await
+        blocking("read the status of streams", list).await
     }
 
-    /// How a stream stands.
+    /// The status of a stream.
     ///
     /// Error: [`ServiceError::StreamUnknown`].
     pub async fn status(&self, asset: &AssetId, name: &str) -> Result<StreamStatus, ServiceError> {
         self.of_stream(asset, name, |stream, stored| Ok(status(stream, stored))).await
     }
 
-    /// Levels of a stream's seconds from one time to another.
+    /// The levels of each second of a stream from one time to another.
     ///
     /// Error: [`ServiceError::StreamUnknown`].
     pub async fn levels(
@@ -193,9 +194,9 @@ impl Streams {
         self.of_stream(asset, name, move |_, stored| stored.levels(from_ns, to_ns)).await
     }
 
-    /// Makes a record of the last seconds of a stream; returns when it begins and how many samples it has.
+    /// Makes a record of the last seconds of a stream; returns its start time and its number of samples.
     ///
-    /// Errors: [`ServiceError::StreamUnknown`]; there is no sample.
+    /// Errors: [`ServiceError::StreamUnknown`], also if the stream has no sample.
     pub async fn keep_last(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -203,12 +204,15 @@ impl Streams {
         seconds: f64,
     ) -> Result<(Timestamp, u64), ServiceError> {
         let kept = self.of_stream(asset, name, move |stream, stored| {
-            // As long as a record that is cut may be.
+            // The same limit as for other records that are cut.
             let format = stored.state().format.clone();
             let most = CutPolicy::new(seconds, seconds, format.sample_rate_hz())?.record_frames();
             check_bytes(most, &format)?;
             if stored.state().pending.len() >= MAX_PENDING {
-                return Err(ServiceError::Busy { what: "records of the stream wait", retry_after_s: 5 });
+                return Err(ServiceError::Busy {
+                    what: "too many records of the stream are waiting to be stored",
+                    retry_after_s: 5,
+                });
             }
             stored.keep_last(most)?.ok_or_else(|| stream.unknown())
         });
@@ -217,7 +221,7 @@ impl Streams {
         Ok((kept.start_time, kept.cut.frames))
     }
 
-    /// Removes the streams of an asset that is gone.
+    /// Removes the streams of a deleted asset.
     pub async fn remove(&self, asset: &AssetId) -> Result<(), ServiceError> {
         let gone: Vec<Arc<LiveStream>> = {
             let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
@@ -226,12 +230,12 @@ impl Streams {
         blocking("remove streams", move || gone.iter().try_for_each(|stream| stream.remove())).await?
     }
 
-    /// Ends all connections that send, for the end of the service.
+    /// Ends the connections of all senders, at the end of the service.
     pub fn stop(&self) {
         self.is_over.send_replace(true);
     }
 
-    /// Writes nothing any more, before another process goes on with the data folder.
+    /// Stops all writes, before another process takes over the data folder.
     pub async fn close(&self) {
         self.stop();
         let all: Vec<Arc<LiveStream>> = {
@@ -241,16 +245,16 @@ impl Streams {
         if let Err(error) =
             blocking("close streams", move || all.iter().for_each(|stream| stream.close())).await
         {
-            tracing::error!(%error, "failed to close the streams");
+            tracing::error!(%error, "failed to close the live streams");
         }
     }
 
-    /// Tells when the service ends.
+    /// Becomes true when the service ends.
     pub fn follow_end(&self) -> watch::Receiver<bool> {
         self.is_over.subscribe()
     }
 
-    /// Goes on with what the process before left.
+    /// Resumes the streams that the previous process left.
     pub(crate) async fn resume(self: &Arc<Self>) -> Result<(), ServiceError> {
         let Some(folder) = self.folder.clone() else { return Ok(()) };
         self.follow_alarms_in_background();
@@ -269,7 +273,7 @@ impl Streams {
                         return Ok(false);
                     }
                     if let Ok(cutting) = Cutting::of(&described.spec, &stored.state().format) {
-                        stored.plan(&cutting)?;
+                        stored.plan_records(&cutting)?;
                     }
                     Ok(true)
                 })
@@ -277,7 +281,7 @@ impl Streams {
             match is_there.await? {
                 Ok(true) => self.cut_in_background(&stream),
                 Ok(false) => {}
-                Err(error) => tracing::error!(%asset, name, %error, "failed to go on with a stream"),
+                Err(error) => tracing::error!(%asset, name, %error, "failed to resume a stream"),
             }
         }
         Ok(())
@@ -296,10 +300,10 @@ impl Streams {
     ) -> Result<T, ServiceError> {
         self.store.asset(asset).await?;
         let stream = self.find(asset, name, false)?;
-        blocking("look at a stream", move || stream.with_stored(|stored| work(&stream, stored))).await?
+        blocking("access a stream", move || stream.with_stored(|stored| work(&stream, stored))).await?
     }
 
-    /// A stream; where it is to be made it need not be there.
+    /// Finds a stream; creates it in memory if `is_made`.
     fn find(&self, asset: &AssetId, name: &str, is_made: bool) -> Result<Arc<LiveStream>, ServiceError> {
         let folder = self.folder.as_deref().ok_or(ServiceError::StreamsShared)?;
         let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
@@ -311,7 +315,7 @@ impl Streams {
             return Err(ServiceError::StreamUnknown { asset: asset.clone(), name: name.to_owned() });
         }
         if all.keys().filter(|(of, _)| of == asset).count() >= MAX_OF_ASSET {
-            let expected = "one of the 16 streams that the asset has";
+            let expected = "one of the asset's existing streams, which are at the maximum of 16";
             return Err(ServiceError::Field { field: "name", value: name.to_owned(), expected });
         }
         let folder = folder_of(folder, asset.as_str(), name);
@@ -340,12 +344,12 @@ fn status(stream: &LiveStream, stored: &StoredStream) -> StreamStatus {
     }
 }
 
-/// A name is part of a path.
+/// Checks a stream name, which is part of a path.
 fn check_name(name: &str) -> Result<(), ServiceError> {
     AssetId::new(name).map(|_| ()).map_err(|_| ServiceError::Field {
         field: "name",
         value: format!("{:?}", name.chars().take(64).collect::<String>()),
-        expected: "1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit",
+        expected: "1 to 64 characters of a-z, 0-9, - and _, starting with a letter or digit",
     })
 }
 

@@ -1,4 +1,4 @@
-//! What is kept of streams when an alarm is raised.
+//! Captures of stream samples around an alarm when it is raised.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -16,15 +16,16 @@ use crate::service::events::LiveEvent;
 use crate::service::workers::blocking;
 use crate::store::AlarmNotice;
 
-/// An alarm that is raised by a record this much older than the stream says nothing of what comes now.
-const OLD: SignedDuration = SignedDuration::from_hours(1);
+/// Maximum age, relative to the stream, of the record that raised an alarm: an older one is unrelated to the
+/// current samples.
+const MAX_ALARM_AGE: SignedDuration = SignedDuration::from_hours(1);
 
-/// Severities that alarms were raised with, to tell what is worse than before.
+/// The severities of raised alarms, to detect increases.
 #[derive(Debug, Default)]
-struct Raised(HashMap<String, Severity>);
+struct RaisedSeverities(HashMap<String, Severity>);
 
-impl Raised {
-    /// Whether an alarm is raised by this, or got worse.
+impl RaisedSeverities {
+    /// Whether a notice raises an alarm or increases its severity.
     fn is_news(&mut self, notice: &AlarmNotice) -> bool {
         let Some(severity) = notice.change.severity else {
             self.0.remove(&notice.alarm.id);
@@ -38,12 +39,12 @@ impl Raised {
 }
 
 impl Streams {
-    /// Follows alarms for as long as the service is there.
+    /// Follows alarms in the background for as long as the service exists.
     pub(super) fn follow_alarms_in_background(self: &Arc<Self>) {
         let (mut events, mut over) = (self.events.follow(), self.follow_end());
         let streams = Arc::downgrade(self);
         tokio::spawn(async move {
-            let mut raised = Raised::default();
+            let mut raised = RaisedSeverities::default();
             loop {
                 let event = tokio::select! {
                     _ = over.wait_for(|over| *over) => return,
@@ -56,17 +57,17 @@ impl Streams {
                 };
                 let Some(streams) = streams.upgrade() else { return };
                 if raised.is_news(&notice)
-                    && let Err(error) = streams.keep_around_alarm(&notice.alarm.asset_id, &notice).await
+                    && let Err(error) = streams.capture_around_alarm(&notice.alarm.asset_id, &notice).await
                 {
                     let asset = &notice.alarm.asset_id;
-                    tracing::warn!(%asset, %error, "failed to keep what is around an alarm");
+                    tracing::warn!(%asset, %error, "failed to capture samples around an alarm");
                 }
             }
         });
     }
 
-    /// Keeps what is around an alarm of every stream of its asset.
-    async fn keep_around_alarm(
+    /// Captures the samples around an alarm in every stream of its asset.
+    async fn capture_around_alarm(
         self: &Arc<Self>,
         asset: &AssetId,
         notice: &AlarmNotice,
@@ -81,19 +82,19 @@ impl Streams {
         }
         let raised_at = notice.change.time;
         for stream in streams {
-            let (keeper, spec) = (Arc::clone(&stream), Arc::clone(&spec));
-            let keep = move |stored: &mut StoredStream| {
+            let (capturing, spec) = (Arc::clone(&stream), Arc::clone(&spec));
+            let capture = move |stored: &mut StoredStream| {
                 let state = stored.state();
                 let time = state.next.and_then(|next| state.time(next));
-                if time.is_none_or(|time| time.duration_since(raised_at) > OLD) {
+                if time.is_none_or(|time| time.duration_since(raised_at) > MAX_ALARM_AGE) {
                     return Ok(false);
                 }
                 let cutting = Cutting::of(&spec, &state.format)?;
-                stored.keep_around_alarm(&cutting)
+                stored.capture_around_alarm(&cutting)
             };
-            match blocking("keep what is around an alarm", move || keeper.with_stored(keep)).await? {
+            match blocking("capture samples around an alarm", move || capturing.with_stored(capture)).await? {
                 Ok(true) => self.cut_in_background(&stream),
-                // One of an asset of that name that is gone, too.
+                // Also the stream of a deleted asset of the same name.
                 Ok(false) | Err(ServiceError::StreamUnknown { .. }) => {}
                 Err(error) => return Err(error),
             }

@@ -1,14 +1,14 @@
-//! The latest samples of a stream in memory, while somebody watches it.
+//! The latest samples of a stream, kept in memory while there are viewers.
 
 use std::collections::VecDeque;
 
 use bytes::Bytes;
 
-/// The last frames without a gap, as bytes.
+/// The last contiguous frames, as bytes.
 #[derive(Debug)]
 pub(super) struct Recent {
     frame_bytes: usize,
-    /// Bytes that are held at most.
+    /// Maximum number of bytes.
     most: usize,
     /// Index after the last frame.
     end: u64,
@@ -21,7 +21,7 @@ impl Recent {
         Self { frame_bytes, most, end: 0, bytes: VecDeque::new() }
     }
 
-    /// Takes what follows; what was before a gap is forgotten.
+    /// Appends frames; drops the frames before a gap.
     pub(super) fn push(&mut self, first: u64, bytes: &[u8]) {
         if first != self.end {
             self.bytes.clear();
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_frames_without_a_gap_are_held_whatever_the_pieces() {
+    fn the_last_contiguous_frames_are_kept() {
         let all: Vec<u8> = (0..200).collect();
         for piece in [2, 6, 30, 120, 200] {
             let mut recent = Recent::new(2, 20);

@@ -1,4 +1,4 @@
-//! What one connection does with the stream that it sends.
+//! The sender's side of a stream: one connection that sends samples.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::service::error::ServiceError;
 use crate::service::workers::blocking;
 use crate::signal::OperatingPoint;
 
-/// A stream that one connection sends.
+/// A stream opened for sending by one connection.
 pub struct StreamSender {
     pub(super) streams: Arc<Streams>,
     pub(super) stream: Arc<LiveStream>,
@@ -26,17 +26,17 @@ pub struct StreamSender {
 }
 
 impl StreamSender {
-    /// Index of the sample that is to come next; none where the stream begins with whatever comes.
+    /// Index of the next expected sample; `None` if the stream starts with any sample.
     pub fn next(&self) -> Option<u64> {
         self.next
     }
 
-    /// How its samples are written.
+    /// The format of its samples.
     pub fn format(&self) -> &StreamFormat {
         &self.format
     }
 
-    /// The chunk of samples that are received now, the last of them just measured.
+    /// Creates a chunk of samples received now, assuming that the last one was measured just now.
     pub fn received_now(&self, first: u64, bytes: bytes::Bytes) -> Chunk {
         let frames = (bytes.len() / self.format.frame_bytes()) as f64;
         let length_ns = (frames / self.format.sample_rate_hz() * 1e9) as i128;
@@ -44,15 +44,16 @@ impl StreamSender {
         Chunk { first, time_ns: i64::try_from(time_ns).ok(), bytes }
     }
 
-    /// Takes chunks; answers once they are on the disk. While records of the stream wait for the pipeline it
-    /// waits too, which slows the sender.
+    /// Stores chunks; returns once they are durable. Waits while too many records of the stream wait for the
+    /// pipeline, which slows down the sender.
     ///
-    /// Errors: [`ServiceError::StreamTaken`]; a chunk that cannot be used, those before it are taken.
+    /// Errors: [`ServiceError::StreamTaken`]; an invalid chunk, in which case the chunks before it are
+    /// stored.
     pub async fn take(&mut self, chunks: Vec<Chunk>) -> Result<StreamProgress, ServiceError> {
         let (mut owner, mut over) = (self.stream.follow_owner(), self.streams.follow_end());
         let mine = self.owner;
         tokio::select! {
-            // Its end is the service's, too.
+            // It also ends with the service.
             _ = self.pending.wait_for(|pending| *pending < MAX_PENDING) => {}
             _ = owner.wait_for(|owner| *owner != mine) => {}
             _ = over.wait_for(|over| *over) => {}
@@ -61,7 +62,7 @@ impl StreamSender {
         self.write(move |stored| stored.take(chunks, &cutting)).await
     }
 
-    /// Takes that nothing before an index comes any more.
+    /// Declares that no more samples before an index will arrive.
     ///
     /// Errors: as those of [`take`](Self::take).
     pub async fn give_up_before(&mut self, index: u64) -> Result<StreamProgress, ServiceError> {
@@ -69,7 +70,7 @@ impl StreamSender {
         self.write(move |stored| stored.give_up_before(index, &cutting)).await
     }
 
-    /// Takes what the machine does from now on.
+    /// Sets the operating point of the machine from now on.
     ///
     /// Errors: as those of [`take`](Self::take).
     pub async fn set_operating_point(&mut self, point: OperatingPoint) -> Result<(), ServiceError> {
@@ -77,22 +78,22 @@ impl StreamSender {
         self.write(move |stored| stored.set_operating_point(point, &cutting)).await
     }
 
-    /// Takes pulses of the tachometer among samples to come; those among samples that have come are dropped.
+    /// Stores tachometer pulses among future samples; pulses among samples already received are dropped.
     ///
     /// Errors: as those of [`take`](Self::take).
     pub(crate) async fn take_pulses(&mut self, pulses: Pulses) -> Result<(), ServiceError> {
         self.write(move |stored| stored.take_pulses(pulses)).await
     }
 
-    /// Waits until another connection sends the stream, or its asset is gone.
+    /// Waits until another connection takes over the stream, or its asset is deleted.
     pub async fn taken_over(&self) {
         let mine = self.owner;
         let _ = self.stream.follow_owner().wait_for(|owner| *owner != mine).await;
     }
 
-    /// Cuts as the asset's description says now.
+    /// Updates the cutting of records to the asset's current description.
     ///
-    /// Error: the asset is gone.
+    /// Error: the asset is deleted.
     pub async fn refresh(&mut self) -> Result<(), ServiceError> {
         let described = self.streams.store.asset(&self.stream.asset).await?;
         if let Ok(cutting) = Cutting::of(&described.spec, &self.format) {
@@ -108,7 +109,7 @@ impl StreamSender {
         let (stream, owner) = (Arc::clone(&self.stream), self.owner);
         let write = move || {
             stream.with_stored(|stored| {
-                // Looked at under the lock: who took over begins with what is kept then.
+                // Checked under the lock: a new sender starts with the samples stored at that time.
                 if !stream.is_owner(owner) {
                     return Err(ServiceError::StreamTaken);
                 }

@@ -1,4 +1,4 @@
-//! What follows from the entries of a stream's journal.
+//! The state of a stream, derived from the entries of its journal.
 
 use std::collections::VecDeque;
 
@@ -14,14 +14,14 @@ use crate::recording::stream::{LevelMeter, StreamClock, StreamCut, StreamCutter,
 use crate::signal::{OperatingPoint, Tachometer};
 use crate::store::{JournalEntry, TimedLevel};
 
-/// Seconds of samples that stay in the journal when records are cut, and the most bytes of them.
+/// Seconds of samples that stay in the journal after records are cut, and their maximum number of bytes.
 const KEPT_S: f64 = 60.0;
 const MAX_KEPT_BYTES: u64 = 256 << 20;
 
-/// What follows from everything that came so far.
+/// The state after all entries so far.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct StreamState {
-    /// Tells an asset from a later one of the same name.
+    /// Distinguishes an asset from a later one of the same name.
     pub(crate) asset_created_at: Timestamp,
     pub(crate) format: StreamFormat,
     pub(crate) next: Option<u64>,
@@ -40,15 +40,15 @@ pub(crate) struct StreamState {
     pub(super) steadiness: Steadiness,
     #[serde(default)]
     pub(super) capture: Option<Capture>,
-    /// Index after the last sample of the captures before.
+    /// Index after the last sample of the previous captures.
     #[serde(default)]
     captured_to: u64,
     #[serde(default)]
     pub(crate) campaign: Option<Campaign>,
 }
 
-/// A record that is decided on and is not stored yet. It stays as it is, so that it is the same record
-/// however often it is begun again.
+/// A record that is planned and not stored yet. It never changes, so that each attempt to store it gives the
+/// same record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PendingCut {
     pub(crate) cut: StreamCut,
@@ -56,12 +56,12 @@ pub(crate) struct PendingCut {
     pub(crate) operating_point: OperatingPoint,
 }
 
-/// What is remembered besides samples and gaps.
+/// A journal note: an event other than samples and gaps.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Note {
     Cut(PendingCut),
-    /// A record of a steady machine; no other of its operating bin begins before `next_from`.
+    /// A record of a steady machine; the next one of its operating bin starts no earlier than `next_from`.
     SteadyCut {
         pending: PendingCut,
         bin: String,
@@ -71,19 +71,19 @@ pub(super) enum Note {
         first: u64,
         is_refused: bool,
     },
-    /// The machine is as steady as before.
+    /// The operating point changed within the bounds of a steady machine.
     OperatingPoint(OperatingPoint),
-    /// The machine does something else from here on.
+    /// The operating point changed beyond these bounds.
     Moved(OperatingPoint),
-    /// Pulses of the tachometer among samples to come.
+    /// Tachometer pulses among future samples.
     Pulses(Pulses),
-    /// All samples become records for a time.
+    /// A capture starts.
     Capture(Capture),
-    /// The same for a campaign, or another end of the one that runs.
+    /// A campaign starts, or the end of the running one changes.
     Campaign(Capture, Campaign),
-    /// A record of that time.
+    /// A record of the capture.
     Captured(PendingCut),
-    /// It ends before its time.
+    /// The capture ends early.
     CaptureEnd,
 }
 
@@ -111,16 +111,16 @@ impl StreamState {
     }
 
     pub(super) fn checkpoint(&self) -> Bytes {
-        // Plain numbers, texts and lists: it always serialises.
+        // Plain numbers, texts and lists always serialise.
         serde_json::to_vec(self).unwrap_or_default().into()
     }
 
-    /// Takes an entry of the journal; adds the seconds that are over to `levels`.
+    /// Applies an entry of the journal; appends the levels of completed seconds to `levels`.
     pub(super) fn apply(&mut self, entry: &JournalEntry, levels: &mut Vec<TimedLevel>) {
         match entry {
             JournalEntry::Checkpoint(text) => match serde_json::from_slice(text) {
                 Ok(state) => *self = state,
-                Err(error) => tracing::error!(%error, "failed to read a checkpoint of a stream"),
+                Err(error) => tracing::error!(%error, "failed to decode a checkpoint of a stream journal"),
             },
             JournalEntry::Frames { first, time_ns, bytes } => {
                 let frames = (bytes.len() / self.format.frame_bytes()) as u64;
@@ -145,7 +145,7 @@ impl StreamState {
             }
             JournalEntry::Note(text) => match serde_json::from_slice(text) {
                 Ok(note) => self.take_note(note),
-                Err(error) => tracing::error!(%error, "failed to read a note of a stream"),
+                Err(error) => tracing::error!(%error, "failed to decode a note of a stream journal"),
             },
         }
     }
@@ -154,11 +154,11 @@ impl StreamState {
         match note {
             Note::Cut(pending) => self.take_cut(pending),
             Note::SteadyCut { pending, bin, next_from } => {
-                self.steadiness.taken(bin, next_from);
+                self.steadiness.note_cut(bin, next_from);
                 self.take_cut(pending);
             }
             Note::Done { first, is_refused } => {
-                // Another record may begin with the same sample; they are stored in this order.
+                // Another record may start with the same sample; they are stored in order.
                 if let Some(done) = self.pending.iter().position(|pending| pending.cut.first == first) {
                     self.pending.remove(done);
                 }
@@ -181,7 +181,7 @@ impl StreamState {
                 self.take_cut(pending);
                 if let Some(campaign) = self.campaign_that_runs() {
                     if campaign.records == 0 {
-                        // That of its first record: the clock may be known better than in the beginning.
+                        // The time of its first record: the clock may be known better than at the start.
                         campaign.start_time = start_time;
                     }
                     campaign.records += 1;
@@ -197,7 +197,7 @@ impl StreamState {
         }
     }
 
-    /// A capture has come to an index.
+    /// Advances the capture to an index, and ends it if it is complete.
     fn captured(&mut self, index: u64) {
         let Some(capture) = &mut self.capture else { return };
         capture.from = capture.from.max(index);
@@ -228,17 +228,17 @@ impl StreamState {
         PendingCut { cut, start_time, operating_point: self.operating_point }
     }
 
-    /// The time of a sample; none before the first one.
+    /// The time of a sample; `None` before the first one.
     pub(crate) fn time(&self, index: u64) -> Option<Timestamp> {
         Timestamp::from_nanosecond(self.clock.time_ns(index)?.into()).ok()
     }
 
-    /// The pulses of a record that is decided on; they stay as they are.
+    /// The pulses of a planned record, which never change.
     pub(super) fn tachometer_of(&self, cut: StreamCut) -> Option<Tachometer> {
         self.tachometer.of(cut, self.format.sample_rate_hz())
     }
 
-    /// What the machine does, as the sender said it last.
+    /// The last operating point given by the sender.
     pub(super) fn operating_point(&self) -> OperatingPoint {
         self.operating_point
     }
@@ -248,22 +248,23 @@ impl StreamState {
         let kept_from = self.next.unwrap_or(0).saturating_sub(self.kept_frames());
         let pending = self.pending.iter().map(|pending| pending.cut.first).min();
         let captured = self.capture.map(|capture| capture.from);
-        let asked = pending.into_iter().chain(captured).min().unwrap_or(u64::MAX);
-        kept_from.min(self.cutter.needs_from()).min(asked)
+        let needed = pending.into_iter().chain(captured).min().unwrap_or(u64::MAX);
+        kept_from.min(self.cutter.needs_from()).min(needed)
     }
 
-    /// So many of the last samples are there.
+    /// The number of latest frames that stay in the journal.
     fn kept_frames(&self) -> u64 {
         self.format.frames_in(KEPT_S).min(MAX_KEPT_BYTES / self.format.frame_bytes() as u64)
     }
 
-    /// The samples around an alarm that is raised now; none where there are none, or a capture runs.
+    /// The capture for an alarm that is raised now; `None` if there are no samples, or if a capture is
+    /// running.
     pub(super) fn around_alarm(&self, cutting: &Cutting) -> Option<Capture> {
         let (next, (before, after)) = (self.next?, cutting.around_alarm()?);
         if self.capture.is_some() {
             return None;
         }
-        // Right after a gap there is nothing before it.
+        // Right after a gap there are no samples before the alarm.
         let before = if next == self.cutter.end() { before.min(self.kept_frames()) } else { 0 };
         let from = next.saturating_sub(before).max(self.captured_to);
         let from = if before > 0 { from.max(self.cutter.run_first()) } else { from };
@@ -271,14 +272,14 @@ impl StreamState {
         (from < until).then_some(Capture { from, until, record_frames, is_campaign: false })
     }
 
-    /// A campaign of so many samples from now on, or the one that runs with another end; none where there was
-    /// no sample yet.
+    /// A campaign of `frames` frames from now on, or the running one with its new end; `None` before the
+    /// first sample.
     pub(super) fn campaign_of(&self, frames: u64, cutting: &Cutting) -> Option<(Capture, Campaign)> {
         let next = self.next?;
         let is_whole = next == self.cutter.end();
         let from = match &self.capture {
             Some(capture) => capture.from,
-            // What is in no record yet would be in none.
+            // Samples that are not in a record yet would otherwise be in none.
             None if cutting.takes_all() && is_whole => self.cutter.earliest().min(next),
             None => next,
         };
@@ -293,7 +294,7 @@ impl StreamState {
     }
 }
 
-/// Entries that are not written yet, and the state that follows from them.
+/// Entries that are not written yet, and the state after them.
 pub(super) struct Draft {
     pub(super) state: StreamState,
     pub(super) entries: Vec<JournalEntry>,
@@ -318,7 +319,7 @@ impl Draft {
         self.note(&Note::Cut(self.state.pending(cut)));
     }
 
-    /// Decides on the records that are whole.
+    /// Plans the records that are complete.
     pub(super) fn cut_whole(&mut self, cutting: &Cutting) {
         while let Some(cut) = self.state.capture.and_then(|capture| capture.next_cut(&self.state.cutter)) {
             self.captured(cut, cutting);
@@ -335,7 +336,7 @@ impl Draft {
         cutting.pass_over(&mut self.state.cutter);
     }
 
-    /// Decides on what is left before a gap.
+    /// Plans a record of the remaining samples before a gap.
     pub(super) fn cut_rest(&mut self, cutting: &Cutting) {
         if let Some(capture) = self.state.capture {
             if let Some(cut) = capture.rest(&self.state.cutter) {

@@ -1,4 +1,4 @@
-//! Since when a machine has done the same.
+//! How long the operating point of a machine has been steady.
 
 use std::collections::BTreeMap;
 
@@ -6,22 +6,23 @@ use serde::{Deserialize, Serialize};
 
 use crate::signal::OperatingPoint;
 
-/// Operating bins that are remembered: more than an asset has, as they may be renamed.
+/// Maximum number of operating bins that are remembered: more than an asset can have, because bins may be
+/// renamed.
 const MAX_BINS: usize = 32;
 
-/// Since when a machine has done the same, by what the sender said.
+/// Since when the operating point given by the sender has been steady.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Steadiness {
-    /// What it did in the beginning.
+    /// The operating point at the start of the steady period.
     began_with: OperatingPoint,
-    /// The first sample of it.
+    /// The first sample of the steady period.
     since: u64,
-    /// Where the next record of an operating bin begins at the earliest; that of none has an empty name.
+    /// The earliest first sample of the next record in each operating bin; the empty name stands for no bin.
     next_of_bins: BTreeMap<String, u64>,
 }
 
 impl Steadiness {
-    /// The machine does something else from this sample on.
+    /// Starts a new steady period at a sample.
     pub(super) fn begin(&mut self, point: OperatingPoint, index: u64) {
         (self.began_with, self.since) = (point, index);
     }
@@ -38,8 +39,8 @@ impl Steadiness {
         self.next_of_bins.get(bin).copied().unwrap_or(0)
     }
 
-    /// A record of a bin is cut; no other one begins before an index.
-    pub(super) fn taken(&mut self, bin: String, next_from: u64) {
+    /// Notes that a record of a bin is cut; the next one starts no earlier than an index.
+    pub(super) fn note_cut(&mut self, bin: String, next_from: u64) {
         self.next_of_bins.insert(bin, next_from);
         while self.next_of_bins.len() > MAX_BINS {
             let oldest = self.next_of_bins.iter().min_by_key(|(_, next)| **next);

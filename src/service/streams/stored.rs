@@ -1,4 +1,4 @@
-//! One stream on the disk: what came, what follows from it, and the records that are still to be made.
+//! One stream on the disk: its journal, its state, and its pending records.
 
 use std::path::{Path, PathBuf};
 
@@ -15,24 +15,24 @@ use crate::service::error::ServiceError;
 use crate::signal::OperatingPoint;
 use crate::store::{JournalEntry, StoreError, StreamJournal, StreamLevels, TimedLevel};
 
-/// Seconds by which chunks may come before those that belong in front of them.
+/// Seconds by which chunks may arrive ahead of earlier ones.
 const REORDER_S: f64 = 2.0;
 
-/// A stretch of samples that never came.
+/// A range of missing samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StreamGap {
-    /// Index of the first one.
+    /// Index of the first missing sample.
     pub first: u64,
-    /// How many.
+    /// Number of missing samples.
     pub samples: u64,
 }
 
-/// What became of chunks.
+/// The progress of a stream after chunks are stored.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StreamProgress {
-    /// Everything before this index is on the disk, or is known to be a gap; none before the first sample.
+    /// Everything before this index is durable or a known gap; `None` before the first sample.
     pub next: Option<u64>,
-    /// Gaps that are new.
+    /// The new gaps.
     pub gaps: Vec<StreamGap>,
 }
 
@@ -43,12 +43,12 @@ pub(crate) struct StoredStream {
     levels: StreamLevels,
     assembler: Assembler,
     state: StreamState,
-    /// The latest samples, while somebody watches.
+    /// The latest samples, while there are viewers.
     recent: Option<Recent>,
 }
 
 impl StoredStream {
-    /// A stream that begins, at this index or that of the first chunk.
+    /// Creates a stream that starts at the index `next`, or at that of the first chunk.
     pub(crate) fn create(
         folder: &Path,
         asset_created_at: Timestamp,
@@ -58,7 +58,7 @@ impl StoredStream {
         Self::with_state(folder, StreamState::new(asset_created_at, format, next))
     }
 
-    /// The stream in a folder as it was left, killed or not; none where there is none.
+    /// Opens the stream in a folder, also after a crash; returns `None` if there is none.
     pub(crate) fn open(folder: &Path) -> Result<Option<Self>, ServiceError> {
         let mut state: Option<StreamState> = None;
         let mut levels = Vec::new();
@@ -93,12 +93,12 @@ impl StoredStream {
         self.journal.bytes()
     }
 
-    /// The sender begins again at the next index: what waits for samples in front of it is forgotten.
-    pub(crate) fn begin_again(&mut self) {
+    /// Drops chunks that wait for earlier samples: a new sender starts at the next index.
+    pub(crate) fn drop_waiting_chunks(&mut self) {
         self.assembler.forget_held();
     }
 
-    /// Takes chunks and has them on the disk. Where one cannot be used those before it are taken.
+    /// Stores chunks durably. If one is invalid, those before it are stored.
     pub(crate) fn take(
         &mut self,
         chunks: Vec<Chunk>,
@@ -119,7 +119,7 @@ impl StoredStream {
         fault.map_or(Ok(progress), |fault| Err(fault.into()))
     }
 
-    /// Takes that nothing before an index comes any more.
+    /// Declares that no more samples before an index will arrive.
     pub(crate) fn give_up_before(
         &mut self,
         index: u64,
@@ -129,7 +129,7 @@ impl StoredStream {
         self.write(pieces, cutting)
     }
 
-    /// What the machine does from now on.
+    /// Sets the operating point of the machine from now on.
     pub(crate) fn set_operating_point(
         &mut self,
         point: OperatingPoint,
@@ -138,10 +138,10 @@ impl StoredStream {
         let mut draft = self.draft()?;
         let is_steady = cutting.is_steady(&draft.state, &point);
         draft.note(&if is_steady { Note::OperatingPoint(point) } else { Note::Moved(point) });
-        self.keep(draft)
+        self.persist(draft)
     }
 
-    /// Takes pulses of the tachometer among samples to come.
+    /// Stores tachometer pulses among future samples.
     pub(crate) fn take_pulses(&mut self, pulses: Pulses) -> Result<(), ServiceError> {
         let pulses = pulses.beginning_at(self.state.next.unwrap_or(0));
         if pulses.is_empty() {
@@ -149,10 +149,11 @@ impl StoredStream {
         }
         let mut draft = self.draft()?;
         draft.note(&Note::Pulses(pulses));
-        self.keep(draft)
+        self.persist(draft)
     }
 
-    /// Makes a record of the last samples, as many as there are without a gap.
+    /// Plans a record of the last `frames` frames, or of fewer if there is a gap; returns `None` without
+    /// samples.
     pub(crate) fn keep_last(&mut self, frames: u64) -> Result<Option<PendingCut>, ServiceError> {
         let end = self.state.cutter.end();
         let first = end.saturating_sub(frames).max(self.state.cutter.run_first());
@@ -160,19 +161,20 @@ impl StoredStream {
             return Ok(None);
         }
         let mut draft = self.draft()?;
-        // The policy goes on as if it had not been.
+        // This record does not affect the cut policy.
         draft.cut(StreamCut { first, frames: end - first, next_from: 0 });
-        self.keep(draft)?;
+        self.persist(draft)?;
         Ok(self.state.pending.back().cloned())
     }
 
-    /// Makes records of what is around an alarm that is raised now; false where there is nothing to keep.
-    pub(crate) fn keep_around_alarm(&mut self, cutting: &Cutting) -> Result<bool, ServiceError> {
+    /// Starts a capture around an alarm that is raised now; returns false if there is nothing to capture.
+    pub(crate) fn capture_around_alarm(&mut self, cutting: &Cutting) -> Result<bool, ServiceError> {
         let Some(capture) = self.state.around_alarm(cutting) else { return Ok(false) };
         self.begin_capture(&Note::Capture(capture), cutting).map(|()| true)
     }
 
-    /// Makes records of all samples from now on, so many; false where there was no sample yet.
+    /// Starts a campaign of `frames` frames from now on, or extends the running one; returns false before the
+    /// first sample.
     pub(crate) fn begin_campaign(&mut self, frames: u64, cutting: &Cutting) -> Result<bool, ServiceError> {
         let Some((capture, campaign)) = self.state.campaign_of(frames, cutting) else { return Ok(false) };
         self.begin_capture(&Note::Campaign(capture, campaign), cutting).map(|()| true)
@@ -182,10 +184,10 @@ impl StoredStream {
         let mut draft = self.draft()?;
         draft.note(note);
         draft.cut_whole(cutting);
-        self.keep(draft)
+        self.persist(draft)
     }
 
-    /// Ends the campaign that runs, with what has come as its last record.
+    /// Ends the running campaign; its last record ends with the last sample received.
     pub(crate) fn end_campaign(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
         if !self.state.capture.is_some_and(|capture| capture.is_campaign) {
             return Ok(());
@@ -193,28 +195,28 @@ impl StoredStream {
         let mut draft = self.draft()?;
         draft.cut_rest(cutting);
         draft.note(&Note::CaptureEnd);
-        self.keep(draft)
+        self.persist(draft)
     }
 
-    /// A record is stored, or can never be.
-    pub(crate) fn done(&mut self, first: u64, is_refused: bool) -> Result<(), ServiceError> {
+    /// Marks a pending record as stored or refused.
+    pub(crate) fn finish_record(&mut self, first: u64, is_refused: bool) -> Result<(), ServiceError> {
         let mut draft = self.draft()?;
         draft.note(&Note::Done { first, is_refused });
-        self.keep(draft)
+        self.persist(draft)
     }
 
-    /// Decides on records that were whole when the process before ended.
-    pub(crate) fn plan(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
+    /// Plans the records that were complete when the previous process ended.
+    pub(crate) fn plan_records(&mut self, cutting: &Cutting) -> Result<(), ServiceError> {
         self.write(Vec::new(), cutting).map(|_| ())
     }
 
-    /// The bytes of a record; none where they are not there.
+    /// The bytes of a record; `None` if they are missing.
     pub(crate) fn bytes_of(&self, cut: StreamCut) -> Result<Option<Bytes>, ServiceError> {
         Ok(self.journal.frames(cut.first, cut.frames)?)
     }
 
-    /// Up to so many frames without a gap before the next one, with the index of the first. They are held in
-    /// memory from then on.
+    /// The last contiguous frames, at most `most`, with the index of the first. They stay in memory from then
+    /// on.
     pub(crate) fn recent(&mut self, most: u64) -> Result<(u64, Bytes), ServiceError> {
         if let Some(recent) = &self.recent {
             return Ok(recent.frames());
@@ -223,18 +225,18 @@ impl StoredStream {
         let first = end.saturating_sub(most).max(self.state.cutter.run_first()).min(end);
         let mut recent = Recent::new(self.state.format.frame_bytes(), most);
         if first < end {
-            // Those of a stream that was restored from a backup may be gone.
+            // Those of a stream restored from a backup may be missing.
             recent.push(first, &self.journal.frames(first, end - first)?.unwrap_or_default());
         }
         Ok(self.recent.insert(recent).frames())
     }
 
-    /// Holds no samples in memory any more.
+    /// Releases the samples in memory.
     pub(crate) fn forget_recent(&mut self) {
         self.recent = None;
     }
 
-    /// Levels of the seconds from one time to another.
+    /// The levels of each second from one time to another.
     pub(crate) fn levels(&self, from_ns: i64, to_ns: i64) -> Result<Vec<TimedLevel>, ServiceError> {
         Ok(self.levels.read(from_ns, to_ns)?)
     }
@@ -256,11 +258,11 @@ impl StoredStream {
             }
         }
         draft.cut_whole(cutting);
-        self.keep(draft)?;
+        self.persist(draft)?;
         Ok(StreamProgress { next: self.state.next, gaps })
     }
 
-    /// Begins with the state as it is, in a new file where the last one is long enough.
+    /// Starts a draft from the current state; first starts a new journal file if the last one is full.
     fn draft(&mut self) -> Result<Draft, StoreError> {
         if self.journal.is_file_full() {
             self.journal.rotate(self.state.checkpoint())?;
@@ -268,7 +270,7 @@ impl StoredStream {
         Ok(Draft::new(self.state.clone()))
     }
 
-    fn keep(&mut self, draft: Draft) -> Result<(), ServiceError> {
+    fn persist(&mut self, draft: Draft) -> Result<(), ServiceError> {
         if draft.entries.is_empty() {
             return Ok(());
         }
@@ -281,9 +283,9 @@ impl StoredStream {
                 }
             }
         }
-        // They are made again from the journal where this fails.
+        // If this fails, they are computed again from the journal.
         if let Err(error) = self.levels.append(&draft.levels) {
-            tracing::warn!(%error, "failed to keep the levels of a stream");
+            tracing::warn!(%error, "failed to write the levels of a stream");
         }
         Ok(self.journal.remove_before(self.state.needed_from())?)
     }
@@ -320,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_that_is_killed_anywhere_goes_on_as_if_it_had_not_been() {
+    fn a_killed_stream_resumes_with_the_same_records() {
         let chunks: Vec<Chunk> = (0..60).filter(|k| *k != 22).map(|k| chunk(k * 50, 50)).collect();
         let folder = tempfile::tempdir().unwrap();
         let mut whole = stream(folder.path());
@@ -347,7 +349,7 @@ mod tests {
                 std::fs::write(&newest, bytes).unwrap();
             }
             killed = StoredStream::open(folder.path()).unwrap().unwrap();
-            // What was held for its turn is sent again.
+            // Chunks that waited for earlier ones are sent again.
             let next = killed.state.next.unwrap_or(0);
             let again: Vec<Chunk> =
                 chunks[..=n].iter().filter(|chunk| chunk.first >= next).cloned().collect();
@@ -362,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_record_needs_is_removed_and_what_one_needs_stays() {
+    fn only_samples_needed_by_records_are_kept() {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
         let policy = Cutting::from(CutPolicy::new(1.0, 30.0, 10_000.0).unwrap());
@@ -378,7 +380,7 @@ mod tests {
             if k >= 60 {
                 while let Some(pending) = stream.state.pending.front().cloned() {
                     assert!(stream.bytes_of(pending.cut).unwrap().is_some());
-                    stream.done(pending.cut.first, false).unwrap();
+                    stream.finish_record(pending.cut.first, false).unwrap();
                 }
                 most = most.max(stream.journal_bytes());
             }

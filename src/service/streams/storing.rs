@@ -1,4 +1,4 @@
-//! Records that are cut, on their way into the pipeline.
+//! Sends the records cut from a stream through the pipeline.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,12 +15,12 @@ use crate::service::workers::blocking;
 use crate::signal::Record;
 use crate::store::StoreError;
 
-/// Wait before a record is tried again, and the longest one.
+/// First and longest wait before a record is retried.
 const RETRY_AFTER: Duration = Duration::from_millis(200);
 const MAX_RETRY: Duration = Duration::from_secs(30);
 
 impl Streams {
-    /// Has records that are cut stored, one after the other.
+    /// Stores pending records in the background, one after the other.
     pub(super) fn cut_in_background(self: &Arc<Self>, stream: &Arc<LiveStream>) {
         if !stream.begin_cutting() {
             return;
@@ -30,7 +30,7 @@ impl Streams {
             loop {
                 streams.store_cuts(&stream).await;
                 stream.end_cutting();
-                // One may have come since the last look.
+                // One may have been added since the last check.
                 if *streams.is_over.borrow() || !stream.begin_cutting() {
                     return;
                 }
@@ -38,7 +38,7 @@ impl Streams {
         });
     }
 
-    /// Stores records until there is none left or the service ends.
+    /// Stores records until none is pending or the service ends.
     async fn store_cuts(&self, stream: &Arc<LiveStream>) {
         let (mut wait, mut over) = (RETRY_AFTER, self.follow_end());
         loop {
@@ -47,7 +47,7 @@ impl Streams {
                 Ok(false) => return,
                 Err(error) => {
                     let (asset, name) = (&stream.asset, &stream.name);
-                    tracing::warn!(%asset, name, %error, "a record of a stream has to wait");
+                    tracing::warn!(%asset, name, %error, "failed to store a record of a stream: retrying");
                     tokio::select! {
                         _ = over.wait_for(|over| *over) => return,
                         () = tokio::time::sleep(wait) => wait = (wait * 2).min(MAX_RETRY),
@@ -60,7 +60,7 @@ impl Streams {
         }
     }
 
-    /// Stores the next record; false where there is none.
+    /// Stores the next record; returns false if there is none.
     async fn store_next(&self, stream: &Arc<LiveStream>) -> Result<bool, ServiceError> {
         let reader = Arc::clone(stream);
         let Some(record) = blocking("read a stream", move || reader.next_cut()).await?? else {
@@ -80,15 +80,15 @@ impl Streams {
                 | ServiceError::SensorOfOther { .. }),
             ) => {
                 let (asset, name) = (&stream.asset, &stream.name);
-                tracing::warn!(%asset, name, first, %error, "a record of a stream cannot be stored");
+                tracing::warn!(%asset, name, first, %error, "skipped a record of a stream: it was refused");
                 true
             }
             Err(error) => return Err(error),
         };
         let writer = Arc::clone(stream);
-        let done = move || writer.with_stored(|stored| stored.done(first, is_refused));
+        let done = move || writer.with_stored(|stored| stored.finish_record(first, is_refused));
         match blocking("write a stream", done).await? {
-            // It was removed meanwhile.
+            // It was removed in the meantime.
             Err(ServiceError::StreamUnknown { .. }) => Ok(false),
             done => done.map(|()| true),
         }
@@ -111,7 +111,7 @@ impl Streams {
         let Some(tachometer) = tachometer else {
             return self.accept(asset, format, bytes, metadata).await;
         };
-        // Bare samples have no place for pulses, blocks of one channel have.
+        // Bare samples cannot carry pulses; blocks of one channel can.
         let units = ChannelUnits::of(&self.store, &described.spec).await?;
         let start_time = pending.start_time;
         let blocks = move || -> Result<Vec<Vec<u8>>, ServiceError> {
@@ -121,7 +121,7 @@ impl Streams {
             };
             Ok(records.into_iter().map(block).collect())
         };
-        for block in blocking("write blocks of a stream's record", blocks).await?? {
+        for block in blocking("encode a record of a stream", blocks).await?? {
             let bytes = block.into();
             self.accept(asset, RecordFormat::Protobuf, bytes, UploadMetadata::default()).await?;
         }

@@ -1,4 +1,4 @@
-//! Pulses of a tachometer between a stream's samples.
+//! Tachometer pulses between the samples of a stream.
 
 use std::collections::VecDeque;
 
@@ -8,14 +8,15 @@ use crate::recording::stream::StreamCut;
 use crate::service::error::ServiceError;
 use crate::signal::Tachometer;
 
-/// Pulses that are kept of a stream; the oldest go first.
+/// Maximum number of pulses kept for a stream; the oldest are dropped first.
 pub(crate) const MAX_PULSES: usize = 65_536;
 
-/// So long before a record its pulses begin: the turn that it begins in has a pulse in front of it.
+/// Seconds before a record from which its pulses are included, so that there is a pulse before its first
+/// turn.
 const LEAD_S: f64 = 1.0;
 
-/// Where a pulse lies: an index, and millionths of a sample after it. Whole numbers come back from the journal
-/// as they were, so that a record that is begun again has the same bytes.
+/// The position of a pulse: an index, and millionths of a sample after it. Integers are read back exactly
+/// from the journal, so that a retried record has the same bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(super) struct Pulse(u64, u32);
 
@@ -27,9 +28,10 @@ pub(crate) struct Pulses {
 }
 
 impl Pulses {
-    /// Pulses so many samples after an index.
+    /// Creates pulses at the offsets `after`, in samples, after the index `from`.
     ///
-    /// Errors: [`ServiceError::Field`] for no pulse of a revolution, and for pulses that do not rise.
+    /// Errors: [`ServiceError::Field`] for 0 pulses per revolution, too many pulses, offsets out of range, or
+    /// offsets that do not increase.
     pub(crate) fn new(from: u64, after: &[f64], pulses_per_revolution: u32) -> Result<Self, ServiceError> {
         let refuse = |field, value: String, expected| Err(ServiceError::Field { field, value, expected });
         if pulses_per_revolution == 0 {
@@ -40,7 +42,7 @@ impl Pulses {
         }
         let is_place = |after: f64| (0.0..1e12).contains(&after);
         if let Some(wrong) = after.iter().find(|after| !is_place(**after)) {
-            return refuse("pulses", wrong.to_string(), "samples after `from`, 0 to 1e12");
+            return refuse("pulses", wrong.to_string(), "offsets from 0 to 1e12 in samples after `from`");
         }
         if from > 1 << 53 {
             return refuse("from", from.to_string(), "an index below 2^53");
@@ -49,12 +51,12 @@ impl Pulses {
         let pulses: Vec<Pulse> = after.iter().map(pulse).collect();
         if let Some(pair) = pulses.windows(2).position(|pair| pair[0] >= pair[1]) {
             let pair = format!("{} and then {}", after[pair], after[pair + 1]);
-            return refuse("pulses", pair, "every pulse after the one before");
+            return refuse("pulses", pair, "increasing offsets");
         }
         Ok(Self { pulses_per_revolution, pulses })
     }
 
-    /// Without those among samples that have come: they may be in a record already.
+    /// Drops pulses among samples already received: these may be in a record.
     pub(super) fn beginning_at(mut self, next: u64) -> Self {
         self.pulses.retain(|pulse| pulse.0 >= next);
         self
@@ -73,7 +75,7 @@ pub(super) struct StreamTachometer {
 }
 
 impl StreamTachometer {
-    /// Takes pulses after those that are there; others have been told before.
+    /// Appends pulses after the last known one; earlier ones are repeats.
     pub(super) fn extend(&mut self, more: Pulses) {
         if more.pulses_per_revolution != self.pulses_per_revolution {
             self.pulses_per_revolution = more.pulses_per_revolution;
@@ -85,18 +87,18 @@ impl StreamTachometer {
         self.pulses.drain(..too_many);
     }
 
-    /// Forgets those that no record from an index on has any use for.
+    /// Drops pulses that no record from an index on needs.
     pub(super) fn forget_before(&mut self, index: u64, rate_hz: f64) {
         let kept_from = index.saturating_sub(lead(rate_hz));
         let old = self.pulses.partition_point(|pulse| pulse.0 < kept_from);
         self.pulses.drain(..old);
     }
 
-    /// Those of a record, and of the second before it; none where there is no pulse.
+    /// The pulses of a record and of the second before it; `None` without any.
     pub(super) fn of(&self, cut: StreamCut, rate_hz: f64) -> Option<Tachometer> {
         let from = cut.first.saturating_sub(lead(rate_hz));
         let seconds = |pulse: &Pulse| {
-            // Exact: differences of a record are far below 2^53.
+            // Exact: differences within a record are far below 2^53.
             let after = pulse.0 as i64 - cut.first as i64;
             (after as f64 + 1e-6 * f64::from(pulse.1)) / rate_hz
         };
@@ -119,7 +121,7 @@ mod tests {
     fn a_record_has_its_pulses_and_those_of_the_second_before() {
         let mut tachometer = StreamTachometer::default();
         tachometer.extend(Pulses::new(1000, &[0.0, 100.25, 200.5, 300.0], 2).unwrap());
-        // What was told before, and what is new.
+        // Repeated pulses and new ones.
         tachometer.extend(Pulses::new(1200, &[0.5, 100.0, 200.0], 2).unwrap().beginning_at(1300));
         let cut = StreamCut { first: 1150, frames: 200, next_from: 0 };
         let found = tachometer.of(cut, 100.0).unwrap();
@@ -133,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn pulses_that_cannot_be_are_refused_by_name() {
+    fn errors_about_pulses_name_their_field() {
         for (from, after, of_revolution, words) in [
             (0, &[1.0][..], 0, "pulses_per_revolution"),
             (0, &[2.0, 2.0], 1, "2 and then 2"),

@@ -15,16 +15,16 @@ use tokio::runtime::Handle;
 use super::{ListedFile, ListedObject, StoreError, is_name};
 use crate::store::BucketSettings;
 
-/// Requests of one call that are under way at once.
+/// Maximum number of concurrent requests of one call.
 const REQUESTS_AT_ONCE: usize = 8;
 
-/// No recording is longer; what claims to be is not read.
+/// Maximum size of an object that is read; no recording is larger.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// How long one request may take, beyond which it is tried again.
+/// Timeout of one request, after which it is retried.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// How long a call is tried for before the store counts as away.
+/// Time for which a call is retried before the store counts as unavailable.
 const RETRIED_FOR: Duration = Duration::from_secs(10);
 
 /// A bucket.
@@ -36,10 +36,9 @@ pub(super) struct Bucket {
 }
 
 impl Bucket {
-    /// Opens a bucket. To be called inside the runtime, which then does the requests.
+    /// Opens a bucket. Must be called inside a Tokio runtime, which then performs the requests.
     pub(super) fn open(settings: &BucketSettings) -> Result<Self, StoreError> {
-        // The client takes the process's provider, and has none of its own. One that is set already is as
-        // good.
+        // The client uses the process-wide crypto provider. If one is installed already, this has no effect.
         let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
         let prefix = settings.prefix.trim_matches('/');
         let is_plain = settings.endpoint.as_deref().is_some_and(|endpoint| endpoint.starts_with("http://"));
@@ -70,8 +69,8 @@ impl Bucket {
         })
     }
 
-    /// Stores every object. One that is there already is written again: it then counts as new, so that nobody
-    /// removes it as an orphan of long ago while its results are on their way.
+    /// Stores every object. An existing one is written again to reset its age, so that it is not removed as
+    /// an old orphan before its results are committed.
     pub(super) fn put_all(
         &self,
         objects: &[(String, Bytes)],
@@ -88,7 +87,7 @@ impl Bucket {
         })
     }
 
-    /// The objects whose names begin with this byte.
+    /// Lists the objects whose names start with this byte.
     pub(super) fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         let folder = format!("{}raw/{shard:02x}", self.prefix);
         let listed = self.store.list(Some(&Path::from(folder.as_str())));
@@ -101,12 +100,12 @@ impl Bucket {
         Ok(listed.into_iter().filter_map(object).collect())
     }
 
-    /// Keeps a file under a path; when this returns it is durable.
+    /// Writes a file under a path; durable once this returns.
     pub(super) fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError> {
         self.runtime.block_on(self.put(self.at(path), bytes))
     }
 
-    /// Keeps a file where there is none under this path; returns whether that was so.
+    /// Writes a file unless the path exists; returns whether it was written.
     pub(super) fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError> {
         let path = self.at(path);
         let created = self.store.put_opts(&path, bytes.into(), PutMode::Create.into());
@@ -117,12 +116,12 @@ impl Bucket {
         }
     }
 
-    /// The bytes of a file; none where there is none.
+    /// Reads a file; returns `None` if it does not exist.
     pub(super) fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
         self.runtime.block_on(self.fetch(self.at(path)))
     }
 
-    /// When a file was last written, by the clock of the object store; none where there is none.
+    /// When a file was last written, by the clock of the object store; `None` if it does not exist.
     pub(super) fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
         let path = self.at(path);
         match self.runtime.block_on(self.store.head(&path)) {
@@ -132,7 +131,7 @@ impl Bucket {
         }
     }
 
-    /// All files under a path.
+    /// Lists all files under a path.
     pub(super) fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
         let listed = self.store.list(Some(&self.at(under)));
         let listed = self.runtime.block_on(listed.try_collect::<Vec<_>>());
@@ -146,9 +145,9 @@ impl Bucket {
         Ok(listed.into_iter().filter_map(file).collect())
     }
 
-    /// Moves a file; one that is not there is no error.
+    /// Moves a file; a missing file is no error.
     pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
-        // The copy is there before the first one goes.
+        // The copy is written before the original is removed.
         match self.runtime.block_on(self.store.copy(&self.at(from), &self.at(to))) {
             Ok(()) => self.remove_file(from),
             Err(Error::NotFound { .. }) => Ok(()),
@@ -156,7 +155,7 @@ impl Bucket {
         }
     }
 
-    /// Removes a file; one that is not there is no error.
+    /// Removes a file; a missing file is no error.
     pub(super) fn remove_file(&self, path: &str) -> Result<(), StoreError> {
         match self.runtime.block_on(self.store.delete(&self.at(path))) {
             Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
@@ -169,7 +168,7 @@ impl Bucket {
         format!("raw/{}/{name}", name.get(..2).unwrap_or("xx"))
     }
 
-    /// Removes what is kept of an upload.
+    /// Removes all pieces of an upload.
     pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
         let folder = Path::from(format!("{}uploads/{upload}", self.prefix));
         let failed = |error| bucket_error("remove", folder.as_ref(), error);
@@ -185,7 +184,7 @@ impl Bucket {
         })
     }
 
-    /// The uploads of which there are pieces.
+    /// Lists the uploads that have pieces.
     pub(super) fn uploads(&self) -> Result<Vec<String>, StoreError> {
         let folder = Path::from(format!("{}uploads", self.prefix));
         let listed = self.runtime.block_on(self.store.list_with_delimiter(Some(&folder)));

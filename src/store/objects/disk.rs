@@ -1,35 +1,35 @@
-//! What a folder of objects asks of the disk. Tests put one in its place that fails and forgets.
+//! The disk operations of a folder of objects. Tests replace them by a disk that fails or loses writes.
 
 use std::fmt::Debug;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// A disk; by itself each method does what its name says on the system's.
+/// A disk; by default each method operates on the system's disk.
 pub trait Disk: Debug + Send + Sync {
-    /// Makes a folder and those above it where they are missing.
+    /// Creates a folder and its missing parents.
     fn create_folder(&self, path: &Path) -> io::Result<()> {
         fs::create_dir_all(path)
     }
 
-    /// Writes a file whole and waits until its bytes, not yet its name, are on the disk.
+    /// Writes a file and waits until its bytes, though not its name, are durable.
     fn write_synced(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
         let mut file = File::create(path)?;
         file.write_all(bytes)?;
         file.sync_all()
     }
 
-    /// Reads a file whole.
+    /// Reads a whole file.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         fs::read(path)
     }
 
-    /// Gives a file another name, in place of one that has it.
+    /// Renames a file, replacing an existing one.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)
     }
 
-    /// Gives a file a second name, which no other may have.
+    /// Links a file under a second name, which must not exist.
     fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::hard_link(from, to)
     }
@@ -39,12 +39,12 @@ pub trait Disk: Debug + Send + Sync {
         fs::remove_file(path)
     }
 
-    /// Removes a folder with all that is in it.
+    /// Removes a folder with its contents.
     fn remove_folder(&self, path: &Path) -> io::Result<()> {
         fs::remove_dir_all(path)
     }
 
-    /// Waits until the names in a folder are on the disk.
+    /// Waits until the names in a folder are durable.
     fn sync_folder(&self, path: &Path) -> io::Result<()> {
         File::open(path)?.sync_all()
     }

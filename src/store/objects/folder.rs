@@ -12,11 +12,11 @@ use jiff::Timestamp;
 
 use super::{Disk, ListedFile, ListedObject, StoreError, SystemDisk, is_name};
 
-/// Where the pieces of uploads are.
+/// Folder of the pieces of uploads.
 const UPLOADS: &str = "uploads";
 
-/// What there has to be room for.
-const ROOM_BYTES: usize = 1 << 20;
+/// Bytes written to check for free space.
+const PROBE_BYTES: usize = 1 << 20;
 
 /// A folder of objects.
 #[derive(Debug)]
@@ -25,19 +25,19 @@ pub(super) struct Folder {
     folder: PathBuf,
     temporary: PathBuf,
     counter: AtomicU64,
-    /// Folders of objects whose own names are on the disk for certain.
-    lasting: Mutex<HashSet<PathBuf>>,
-    /// Other processes write to it too: an object that is there is written again, so that it counts as new.
+    /// Folders of objects whose own names are known to be durable.
+    durable: Mutex<HashSet<PathBuf>>,
+    /// Whether other processes write to it too: an existing object is then written again, to reset its age.
     is_shared: bool,
 }
 
 impl Folder {
-    /// Opens the folder, making it where it is missing and clearing what an interrupted write left behind.
+    /// Opens the folder, which is created if missing, and removes the files of interrupted writes.
     pub(super) fn open(folder: PathBuf, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
         let temporary = folder.join("tmp");
         disk.create_folder(&temporary)
             .map_err(|source| file_error("create the folder", &temporary, source))?;
-        // Their own names too: a crash must not take the whole folder.
+        // The names of the folder and its parent too: a crash must not lose the whole folder.
         for folder in folder.ancestors().take(2).filter(|folder| !folder.as_os_str().is_empty()) {
             disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
         }
@@ -48,38 +48,38 @@ impl Folder {
             stale += 1;
         }
         if stale > 0 {
-            tracing::info!(stale, "removed unfinished raw objects of an earlier run");
+            tracing::info!(stale, "removed unfinished raw objects of a previous run");
         }
         Ok(Self {
             disk,
             folder,
             temporary,
             counter: AtomicU64::new(0),
-            lasting: Mutex::default(),
+            durable: Mutex::default(),
             is_shared: false,
         })
     }
 
-    /// Opens a folder that is there; what another process is writing is left alone.
+    /// Opens an existing folder without removing unfinished files, which another process may be writing.
     pub(super) fn open_to_read(folder: PathBuf) -> Self {
         Self {
             disk: Arc::new(SystemDisk),
             temporary: folder.join("tmp"),
             folder,
             counter: AtomicU64::new(0),
-            lasting: Mutex::default(),
+            durable: Mutex::default(),
             is_shared: false,
         }
     }
 
-    /// Opens a folder that other processes write to as well; what they are writing is left alone.
+    /// Opens a folder that other processes write to as well, without removing their unfinished files.
     #[cfg(feature = "postgres")]
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
-        let mut unguessable = [0; 8];
-        getrandom::fill(&mut unguessable).map_err(|source| {
+        let mut random = [0; 8];
+        getrandom::fill(&mut random).map_err(|source| {
             file_error("name a folder in", &folder, std::io::Error::other(source.to_string()))
         })?;
-        let temporary = folder.join("tmp").join(hex::encode(unguessable));
+        let temporary = folder.join("tmp").join(hex::encode(random));
         fs::create_dir_all(&temporary)
             .map_err(|source| file_error("create the folder", &temporary, source))?;
         let disk = Arc::new(SystemDisk);
@@ -88,13 +88,13 @@ impl Folder {
             folder,
             temporary,
             counter: AtomicU64::new(0),
-            lasting: Mutex::default(),
+            durable: Mutex::default(),
             is_shared: true,
         })
     }
 
-    /// Stores every object, and a note beside them; when this returns they are on disk, and so are their
-    /// names. An object that is there already as a whole is left as it is.
+    /// Stores every object, and a note beside them; bytes and names are durable once this returns. An object
+    /// that exists intact is not written again.
     pub(super) fn put_all(
         &self,
         objects: &[(String, Bytes)],
@@ -112,11 +112,11 @@ impl Folder {
                     .map_err(|source| file_error("create the folder", &folder, source))?;
                 self.write(&path, bytes)?;
             }
-            if !self.lasting().contains(&folder) {
-                // Another thread may have made it a moment ago.
+            if !self.durable().contains(&folder) {
+                // Another thread may have created it a moment ago.
                 touched.push(self.folder.clone());
             }
-            // Also for an object that was there: another thread may have renamed it a moment ago.
+            // Also for an existing object: another thread may have renamed it a moment ago.
             touched.push(folder);
         }
         touched.sort_unstable();
@@ -124,11 +124,11 @@ impl Folder {
         for folder in &touched {
             self.disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))?;
         }
-        self.lasting().extend(touched);
+        self.durable().extend(touched);
         Ok(())
     }
 
-    /// The size of an object; none where it is not there.
+    /// The size of an object; `None` if it does not exist.
     pub(super) fn size(&self, name: &str) -> Result<Option<u64>, StoreError> {
         let path = self.path(name);
         match fs::metadata(&path) {
@@ -138,7 +138,7 @@ impl Folder {
         }
     }
 
-    /// The objects whose names begin with this byte.
+    /// Lists the objects whose names start with this byte.
     pub(super) fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         let folder = self.folder.join(format!("{shard:02x}"));
         let entries = match fs::read_dir(&folder) {
@@ -161,7 +161,7 @@ impl Folder {
         Ok(found)
     }
 
-    /// Keeps a file under a path in the folder; when this returns it is on the disk, and so is its name.
+    /// Writes a file under a path in the folder; bytes and name are durable once this returns.
     pub(super) fn put_file(&self, path: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let path = self.folder.join(path);
         let folder = path.parent().unwrap_or(&self.folder);
@@ -170,11 +170,11 @@ impl Folder {
         self.sync_up_from(folder)
     }
 
-    /// Keeps a file where there is none under this path; returns whether that was so.
+    /// Writes a file unless the path exists; returns whether it was written.
     pub(super) fn create_file(&self, path: &str, bytes: &[u8]) -> Result<bool, StoreError> {
         let path = self.folder.join(path);
         let temporary = self.write_temporary(bytes)?;
-        // Unlike a renamed one, a link does not take the place of what is there.
+        // Unlike a rename, a link does not replace an existing file.
         let linked = self.disk.link(&temporary, &path);
         let _ = self.disk.remove_file(&temporary);
         match linked {
@@ -184,7 +184,7 @@ impl Folder {
         }
     }
 
-    /// The bytes of a file; none where there is none.
+    /// Reads a file; returns `None` if it does not exist.
     pub(super) fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
         let path = self.folder.join(path);
         match self.disk.read(&path) {
@@ -194,7 +194,7 @@ impl Folder {
         }
     }
 
-    /// When a file was last written; none where there is none.
+    /// When a file was last written; `None` if it does not exist.
     pub(super) fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
         let path = self.folder.join(path);
         match fs::metadata(&path) {
@@ -204,7 +204,7 @@ impl Folder {
         }
     }
 
-    /// All files under a path, in its folders too.
+    /// Lists all files under a path, including those in subfolders.
     pub(super) fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
         let mut found = Vec::new();
         let mut folders = vec![under.to_owned()];
@@ -232,7 +232,7 @@ impl Folder {
         Ok(found)
     }
 
-    /// Moves a file; one that is not there is no error.
+    /// Moves a file; a missing file is no error.
     pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
         let (from, to) = (self.folder.join(from), self.folder.join(to));
         let folder = to.parent().unwrap_or(&self.folder);
@@ -249,7 +249,7 @@ impl Folder {
         }
     }
 
-    /// Removes a file; one that is not there is no error.
+    /// Removes a file; a missing file is no error.
     pub(super) fn remove_file(&self, path: &str) -> Result<(), StoreError> {
         let path = self.folder.join(path);
         match self.disk.remove_file(&path) {
@@ -263,7 +263,7 @@ impl Folder {
         format!("{}/{name}", name.get(..2).unwrap_or("xx"))
     }
 
-    /// Has the names in a folder on the disk, and that folder's own in those above it.
+    /// Makes the names in a folder durable, and its own name in its parents.
     fn sync_up_from(&self, folder: &Path) -> Result<(), StoreError> {
         let inside = folder.ancestors().take_while(|folder| folder.starts_with(&self.folder));
         for folder in inside {
@@ -272,7 +272,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Removes what is kept of an upload.
+    /// Removes all pieces of an upload.
     pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
         let folder = self.pieces(upload);
         match self.disk.remove_folder(&folder) {
@@ -283,7 +283,7 @@ impl Folder {
         }
     }
 
-    /// The uploads of which there are pieces.
+    /// Lists the uploads that have pieces.
     pub(super) fn uploads(&self) -> Result<Vec<String>, StoreError> {
         let folder = self.folder.join(UPLOADS);
         let entries = match fs::read_dir(&folder) {
@@ -295,8 +295,8 @@ impl Folder {
         names.collect::<io::Result<Vec<String>>>().map_err(|source| file_error("list", &folder, source))
     }
 
-    fn lasting(&self) -> MutexGuard<'_, HashSet<PathBuf>> {
-        self.lasting.lock().unwrap_or_else(PoisonError::into_inner)
+    fn durable(&self) -> MutexGuard<'_, HashSet<PathBuf>> {
+        self.durable.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn pieces(&self, upload: &str) -> PathBuf {
@@ -307,10 +307,10 @@ impl Folder {
         self.folder.join(Self::object_path(name))
     }
 
-    /// Whether there is room for a small record: it is written, not to last, and removed.
-    pub(super) fn check_room(&self) -> Result<(), StoreError> {
+    /// Checks that there is free space for a small record, by writing and removing a file.
+    pub(super) fn check_free_space(&self) -> Result<(), StoreError> {
         let path = self.temporary.join(format!("room-{}", self.counter.fetch_add(1, Ordering::Relaxed)));
-        let written = fs::write(&path, vec![1_u8; ROOM_BYTES]);
+        let written = fs::write(&path, vec![1_u8; PROBE_BYTES]);
         let _ = fs::remove_file(&path);
         written.map_err(|source| file_error("write", &path, source))
     }
@@ -320,11 +320,11 @@ impl Folder {
         self.disk.rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
     }
 
-    /// Writes bytes where nobody looks for them, and has them on the disk.
+    /// Writes bytes durably to a temporary file.
     fn write_temporary(&self, bytes: &[u8]) -> Result<PathBuf, StoreError> {
         let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
         if let Err(source) = self.disk.write_synced(&temporary, bytes) {
-            // A full disk must not also keep the part that fitted.
+            // A full disk must not also keep the partial file.
             let _ = self.disk.remove_file(&temporary);
             return Err(file_error("write", &temporary, source));
         }
@@ -332,13 +332,13 @@ impl Folder {
     }
 }
 
-/// Whether a file holds these bytes.
+/// Whether a file contains these bytes.
 fn is_file_of(path: &Path, bytes: &[u8]) -> bool {
     let has_length = fs::metadata(path).is_ok_and(|metadata| metadata.len() == bytes.len() as u64);
     has_length && fs::read(path).is_ok_and(|found| found == bytes)
 }
 
-/// When a file was last written; never long ago where the file system does not say.
+/// When a file was last written; the latest possible time if the file system does not say.
 fn written_at(metadata: &fs::Metadata) -> Timestamp {
     let modified = metadata.modified().ok().and_then(|time| Timestamp::try_from(time).ok());
     modified.unwrap_or(Timestamp::MAX)
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_put_is_got_and_a_repeat_changes_nothing() {
+    fn objects_are_stored_once() {
         let folder = tempfile::tempdir().unwrap();
         let objects = Objects::open(folder.path()).unwrap();
         let name = put(&objects, b"abc");
@@ -387,16 +387,16 @@ mod tests {
     }
 
     #[test]
-    fn looking_for_room_leaves_nothing() {
+    fn the_check_of_free_space_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let objects = Objects::open(folder.path()).unwrap();
-        objects.check_room().unwrap();
+        objects.check_free_space().unwrap();
         assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
         fs::remove_dir(folder.path().join("tmp")).unwrap();
-        assert!(objects.check_room().is_err());
+        assert!(objects.check_free_space().is_err());
     }
 
-    /// Notes which folders are synced.
+    /// Records which folders are synced.
     #[derive(Debug, Default)]
     struct NotingDisk {
         synced: Mutex<Vec<PathBuf>>,
@@ -410,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn the_names_of_folders_are_on_the_disk_too_whoever_made_them() {
+    fn the_names_of_folders_are_synced() {
         let data = tempfile::tempdir().unwrap();
         let raw = data.path().join("raw");
         let disk = Arc::new(NotingDisk::default());
@@ -418,7 +418,7 @@ mod tests {
         let synced = || std::mem::take(&mut *disk.synced.lock().unwrap());
         assert_eq!(synced(), [raw.clone(), data.path().to_path_buf()]);
         let name = Objects::name(b"abc");
-        // As another thread does that has not come to syncing yet.
+        // Like another thread that has not synced yet.
         fs::create_dir(raw.join(&name[..2])).unwrap();
         let object = [(name.clone(), Bytes::from_static(b"abc"))];
         folder.put_all(&object, None).unwrap();
@@ -428,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unfinished_write_is_cleared_on_opening() {
+    fn unfinished_writes_are_removed_on_opening() {
         let folder = tempfile::tempdir().unwrap();
         drop(Objects::open(folder.path()).unwrap());
         fs::write(folder.path().join("tmp/7"), b"half").unwrap();

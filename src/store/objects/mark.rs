@@ -1,4 +1,4 @@
-//! The mark of a store among its objects: which store they are of, and how far its database had come.
+//! The mark of a store among its objects: the store to which they belong, and its generation.
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -6,23 +6,23 @@ use serde::{Deserialize, Serialize};
 
 use super::{Objects, StoreError};
 
-/// Where the mark is.
+/// Path of the mark.
 const PATH: &str = "store.json";
 
-/// What is written to learn the time.
+/// Path of the file that is written to read the clock of the object store.
 const CLOCK: &str = "clock";
 
-/// Which store this is, and how far it has come.
+/// The identity of a store, and its generation.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoreMark {
-    /// The store's name, given by chance when it was made.
+    /// The random identifier of the store, assigned when it was created.
     pub store: String,
-    /// Grows as long as the store is worked on.
+    /// A number that increases while the store is in use.
     pub generation: i64,
 }
 
 impl Objects {
-    /// The mark of the store that the objects are of; none where there is none yet.
+    /// Reads the mark of the store to which the objects belong; `None` before it is written.
     pub fn mark(&self) -> Result<Option<StoreMark>, StoreError> {
         let Some(bytes) = self.file(PATH)? else {
             return Ok(None);
@@ -35,18 +35,18 @@ impl Objects {
         Ok(Some(mark))
     }
 
-    /// Marks the objects.
+    /// Writes the mark.
     pub fn set_mark(&self, mark: &StoreMark) -> Result<(), StoreError> {
         self.put_file(PATH, json(mark)?)
     }
 
-    /// Marks the objects where they are not marked yet; returns the mark that they have then.
+    /// Writes the mark unless there is one; returns the resulting mark.
     pub fn mark_first(&self, mark: &StoreMark) -> Result<StoreMark, StoreError> {
         self.create_file(PATH, json(mark)?)?;
         Ok(self.mark()?.unwrap_or_else(|| mark.clone()))
     }
 
-    /// Whether there is no object.
+    /// Whether there are no objects.
     pub fn is_empty(&self) -> Result<bool, StoreError> {
         for shard in 0..=u8::MAX {
             if !self.list(shard)?.is_empty() {
@@ -56,7 +56,7 @@ impl Objects {
         Ok(true)
     }
 
-    /// The time by the clock that objects are dated by, which need not be this machine's.
+    /// The time by the clock that dates the objects, which may not be that of this machine.
     pub fn time(&self) -> Result<Timestamp, StoreError> {
         self.put_file(CLOCK, Bytes::new())?;
         let written_at = self.file_written_at(CLOCK)?;

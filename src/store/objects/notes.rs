@@ -1,6 +1,6 @@
-//! What goes beside the raw objects, so that everything else can be made again from them: a note of the
-//! records that were stored together (`NAME.BATCH.json` beside the object NAME), one of each asset
-//! (`assets/ID.json`), and which records were removed (`removed/…`).
+//! Notes stored beside the raw objects, from which the database can be rebuilt: a note of the records that
+//! were stored together (`NAME.BATCH.json` beside the object NAME), one of each asset (`assets/ID.json`), and
+//! notes of removed records (`removed/…`).
 
 use std::collections::HashSet;
 
@@ -17,10 +17,10 @@ use crate::signal::OperatingPoint;
 const ASSETS: &str = "assets";
 const REMOVED: &str = "removed";
 
-/// What makes a record of raw bytes.
+/// The metadata needed to decode a record from its raw bytes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecordNote {
-    /// The segment that it becomes.
+    /// Its segment.
     pub id: SegmentId,
     /// The asset it belongs to.
     pub asset_id: AssetId,
@@ -28,58 +28,58 @@ pub struct RecordNote {
     pub channel: String,
     /// The time of the first sample.
     pub start_time: Timestamp,
-    /// When the service took it.
+    /// When the service received it.
     pub received_at: Timestamp,
     /// Unit of the samples.
     pub unit: String,
     /// Operating point as given with the record.
     #[serde(default)]
     pub operating_point: OperatingPoint,
-    /// Wear depth in µm known from elsewhere.
+    /// Reference wear depth in µm from another source.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_wear_um: Option<f64>,
-    /// Where the raw bytes are.
+    /// The raw bytes.
     pub raw: RawReference,
 }
 
-/// What people said of an asset.
+/// The data of an asset entered by users.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AssetNote {
     /// The description.
     pub spec: AssetSpec,
-    /// When it was made.
+    /// When it was created.
     pub created_at: Timestamp,
-    /// What was done to the machine.
+    /// The maintenance events.
     #[serde(default)]
     pub maintenance: Vec<MaintenanceEvent>,
-    /// Records that take no part in its histories.
+    /// Records excluded from its histories.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub excluded: Vec<SegmentId>,
 }
 
-/// Records that people removed: not to be made again.
+/// Records removed by users, which a rebuild skips.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RemovalNote {
-    /// When.
+    /// The time of the removal.
     pub removed_at: Timestamp,
-    /// Which; the same sent again later is another one.
+    /// Their segments; a record sent again after the removal is not affected.
     pub segments: Vec<SegmentId>,
 }
 
 impl Objects {
-    /// The file of a note of records that are stored together; none of no records.
+    /// The path and content of the note of records that are stored together; `None` without records.
     pub(super) fn note_of(&self, records: &[RecordNote]) -> Result<Option<(String, Bytes)>, StoreError> {
         let Some(first) = records.first() else {
             return Ok(None);
         };
-        // The same records tried again have the same note.
+        // A retry with the same records gives the same note.
         let ids: Vec<&str> = records.iter().map(|record| record.id.0.as_str()).collect();
         let batch = Self::name(ids.join(" ").as_bytes());
         let path = format!("{}.{}.json", self.object_path(&first.raw.sha256), &batch[..16]);
         Ok(Some((path.clone(), json(&path, &records)?)))
     }
 
-    /// The records that objects whose names begin with this byte were stored with.
+    /// Reads the notes of the records beside the objects whose names start with this byte.
     pub fn notes(&self, shard: u8) -> Result<Vec<RecordNote>, StoreError> {
         let mut records = Vec::new();
         for (_, path) in self.note_paths(shard)? {
@@ -88,7 +88,7 @@ impl Objects {
         Ok(records)
     }
 
-    /// Removes notes of which no object is there any more, nor among those that are `kept` elsewhere.
+    /// Removes notes none of whose objects exists or is among those `kept` elsewhere.
     pub fn remove_empty_notes(&self, shard: u8, kept: &HashSet<String>) -> Result<(), StoreError> {
         let is_there =
             |name: &str| Ok::<_, StoreError>(kept.contains(name) || self.written_at(name)?.is_some());
@@ -107,7 +107,7 @@ impl Objects {
         Ok(())
     }
 
-    /// Keeps what people said of an asset.
+    /// Writes the note of an asset.
     pub fn put_asset_note(&self, note: &AssetNote) -> Result<(), StoreError> {
         let path = asset_path(&note.spec.id);
         let bytes = json(&path, note)?;
@@ -117,18 +117,18 @@ impl Objects {
         self.put_file(&path, bytes)
     }
 
-    /// What people said of an asset; none where nothing is kept.
+    /// Reads the note of an asset; `None` if there is none.
     pub fn asset_note(&self, id: &AssetId) -> Result<Option<AssetNote>, StoreError> {
         self.read(&asset_path(id))
     }
 
-    /// What people said of all assets.
+    /// Reads the notes of all assets.
     pub fn asset_notes(&self) -> Result<Vec<AssetNote>, StoreError> {
         let notes = self.files(ASSETS)?.into_iter().map(|file| self.read(&file.path));
         Ok(notes.collect::<Result<Vec<Option<AssetNote>>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Copies all notes to other objects; a note of an asset that is there is replaced.
+    /// Copies all notes to other objects; existing notes of assets are replaced.
     pub(in crate::store) fn copy_notes(&self, to: &Self) -> Result<(), StoreError> {
         let mut paths: Vec<String> = Vec::new();
         for shard in 0..=u8::MAX {
@@ -146,25 +146,25 @@ impl Objects {
         Ok(())
     }
 
-    /// Notes that records were removed.
+    /// Writes the note of removed records.
     pub fn put_removal(&self, removal: &RemovalNote) -> Result<(), StoreError> {
         let name = Self::name(&json(REMOVED, removal)?);
         let path = format!("{REMOVED}/{}.json", &name[..16]);
         self.put_file(&path, json(&path, removal)?)
     }
 
-    /// All records that were removed.
+    /// Reads the notes of all removed records.
     pub fn removals(&self) -> Result<Vec<RemovalNote>, StoreError> {
         let notes = self.files(REMOVED)?.into_iter().map(|file| self.read(&file.path));
         Ok(notes.collect::<Result<Vec<Option<RemovalNote>>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Forgets an asset.
+    /// Removes the note of an asset.
     pub fn remove_asset_note(&self, id: &AssetId) -> Result<(), StoreError> {
         self.remove_file(&asset_path(id))
     }
 
-    /// Paths of notes, each with the object that it lies beside.
+    /// The paths of notes, each with the name of the object beside it.
     fn note_paths(&self, shard: u8) -> Result<Vec<(String, String)>, StoreError> {
         let path = self.object_path(&format!("{shard:02x}"));
         let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);

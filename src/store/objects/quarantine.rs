@@ -1,4 +1,4 @@
-//! Objects that nothing refers to, kept apart for a while before they are removed: `quarantine/DATE.NAME`.
+//! Quarantine of unreferenced objects before their removal: `quarantine/DATE.NAME`.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ pub struct Quarantined {
     pub name: String,
     /// Its size in bytes.
     pub bytes: u64,
-    /// When it was put there.
+    /// When it was moved into quarantine.
     pub since: Timestamp,
 }
 
@@ -29,12 +29,12 @@ impl Quarantined {
 }
 
 impl Objects {
-    /// Moves an object into quarantine; one that is not there is no error.
+    /// Moves an object into quarantine; a missing object is no error.
     pub fn quarantine(&self, name: &str, now: Timestamp) -> Result<(), StoreError> {
         self.move_file(&self.object_path(name), &path(name, now))
     }
 
-    /// What is in quarantine, the oldest first.
+    /// Lists the objects in quarantine, the oldest first.
     pub fn quarantined(&self) -> Result<Vec<Quarantined>, StoreError> {
         let files = self.files(FOLDER)?;
         let quarantined = files.into_iter().filter_map(|file| {
@@ -51,12 +51,13 @@ impl Objects {
         Ok(quarantined)
     }
 
-    /// Takes an object out of quarantine.
+    /// Moves an object out of quarantine.
     pub fn release(&self, quarantined: &Quarantined) -> Result<(), StoreError> {
         self.move_file(&quarantined.path(), &self.object_path(&quarantined.name))
     }
 
-    /// Removes what has been in quarantine for this long; returns how many objects and bytes.
+    /// Removes objects that have been in quarantine for at least `kept_for`; returns the number of objects
+    /// and bytes.
     pub fn remove_quarantined(&self, kept_for: Duration, now: Timestamp) -> Result<(u64, u64), StoreError> {
         let (mut count, mut bytes) = (0, 0);
         for quarantined in self.quarantined()? {

@@ -1,5 +1,4 @@
-//! What happened to a machine besides its records: alarms and maintenance, as tables and as marks on the
-//! drawings over time.
+//! Alarms and maintenance of a machine, as tables and as marks in the charts over time.
 
 use std::fmt::Write;
 
@@ -14,28 +13,28 @@ use crate::estimate::{
 };
 use crate::library::FlankPlace;
 
-/// Entries of an alarm's history in the report; the latest ones where there are more.
+/// Maximum number of entries of an alarm's history, of which the latest are shown.
 const MAX_ENTRIES: usize = 50;
 
-/// One alarm with what happened to it.
+/// One alarm with its history.
 #[derive(Debug, Clone)]
 pub struct ReportedAlarm {
     /// The measuring channel.
     pub channel: String,
-    /// What it watches.
+    /// The quantity that it watches.
     pub quantity: AlarmQuantity,
-    /// Its rule; none where the asset has no such rule any more.
+    /// Its rule; `None` if the asset no longer has it.
     pub rule: Option<AlarmRule>,
-    /// Where it stands.
+    /// Its state.
     pub state: AlarmState,
-    /// Its severity; none where nothing is raised.
+    /// Its severity; `None` if it is not raised.
     pub severity: Option<Severity>,
     /// Its history, oldest first.
     pub history: Vec<AlarmChange>,
 }
 
 impl ReportedAlarm {
-    /// The alarms of a channel that anything happened to, from all changes of its rules.
+    /// The alarms of a channel that have changed, from all changes of its rules.
     pub fn of_changes(channel: &str, rules: &[AlarmRule], changes: &[PanelChange]) -> Vec<Self> {
         let of_rule = |(number, rule): (usize, &AlarmRule)| {
             let history: Vec<AlarmChange> =
@@ -54,7 +53,7 @@ impl ReportedAlarm {
     }
 }
 
-/// The tables; nothing where nothing happened.
+/// Writes the tables of alarms and maintenance, if there are any.
 pub(super) fn sections(report: &Report, body: &mut String) {
     if !report.alarms.is_empty() {
         body.push_str("<h2>Alarms</h2>");
@@ -64,13 +63,13 @@ pub(super) fn sections(report: &Report, body: &mut String) {
         let rows: String = report.maintenance.iter().map(maintenance_row).collect();
         let _ = write!(
             body,
-            "<h2>Maintenance</h2><table class=\"happened\"><thead><tr><th>Time (UTC)</th><th>What was done</th><th>By</th><th>Remark</th></tr></thead>\
+            "<h2>Maintenance</h2><table class=\"happened\"><thead><tr><th>Time (UTC)</th><th>Action</th><th>By</th><th>Comment</th></tr></thead>\
              <tbody>{rows}</tbody></table>"
         );
     }
 }
 
-/// Where alarms of a channel were raised, and where something was done to the machine.
+/// The marks of raised alarms of a channel, and of maintenance.
 pub(super) fn marks(report: &Report, channel: &str) -> Vec<Mark> {
     let of_alarms = report.alarms.iter().filter(|alarm| alarm.channel == channel).flat_map(|alarm| {
         let raised = |change: &&AlarmChange| {
@@ -113,7 +112,7 @@ fn alarm_table(alarm: &ReportedAlarm, body: &mut String) {
         .filter_map(|(name, level)| level.map(|level| format!("{name} {level}")))
     });
     let levels: Vec<String> = levels.collect();
-    let levels = if levels.is_empty() { "no rule any more".to_owned() } else { levels.join(", ") };
+    let levels = if levels.is_empty() { "rule removed".to_owned() } else { levels.join(", ") };
     let now = match alarm.severity {
         Some(severity) => format!("{}, {}", severity.name(), state_words(alarm.state)),
         None => state_words(alarm.state).to_owned(),
@@ -127,8 +126,8 @@ fn alarm_table(alarm: &ReportedAlarm, body: &mut String) {
     };
     let _ = write!(
         body,
-        "<h3>{}, channel {}: {}</h3><p>{}.{of_more}</p><table class=\"happened\"><thead><tr><th>Time (UTC)</th><th>What happened</th><th>Reading</th>\
-         <th>By</th><th>Remark</th></tr></thead><tbody>{rows}</tbody></table>",
+        "<h3>{}, channel {}: {}</h3><p>{}.{of_more}</p><table class=\"happened\"><thead><tr><th>Time (UTC)</th><th>Event</th><th>Reading</th>\
+         <th>By</th><th>Comment</th></tr></thead><tbody>{rows}</tbody></table>",
         escape(&quantity_words(&alarm.quantity)),
         escape(&alarm.channel),
         escape(&now),
@@ -142,10 +141,10 @@ fn change_row(change: &AlarmChange) -> String {
         (Some(AlarmAction::Shelve { until }), _) => {
             format!("shelved until {}", until.strftime(super::page::MINUTES))
         }
-        (Some(AlarmAction::Unshelve), _) => "taken up again".to_owned(),
-        (Some(AlarmAction::Comment), _) => "remark".to_owned(),
-        (Some(AlarmAction::ShelvingOver), _) => "no longer shelved: its time was over".to_owned(),
-        (None, Some(kind)) => format!("{}: begins again", kind_words(kind)),
+        (Some(AlarmAction::Unshelve), _) => "unshelved".to_owned(),
+        (Some(AlarmAction::Comment), _) => "comment".to_owned(),
+        (Some(AlarmAction::ShelvingOver), _) => "shelving expired".to_owned(),
+        (None, Some(kind)) => format!("{}: alarm reset", kind_words(kind)),
         (None | Some(AlarmAction::Stale { .. } | AlarmAction::Joint { .. }), _) => change
             .severity
             .map_or_else(|| "back to normal".to_owned(), |severity| format!("{} raised", severity.name())),
@@ -154,7 +153,7 @@ fn change_row(change: &AlarmChange) -> String {
     row(change.time, &[&what, &reading, &change.by, &change.comment])
 }
 
-/// Four digits: more would feign precision.
+/// Four significant digits: more would suggest false precision.
 fn reading_words(value: f64) -> String {
     let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     let decimals = usize::try_from(3 - digits).unwrap_or(0).min(9);
@@ -169,15 +168,15 @@ fn maintenance_row(event: &MaintenanceEvent) -> String {
     row(event.time, &[&what, &event.by, &event.comment])
 }
 
-/// Depth with its standard error, gear and place.
+/// Depth with its standard error, gear and position on the flank.
 fn inspection_words(inspection: &Inspection) -> String {
     let gear = match inspection.gear {
         Some(1) => "driving gear",
         Some(_) => "driven gear",
-        None => "deeper of both gears",
+        None => "the more worn gear",
     };
     let place = match inspection.place {
-        FlankPlace::Greatest => "where it is deepest",
+        FlankPlace::Greatest => "at the deepest point",
         FlankPlace::Root => "at the root",
         FlankPlace::Pitch => "at the pitch point",
         FlankPlace::Tip => "at the tip",
@@ -195,15 +194,15 @@ fn row(time: Timestamp, cells: &[&str]) -> String {
     format!("<tr><td>{}</td>{cells}</tr>", time.strftime("%Y-%m-%d %H:%M:%S"))
 }
 
-/// What an alarm watches, in words.
+/// The quantity that an alarm watches, in words.
 pub fn quantity_words(quantity: &AlarmQuantity) -> String {
     match quantity {
         AlarmQuantity::WearUm => "Wear depth (µm)".to_owned(),
-        AlarmQuantity::WearAboveLimit => "Probability of having passed the limit".to_owned(),
+        AlarmQuantity::WearAboveLimit => "Probability that the limit is exceeded".to_owned(),
         AlarmQuantity::Novelty => "Novelty (−log₁₀ p)".to_owned(),
         AlarmQuantity::JointNovelty => "Novelty of all channels together (−log₁₀ p)".to_owned(),
         AlarmQuantity::SensorFault => "Sensor fault (0 or 1)".to_owned(),
-        AlarmQuantity::StaleS => "Seconds without a record".to_owned(),
+        AlarmQuantity::StaleS => "Time without a record (s)".to_owned(),
         AlarmQuantity::Indicator(name) => format!("Indicator {name}"),
         AlarmQuantity::RatePerDay(RatedQuantity::WearUm) => "Change of the wear depth (µm a day)".to_owned(),
         AlarmQuantity::RatePerDay(RatedQuantity::Novelty) => "Change of the novelty a day".to_owned(),
@@ -217,7 +216,7 @@ fn kind_words(kind: MaintenanceKind) -> &'static str {
     match kind {
         MaintenanceKind::GearReplaced => "gear replaced",
         MaintenanceKind::SensorReplaced => "sensor replaced",
-        MaintenanceKind::RegimeChanged => "other speed or load",
+        MaintenanceKind::RegimeChanged => "speed or load changed",
         MaintenanceKind::Inspected => "wear measured",
         MaintenanceKind::BaselineChosen => "baseline chosen",
     }
@@ -228,7 +227,7 @@ fn state_words(state: AlarmState) -> &'static str {
         AlarmState::Normal => "normal",
         AlarmState::Unacknowledged => "not acknowledged",
         AlarmState::Acknowledged => "acknowledged",
-        AlarmState::ReturnedUnacknowledged => "over, not acknowledged",
+        AlarmState::ReturnedUnacknowledged => "returned to normal, not acknowledged",
         AlarmState::Shelved => "shelved",
     }
 }
@@ -251,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn alarms_and_maintenance_are_told_and_marked() {
+    fn alarms_and_maintenance_are_listed_and_marked() {
         let rule =
             AlarmRule { warning: Some(100.0), hysteresis: 5.0, ..AlarmRule::of(AlarmQuantity::WearUm) };
         let quiet = AlarmRule { quantity: AlarmQuantity::Novelty, ..rule.clone() };

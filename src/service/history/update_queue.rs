@@ -1,27 +1,27 @@
-//! Assets that wait for their recomputation.
+//! The queue of assets whose histories are to be brought up to date.
 
 use std::collections::{HashSet, VecDeque};
 
 use crate::asset::AssetId;
 
-/// Assets in the order in which they are looked at, each once.
+/// A queue of assets, each at most once.
 #[derive(Debug, Default)]
-pub(crate) struct Waiting {
+pub(crate) struct UpdateQueue {
     order: VecDeque<AssetId>,
-    /// The same ones: at a start that is the whole fleet.
+    /// The same assets as a set, since at a start the queue holds the whole fleet.
     assets: HashSet<AssetId>,
-    /// Somebody takes them out.
+    /// Whether a task is working on the queue.
     pub(crate) is_running: bool,
 }
 
-impl Waiting {
+impl UpdateQueue {
     pub(crate) fn push(&mut self, asset: AssetId) {
         if self.assets.insert(asset.clone()) {
             self.order.push_back(asset);
         }
     }
 
-    /// The next asset; where there is none, nobody takes them out any more.
+    /// Removes and returns the next asset; if there is none, the task working on the queue ends.
     pub(crate) fn pop(&mut self) -> Option<AssetId> {
         let next = self.order.pop_front();
         self.is_running = next.is_some();
@@ -39,15 +39,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_asset_waits_once_and_in_its_turn() {
+    fn each_asset_is_queued_once_in_order() {
         let asset = |name: &str| AssetId::new(name).unwrap();
-        let mut waiting = Waiting::default();
+        let mut queue = UpdateQueue::default();
         for name in ["a", "b", "a", "c"] {
-            waiting.push(asset(name));
+            queue.push(asset(name));
         }
-        assert_eq!(waiting.pop(), Some(asset("a")));
-        waiting.push(asset("a"));
-        let rest: Vec<_> = std::iter::from_fn(|| waiting.pop()).collect();
+        assert_eq!(queue.pop(), Some(asset("a")));
+        queue.push(asset("a"));
+        let rest: Vec<_> = std::iter::from_fn(|| queue.pop()).collect();
         assert_eq!(rest, [asset("b"), asset("c"), asset("a")]);
     }
 }

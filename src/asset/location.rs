@@ -1,27 +1,27 @@
-//! Where a mesh is, and the measuring points that see it.
+//! The location of a mesh, and its measuring points.
 
 use jiff::civil::Date;
 use serde::{Deserialize, Serialize};
 
 use super::error::{AssetError, field};
 
-/// The most measuring points of an asset.
+/// Maximum number of measuring points of an asset.
 const MAX_POINTS: usize = 64;
 
-/// The greatest sensitivity, in whatever unit.
+/// Maximum sensitivity, in any unit.
 const MAX_SENSITIVITY: f64 = 1e12;
 
-/// Longest text of a description, in bytes.
+/// Maximum length of a text in a description, in bytes.
 const MAX_TEXT: usize = 200;
 
-/// Where a mesh is; meshes of one gearbox have the first three in common.
+/// The location of a mesh; meshes of one gearbox have the first three fields in common.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Location {
     /// The site.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub site: Option<String>,
-    /// The machine on it.
+    /// The machine at the site.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine: Option<String>,
     /// The gearbox of the machine.
@@ -36,18 +36,18 @@ pub struct Location {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeasuringPoint {
-    /// The channel under which its records come.
+    /// The channel of its records.
     pub channel: String,
-    /// Where on the machine it is.
+    /// Its position on the machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<String>,
-    /// In which direction it measures.
+    /// The direction in which it measures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<String>,
-    /// Unit of its samples where the recording does not say.
+    /// Unit of its samples if the recording does not give it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// Sensitivity in `sensitivity_unit`, for the record: samples come in their unit.
+    /// Sensitivity in `sensitivity_unit`, for information only: samples are already in their unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<f64>,
     /// Unit of the sensitivity, such as `mV/(m/s2)`.
@@ -56,18 +56,18 @@ pub struct MeasuringPoint {
     /// The sensor's serial number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
-    /// Day of its last calibration.
+    /// Date of its last calibration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>, format = Date)]
     pub calibrated_on: Option<Date>,
-    /// Day on which the next one is due.
+    /// Date on which the next calibration is due.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>, format = Date)]
     pub calibration_due: Option<Date>,
 }
 
 impl Location {
-    /// Whether nothing is said.
+    /// Whether no field is given.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
@@ -87,7 +87,7 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
     for (index, point) in points.iter().enumerate() {
         check_text("points.channel", Some(&point.channel))?;
         if points[..index].iter().any(|other| other.channel == point.channel) {
-            return Err(field("points.channel", format!("{:?}", point.channel), "every channel once"));
+            return Err(field("points.channel", format!("{:?}", point.channel), "each channel at most once"));
         }
         check_text("points.place", point.place.as_deref())?;
         check_text("points.axis", point.axis.as_deref())?;

@@ -1,9 +1,9 @@
-//! Two whole numbers as they are described: a list that is not one of two says which field it is.
+//! Deserialisation of pairs of integers, with errors that name the field.
 
 use serde::de::{Deserialize, Deserializer, Error};
 
-/// Numbers of a list that are told.
-const TOLD: usize = 8;
+/// Maximum number of list elements shown in an error.
+const MAX_SHOWN: usize = 8;
 
 const TEETH: &str = "two tooth numbers from 4 to 1000";
 const RATIO: &str = "two whole numbers from 1 to 1000000";
@@ -18,13 +18,13 @@ pub(super) fn other_teeth<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
     pair("gear.other_meshes.teeth", TEETH, &Vec::deserialize(deserializer)?)
 }
 
-/// `gear.shaft_ratio`, where it is given.
+/// `gear.shaft_ratio`, optional.
 pub(super) fn shaft_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[u32; 2]>, D::Error> {
     let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
     numbers.map(|numbers| pair("gear.shaft_ratio", RATIO, &numbers)).transpose()
 }
 
-/// `shaft_ratio` of other meshes, where it is given.
+/// `shaft_ratio` of other meshes, optional.
 pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<[u32; 2]>, D::Error> {
@@ -32,7 +32,7 @@ pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(
     numbers.map(|numbers| pair("gear.other_meshes.shaft_ratio", RATIO, &numbers)).transpose()
 }
 
-/// `shaft_ratio` of bearings, where it is given.
+/// `shaft_ratio` of bearings, optional.
 pub(super) fn bearing_shaft_ratio<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<[u32; 2]>, D::Error> {
@@ -44,13 +44,13 @@ fn pair<E: Error>(field: &str, expected: &str, numbers: &[f64]) -> Result<[u32; 
     let whole = |value: &f64| {
         (value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value)).then_some(*value as u32)
     };
-    let wholes: Option<Vec<u32>> = numbers.iter().take(TOLD).map(whole).collect();
+    let wholes: Option<Vec<u32>> = numbers.iter().take(MAX_SHOWN).map(whole).collect();
     match wholes.as_deref() {
         Some([first, second]) if numbers.len() == 2 => Ok([*first, *second]),
         _ => {
-            let told: Vec<String> = numbers.iter().take(TOLD).map(f64::to_string).collect();
-            let more = if numbers.len() > TOLD { ", …" } else { "" };
-            Err(E::custom(format!("{field} is [{}{more}], expected {expected}", told.join(", "))))
+            let shown: Vec<String> = numbers.iter().take(MAX_SHOWN).map(f64::to_string).collect();
+            let more = if numbers.len() > MAX_SHOWN { ", …" } else { "" };
+            Err(E::custom(format!("{field} is [{}{more}], expected {expected}", shown.join(", "))))
         }
     }
 }
@@ -60,12 +60,12 @@ mod tests {
     use crate::asset::AssetSpec;
 
     #[test]
-    fn a_list_that_is_no_pair_is_refused_by_name() {
+    fn an_error_in_a_pair_names_its_field() {
         let spec = |teeth: &str| {
             AssetSpec::from_toml(&format!("id = \"a\"\n[gear]\nteeth = {teeth}\nshaft_speed_hz = 10.0"))
         };
         assert_eq!(spec("[24, 36]").unwrap().teeth(), Some([24, 36]));
-        for (teeth, told) in [
+        for (teeth, shown) in [
             ("[24, 26, 27]", "gear.teeth is [24, 26, 27], expected two tooth numbers from 4 to 1000"),
             ("[24]", "gear.teeth is [24], expected"),
             ("[24, 26.5]", "gear.teeth is [24, 26.5], expected"),
@@ -78,7 +78,7 @@ mod tests {
             ),
         ] {
             let error = spec(teeth).unwrap_err().to_string();
-            assert!(error.contains(told), "{teeth}: {error}");
+            assert!(error.contains(shown), "{teeth}: {error}");
         }
     }
 }
