@@ -53,9 +53,9 @@ const PAGES = {
     },
     (page) => drawn(page, "turn"),
   ],
-  "empty bench": ["#/bench", (page) => page.getByText("No record is on the bench yet").waitFor()],
-  "no such asset": ["#/assets/no-such-asset", (page) => page.getByText("There is no asset").waitFor()],
-  "no such page": ["#/nowhere", (page) => page.getByText("This address leads nowhere").waitFor()],
+  "empty bench": ["#/bench", (page) => page.getByText("No records on the bench yet").waitFor()],
+  "no such asset": ["#/assets/no-such-asset", (page) => page.getByText("not found on this server").waitFor()],
+  "no such page": ["#/nowhere", (page) => page.getByText("There is no page at this address").waitFor()],
   libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
 };
 
@@ -111,16 +111,16 @@ export const CHECKS = {
       });
       await page.getByLabel("Start of broken.wav, UTC").waitFor();
       assert.deepEqual(await findings(page), [], `files to send, ${colorScheme}`);
-      await page.getByRole("button", { name: "Send the file" }).click();
+      await page.getByRole("button", { name: "Upload file" }).click();
       await page.locator('.results .result[data-kind="bad"]').waitFor();
       assert.deepEqual(await findings(page), [], `records, ${colorScheme}`);
       await page.keyboard.press("Escape");
-      await page.getByRole("button", { name: "Enter maintenance" }).click();
+      await page.getByRole("button", { name: "Add maintenance" }).click();
       assert.deepEqual(await findings(page), [], `maintenance, ${colorScheme}`);
       await page.getByLabel("Wear measured").check();
-      await page.getByLabel("Its standard error (µm)").fill("0");
+      await page.getByLabel("Standard error (µm)").fill("0");
       await page.getByLabel("Measured depth (µm)").focus();
-      await page.getByText("Expected a number above 0").waitFor();
+      await page.getByText("Enter a number above 0").waitFor();
       assert.deepEqual(await findings(page), [], `inspection, ${colorScheme}`);
       await page.context().close();
     }
@@ -149,7 +149,7 @@ export const CHECKS = {
             "token wanted",
             "",
             answered(401, JSON.stringify({ title: "a token is needed" })),
-            "A token is needed",
+            "Token required",
           ],
         ];
         for (const [state, address, before, words] of states) {

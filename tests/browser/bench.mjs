@@ -190,7 +190,9 @@ export const CHECKS = {
     assert.ok(Math.abs(heightAt(first, 100) - 120) < 0.05, `${heightAt(first, 100)} dB`);
     assert.ok(Math.abs(heightAt(louder, 100) - 132.04) < 0.05, `${heightAt(louder, 100)} dB`);
     await page.getByRole("combobox", { name: "Amplitude", exact: true }).selectOption("change");
-    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "0 dB is the first record" }).waitFor();
+    await page
+      .locator('[data-plot="spectrum"] .plot-sub', { hasText: "relative to the first record" })
+      .waitFor();
     const [changed, none] = await curves(page, "spectrum");
     assert.ok(Math.abs(heightAt(changed, 100) - 12.04) < 0.05, `${heightAt(changed, 100)} dB`);
     assert.ok(none.y.every((level) => level === null || level === 0));
@@ -244,7 +246,7 @@ export const CHECKS = {
     // another geometry
     await page.getByRole("combobox", { name: "Bearing", exact: true }).selectOption("g");
     await page.getByLabel("Rolling elements").fill("16");
-    await page.getByLabel("Their diameter, mm").fill("8.407");
+    await page.getByLabel("Roller diameter, mm").fill("8.407");
     await page.getByLabel("Pitch diameter, mm").fill("71.501");
     await page.getByLabel("Contact angle, °").fill("15.17");
     await page.getByLabel("Contact angle, °").press("Enter");
@@ -351,7 +353,7 @@ export const CHECKS = {
     const opened = await open(address(chosen));
     const { page } = opened;
     await drawn(page, "spectrum");
-    await page.getByLabel("Axis of spectra").selectOption("orders");
+    await page.getByLabel("Spectrum axis").selectOption("orders");
     await page.getByRole("combobox", { name: "Quantity", exact: true }).selectOption("velocity");
     await page.getByRole("combobox", { name: "Amplitude", exact: true }).selectOption("db");
     await page.getByRole("combobox", { name: "Bearing", exact: true }).selectOption("ZA2115");
@@ -365,7 +367,7 @@ export const CHECKS = {
     for (const kind of ["spectrum", "envelope"])
       assert.deepEqual(await curves(restored.page, kind), await curves(page, kind), kind);
     for (const [label, value] of [
-      ["Axis of spectra", "orders"],
+      ["Spectrum axis", "orders"],
       ["Quantity", "velocity"],
       ["Amplitude", "db"],
       ["Bearing", "ZA2115"],

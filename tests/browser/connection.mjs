@@ -47,8 +47,8 @@ async function gate() {
 }
 
 const told = (page, words, timeout = 20_000) => page.locator(`#live[title*="${words}"]`).waitFor({ timeout });
-const TOLD = "tells of every change";
-const ASKS = "asks the server";
+const PUSHED = "Live updates from the server";
+const POLLED = "Polling the server";
 
 export const CHECKS = {
   "events end, polling goes on, the server goes and comes back": async () => {
@@ -61,10 +61,10 @@ export const CHECKS = {
     page.on("pageerror", (error) => exceptions.push(error.stack));
     await page.goto(`${passage.url}/#/assets/${id}?trend=rms`);
     await drawn(page, "trends");
-    await told(page, TOLD);
+    await told(page, PUSHED);
 
     passage.stopStreams();
-    await told(page, ASKS);
+    await told(page, POLLED);
     await sendNoise(id, 1);
     await page.getByText("2 records").waitFor();
     assert.ok(await page.locator("#banner").isHidden(), "polling is no loss");
@@ -80,7 +80,7 @@ export const CHECKS = {
     await page.locator("#banner").waitFor({ state: "hidden", timeout: 25_000 });
     await page.getByText("3 records").waitFor();
     assert.equal(await page.locator("#live").getAttribute("data-state"), "live");
-    await told(page, TOLD, 25_000);
+    await told(page, PUSHED, 25_000);
     await sendNoise(id, 3);
     await page.getByText("4 records").waitFor();
     assert.deepEqual(exceptions, []);

@@ -87,7 +87,7 @@ export const CHECKS = {
       depths.length > 300 && depths.every((depth, n) => n === 0 || depth <= depths[n - 1]),
       "the deepest first",
     );
-    await page.getByPlaceholder("Name, id or place").fill("line 3,");
+    await page.getByPlaceholder("Name, id or location").fill("line 3,");
     await page.getByText(`of ${COUNT} assets`).waitFor();
     assert.equal(
       await total(page),
@@ -137,7 +137,7 @@ export const CHECKS = {
     await page.waitForFunction(() => location.hash.includes("closed="));
     assert.equal(await button.getAttribute("aria-expanded"), "false");
     assert.ok((await total(page)) < COUNT);
-    await page.getByLabel("By place").uncheck();
+    await page.getByLabel("Group by location").uncheck();
     await page.waitForFunction(() => location.hash.includes("flat=1"));
     assert.equal(await page.locator("tbody .group").count(), 0);
     await close(opened, name);
@@ -158,15 +158,15 @@ export const CHECKS = {
       assert.ok((await onScreen()) >= 30, `${await onScreen()} rows`);
       // each says all that a high one says
       const row = page.locator('tr[data-asset="gearbox-057"]');
-      await page.getByPlaceholder("Name, id or place").fill("gearbox 57");
+      await page.getByPlaceholder("Name, id or location").fill("gearbox 57");
       await row.getByText("1 alarm, 1 unacknowledged").waitFor();
       assert.match(
         (await row.locator(".wear-number").textContent()).replaceAll(/\s+/g, " "),
         /39 µm ?14 to 69/,
       );
-      await page.getByPlaceholder("Name, id or place").fill("");
+      await page.getByPlaceholder("Name, id or location").fill("");
       await shoot(page, `${name} ${colorScheme}`);
-      await page.getByLabel("Rows").selectOption("high");
+      await page.getByLabel("Row height").selectOption("high");
       await page.waitForFunction(() => location.hash.includes("rows=high"));
       assert.ok((await onScreen()) < 15, `${await onScreen()} high rows`);
       await close(opened, `${name} ${colorScheme}, high rows`);

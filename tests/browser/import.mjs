@@ -87,16 +87,16 @@ export const CHECKS = {
     ]);
     await page.getByRole("button", { name: "Send 8 files" }).waitFor();
     await card(page, "pump_20260301").getByText("16 bit integers · 1 channel · 4000 Hz · 1 s").waitFor();
-    await card(page, "pump_20260301").getByText("from its name, read as UTC").waitFor();
+    await card(page, "pump_20260301").getByText("from the file name, read as UTC").waitFor();
     await card(page, "two.wav").getByText("16 bit integers · 2 channels · 8000 Hz · 1 s").waitFor();
     assert.equal(await card(page, "two.wav").locator("svg.sketch").count(), 2, "a waveform of each channel");
     await card(page, "samples.csv").getByText("CSV · 1 channel · 4000 Hz (column “time”) · 0.25 s").waitFor();
-    await card(page, "run.mcap").getByText("it says nothing of its contents at its end").waitFor();
+    await card(page, "run.mcap").getByText("no summary at the end of the file").waitFor();
     await card(page, "export.mcap")
       .getByText(/MCAP · \d+ messages on \d+ topics?/)
       .waitFor();
     await card(page, "export.mcap")
-      .getByText(/says itself when its records began, logged 20/)
+      .getByText(/start times in the file, logged 20/)
       .waitFor();
     await card(page, "run.mcap").locator("svg.sketch").first().waitFor();
     await card(page, "run.mcap").getByText("its first record").first().waitFor();
@@ -111,12 +111,12 @@ export const CHECKS = {
     await page.getByText("For WAV, CSV and MATLAB files: unit").click();
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
-    await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (typed in)").waitFor();
+    await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
     assert.equal(await card(page, "two.mat").locator("svg.sketch").count(), 2, "a waveform of each channel");
     await card(page, "broken.wav").getByText("It does not begin like a WAV file (RIFF, WAVE).").waitFor();
     await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
     await page.getByLabel("Start of two.wav, UTC").blur();
-    await card(page, "two.wav").getByText("typed in").waitFor();
+    await card(page, "two.wav").getByText("entered").waitFor();
     assert.equal((await json(`assets/${id}`)).summary.segments, 0, "nothing is sent");
     await end(opened, name);
   },
@@ -133,7 +133,7 @@ export const CHECKS = {
     ]);
     await send(page);
     await good(page, "a_20260401_080000.wav: channel");
-    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was not taken" }).waitFor();
+    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was rejected" }).waitFor();
     await good(page, "two_20260401_100000.wav: channel");
     const undo = page.getByRole("button", { name: "Undo this import: delete 4 records…" });
     await undo.waitFor();
@@ -141,7 +141,7 @@ export const CHECKS = {
     await shoot(page, `${name} sent`);
     page.on("dialog", (dialog) => dialog.accept());
     await undo.click();
-    await page.getByText("4 records deleted: the import is undone.").waitFor();
+    await page.getByText("4 records deleted. Import undone.").waitFor();
     const { items } = await json(`assets/${id}/segments`);
     assert.deepEqual(
       items.map(({ start_time: start }) => start),
@@ -167,7 +167,7 @@ export const CHECKS = {
     });
     assert.equal(sent.status, 201);
     await page.setInputFiles("#upload-file", [file]);
-    await card(page, "a_20260401").getByText("There is a record of this start already, of channel").waitFor();
+    await card(page, "a_20260401").getByText("A record with this start already exists on channel").waitFor();
     await page.locator("summary", { hasText: "sampling rate" }).click();
     await page.getByLabel("Unit", { exact: true }).first().fill("m/s2");
     await send(page);
@@ -194,9 +194,9 @@ export const CHECKS = {
       await new Promise((resolve) => setTimeout(resolve, hold));
       await route.continue();
     });
-    for (const heading of ["in [g]", "out (m/s2)"]) await column(heading).selectOption("a channel");
-    await column("n").selectOption("left out");
-    await column("speed").selectOption("left out");
+    for (const heading of ["in [g]", "out (m/s2)"]) await column(heading).selectOption("channel");
+    await column("n").selectOption("ignored");
+    await column("speed").selectOption("ignored");
     await file.getByText("CSV · 2 channels").waitFor();
     await page.waitForTimeout(700);
     await file.getByText("CSV · 2 channels").waitFor();
@@ -206,7 +206,7 @@ export const CHECKS = {
     await page.locator("summary", { hasText: "sampling rate" }).click();
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("2560.5");
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
-    await file.getByText("CSV · 2 channels · 2560.5 Hz (typed in)").waitFor();
+    await file.getByText("CSV · 2 channels · 2560.5 Hz (entered)").waitFor();
     await shoot(page, `${name} mapped`);
     await send(page);
     await page.getByRole("button", { name: "Undo this import: delete 2 records…" }).waitFor();

@@ -55,7 +55,7 @@ export const CHECKS = empty && {
 
     await page.getByRole("link", { name: /^Alarms/ }).click();
     await page.locator(".alarms").getByRole("link", { name: "Wear depth" }).first().click();
-    const detail = page.getByRole("region", { name: "Chosen alarm" });
+    const detail = page.getByRole("region", { name: "Selected alarm" });
     await detail.getByLabel("Your name").fill("Ada");
     await detail.getByRole("button", { name: "Acknowledge" }).click();
     await detail.getByText("Acknowledged.").waitFor();
@@ -63,9 +63,9 @@ export const CHECKS = empty && {
     await page.getByRole("link", { name: "Fleet" }).first().click();
     await page.getByRole("link", { name: "Press line 3" }).click();
     await drawn(page, "wear");
-    await page.getByRole("button", { name: "Enter maintenance" }).click();
+    await page.getByRole("button", { name: "Add maintenance" }).click();
     await page.getByLabel("Wear measured").check();
-    await page.getByLabel("By whom").fill("Grace");
+    await page.getByLabel("Your name").fill("Grace");
     await page.getByLabel("Measured depth (µm)").fill("240");
     await page.getByRole("button", { name: "Save", exact: true }).click();
     await page

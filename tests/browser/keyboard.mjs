@@ -116,7 +116,7 @@ export const CHECKS = {
     await overviewDrawn(page);
     for (const [button, dialog] of [
       ["Add records…", `Add records to ${asset}`],
-      ["Enter maintenance…", `Maintenance of ${asset}`],
+      ["Add maintenance…", `Maintenance of ${asset}`],
     ]) {
       await page.getByRole("button", { name: button }).focus();
       await page.keyboard.press("Enter");

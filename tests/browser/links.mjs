@@ -82,7 +82,7 @@ export const CHECKS = {
     const row = (page) => page.locator("tbody tr[data-asset]").first().waitFor();
     const state = async (page) => page.locator(".fleet-tools .chip").first().click();
     const order = (page) => page.locator("thead button", { hasText: "Records" }).click();
-    const search = (page) => page.getByPlaceholder("Name, id or place").fill("gear");
+    const search = (page) => page.getByPlaceholder("Name, id or location").fill("gear");
     await linked(name, "", row, [order, order, search, state], ["q", "sort", "desc", "state"]);
   },
 

@@ -57,7 +57,7 @@ export const CHECKS = {
   "an unknown asset is told apart from a lost connection": async () => {
     for (const view of ["", "/waterfall", "/match", "/settings"]) {
       const { page } = await open(`#/assets/no-such-asset${view}`);
-      await page.getByText("There is no asset “no-such-asset”").waitFor();
+      await page.getByText("Asset “no-such-asset” not found on this server").waitFor();
       assert.ok(await page.locator("#banner").isHidden());
       await page.context().close();
     }

@@ -17,9 +17,9 @@ export const CHECKS = {
     const state = row.locator(".badge");
     assert.ok((await state.innerText()).trim().length > 0);
     assert.equal(await state.locator("svg.symbol").count(), 1);
-    await opened.page.getByPlaceholder("Name, id or place").fill("no asset has this name");
+    await opened.page.getByPlaceholder("Name, id or location").fill("no asset has this name");
     await row.waitFor({ state: "detached" });
-    await opened.page.getByPlaceholder("Name, id or place").fill(asset);
+    await opened.page.getByPlaceholder("Name, id or location").fill(asset);
     await row.getByRole("link").click();
     await opened.page.waitForURL(new RegExp(`#/assets/${asset}$`));
     await drawn(opened.page, "wear");

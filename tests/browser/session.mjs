@@ -17,7 +17,7 @@ export const CHECKS = guarded && {
     const page = await context.newPage();
     await page.goto(`${guarded}/#/assets/pump`);
     await logIn(page, "fwt_00000000_0");
-    await page.getByText("The service does not know this token.").waitFor();
+    await page.getByText("Unknown token.").waitFor();
     await logIn(page, token);
     await page.locator("h1", { hasText: "pump" }).waitFor();
 

@@ -236,7 +236,7 @@ export const CHECKS = {
     const angle = () =>
       page.locator(".preview .mesh-driving").evaluate((path) => path.parentElement.getAttribute("transform"));
     const still = await angle();
-    await page.getByRole("button", { name: "Roll the teeth" }).click();
+    await page.getByRole("button", { name: "Roll teeth" }).click();
     await page.waitForFunction(
       (text) =>
         document.querySelector(".preview .mesh-driving").parentElement.getAttribute("transform") !== text,

@@ -30,7 +30,7 @@ export const CHECKS = {
       .getByText(`root sum square ${digits(Math.hypot(...sides))} m/s²`)
       .waitFor();
     await readout(page)
-      .getByText(`with ${digits(amplitudeAt(full, 397.6))} m/s²`)
+      .getByText(`at ${digits(amplitudeAt(full, 397.6))} m/s²`)
       .waitFor();
     assert.equal((await rows(page)).length, 11);
     // one that reaches over the whole spectrum
@@ -38,7 +38,7 @@ export const CHECKS = {
     const harmonics = Array.from({ length: 30 }, (_, n) => amplitudeAt(full, 150 * (n + 1)));
     const strongest = harmonics.indexOf(Math.max(...harmonics));
     await readout(page)
-      .getByText(`strongest ${strongest + 1}× with ${digits(harmonics[strongest])} m/s²`)
+      .getByText(`strongest ${strongest + 1}× at ${digits(harmonics[strongest])} m/s²`)
       .waitFor();
     await close(opened, name);
   },
@@ -82,7 +82,7 @@ export const CHECKS = {
       await whole(await latest()),
       page.locator('[data-plot="spectrum"] .lines thead'),
     ];
-    await head.getByText("Since the baseline, dB").waitFor();
+    await head.getByText("Change since baseline, dB").waitFor();
     const table = await rows(page);
     assert.equal(table.length, harmonics.length);
     const [{ frequency_hz: hz, amplitude, baseline_amplitude: healthy }] = harmonics;

@@ -146,7 +146,7 @@ export const CHECKS = {
       assert.deepEqual(await findings(page), []);
       await shoot(page, "live view on a phone");
       await page.getByRole("button", { name: "Keep this now" }).click();
-      const link = page.getByRole("link", { name: "Open the record" });
+      const link = page.getByRole("link", { name: "Open record" });
       await link.waitFor({ timeout: 20_000 });
       const segment = new URLSearchParams((await link.getAttribute("href")).split("?")[1]).get("segment");
       const { asset_id: owner, samples, channel } = await json(`segments/${segment}`);

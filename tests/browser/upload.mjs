@@ -180,7 +180,7 @@ export const CHECKS = {
     assert.equal(await start("inside.csv").inputValue(), "2026-02-03T04:05:06");
     await page
       .locator(".files li", { hasText: "undated.wav" })
-      .getByText("when the file was changed last")
+      .getByText("modification time of the file")
       .waitFor();
     await start("undated.wav").fill("2026-03-04T01:02:03");
     await send(page);
@@ -204,7 +204,7 @@ export const CHECKS = {
     });
     await page
       .locator('.result[data-kind="good"]')
-      .getByText(/run\.mcap: [1-9]\d* records read, [1-9]\d* stored, 0 already known, 0 refused/)
+      .getByText(/run\.mcap: [1-9]\d* records read, [1-9]\d* stored, 0 already stored, 0 refused/)
       .waitFor();
     assert.ok((await json(`assets/${id}`)).summary.segments > 0);
     await choose(page, {
@@ -241,17 +241,17 @@ export const CHECKS = {
     });
     await send(page);
     await page
-      .locator('.result[data-kind="good"]', { hasText: /samples\.csv: channel .* stored as the record of/ })
+      .locator('.result[data-kind="good"]', { hasText: /samples\.csv: record of .*, channel .*, stored/ })
       .waitFor();
-    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was not taken" }).waitFor();
+    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was rejected" }).waitFor();
     await page
       .locator('.result[data-kind="bad"]', {
-        hasText: /torn\.csv was not taken: csv line 43, column "a1": "none", expected a finite number/,
+        hasText: /torn\.csv was rejected: csv line 43, column "a1": "none", expected a finite number/,
       })
       .waitFor();
     await page
       .locator('.result[data-kind="bad"]', {
-        hasText: "notes.txt was not taken: expected a file that ends in .wav",
+        hasText: "notes.txt was rejected: expected a .wav",
       })
       .waitFor();
     assert.equal((await json(`assets/${id}`)).summary.segments, 1);
@@ -284,7 +284,7 @@ export const CHECKS = {
     assert.ok(await drop(page, { "lost.wav": wav(100) }), "the browser is kept from showing the file itself");
     await page
       .getByRole("dialog")
-      .getByText("lost.wav cannot be taken here: records belong to an asset")
+      .getByText("lost.wav cannot be imported here: records belong to an asset")
       .waitFor();
     await page.keyboard.press("Escape");
     await page.getByRole("dialog").waitFor({ state: "detached" });
@@ -316,11 +316,11 @@ export const CHECKS = {
     const good = (words) => page.locator('.result[data-kind="good"]', { hasText: words }).waitFor();
     await one("one.wav");
     await good(
-      "one.wav: channel a1 taken as the record of 2026-03-01 08:00:00 UTC; it waits to be analysed, and its wear shows up on the page by itself.",
+      "one.wav: record of 2026-03-01 08:00:00 UTC, channel a1, accepted and queued for analysis; the page updates by itself.",
     );
     body = { segments: [queued, { ...queued, channel: "a2" }] };
     await one("two.wav");
-    await good("two.wav: channel a2 taken as the record of 2026-03-01 08:00:00 UTC; it waits");
+    await good("two.wav: record of 2026-03-01 08:00:00 UTC, channel a2, accepted");
     body = {
       records: 4,
       stored: 0,
@@ -332,9 +332,7 @@ export const CHECKS = {
       wear: null,
     };
     await one("run.wav");
-    await good(
-      "run.wav: 4 records read, 0 stored, 3 taken and waiting to be analysed, 1 already known, 0 refused.",
-    );
+    await good("run.wav: 4 records read, 0 stored, 3 queued for analysis, 1 already stored, 0 refused.");
     assert.deepEqual(opened.faults, []);
     await end(opened);
   },
@@ -346,10 +344,10 @@ export const CHECKS = {
       await choose(page, { name, mimeType: "application/octet-stream", buffer: Buffer.from(content) });
       await page.locator('.result[data-kind="bad"]').getByText(words).first().waitFor();
     };
-    await refused("broken.wav", "not a recording", "broken.wav was not taken");
+    await refused("broken.wav", "not a recording", "broken.wav was rejected");
     await refused("broken.csv", csv(100, 41), 'line 43, column "a1": "none", expected a finite number');
     await refused("untimed.csv", "a1\n1\n2\n3", "the sampling rate is missing");
-    await refused("notes.txt", "words", "expected a file that ends in .wav, .mcap, .csv");
+    await refused("notes.txt", "words", "expected a .wav, .mcap, .csv");
     await page.context().close();
   },
 };

@@ -122,7 +122,7 @@ export const CHECKS = {
     assert.deepEqual(faults, []);
     await page.getByLabel("Teeth, driving").fill("-3");
     await page.getByRole("button", { name: "Save", exact: true }).click();
-    await page.getByText("Not saved:").waitFor();
+    await page.getByText("Saving failed:").waitFor();
     assert.equal((await json(`assets/${id}`)).gear.teeth[0], 31);
     await page.context().close();
     await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
@@ -156,7 +156,7 @@ export const CHECKS = {
     assert.deepEqual(opened.faults, []);
     await rule.getByLabel("Danger above").fill("2");
     await page.getByRole("button", { name: "Save", exact: true }).click();
-    await page.getByText("Not saved:").waitFor();
+    await page.getByText("Saving failed:").waitFor();
     await shoot(page, name);
     await page.context().close();
     await removeAsset(id);

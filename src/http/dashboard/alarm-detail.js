@@ -1,4 +1,4 @@
-// One alarm: what it is about, what can be done about it, and what happened to it.
+// Details of one alarm: its subject, the available actions, and its history.
 
 import { learnUnits } from "./alarm-units.js";
 import { changeWords, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
@@ -15,11 +15,11 @@ const SHELVED_FOR = [
   ["24", "1 day"],
   ["168", "7 days"],
   ["720", "30 days"],
-  ["", "a time:"],
+  ["", "custom time:"],
 ];
 const HOUR_MS = 3_600_000;
 
-/** The panel beside the list of alarms. */
+/** The panel beside the alarm list. */
 export class AlarmDetail {
   #onChanged;
   #id;
@@ -30,7 +30,7 @@ export class AlarmDetail {
   #comment = h("textarea", { id: "alarm-comment", rows: 2, maxlength: 2000 });
   #span = h(
     "select",
-    { id: "alarm-shelve", "aria-label": "How long to shelve", onchange: () => this.#offerTime() },
+    { id: "alarm-shelve", "aria-label": "Shelve duration", onchange: () => this.#offerTime() },
     SHELVED_FOR.map(([value, text]) => h("option", { value }, text)),
   );
   #until = h("input", {
@@ -49,11 +49,7 @@ export class AlarmDetail {
   #unshelve = h("button", { type: "button", onclick: () => this.#act("unshelve") }, "Unshelve");
   #say = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
   #result = h("p", { class: "result", role: "status" });
-  #notice = h(
-    "p",
-    { class: "notice" },
-    "Choose an alarm to see its history and to acknowledge or shelve it.",
-  );
+  #notice = h("p", { class: "notice" }, "Select an alarm to see its history, acknowledge it or shelve it.");
   #shelving = h(
     "span",
     { class: "alarm-shelving" },
@@ -80,23 +76,23 @@ export class AlarmDetail {
   );
   element = h(
     "section",
-    { class: "card alarm-detail", "aria-label": "Chosen alarm" },
+    { class: "card alarm-detail", "aria-label": "Selected alarm" },
     this.#notice,
     this.#body,
   );
 
-  /** `onChanged` is called after an action was taken. */
+  /** `onChanged` is called after an action. */
   constructor(onChanged) {
     this.#onChanged = onChanged;
     this.#by.value = lastName();
   }
 
-  /** Shows an alarm by its id, or what to do where none is chosen. */
+  /** Shows the alarm with this id, or a hint when none is selected. */
   async show(id, signal) {
-    if (!id) return this.#nothing("Choose an alarm to see its history and to acknowledge or shelve it.");
+    if (!id) return this.#nothing("Select an alarm to see its history, acknowledge it or shelve it.");
     const alarm = await api.answer(api.alarm(id, signal));
     if (alarm instanceof Error)
-      return this.#nothing(alarm.status === 404 ? "There is no such alarm on this server." : alarm.message);
+      return this.#nothing(alarm.status === 404 ? "Alarm not found on this server." : alarm.message);
     if (id !== this.#id) {
       this.#said("", "");
       this.#comment.value = "";
@@ -130,7 +126,7 @@ export class AlarmDetail {
         h("strong", {}, reading(value, alarm)),
         `${severity ? " " : ", "}${levelWords(alarm)} · ${stateWords(alarm)}`,
       ),
-      h("p", { class: "muted" }, rule ? ruleWords(alarm) : "The asset has no such rule any more."),
+      h("p", { class: "muted" }, rule ? ruleWords(alarm) : "The rule of this alarm no longer exists."),
     );
     const todo = state === "unacknowledged" || state === "returned_unacknowledged";
     this.#acknowledge.hidden = !todo;
@@ -158,9 +154,9 @@ export class AlarmDetail {
     const by = this.#by.value.trim();
     const comment = this.#comment.value.trim();
     const missing = !by
-      ? [this.#by, "Your name is empty, expected who does this."]
+      ? [this.#by, "Enter your name."]
       : action === "comment" && !comment
-        ? [this.#comment, "The comment is empty, expected some words."]
+        ? [this.#comment, "Enter a comment."]
         : null;
     for (const input of [this.#by, this.#comment]) input.removeAttribute("aria-invalid");
     if (missing) {
@@ -169,8 +165,7 @@ export class AlarmDetail {
       return this.#said("bad", missing[1]);
     }
     const until = action === "shelve" ? this.#end() : undefined;
-    if (until === null)
-      return this.#said("bad", "The time is empty, expected until when the alarm is to be shelved.");
+    if (until === null) return this.#said("bad", "Enter the time until which to shelve the alarm.");
     keepName(by);
     try {
       const alarm = await api.actOnAlarm(this.#id, action, {
@@ -182,11 +177,11 @@ export class AlarmDetail {
       this.#render(alarm);
       this.#said(
         "good",
-        `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment kept" }[action]}.`,
+        `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment saved" }[action]}.`,
       );
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
-      this.#said("bad", `Not done: ${error.message}.`);
+      this.#said("bad", `Action failed: ${error.message}.`);
       this.#onChanged();
     }
   }
@@ -224,7 +219,7 @@ function entry(change, alarm) {
       {},
       by ? h("strong", {}, `${by}: `) : null,
       changeWords(change, alarm),
-      withdrawn ? ` (withdrawn ${clock(withdrawn)}: the readings do not say so any more)` : "",
+      withdrawn ? ` (withdrawn ${clock(withdrawn)}: no longer supported by the readings)` : "",
     ),
     comment ? h("q", {}, comment) : null,
   );

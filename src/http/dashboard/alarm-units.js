@@ -1,19 +1,19 @@
-// The units of the indicators that alarms watch: an alarm has none of its own, the trend of its indicator
-// has.
+// Units of the indicators watched by alarms. An alarm carries no unit, so it is taken from the indicator's
+// trend.
 
 import * as api from "./api.js";
 
-const MOST = 40; // trends that are asked for at once
+const MOST = 40; // trends fetched at once
 const known = new Map();
 
 const key = ({ asset_id: asset, channel, quantity }) => JSON.stringify([asset, channel, quantity.indicator]);
 
-/** The unit of an alarm's reading where it is known, empty where not. */
+/** The unit of an alarm's reading, or an empty string when it is unknown. */
 export function unitOf(alarm) {
   return (alarm.quantity?.indicator && known.get(key(alarm))) || "";
 }
 
-/** Asks for the units of alarms that are not known yet. */
+/** Fetches the units of alarms that are not known yet. */
 export async function learnUnits(alarms, signal) {
   const asked = new Map(
     alarms

@@ -1,4 +1,4 @@
-// Alarms and maintenance of one asset, the latest first, with the way to enter maintenance.
+// Alarms and maintenance of one asset, newest first, with a button to enter maintenance.
 
 import { changeWords, quantityWords, stateWords } from "./alarm-words.js";
 import { h, setChildren, svg } from "./dom.js";
@@ -10,7 +10,7 @@ import { symbol } from "./symbols.js";
 
 const KEYS = { danger: "danger", warning: "warning" };
 
-/** One alarm; of `elsewhere` where it is another channel's. */
+/** One alarm; `elsewhere` marks one of another channel. */
 function alarmItem(alarm, elsewhere = false) {
   const { id, quantity, severity, history, asset_id: asset, channel } = alarm;
   const latest = history.findLast(({ action, withdrawn_at: withdrawn }) => !action && !withdrawn);
@@ -46,10 +46,10 @@ export class EventsCard {
   #words = h("p", { class: "muted loading" }, "Loading…");
   element;
 
-  /** `onTell()` opens the dialog for maintenance, `onRemove(event)` takes one back. */
+  /** `onTell()` opens the maintenance dialog; `onRemove(event)` deletes an entry. */
   constructor(onTell, onRemove) {
     this.#onRemove = onRemove;
-    const tell = h("button", { type: "button", onclick: onTell }, "Enter maintenance…");
+    const tell = h("button", { type: "button", onclick: onTell }, "Add maintenance…");
     this.element = h(
       "section",
       { class: "card events-card", "aria-label": "Alarms and maintenance" },
@@ -70,7 +70,7 @@ export class EventsCard {
       ? trouble.message
       : alarms.length + others.length + told.length
         ? ""
-        : "No alarm of this channel has been raised, and no maintenance was entered.";
+        : "No alarms on this channel and no maintenance entries.";
     this.#words.hidden = !this.#words.textContent;
     this.#list.hidden = alarms.length + others.length + told.length === 0;
     setChildren(
@@ -96,10 +96,10 @@ export class EventsCard {
       {
         type: "button",
         class: "quiet",
-        "aria-label": `Take back: ${maintenanceWord(kind)}, ${clock(time)}`,
+        "aria-label": `Delete entry: ${maintenanceWord(kind)}, ${clock(time)}`,
         onclick: () => this.#onRemove(event),
       },
-      "Take back",
+      "Delete",
     );
     return h(
       "li",

@@ -1,11 +1,11 @@
-// The way that wear is expected to go from the last record to the limit.
+// The wear forecast from the last record to the limit.
 
 import { depth } from "./format.js";
 import { timeToLimit } from "./state.js";
 
-const MOST_OF_HISTORY = 0.6; // a forecast takes at most so much of the history's length on the time axis
+const MOST_OF_HISTORY = 0.6; // maximum length of a forecast on the time axis, as a fraction of the history
 
-/** Traces of the forecast, the time range that shows it, and its words; null where there is none. */
+/** Traces of the forecast, the time range that shows it, and its text; null when there is no forecast. */
 export function forecastOf(items, latest, colour) {
   const { prognosis } = latest ?? {};
   const last = items.findLast((item) => item.median_um != null);

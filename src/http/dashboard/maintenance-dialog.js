@@ -1,4 +1,4 @@
-// Entering maintenance: what was done, when, and by whom.
+// Dialog for maintenance: what was done, when, and by whom.
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
@@ -10,7 +10,7 @@ import { instant, written, zoneName } from "./time-zone.js";
 
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
 
-/** A dialog with a form for one event of maintenance. */
+/** The dialog with the form for one maintenance event. */
 export class MaintenanceDialog {
   #id;
   #time = h("input", { id: "maintenance-time", type: "datetime-local", step: 1, required: true });
@@ -52,9 +52,9 @@ export class MaintenanceDialog {
     const form = h(
       "form",
       { onsubmit: (event) => this.#submit(event) },
-      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "What was done"), kinds),
+      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "Type"), kinds),
       this.#inspection.element,
-      h("div", { class: "fields" }, field(this.#time, `When, ${zoneName()}`), field(this.#by, "By whom")),
+      h("div", { class: "fields" }, field(this.#time, `Time, ${zoneName()}`), field(this.#by, "Your name")),
       field(this.#comment, "Comment"),
       h(
         "div",
@@ -63,7 +63,7 @@ export class MaintenanceDialog {
         h(
           "span",
           { class: "muted" },
-          "It counts from the first record at that time or later; one in the past has the history estimated again.",
+          "Takes effect from the first record at or after that time. An entry in the past recomputes the history.",
         ),
       ),
       this.#result,
@@ -81,7 +81,7 @@ export class MaintenanceDialog {
     );
   }
 
-  /** Shows the dialog with a time, that of the record on show, to begin with. */
+  /** Shows the dialog, starting with the time of the displayed record. */
   open(time) {
     this.#time.value = written(time ?? Date.now()).slice(0, 19);
     this.#by.value ||= lastName();
@@ -105,24 +105,24 @@ export class MaintenanceDialog {
       this.element.close();
       changed();
     } catch (error) {
-      this.#said("bad", `Not saved: ${error.message}.`);
+      this.#said("bad", `Saving failed: ${error.message}.`);
     } finally {
       this.#save.disabled = false;
     }
   }
 
-  /** Takes back an event after asking. */
+  /** Deletes an event after confirmation. */
   async takeBack(event) {
     if (
       !confirm(
-        `Take back “${maintenanceWord(event.kind)}” of ${clock(event.time)}? The history is then estimated as if it had not been.`,
+        `Delete “${maintenanceWord(event.kind)}” of ${clock(event.time)}? The history is then recomputed without it.`,
       )
     )
       return;
     const answer = await api.answer(api.takeBackMaintenance(this.#id, event.id));
     if (answer instanceof Error) {
       this.open(event.time);
-      this.#said("bad", `Not taken back: ${answer.message}.`);
+      this.#said("bad", `Deleting failed: ${answer.message}.`);
     }
     changed();
   }
