@@ -26,7 +26,7 @@ export const CHECKS = empty && {
     await page.locator("#preview-wear").fill("245");
     await page.locator('.preview[data-wear="245"]').waitFor();
     await fill(page, {
-      "Unit of samples that come without one": "m/s2",
+      "Default unit of samples": "m/s2",
       "Warning (µm)": "25",
       "Danger (µm)": "60",
       "Baseline records": "8",

@@ -46,7 +46,7 @@ export const CHECKS = {
   "a zoom draws every line of its part": async (name) => {
     const opened = await open(`#/assets/${asset}?band=1000~1200`);
     const { page } = opened;
-    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "every one drawn" }).waitFor();
+    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "all drawn" }).waitFor();
     await drawn(page, "spectrum");
     const [x, y] = await page.evaluate(() => {
       const [line] = document.querySelector('[data-plot="spectrum"] .plot').data;
@@ -63,7 +63,7 @@ export const CHECKS = {
   "a zoom over orders draws every line of its part": async (name) => {
     const opened = await open(`#/assets/${asset}?axis=orders&zoom=2`);
     const { page } = opened;
-    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "every one drawn" }).waitFor();
+    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "all drawn" }).waitFor();
     await drawn(page, "spectrum");
     const { order } = await whole(await latest(), "orders");
     const shown = await page.evaluate(() =>

@@ -122,7 +122,7 @@ export const CHECKS = {
       const held = await frames(page);
       await pause(700);
       assert.equal(await frames(page), held, "what is frozen stays");
-      await page.getByRole("button", { name: "Go on" }).click();
+      await page.getByRole("button", { name: "Resume" }).click();
       await page.waitForFunction(
         (held) =>
           Number(/** @type {HTMLElement} */ (document.querySelector(".stream-page")).dataset.frames) >
@@ -145,7 +145,7 @@ export const CHECKS = {
       await noSidewaysScrolling(page);
       assert.deepEqual(await findings(page), []);
       await shoot(page, "live view on a phone");
-      await page.getByRole("button", { name: "Keep this now" }).click();
+      await page.getByRole("button", { name: "Save as record" }).click();
       const link = page.getByRole("link", { name: "Open record" });
       await link.waitFor({ timeout: 20_000 });
       const segment = new URLSearchParams((await link.getAttribute("href")).split("?")[1]).get("segment");

@@ -133,11 +133,11 @@ export const CHECKS = {
     const opened = await open(`#/assets/${id}/settings`);
     const { page } = opened;
     await page.getByText("Wear depth: warning above 50 µm, danger above 90 µm").waitFor();
-    await page.getByLabel("Rules of its own").check();
+    await page.getByLabel("Custom rules").check();
     await page.getByRole("button", { name: "Add rule" }).click();
     const rule = page
       .locator(".setting-row")
-      .filter({ has: page.getByLabel("Watches") })
+      .filter({ has: page.getByLabel("Quantity") })
       .last();
     await rule.getByLabel("Indicator", { exact: true }).fill("kurtosis");
     await rule.getByLabel("Warning above").fill("4");
