@@ -1,4 +1,4 @@
-//! `GET /v1/assets/{asset}/export`: everything that was computed, as one MCAP recording.
+//! `GET /v1/assets/{asset}/export`: all results of an asset as one MCAP recording.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -28,13 +28,13 @@ use crate::service::{Readiness, ServiceError};
 use crate::signal::{Record, reduction};
 use crate::store::{AlarmFilter, SegmentFilter, SegmentKey, StoredAlarmChange};
 
-/// Segments read at once: bounds memory.
+/// Segments read at once, to limit memory.
 const PAGE: u32 = 200;
 
-/// Points of an exported spectrum.
+/// Number of points of an exported spectrum.
 const SPECTRUM_POINTS: usize = 2000;
 
-/// Most spectra of one export: each is computed from its record's raw bytes.
+/// Maximum number of spectra per export: each is computed from its record's raw bytes.
 const MAX_SPECTRA: u64 = 10_000;
 
 /// Bytes read from the file at once.
@@ -52,22 +52,21 @@ pub(super) struct ExportParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Spectra of how many records, spread evenly over the history; 100 where not given, at most 10000.
+    /// Number of spectra, spread evenly over the history; default 100, at most 10000.
     #[param(maximum = 10000)]
     spectra: Option<u64>,
-    /// Whether the samples of the records are written too; they are not where not given.
+    /// Whether the samples of the records are included; default false.
     waveforms: Option<bool>,
 }
 
 /// Export an asset's history
 ///
-/// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on
-/// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`, with `waveforms=true` the records
-/// themselves on `…/waveform`, as uploads and `flankwatch replay` read them; metadata records `asset`,
-/// `sensor`, `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment
-/// `library.json`. Records whose raw recordings are not kept any more have no spectrum. Plot
-/// `wear.median_um`, `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against
-/// `spectrum.amplitude[:]`.
+/// Indicators, wear, spectra and alarm changes as `flankwatch.v1` protobuf messages in MCAP, on
+/// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`. With `waveforms=true` also the
+/// records on `…/waveform`, in the format that uploads and `flankwatch replay` read. Metadata records
+/// `asset`, `sensor`, `gear_pair` and `acquisition`; the manifest of the wear library is the attachment
+/// `library.json`. Records whose raw recordings are no longer kept have no spectrum. Plot `wear.median_um`,
+/// `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/export",
@@ -90,7 +89,7 @@ pub(super) async fn export(
     app.service.store.asset(&asset).await?;
     let _ticket = app.service.workers.admit_answer()?;
     match written(&app, &asset, &asked, spectra, &app.uploads).await {
-        // What is kept can be read also while there is no room beside it.
+        // stored data can be exported even if the disk of the data folder is full
         Err(problem) if problem.is_no_room() => {
             written(&app, &asset, &asked, spectra, &std::env::temp_dir()).await
         }
@@ -98,7 +97,7 @@ pub(super) async fn export(
     }
 }
 
-/// The answer, by way of a file in `folder`.
+/// Writes the export to a file in `folder` and answers with it.
 async fn written(
     app: &App,
     asset: &AssetId,
@@ -141,7 +140,7 @@ async fn written(
         filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
         let mut with_spectra = Vec::with_capacity(page.len());
         for segment in page {
-            // Every k-th record, so that there are about as many as were asked for.
+            // every k-th record, to approach the requested number
             let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
             number += 1;
             let spectrum = if is_chosen { spectrum_of(app, &segment).await? } else { None };
@@ -173,7 +172,7 @@ async fn written(
     Ok((fields, stream(spooled).await?).into_response())
 }
 
-/// The record itself; none where its raw bytes are not to be had any more.
+/// Reads the record; `None` if its raw bytes are no longer available.
 async fn record_of(app: &App, segment: &Segment) -> Result<Option<Record>, Problem> {
     match app.service.records.recall(segment).await {
         Err(error) if error.is_without_raw() => Ok(None),
@@ -181,7 +180,7 @@ async fn record_of(app: &App, segment: &Segment) -> Result<Option<Record>, Probl
     }
 }
 
-/// The spectrum of a record; none where its raw bytes are not to be had any more.
+/// Computes the spectrum of a record; `None` if its raw bytes are no longer available.
 async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, Problem> {
     let spectrum = match app.service.records.spectrum(segment).await {
         Err(error) if error.is_without_raw() => return Ok(None),
@@ -199,8 +198,8 @@ async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, P
     }))
 }
 
-/// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What
-/// was withdrawn is left out.
+/// The asset's alarm changes in the requested time, in order, each with the start of its topic; without
+/// withdrawn ones.
 async fn alarm_changes(
     app: &App,
     asset: &AssetId,
@@ -274,8 +273,7 @@ fn nanoseconds(time: Timestamp) -> i64 {
     i64::try_from(time.as_nanosecond()).unwrap_or(i64::MAX)
 }
 
-/// A new file in a folder that others may write to as well: its name cannot be guessed, and nobody else reads
-/// it.
+/// Creates a file with an unguessable name in a folder that others may write to; only the owner can read it.
 fn new_file(folder: &Path) -> Result<(File, SpooledBody), ServiceError> {
     let failed =
         |source: std::io::Error| ServiceError::File { action: "write", path: folder.to_path_buf(), source };
@@ -290,7 +288,7 @@ fn new_file(folder: &Path) -> Result<(File, SpooledBody), ServiceError> {
     Ok((file, SpooledBody::at(path)))
 }
 
-/// The file piece by piece; it is removed when the last one is gone, or the client.
+/// Streams the file in pieces; it is removed after the last one or when the client disconnects.
 async fn stream(spooled: SpooledBody) -> Result<Body, Problem> {
     let opened = tokio::fs::File::open(spooled.path()).await;
     let file = opened.map_err(|source| ServiceError::File {
@@ -306,6 +304,6 @@ async fn stream(spooled: SpooledBody) -> Result<Body, Problem> {
             Err(error) => Some((Err(error), (file, spooled))),
         }
     });
-    // Compression asks once more after the end.
+    // compression polls once more after the end
     Ok(Body::from_stream(pieces.fuse()))
 }

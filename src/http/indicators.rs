@@ -1,4 +1,4 @@
-//! `/v1/assets/{asset}/indicators`: trends as flat rows.
+//! `/v1/assets/{asset}/indicators`: indicator trends as flat rows.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -21,26 +21,26 @@ use crate::estimate::WearStatus;
 use crate::signal::{Indicators, VELOCITY_RMS, reduction};
 use crate::store::Trend;
 
-/// Points of a trend where the client does not say how many.
+/// Default number of points of a trend.
 const DEFAULT_POINTS: usize = 2000;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TrendParameters {
-    /// Names of indicators with commas between them, at most 64; all where not given.
+    /// Indicator names, comma-separated, at most 64; all by default.
     #[param(example = "rms,kurtosis")]
     names: Option<String>,
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
     /// Only records that start at this time or later.
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Only records in this one of the asset's operating bins.
+    /// Only records in this operating bin of the asset.
     operating_bin: Option<String>,
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest of every name stay. Two of each
-    /// name, the first and the last stay in any case.
+    /// Maximum number of points, 10 to 200000; the minimum and maximum of every name in each interval are
+    /// kept. At least two points of each name, the first and the last are returned.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
@@ -49,15 +49,15 @@ pub(super) struct TrendParameters {
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 #[schema(as = Trend)]
 pub(super) struct TrendView {
-    /// The channel; none where the asset has no records.
+    /// The channel; none if the asset has no records.
     channel: Option<String>,
-    /// Unit of each indicator; `1` for one without.
+    /// Unit of each indicator; `1` if dimensionless.
     units: BTreeMap<String, String>,
-    /// One flat row a record in the order of time: `start_time`, `segment_id`, `operating_bin` where it lies
-    /// in one, `excluded` where it is, each indicator by name (null where it has none), and beside
-    /// `velocity_rms` the `velocity_zone` where the asset has zones.
+    /// One flat row per record in order of time: `start_time`, `segment_id`, `operating_bin` if it is in one,
+    /// `excluded` if it is, each indicator by name (null if missing), and beside `velocity_rms` the
+    /// `velocity_zone` if the asset has zones.
     items: Vec<Map<String, Value>>,
-    /// Rows were left out to keep to `max_points`.
+    /// Whether rows were dropped to meet `max_points`.
     reduced: bool,
 }
 
@@ -67,7 +67,7 @@ pub(super) struct TrendView {
     path = "/v1/assets/{asset}/indicators",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), TrendParameters),
-    responses((status = 200, content((TrendView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "As the client has it")),
+    responses((status = 200, content((TrendView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn trend(
     State(app): State<App>,
@@ -110,8 +110,7 @@ pub(super) async fn trend(
     table::answer(tag, format, view, table_of)
 }
 
-/// A name that is no indicator's, and that no record has a value of from before a change of the bands, is a
-/// slip.
+/// Rejects names that are neither indicators nor have values from before a change of the bands.
 pub(super) fn check_names(
     names: &[String],
     recorded: &BTreeMap<String, Vec<f64>>,
@@ -162,7 +161,7 @@ fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, mo
             row.insert("excluded".into(), true.into());
         }
         for (name, column) in names.iter().zip(&columns) {
-            // NaN, for no value, becomes null.
+            // NaN, which means no value, becomes null
             row.insert(name.clone(), column[*n].into());
             if name == VELOCITY_RMS
                 && let Some(zones) = spec.velocity_zones.filter(|_| column[*n].is_finite())

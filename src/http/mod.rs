@@ -1,7 +1,7 @@
 //! The HTTP API and the dashboard.
 //!
-//! Routes stand on one page (`router`), one file a resource; a handler extracts, calls and renders.
-//! Everything that goes wrong is answered as a problem (RFC 9457).
+//! All routes are in `router`, one file per resource; a handler extracts, calls and renders. Every error is
+//! answered as a problem (RFC 9457).
 
 mod access;
 mod alarm_trials;

@@ -1,4 +1,4 @@
-//! Which of an asset's records: by operating bin and status, or by name; and how many they are.
+//! Selects and counts an asset's records by operating bin and status, or by id.
 
 use std::collections::HashMap;
 
@@ -16,29 +16,29 @@ use crate::asset::{AssetId, OperatingBin, Segment, SegmentId};
 use crate::estimate::WearStatus;
 use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreError, Trend};
 
-/// Most records that one request names.
+/// Maximum number of ids per request.
 const MAX_NAMED: usize = 200;
 
 const STATUSES: &str = "collecting_baseline, no_library, no_mesh, awaiting_library, provisional, library_failed, \
     no_features, speed_in_doubt, not_comparable, not_identifiable, outside_library, sensor_fault, estimated, \
     recomputing or excluded";
 
-/// What records are chosen by besides channel and time.
+/// Filters of records besides channel and time.
 #[derive(Debug, Default)]
 pub(super) struct RecordChoice {
-    /// Only those of this bin.
+    /// Only records in this bin.
     pub(super) bin: Option<OperatingBin>,
-    /// Only those of these statuses; all where there is none.
+    /// Only records with these statuses; all if empty.
     pub(super) statuses: Vec<WearStatus>,
 }
 
 impl RecordChoice {
-    /// Whether nothing is left out.
+    /// Whether nothing is filtered.
     pub(super) fn is_all(&self) -> bool {
         self.bin.is_none() && self.statuses.is_empty()
     }
 
-    /// The positions in a trend.
+    /// The matching positions in a trend.
     fn of(&self, trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>) -> Chosen {
         let chosen = Chosen::of(trend, from, to, self.bin.as_ref());
         match self.statuses.is_empty() {
@@ -47,7 +47,7 @@ impl RecordChoice {
         }
     }
 
-    /// Up to `limit` segments, found in the histories of the asset's channels.
+    /// Returns up to `limit` segments, found in the histories of the asset's channels.
     pub(super) async fn segments(
         &self,
         store: &Store,
@@ -90,7 +90,7 @@ impl RecordChoice {
     }
 }
 
-/// The statuses that a client asks for.
+/// The requested statuses.
 pub(super) fn asked_statuses(asked: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
     let names = asked.unwrap_or_default().split(',').map(str::trim).filter(|name| !name.is_empty());
     let status = |name: &str| {
@@ -99,7 +99,7 @@ pub(super) fn asked_statuses(asked: Option<&str>) -> Result<Vec<WearStatus>, Pro
     names.map(status).collect()
 }
 
-/// One range for each record of an asset that `ids` names.
+/// One range for each record of an asset named in `ids`.
 pub(super) async fn named(store: &Store, asset: &AssetId, ids: &str) -> Result<Vec<RecordRange>, Problem> {
     store.asset(asset).await?;
     let ids: Vec<SegmentId> = ids.split(',').map(|id| SegmentId(id.trim().to_owned())).collect();
@@ -124,14 +124,14 @@ pub(super) struct CountParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Only records in this one of the asset's operating bins.
+    /// Only records in this operating bin of the asset.
     operating_bin: Option<String>,
-    /// Only records whose estimate has one of these statuses, with commas between them.
+    /// Only records whose estimate has one of these statuses, comma-separated.
     #[param(example = "estimated,excluded")]
     status: Option<String>,
 }
 
-/// How many records there are.
+/// A number of records.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub(super) struct RecordCount {
     /// Records.
@@ -142,7 +142,7 @@ pub(super) struct RecordCount {
     last_start_time: Option<Timestamp>,
 }
 
-/// How many segments of an asset there are
+/// Count the segments of an asset
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/segments/count",

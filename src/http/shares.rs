@@ -1,4 +1,4 @@
-//! What one client may have of what there is once for all: connections, event streams.
+//! Fair shares of limited resources per client: connections, event streams.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -11,21 +11,21 @@ use sha2::{Digest, Sha256};
 
 use super::session::Caller;
 
-/// Who asks: the bearer of a token or, where nobody is asked for one, an address.
+/// A client: the bearer of a token or, without tokens, an address.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) enum Client {
-    /// By the identifier of the token.
+    /// Identified by the token's id.
     Token(String),
-    /// By where the connection comes from: that of a proxy, where there is one.
+    /// Identified by the peer address: that of the proxy if there is one.
     Address(Option<IpAddr>),
 }
 
-/// Where a connection comes from.
+/// The peer address of a connection.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PeerAddress(pub(super) IpAddr);
 
 impl Client {
-    /// Eight hexadecimal digits that are the same for one client and seldom for two.
+    /// Eight hexadecimal digits that are stable for a client and rarely equal for two.
     pub(super) fn mark(&self) -> String {
         let text = match self {
             Self::Token(id) => format!("token {id}"),
@@ -46,7 +46,7 @@ impl<S: Sync> FromRequestParts<S> for Client {
     }
 }
 
-/// Places of which one client may have some.
+/// A number of places with a limit per client.
 #[derive(Debug, Clone)]
 pub(super) struct Shares {
     most: usize,
@@ -60,7 +60,7 @@ struct Taken {
     by_client: HashMap<Client, usize>,
 }
 
-/// A place, until it is dropped.
+/// An occupied place, freed on drop.
 #[derive(Debug)]
 pub(super) struct Share {
     client: Client,
@@ -72,7 +72,7 @@ impl Shares {
         Self { most: most.max(1), most_of_client: most_of_client.max(1), taken: Arc::default() }
     }
 
-    /// A place for a client; none where all are taken, or its own are.
+    /// Takes a place for a client; `None` if all places or its own share are taken.
     pub(super) fn take(&self, client: Client) -> Option<Share> {
         let mut taken = lock(&self.taken);
         let of_client = taken.by_client.get(&client).copied().unwrap_or_default();

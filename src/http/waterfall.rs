@@ -17,36 +17,36 @@ use crate::asset::{Segment, SegmentId};
 use crate::service::ServiceError;
 use crate::signal::Spectrum;
 
-/// Records and cells where the client does not say how many, and the most.
+/// Default and maximum number of records and cells.
 const RECORDS: (usize, usize) = (200, 600);
 const CELLS: (usize, usize) = (400, 2000);
 
-/// Spectra that are worked out at the same time: each holds a whole record.
+/// Number of spectra computed at the same time: each holds a whole record.
 const AT_ONCE: usize = 4;
 
-/// Below this level, in dB of one unit, there is only what a converter's steps leave.
+/// Lowest level in dB of one unit; below it there is only quantisation noise.
 const LOWEST_DB: f64 = -200.0;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WaterfallParameters {
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
-    /// Records from here on.
+    /// Only records that start at this time or later.
     from: Option<Timestamp>,
-    /// Records before this.
+    /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// What the cells are laid out over.
+    /// Axis of the cells.
     #[serde(default)]
     axis: Axis,
-    /// Records at most, 2 to 600, evenly over the life.
+    /// Maximum number of records, 2 to 600, evenly spaced over the life.
     #[param(minimum = 2, maximum = 600)]
     max_records: Option<usize>,
-    /// Cells of each spectrum, 2 to 2000.
+    /// Number of cells per spectrum, 2 to 2000.
     #[param(minimum = 2, maximum = 2000)]
     cells: Option<usize>,
-    /// Where the last cell ends, in the axis's unit.
+    /// End of the last cell, in the unit of the axis.
     #[param(exclusive_minimum = 0.0)]
     max: Option<f64>,
 }
@@ -54,37 +54,37 @@ pub(super) struct WaterfallParameters {
 /// Spectra in the order of time.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct WaterfallView {
-    /// The channel; null without records.
+    /// The channel; null if there are no records.
     channel: Option<String>,
-    /// What the cells are laid out over.
+    /// Axis of the cells.
     axis: Axis,
-    /// What the amplitudes are: `amplitude_peak`.
+    /// Kind of amplitude: `amplitude_peak`.
     quantity: &'static str,
     /// Unit of the amplitudes.
     unit: String,
-    /// Window that was applied.
+    /// Window function.
     window: &'static str,
-    /// The middles of the cells.
+    /// Centres of the cells.
     position: Vec<f64>,
-    /// Where the mesh frequency lies, in the unit of the axis.
+    /// Position of the mesh frequency, in the unit of the axis.
     mesh_position: Option<f64>,
     /// The records in time order.
     items: Vec<WaterfallRow>,
-    /// Points were left out to keep to `max_points`.
+    /// Whether records were dropped to meet the limit.
     reduced: bool,
 }
 
-/// One record's spectrum: the greatest amplitude (peak) in each cell in dB of one unit.
+/// One record's spectrum: the maximum peak amplitude in each cell in dB of one unit.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct WaterfallRow {
     /// The record.
     segment_id: SegmentId,
     /// Time of the first sample.
     start_time: Timestamp,
-    /// Shaft speed in hertz, where it is known.
+    /// Shaft speed in hertz, if known.
     shaft_speed_hz: Option<f64>,
-    /// Level of each cell in dB of one unit; null where the axis is orders and the speed
-    /// unknown, and where the raw recording is not kept any more.
+    /// Level of each cell in dB of one unit; null if the axis is orders and the speed is unknown, or if the
+    /// raw recording is no longer kept.
     #[serde(serialize_with = "as_list")]
     #[schema(value_type = Option<Vec<f32>>)]
     level_db: Option<Line>,
@@ -146,7 +146,9 @@ pub(super) async fn show(
     let highest = match (asked.axis, speed_hz) {
         (Axis::Hz, _) => first.sample_rate_hz / 2.0,
         (Axis::Orders, Some(speed_hz)) => first.sample_rate_hz / 2.0 / speed_hz,
-        (Axis::Orders, None) => return Err(Problem::query("axis", "orders", "hz: no shaft speed is known")),
+        (Axis::Orders, None) => {
+            return Err(Problem::query("axis", "orders", "hz, as the shaft speed is unknown"));
+        }
     };
     let end = asked.max.unwrap_or(highest);
     let grid = Grid { axis: asked.axis, cells, end_bits: end.to_bits() };
@@ -177,7 +179,7 @@ fn within(field: &str, asked: Option<usize>, (usual, most): (usize, usize)) -> R
     }
 }
 
-/// Positions evenly over a list, the first and the last among them.
+/// Evenly spaced positions in a list, including the first and the last.
 pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
     if length <= most {
         return (0..length).collect();
@@ -185,8 +187,8 @@ pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
     (0..most).map(|n| n * (length - 1) / (most - 1)).collect()
 }
 
-/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or
-/// the raw bytes are not to be had any more.
+/// The reduced spectra of segments in order; `None` if the axis is orders and the speed is unknown, or if the
+/// raw bytes are no longer available.
 async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
     let mut lines: Vec<Option<Line>> =
         segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
@@ -227,8 +229,8 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
     Ok(lines)
 }
 
-/// The greatest of the amplitudes, `resolution` of the grid's axis apart, in each cell in dB; a cell narrower
-/// than that has the nearest one.
+/// The maximum amplitude in each cell in dB, for amplitudes spaced by `resolution`; cells narrower than that
+/// take the nearest line.
 fn levels(amplitude: &[f64], resolution: f64, grid: Grid) -> Vec<f32> {
     let bins_per_cell = grid.end() / grid.cells as f64 / resolution;
     let last = amplitude.len().saturating_sub(1);
@@ -240,7 +242,7 @@ fn levels(amplitude: &[f64], resolution: f64, grid: Grid) -> Vec<f32> {
         }
         let cell = &amplitude[low..high.clamp(low + 1, last + 1)];
         let greatest = cell.iter().copied().fold(0.0, f64::max);
-        // One decimal is finer than any colour scale shows, and a third of the digits to send.
+        // one decimal is finer than any colour scale, and needs a third of the digits
         ((20.0 * greatest.log10()).max(LOWEST_DB) * 10.0).round() as f32 / 10.0
     };
     (0..grid.cells).map(level).collect()

@@ -14,31 +14,31 @@ use crate::asset::{Segment, SegmentId};
 use crate::service::{BandChoice, ServiceError};
 use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Motion, Spectrum, reduction};
 
-/// Points of a curve where the client does not say how many.
+/// Default number of points of a curve.
 const DEFAULT_POINTS: usize = 4000;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WaveformParameters {
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
+    /// Maximum number of points, 10 to 200000; the minimum and maximum of each interval are kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
-    /// Where the part begins, in seconds from the first sample.
+    /// Start of the range, in seconds from the first sample.
     #[param(minimum = 0.0)]
     from_s: Option<f64>,
-    /// Where it ends.
+    /// End of the range.
     #[param(exclusive_minimum = 0.0)]
     to_s: Option<f64>,
-    /// Quantity to give the samples in; as they were measured where not given.
+    /// Quantity of the samples; by default as measured.
     #[param(inline)]
     quantity: Option<Motion>,
-    /// Frequency in hertz below which nothing is integrated, 10 where not given.
+    /// Cut-off frequency of the integration in hertz, default 10.
     #[param(exclusive_minimum = 0.0)]
     cut_hz: Option<f64>,
 }
 
-/// Where velocity and displacement begin, as in ISO 20816.
+/// Default cut-off frequency for velocity and displacement, as in ISO 20816.
 const CUT_HZ: f64 = 10.0;
 
 /// Samples over time.
@@ -54,7 +54,7 @@ pub(super) struct Waveform {
     sample_rate_hz: f64,
     /// Unit of `value`.
     unit: String,
-    /// Samples were left out to keep to `max_points`.
+    /// Whether samples were dropped to meet `max_points`.
     reduced: bool,
     /// Time since the first sample in seconds.
     time_s: Vec<f64>,
@@ -87,7 +87,8 @@ pub(super) async fn waveform(
     }
     let segment = segments::find(&app, &id).await?;
     if asked.quantity.is_some() && Motion::of_unit(&segment.unit).is_none() {
-        let expected = format!("none: the samples are in {:?}, which is no unit of motion", segment.unit);
+        let expected =
+            format!("none, as the samples are in {:?}, which is not a unit of motion", segment.unit);
         return Err(Problem::query("quantity", "given", &expected));
     }
     let _ticket = app.service.workers.admit_answer()?;
@@ -96,7 +97,7 @@ pub(super) async fn waveform(
         let rate_hz = record.sample_rate_hz();
         let converted = asked.quantity.and_then(|quantity| quantity.of_record(&record, cut_hz));
         let all = converted.as_deref().unwrap_or(record.samples());
-        // One sample more on either side, so that the curve goes on to the edges of what is shown.
+        // one more sample on either side, so that the curve reaches the edges of the view
         let low = ((from_s * rate_hz).floor() as usize).min(all.len());
         let high = ((to_s * rate_hz).ceil() as usize).saturating_add(1).clamp(low, all.len());
         let samples: Vec<f64> = all[low..high].iter().map(|sample| f64::from(*sample)).collect();
@@ -122,13 +123,13 @@ pub(super) async fn waveform(
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SpectrumParameters {
-    /// Points at most, 10 to 200000; of each stretch the greatest stays.
+    /// Maximum number of points, 10 to 200000; the maximum of each interval is kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
-    /// Lowest frequency shown, in hertz.
+    /// Lowest frequency returned, in hertz.
     #[param(minimum = 0.0)]
     from_hz: Option<f64>,
-    /// Highest frequency shown, in hertz.
+    /// Highest frequency returned, in hertz.
     #[param(exclusive_minimum = 0.0)]
     to_hz: Option<f64>,
 }
@@ -139,36 +140,36 @@ pub(super) struct SpectrumParameters {
 pub(super) struct SpectrumView {
     /// The record.
     segment_id: SegmentId,
-    /// What `amplitude` is: `amplitude_peak`.
+    /// Kind of `amplitude`: `amplitude_peak`.
     quantity: &'static str,
     /// Unit of `amplitude`.
     unit: String,
-    /// Window that was applied.
+    /// Window function.
     window: &'static str,
     /// Equivalent noise bandwidth in hertz.
     bandwidth_hz: f64,
-    /// Distance between bins in hertz.
+    /// Bin spacing in hertz.
     resolution_hz: f64,
-    /// Bins were left out to keep to `max_points`.
+    /// Whether bins were dropped to meet `max_points`.
     reduced: bool,
     /// Frequencies in hertz.
     frequency_hz: Vec<f64>,
     /// Peak amplitudes in `unit`.
     amplitude: Vec<f64>,
-    /// Shaft speed in hertz; none where none was found.
+    /// Shaft speed in hertz; none if unknown.
     shaft_speed_hz: Option<f64>,
     /// Mesh frequency in hertz.
     mesh_frequency_hz: Option<f64>,
-    /// The mesh harmonics of the whole record, whatever range is asked for.
+    /// The mesh harmonics of the whole record, regardless of the requested range.
     mesh_harmonics: Vec<MeshHarmonic>,
 }
 
-/// One mesh harmonic, read at full resolution.
+/// One mesh harmonic, at full resolution.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct MeshHarmonic {
     #[serde(flatten)]
     line: MeshLine,
-    /// Geometric mean of its amplitudes in the records of the baseline; left out where there is none.
+    /// Geometric mean of its amplitudes in the baseline records; missing without a baseline.
     #[serde(skip_serializing_if = "Option::is_none")]
     baseline_amplitude: Option<f64>,
 }
@@ -193,7 +194,7 @@ pub(super) async fn spectrum(
     let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
     let mut baseline = matching::baseline(&app, &segment).await?;
     if baseline.len() < segment.wear.baseline.need as usize {
-        baseline.clear(); // it is still being learnt
+        baseline.clear(); // the baseline is still being collected
     }
     let mut view = view(segment, spectrum, lines, most, range);
     for harmonic in &mut view.mesh_harmonics {
@@ -206,19 +207,19 @@ pub(super) async fn spectrum(
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EnvelopeParameters {
-    /// How the band is looked for, where not its ends are given.
+    /// Selection of the band, unless its ends are given.
     band: Option<EnvelopeSearch>,
-    /// Lower end of the band in hertz; goes with `band_high_hz`.
+    /// Lower end of the band in hertz; requires `band_high_hz`.
     band_low_hz: Option<f64>,
     /// Upper end of the band in hertz.
     band_high_hz: Option<f64>,
-    /// Points at most, 10 to 200000; of each stretch the greatest stays.
+    /// Maximum number of points, 10 to 200000; the maximum of each interval is kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
-    /// Lowest frequency shown, in hertz.
+    /// Lowest frequency returned, in hertz.
     #[param(minimum = 0.0)]
     from_hz: Option<f64>,
-    /// Highest frequency shown, in hertz.
+    /// Highest frequency returned, in hertz.
     #[param(exclusive_minimum = 0.0)]
     to_hz: Option<f64>,
 }
@@ -235,7 +236,7 @@ pub(super) struct EnvelopeView {
 
 /// Envelope spectrum of a segment
 ///
-/// Empty where the record is too short for any band, and none was asked for.
+/// Empty if the record is too short for any band and none was requested.
 #[utoipa::path(
     get,
     path = "/v1/segments/{segment}/envelope",
@@ -256,7 +257,11 @@ pub(super) async fn envelope(
         (None, None, None) => BandChoice::OfAsset,
         (Some(search), None, None) => BandChoice::Search(search),
         (Some(_), _, _) => {
-            return Err(Problem::query("band", "given", "nothing beside band_low_hz and band_high_hz"));
+            return Err(Problem::query(
+                "band",
+                "given",
+                "no value together with band_low_hz and band_high_hz",
+            ));
         }
         (None, Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => {
             BandChoice::Hertz([low, high])
@@ -271,7 +276,7 @@ pub(super) async fn envelope(
     let _ticket = app.service.workers.admit_answer()?;
     let computed = app.service.records.envelope(&segment, band).await;
     let envelope = computed.map_err(|error| match error {
-        // A band that the record does not resolve, and that the address asked for.
+        // The requested band is finer than the record's resolution.
         ServiceError::Field { value, expected, .. } if band != BandChoice::OfAsset => {
             Problem::query("band_low_hz, band_high_hz", value, expected)
         }
@@ -283,8 +288,8 @@ pub(super) async fn envelope(
     }))
 }
 
-/// The geometric mean of a mesh harmonic's amplitudes in the records of a baseline; none where one of them
-/// lacks it.
+/// The geometric mean of a mesh harmonic's amplitudes in the baseline records; `None` if one of them lacks
+/// it.
 fn baseline_amplitude(baseline: &[Segment], order: u32, unit: &str) -> Option<f64> {
     let name = format!("mesh_{order}");
     let logarithm = |record: &Segment| {

@@ -19,14 +19,14 @@ use crate::service::JointWear;
 use crate::signal::{ShaftSpeed, reduction};
 use crate::store::Trend;
 
-/// Points of a history where the client does not say how many.
+/// Default number of points of a history.
 const DEFAULT_POINTS: usize = 2000;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WearParameters {
-    /// The channel; where not given, the one that the description names, else all together.
+    /// The channel; by default the one named in the description, otherwise all channels combined.
     channel: Option<String>,
 }
 
@@ -36,16 +36,16 @@ pub(super) struct WearParameters {
 pub(super) struct WearView {
     /// The asset.
     asset_id: AssetId,
-    /// The channel, of several the one that says most; none where the asset has no records.
+    /// The channel, of several the one that contributes most; none if the asset has no records.
     channel: Option<String>,
-    /// What each channel adds where several speak together.
+    /// Contribution of each channel if several are combined.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     channels: Vec<ChannelContribution>,
     /// Its latest record that is not excluded.
     segment_id: Option<SegmentId>,
     /// Time of its first sample.
     start_time: Option<Timestamp>,
-    /// Shaft speed in it.
+    /// Its shaft speed.
     shaft_speed: Option<ShaftSpeed>,
     /// The asset's limits in µm.
     limits: WearLimits,
@@ -59,7 +59,7 @@ pub(super) struct WearView {
     path = "/v1/assets/{asset}/wear",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), WearParameters),
-    responses((status = 200, body = WearView), (status = 304, description = "As the client has it")),
+    responses((status = 200, body = WearView), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn latest(
     State(app): State<App>,
@@ -115,16 +115,16 @@ fn nothing_yet(spec: &AssetSpec) -> WearEstimate {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct HistoryParameters {
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
     /// Only records that start at this time or later.
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Only records in this one of the asset's operating bins.
+    /// Only records in this operating bin of the asset.
     operating_bin: Option<String>,
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest median, 5 and 95 % quantile and
-    /// known depth stay.
+    /// Maximum number of points, 10 to 200000; the minimum and maximum of median, 5 and 95 % quantile and
+    /// reference depth in each interval are kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
@@ -133,11 +133,11 @@ pub(super) struct HistoryParameters {
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 #[schema(as = WearHistory)]
 pub(super) struct HistoryView {
-    /// The channel; none where the asset has no records.
+    /// The channel; none if the asset has no records.
     channel: Option<String>,
-    /// One flat row a record in the order of time.
+    /// One flat row per record in order of time.
     items: Vec<HistoryRow>,
-    /// Rows were left out to keep to `max_points`.
+    /// Whether rows were dropped to meet `max_points`.
     reduced: bool,
 }
 
@@ -148,12 +148,12 @@ struct HistoryRow {
     start_time: Timestamp,
     /// The record.
     segment_id: SegmentId,
-    /// The operating bin that it lies in, where it lies in one.
+    /// The operating bin of the record, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     operating_bin: Option<String>,
-    /// What kind of answer it is.
+    /// Status of the estimate.
     status: WearStatus,
-    /// The same in words.
+    /// Reason of the status.
     reason: String,
     /// Median wear depth in µm.
     median_um: Option<f64>,
@@ -167,7 +167,7 @@ struct HistoryRow {
     p75_um: Option<f64>,
     /// 95 % quantile of wear depth in µm.
     p95_um: Option<f64>,
-    /// Wear depth in µm known from elsewhere.
+    /// Wear depth in µm known from another source.
     reference_wear_um: Option<f64>,
     /// Natural logarithm of the record's evidence under the library.
     log_evidence: Option<f64>,
@@ -179,7 +179,7 @@ struct HistoryRow {
     path = "/v1/assets/{asset}/wear/history",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), HistoryParameters),
-    responses((status = 200, content((HistoryView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "As the client has it")),
+    responses((status = 200, content((HistoryView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn history(
     State(app): State<App>,
@@ -209,7 +209,7 @@ pub(super) async fn history(
     table::answer(tag, format, view, table_of)
 }
 
-/// The name of a status as answers have it.
+/// The serialised name of a status.
 pub(super) fn status_name(status: WearStatus) -> String {
     serde_json::to_value(status).ok().and_then(|name| Some(name.as_str()?.to_owned())).unwrap_or_default()
 }

@@ -72,7 +72,7 @@ export const CHECKS = {
     passage.close();
     await page.getByText("Connection lost since").waitFor({ timeout: 20_000 });
     assert.equal(await page.locator("#live").getAttribute("data-state"), "lost");
-    await page.locator("#banner-wait", { hasText: /Trying again/ }).waitFor();
+    await page.locator("#banner-wait", { hasText: /Retrying/ }).waitFor();
     assert.ok(await page.locator('[data-plot="trends"] .plot').isVisible(), "what was there stays");
     await sendNoise(id, 2);
 

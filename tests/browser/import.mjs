@@ -113,7 +113,7 @@ export const CHECKS = {
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
     await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
     assert.equal(await card(page, "two.mat").locator("svg.sketch").count(), 2, "a waveform of each channel");
-    await card(page, "broken.wav").getByText("It does not begin like a WAV file (RIFF, WAVE).").waitFor();
+    await card(page, "broken.wav").getByText("It does not start like a WAV file (RIFF, WAVE).").waitFor();
     await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
     await page.getByLabel("Start of two.wav, UTC").blur();
     await card(page, "two.wav").getByText("entered").waitFor();

@@ -44,7 +44,7 @@ export const CHECKS = guarded && {
     assert.equal(await page.getByLabel("Token display", { exact: true }).count(), 0, "it is shown once");
 
     const other = await logIn("#/tokens", made);
-    await other.getByText("has the scope read, expected admin").waitFor();
+    await other.getByText("has scope read, expected admin").waitFor();
     assert.ok(await other.locator("#tokens-link").isHidden());
     await other.context().close();
 
@@ -53,7 +53,7 @@ export const CHECKS = guarded && {
     await page.getByText("Token “display” revoked.").waitFor();
     assert.equal((await asked("assets", made)).status, 401);
     await page.getByRole("button", { name: "Revoke token desk" }).click();
-    await page.getByText("is the last one of the scope admin").waitFor();
+    await page.getByText("is the last one with scope admin").waitFor();
     assert.equal((await asked("assets", token)).status, 200);
     await page.context().close();
   },
