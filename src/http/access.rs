@@ -131,7 +131,7 @@ pub(super) fn unreadable(error: &TokenError) -> Problem {
 
 impl Access {
     /// Whether a caller's token is still valid; assumed valid if the tokens cannot be read.
-    pub(super) async fn still_takes(&self, caller: &Caller) -> bool {
+    pub(super) async fn is_still_valid(&self, caller: &Caller) -> bool {
         match self.tokens.list().await {
             Ok(tokens) => tokens.is_some_and(|tokens| find(&tokens, &caller.presented).is_some()),
             Err(_) => true,

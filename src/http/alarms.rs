@@ -129,26 +129,26 @@ pub(super) struct ListParameters {
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<ListParameters>,
+    Parameters(params): Parameters<ListParameters>,
 ) -> Result<Json<Page<AlarmView>>, Problem> {
-    let limit = query::limit(asked.limit)?;
+    let limit = query::limit(params.limit)?;
     let unknown_state = |state: &str| {
         let expected = "normal, unacknowledged, acknowledged, returned_unacknowledged or shelved";
         Problem::query("state", state, expected)
     };
-    let states = asked.state.as_deref().unwrap_or_default().split(',').map(str::trim);
+    let states = params.state.as_deref().unwrap_or_default().split(',').map(str::trim);
     let states = states.filter(|state| !state.is_empty());
     let states = states.map(|state| AlarmState::from_name(state).ok_or_else(|| unknown_state(state)));
     let unknown_severity = |severity: &str| Problem::query("severity", severity, "warning or danger");
-    let severity = asked.severity.as_deref();
+    let severity = params.severity.as_deref();
     let filter = AlarmFilter {
         states: states.collect::<Result<_, _>>()?,
         severity: severity
             .map(|severity| Severity::from_name(severity).ok_or_else(|| unknown_severity(severity)))
             .transpose()?,
-        after: query::place_cursor(asked.cursor.as_deref())?,
-        asset: asked.asset,
-        channel: asked.channel,
+        after: query::place_cursor(params.cursor.as_deref())?,
+        asset: params.asset,
+        channel: params.channel,
     };
     let store = &app.service.store;
     if let Some(asset) = &filter.asset {

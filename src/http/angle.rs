@@ -75,10 +75,10 @@ pub(super) struct OrderView {
 pub(super) async fn orders(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<OrderParameters>,
+    Parameters(params): Parameters<OrderParameters>,
 ) -> Result<Json<OrderView>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let range = LineRange::new(["from_order", "to_order"], asked.from_order, asked.to_order)?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let range = LineRange::new(["from_order", "to_order"], params.from_order, params.to_order)?;
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.teeth();
     let _ticket = app.service.workers.admit_answer()?;
@@ -92,7 +92,7 @@ pub(super) async fn orders(
     let places = range.places(spectrum.amplitude.len(), resolution_orders);
     let mesh_amplitudes = teeth.map_or_else(Vec::new, |[driving, _]| mesh_amplitudes(&spectrum, driving));
     let (first, amplitude) = (places.start, &spectrum.amplitude[places]);
-    let kept = reduction::peaks(amplitude, most);
+    let indices = reduction::peaks(amplitude, max_points);
     Ok(Json(OrderView {
         segment_id: segment.id,
         quantity: "amplitude_peak",
@@ -100,9 +100,9 @@ pub(super) async fn orders(
         window: "hann",
         bandwidth_orders: spectrum.bandwidth_orders,
         resolution_orders,
-        reduced: kept.len() < amplitude.len(),
-        order: kept.iter().map(|n| (first + n) as f64 * resolution_orders).collect(),
-        amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
+        reduced: indices.len() < amplitude.len(),
+        order: indices.iter().map(|n| (first + n) as f64 * resolution_orders).collect(),
+        amplitude: indices.iter().map(|n| amplitude[*n]).collect(),
         mesh_amplitudes,
         teeth,
         angle: spectrum.angle,
@@ -164,9 +164,9 @@ pub(super) struct TurnView {
 pub(super) async fn turn(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<TurnParameters>,
+    Parameters(params): Parameters<TurnParameters>,
 ) -> Result<Json<TurnView>, Problem> {
-    let number = asked.gear.unwrap_or(1);
+    let number = params.gear.unwrap_or(1);
     let gear = match number {
         1 => Gear::Driving,
         2 => Gear::Driven,

@@ -120,10 +120,10 @@ impl From<SimulationProgress> for SimulationView {
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<AssetView>>, Problem> {
-    let limit = query::limit(asked.limit)?;
-    let assets = app.service.store.assets(asked.cursor.as_deref(), limit + 1).await?;
+    let limit = query::limit(requested.limit)?;
+    let assets = app.service.store.assets(requested.cursor.as_deref(), limit + 1).await?;
     let (assets, next_cursor) =
         Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
     let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
@@ -175,12 +175,12 @@ pub(super) async fn show(
 }
 
 /// An asset's answer with its entity tag; without a body if the client has the current version.
-async fn tagged(app: &App, asset: Asset, asked: Option<&HeaderMap>) -> Result<Response, Problem> {
+async fn tagged(app: &App, asset: Asset, headers: Option<&HeaderMap>) -> Result<Response, Problem> {
     let view = view(app, asset.clone()).await?;
     let json = serde_json::to_vec(&view)
         .map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
     let etag = etag::of_asset(&asset, &json)?;
-    if asked.is_some_and(|headers| etag::is_known(headers, &etag)) {
+    if headers.is_some_and(|headers| etag::is_known(headers, &etag)) {
         return Ok(etag::not_modified(etag));
     }
     Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json")), (header::ETAG, etag)], json)
@@ -341,13 +341,13 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
 pub(super) async fn asset_and_channel(
     app: &App,
     id: &AssetId,
-    asked: Option<&str>,
+    requested: Option<&str>,
 ) -> Result<(Asset, Option<ChannelSummary>), Problem> {
     let store = &app.service.store;
     let asset = store.asset(id).await?;
     let channels = store.channels(id).await?;
-    let channel = match asked {
-        Some(asked) => Some(channel_named(id, &channels, asked)?),
+    let channel = match requested {
+        Some(requested) => Some(channel_named(id, &channels, requested)?),
         None => asset.speaking_channel(&channels),
     };
     Ok((asset, channel.cloned()))

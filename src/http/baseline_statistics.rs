@@ -68,16 +68,16 @@ pub(super) struct BaselineItem {
 pub(super) async fn show(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<BaselineParameters>,
+    Parameters(params): Parameters<BaselineParameters>,
 ) -> Result<Json<BaselineView>, Problem> {
-    let names: Vec<String> = asked.names.split(',').map(|name| name.trim().to_owned()).collect();
+    let names: Vec<String> = params.names.split(',').map(|name| name.trim().to_owned()).collect();
     if names.len() > 64 {
         return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
     }
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let store = &app.service.store;
     let (trend, since) = match &channel {
-        Some(channel) => (Some(store.trend(channel).await?), begun(&app, &asset.spec.id).await?),
+        Some(channel) => (Some(store.trend(channel).await?), baseline_start(&app, &asset.spec.id).await?),
         None => (None, None),
     };
     let none = Default::default();
@@ -109,7 +109,7 @@ pub(super) async fn show(
 }
 
 /// Start of the latest baseline from maintenance events; `None` without such events.
-async fn begun(app: &App, asset: &AssetId) -> Result<Option<Timestamp>, Problem> {
+async fn baseline_start(app: &App, asset: &AssetId) -> Result<Option<Timestamp>, Problem> {
     let events = app.service.store.maintenance(asset).await?;
     let begins = events.iter().rev().find(|event| event.kind != MaintenanceKind::Inspected);
     Ok(begins.map(|event| event.time))

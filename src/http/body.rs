@@ -199,7 +199,7 @@ pub(super) async fn described<T: DeserializeOwned>(
 }
 
 /// Number of bytes that identify a recording's format.
-const BEGINNING: usize = 16;
+const MAGIC_BYTES: usize = 16;
 
 fn check_mcap(beginning: &[u8]) -> Result<(), Problem> {
     match Format::detect(beginning).map_err(ServiceError::from)? {
@@ -239,8 +239,8 @@ impl SpooledBody {
         while let Some(bytes) = body.next().await? {
             // A small compressed body of another format must not grow to gigabytes before it is recognised.
             if let Some(first) = beginning.as_mut() {
-                first.extend_from_slice(&bytes[..bytes.len().min(BEGINNING)]);
-                if first.len() >= BEGINNING {
+                first.extend_from_slice(&bytes[..bytes.len().min(MAGIC_BYTES)]);
+                if first.len() >= MAGIC_BYTES {
                     check_mcap(first)?;
                     beginning = None;
                 }

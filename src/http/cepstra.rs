@@ -58,10 +58,10 @@ pub(super) struct CepstrumView {
 pub(super) async fn cepstrum(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<CepstrumParameters>,
+    Parameters(params): Parameters<CepstrumParameters>,
 ) -> Result<Json<CepstrumView>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let max_s = match asked.max_s {
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let max_s = match params.max_s {
         None => f64::INFINITY,
         Some(seconds) if seconds > 0.0 => seconds,
         Some(seconds) => return Err(Problem::query("max_s", seconds, "seconds above 0")),
@@ -79,13 +79,13 @@ pub(super) async fn cepstrum(
     let first = 1.min(cepstrum.value.len());
     let end = ((max_s / resolution_s).floor() as usize).saturating_add(1).clamp(first, cepstrum.value.len());
     let value = &cepstrum.value[first..end];
-    let kept = reduction::extremes(&[value], value.len(), most);
+    let indices = reduction::extremes(&[value], value.len(), max_points);
     Ok(Json(CepstrumView {
         segment_id: segment.id,
         resolution_s,
-        reduced: kept.len() < value.len(),
-        quefrency_s: kept.iter().map(|n| (first + n) as f64 * resolution_s).collect(),
-        value: kept.iter().map(|n| value[*n]).collect(),
+        reduced: indices.len() < value.len(),
+        quefrency_s: indices.iter().map(|n| (first + n) as f64 * resolution_s).collect(),
+        value: indices.iter().map(|n| value[*n]).collect(),
         teeth,
         shaft_speed_hz: segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
     }))

@@ -111,10 +111,10 @@ pub(super) async fn serve(
             let _held = (place, reserved);
             let _ = stream.set_nodelay(true);
             let Some(tls) = tls else {
-                return talk(stream, router, &limits, peer, ending).await;
+                return serve_connection(stream, router, &limits, peer, ending).await;
             };
             match tokio::time::timeout(peer.header_timeout(&limits), tls.accept(stream)).await {
-                Ok(Ok(stream)) => talk(stream, router, &limits, peer, ending).await,
+                Ok(Ok(stream)) => serve_connection(stream, router, &limits, peer, ending).await,
                 Ok(Err(error)) => tracing::debug!(%error, "TLS handshake failed"),
                 Err(_) => tracing::debug!("TLS handshake timed out"),
             }
@@ -153,7 +153,7 @@ pub(super) fn closing(mut response: Response) -> Response {
 }
 
 /// Serves the requests of one connection.
-async fn talk(
+async fn serve_connection(
     stream: impl AsyncRead + AsyncWrite + Send + 'static,
     router: Router,
     limits: &HttpLimits,

@@ -110,7 +110,7 @@ enum CsvRateSource {
 )]
 pub(super) async fn csv_preview(
     State(app): State<App>,
-    Parameters(asked): Parameters<CsvParameters>,
+    Parameters(params): Parameters<CsvParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<CsvPreviewView>, Problem> {
@@ -118,7 +118,7 @@ pub(super) async fn csv_preview(
     if media_type.as_deref() != Some("text/csv") {
         return Err(body::unsupported(media_type.as_deref(), "text/csv"));
     }
-    let layout = asked.layout()?;
+    let layout = params.layout()?;
     let _ticket = app.service.workers.admit_answer()?;
     let lines = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;
     let preview = move || CsvPreview::of(&lines, layout, STRETCHES);

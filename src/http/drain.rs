@@ -63,11 +63,11 @@ impl Drop for WholeBody {
 }
 
 async fn drain(mut rest: Body) {
-    let mut most = MAX_DRAINED;
-    while most > 0
+    let mut remaining = MAX_DRAINED;
+    while remaining > 0
         && let Some(Ok(frame)) = std::future::poll_fn(|context| Pin::new(&mut rest).poll_frame(context)).await
     {
-        most = most.saturating_sub(frame.data_ref().map_or(0, Buf::remaining));
+        remaining = remaining.saturating_sub(frame.data_ref().map_or(0, Buf::remaining));
     }
 }
 

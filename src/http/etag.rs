@@ -97,7 +97,7 @@ pub(super) fn not_modified(etag: HeaderValue) -> Response {
 /// client has.
 pub(super) async fn layer(request: Request, next: Next) -> Response {
     let is_get = request.method() == Method::GET;
-    let asked = request.headers().get(header::IF_NONE_MATCH).cloned();
+    let if_none_match = request.headers().get(header::IF_NONE_MATCH).cloned();
     let response = next.run(request).await;
     let is_json = response
         .headers()
@@ -118,7 +118,7 @@ pub(super) async fn layer(request: Request, next: Next) -> Response {
     };
     let etag = of_bytes(&[&bytes]);
     let mut headers = HeaderMap::new();
-    headers.extend(asked.map(|asked| (header::IF_NONE_MATCH, asked)));
+    headers.extend(if_none_match.map(|if_none_match| (header::IF_NONE_MATCH, if_none_match)));
     if is_known(&headers, &etag) {
         return not_modified(etag);
     }

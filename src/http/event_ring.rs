@@ -11,7 +11,7 @@ use crate::asset::AssetId;
 use crate::service::{History, LiveEvent, NumberedEvent};
 
 /// Number of events that another node may have sent before they arrived here.
-const AHEAD: u64 = 1000;
+const MAX_AHEAD: u64 = 1000;
 
 /// The events of all nodes of a cluster in a common order.
 #[derive(Debug)]
@@ -74,20 +74,20 @@ impl EventRing {
         let events = Arc::new(Self {
             run,
             capacity: capacity.max(1),
-            ahead: AHEAD,
+            ahead: MAX_AHEAD,
             entries: Mutex::default(),
             latest: watch::Sender::new(0),
             is_over: watch::Sender::new(false),
         });
         for event in backlog {
             note(&history, &event.event);
-            events.keep(event);
+            events.push(event);
         }
         let followed = Arc::clone(&events);
         tokio::spawn(async move {
             while let Some(event) = receiver.recv().await {
                 note(&history, &event.event);
-                followed.keep(event);
+                followed.push(event);
             }
         });
         events
@@ -104,10 +104,10 @@ impl EventRing {
 
     fn add(&self, event: LiveEvent) {
         let number = self.lock().last_number + 1;
-        self.keep(NumberedEvent { number, event });
+        self.push(NumberedEvent { number, event });
     }
 
-    fn keep(&self, event: NumberedEvent) {
+    fn push(&self, event: NumberedEvent) {
         let mut entries = self.lock();
         if event.number <= entries.last_number {
             // Received twice.

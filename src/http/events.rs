@@ -37,7 +37,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 const TOKEN_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The name of an event, and its data.
-fn named(event: &LiveEvent) -> (&'static str, Value) {
+fn name_and_data(event: &LiveEvent) -> (&'static str, Value) {
     let of_segment = |place: &SegmentPlace, name: &str, value: Value| {
         let mut data = json!(place);
         data[name] = value;
@@ -70,7 +70,7 @@ fn named(event: &LiveEvent) -> (&'static str, Value) {
 }
 
 fn server_event(events: &EventRing, NumberedEvent { number, event }: &NumberedEvent) -> Event {
-    let (name, data) = named(event);
+    let (name, data) = name_and_data(event);
     Event::default().event(name).id(events.id(*number)).data(data.to_string())
 }
 
@@ -115,19 +115,19 @@ pub(super) struct EventParameters {
 )]
 pub(super) async fn stream(
     State(app): State<App>,
-    Parameters(asked): Parameters<EventParameters>,
+    Parameters(params): Parameters<EventParameters>,
     client: Client,
     caller: Option<Extension<Caller>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    if let Some(asset) = &asked.asset {
+    if let Some(asset) = &params.asset {
         app.service.store.asset(asset).await?;
     }
     let Some(share) = app.event_streams.take(client) else {
         return Ok(too_many());
     };
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
-    let follower = Follower::new(app, asked.asset, caller.map(|Extension(caller)| caller), last, share);
+    let follower = Follower::new(app, params.asset, caller.map(|Extension(caller)| caller), last, share);
     let stream = unfold(follower, async |mut follower| {
         let event = follower.next().await?;
         Some((Ok::<_, Infallible>(event), follower))
@@ -193,7 +193,7 @@ impl Follower {
             if self.token_seen_at.elapsed() >= TOKEN_INTERVAL {
                 self.token_seen_at = Instant::now();
                 if let Some(caller) = &self.caller
-                    && !self.app.access.still_takes(caller).await
+                    && !self.app.access.is_still_valid(caller).await
                 {
                     return None;
                 }

@@ -66,9 +66,9 @@ pub(super) async fn include(
 pub(super) async fn exclude_range(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<RangeParameters>,
+    Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Changed>, Problem> {
-    set_range(&app, &asset, asked, true).await
+    set_range(&app, &asset, params, true).await
 }
 
 /// Include segments by time range or id
@@ -84,9 +84,9 @@ pub(super) async fn exclude_range(
 pub(super) async fn include_range(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<RangeParameters>,
+    Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Changed>, Problem> {
-    set_range(&app, &asset, asked, false).await
+    set_range(&app, &asset, params, false).await
 }
 
 async fn set_one(app: &App, id: &SegmentId, is_excluded: bool) -> Result<Json<Changed>, Problem> {
@@ -98,10 +98,10 @@ async fn set_one(app: &App, id: &SegmentId, is_excluded: bool) -> Result<Json<Ch
 async fn set_range(
     app: &App,
     asset: &AssetId,
-    asked: RangeParameters,
+    params: RangeParameters,
     is_excluded: bool,
 ) -> Result<Json<Changed>, Problem> {
-    let ranges = asked.ranges(app, asset, "a time here or in to, or ids").await?;
+    let ranges = params.ranges(app, asset, "a time here or in to, or ids").await?;
     let changed = app.service.exclusions.set_each(asset, &ranges, is_excluded).await?;
     Ok(Json(Changed { changed }))
 }

@@ -80,35 +80,35 @@ pub(super) struct ExportParameters {
 pub(super) async fn export(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<ExportParameters>,
+    Parameters(params): Parameters<ExportParameters>,
 ) -> Result<Response, Problem> {
-    let spectra = asked.spectra.unwrap_or(100);
+    let spectra = params.spectra.unwrap_or(100);
     if spectra > MAX_SPECTRA {
         return Err(Problem::query("spectra", spectra, "a number from 0 to 10000"));
     }
     app.service.store.asset(&asset).await?;
     let _ticket = app.service.workers.admit_answer()?;
-    match written(&app, &asset, &asked, spectra, &app.uploads).await {
+    match write_export(&app, &asset, &params, spectra, &app.uploads).await {
         // stored data can be exported even if the disk of the data folder is full
         Err(problem) if problem.is_no_room() => {
-            written(&app, &asset, &asked, spectra, &std::env::temp_dir()).await
+            write_export(&app, &asset, &params, spectra, &std::env::temp_dir()).await
         }
         answer => answer,
     }
 }
 
 /// Writes the export to a file in `folder` and answers with it.
-async fn written(
+async fn write_export(
     app: &App,
     asset: &AssetId,
-    asked: &ExportParameters,
+    params: &ExportParameters,
     spectra: u64,
     folder: &Path,
 ) -> Result<Response, Problem> {
     let store = &app.service.store;
     let spec = store.asset(asset).await?.spec;
     let channels = store.channels(asset).await?;
-    let is_wanted = |name: &str| asked.channel.as_ref().is_none_or(|channel| channel == name);
+    let is_wanted = |name: &str| params.channel.as_ref().is_none_or(|channel| channel == name);
     let segments: u64 =
         channels.iter().filter(|channel| is_wanted(&channel.channel)).map(|channel| channel.segments).sum();
     let (file, spooled) = new_file(folder)?;
@@ -126,12 +126,12 @@ async fn written(
         attached.map_err(ServiceError::from)?;
     }
     let mut filter = SegmentFilter {
-        channel: asked.channel.clone(),
-        from: asked.from,
-        to: asked.to,
+        channel: params.channel.clone(),
+        from: params.from,
+        to: params.to,
         ..SegmentFilter::default()
     };
-    let with_waveforms = asked.waveforms.unwrap_or(false);
+    let with_waveforms = params.waveforms.unwrap_or(false);
     let at_once = if with_waveforms { 1 } else { PAGE };
     let mut number = 0;
     loop {
@@ -155,7 +155,7 @@ async fn written(
         });
         writer = written.await?.map_err(ServiceError::from)?;
     }
-    let changes = alarm_changes(app, asset, asked).await?;
+    let changes = alarm_changes(app, asset, params).await?;
     let written = app.service.workers.run("write alarms", move || {
         changes.iter().try_for_each(|(base, message)| {
             let time = Timestamp::from_nanosecond(message.start_time_ns.into()).unwrap_or_default();
@@ -186,15 +186,15 @@ async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, P
         Err(error) if error.is_without_raw() => return Ok(None),
         spectrum => spectrum?.0,
     };
-    let kept = reduction::peaks(&spectrum.amplitude, SPECTRUM_POINTS);
+    let indices = reduction::peaks(&spectrum.amplitude, SPECTRUM_POINTS);
     Ok(Some(Spectrum {
         start_time_ns: nanoseconds(segment.start_time),
         quantity: spectrum.quantity.to_string(),
         unit: spectrum.unit,
         window: spectrum.window.to_string(),
         bandwidth_hz: spectrum.bandwidth_hz,
-        frequency_hz: kept.iter().map(|n| *n as f64 * spectrum.resolution_hz).collect(),
-        amplitude: kept.iter().map(|n| spectrum.amplitude[*n]).collect(),
+        frequency_hz: indices.iter().map(|n| *n as f64 * spectrum.resolution_hz).collect(),
+        amplitude: indices.iter().map(|n| spectrum.amplitude[*n]).collect(),
     }))
 }
 
@@ -203,16 +203,16 @@ async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, P
 async fn alarm_changes(
     app: &App,
     asset: &AssetId,
-    asked: &ExportParameters,
+    params: &ExportParameters,
 ) -> Result<Vec<(String, AlarmState)>, Problem> {
     let store = &app.service.store;
     let filter =
-        AlarmFilter { asset: Some(asset.clone()), channel: asked.channel.clone(), ..AlarmFilter::default() };
+        AlarmFilter { asset: Some(asset.clone()), channel: params.channel.clone(), ..AlarmFilter::default() };
     let mut changes = Vec::new();
     for alarm in store.alarms(&filter, app.service.now(), u32::MAX).await? {
         let (history, _) = store.alarm_history(&alarm.id, u32::MAX).await?;
         let is_asked = |time: Timestamp| {
-            asked.from.is_none_or(|from| from <= time) && asked.to.is_none_or(|to| time < to)
+            params.from.is_none_or(|from| from <= time) && params.to.is_none_or(|to| time < to)
         };
         let told =
             history.into_iter().filter(|entry| entry.withdrawn_at.is_none() && is_asked(entry.change.time));

@@ -119,9 +119,9 @@ pub(super) async fn alive() -> Json<Alive> {
 )]
 pub(super) async fn ready(
     State(app): State<App>,
-    Parameters(asked): Parameters<ReadyParameters>,
+    Parameters(params): Parameters<ReadyParameters>,
 ) -> Response {
-    readiness(&app.service, &app.write_probe, asked.purpose).await
+    readiness(&app.service, &app.write_probe, params.purpose).await
 }
 
 async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose) -> Response {
@@ -168,7 +168,7 @@ pub struct HealthServer {
 
 /// The state that is reported.
 #[derive(Clone)]
-struct Watched {
+struct HealthState {
     service: Arc<Service>,
     write_probe: Arc<WriteProbe>,
     queue: Arc<QueueWatch>,
@@ -186,7 +186,7 @@ impl HealthServer {
             .route("/healthz", get(alive))
             .route("/readyz", get(ready_of_worker))
             .route("/metrics", get(metrics_of_worker))
-            .with_state(Watched { service, write_probe: Arc::default(), queue: Arc::default() });
+            .with_state(HealthState { service, write_probe: Arc::default(), queue: Arc::default() });
         let task = tokio::spawn(async move {
             if let Err(error) = axum::serve(listener, router).await {
                 tracing::error!(%error, "the health server stopped");
@@ -202,14 +202,14 @@ impl HealthServer {
 }
 
 async fn ready_of_worker(
-    State(watched): State<Watched>,
-    Parameters(asked): Parameters<ReadyParameters>,
+    State(state): State<HealthState>,
+    Parameters(params): Parameters<ReadyParameters>,
 ) -> Response {
-    readiness(&watched.service, &watched.write_probe, asked.purpose).await
+    readiness(&state.service, &state.write_probe, params.purpose).await
 }
 
-async fn metrics_of_worker(State(watched): State<Watched>) -> Result<impl IntoResponse, Problem> {
-    metrics::of_worker(&watched.service, &watched.queue).await
+async fn metrics_of_worker(State(state): State<HealthState>) -> Result<impl IntoResponse, Problem> {
+    metrics::of_worker(&state.service, &state.queue).await
 }
 
 impl Drop for HealthServer {

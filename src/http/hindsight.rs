@@ -61,11 +61,11 @@ struct HindsightRow {
 pub(super) async fn hindsight(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<HindsightParameters>,
+    Parameters(params): Parameters<HindsightParameters>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));

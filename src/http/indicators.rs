@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::app::App;
-use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
+use super::selection::{self, Selection};
 use super::table::{self, Format, Table};
 use super::{assets, etag};
 use crate::asset::{AssetId, AssetSpec};
@@ -72,18 +72,18 @@ pub(super) struct TrendView {
 pub(super) async fn trend(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<TrendParameters>,
+    Parameters(params): Parameters<TrendParameters>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
     }
     let format = Format::accepted(&headers);
-    let names: Option<Vec<String>> = asked.names.as_deref().map(|names| {
+    let names: Option<Vec<String>> = params.names.as_deref().map(|names| {
         let names = names.split(',').map(str::trim).filter(|name| !name.is_empty());
         names.map(str::to_owned).collect()
     });
@@ -100,10 +100,10 @@ pub(super) async fn trend(
     let trend = app.service.store.trend(&channel).await?;
     check(&trend.indicators)?;
     let names = names.unwrap_or_else(|| trend.indicators.keys().cloned().collect());
-    let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
+    let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let render = move || {
-        let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
-        render(&trend, &asset.spec, &names, &chosen, most)
+        let selection = Selection::of(&trend, params.from, params.to, bin.as_ref());
+        render(&trend, &asset.spec, &names, &selection, max_points)
     };
     let mut view = app.service.workers.run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
@@ -140,21 +140,27 @@ fn table_of(view: &TrendView) -> Table {
     table
 }
 
-fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, most: usize) -> TrendView {
-    let unknown = vec![f64::NAN; chosen.len()];
+fn render(
+    trend: &Trend,
+    spec: &AssetSpec,
+    names: &[String],
+    selection: &Selection,
+    max_points: usize,
+) -> TrendView {
+    let unknown = vec![f64::NAN; selection.len()];
     let column = |name| match trend.indicators.get(name) {
-        Some(column) => chosen.column(column),
+        Some(column) => selection.column(column),
         None => Cow::Borrowed(&unknown[..]),
     };
     let columns: Vec<Cow<'_, [f64]>> = names.iter().map(column).collect();
     let columns: Vec<&[f64]> = columns.iter().map(|column| &**column).collect();
-    let kept = reduction::extremes(&columns, chosen.len(), most);
+    let indices = reduction::extremes(&columns, selection.len(), max_points);
     let row = |n: &usize| {
         let mut row = Map::with_capacity(3 + names.len());
-        let position = chosen.position(*n);
+        let position = selection.position(*n);
         row.insert("start_time".into(), trend.start_time[position].to_string().into());
         row.insert("segment_id".into(), trend.segment_id[position].0.clone().into());
-        if let Some(bin) = chosen::bin_of(&spec.operating_bins, trend, position) {
+        if let Some(bin) = selection::bin_of(&spec.operating_bins, trend, position) {
             row.insert("operating_bin".into(), bin.into());
         }
         if trend.wear[position].status == WearStatus::Excluded {
@@ -175,7 +181,7 @@ fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, mo
     TrendView {
         channel: None,
         units: names.iter().map(unit).collect(),
-        reduced: kept.len() < chosen.len(),
-        items: kept.iter().map(row).collect(),
+        reduced: indices.len() < selection.len(),
+        items: indices.iter().map(row).collect(),
     }
 }

@@ -53,7 +53,7 @@ impl From<&Token> for TokenView {
 #[derive(Serialize, utoipa::ToSchema)]
 pub(super) struct NewToken {
     #[serde(flatten)]
-    kept: TokenView,
+    stored: TokenView,
     /// The token itself; it cannot be retrieved later.
     #[schema(example = "fwt_1f0c77aa_…")]
     token: String,
@@ -82,10 +82,10 @@ pub(super) struct TokenRequest {
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<TokenView>>, Problem> {
-    let limit = query::limit(asked.limit)?;
-    let after = query::place_cursor(asked.cursor.as_deref())?;
+    let limit = query::limit(params.limit)?;
+    let after = query::place_cursor(params.cursor.as_deref())?;
     let known = app.access.managed_tokens()?.list().await.map_err(|error| unreadable(&error))?;
     let mut tokens = known.map(|tokens| tokens.to_vec()).unwrap_or_default();
     tokens.sort_by(|a, b| place(a).cmp(&place(b)));
@@ -144,9 +144,9 @@ pub(super) async fn create(
         _ => {}
     }
     let issued = place.issue(&name, scope, app.service.now()).await;
-    let (token, kept) = issued.map_err(|error| unreadable(&error))?;
-    tracing::info!(token = kept.id, scope = scope.name(), by = by(caller.as_deref()), "created token");
-    let answer = NewToken { kept: TokenView::from(&kept), token };
+    let (token, stored) = issued.map_err(|error| unreadable(&error))?;
+    tracing::info!(token = stored.id, scope = scope.name(), by = by(caller.as_deref()), "created token");
+    let answer = NewToken { stored: TokenView::from(&stored), token };
     Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response())
 }
 

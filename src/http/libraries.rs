@@ -24,15 +24,15 @@ use crate::signal::{Features, Indicators};
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<LibraryRow>>, Problem> {
-    let limit = query::limit(asked.limit)?;
+    let limit = query::limit(params.limit)?;
     let cache = app.service.simulations.cache();
     let mut all = blocking(move || cache.list()).await?;
     all.sort_by(|a, b| a.id.cmp(&b.id));
     let shown: Vec<LibraryRow> = all
         .iter()
-        .filter(|manifest| asked.cursor.as_ref().is_none_or(|cursor| manifest.id > *cursor))
+        .filter(|manifest| params.cursor.as_ref().is_none_or(|cursor| manifest.id > *cursor))
         .take(limit as usize + 1)
         .map(LibraryRow::from)
         .collect();

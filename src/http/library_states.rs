@@ -128,13 +128,13 @@ struct FlankRow {
 pub(super) async fn flank(
     State(app): State<App>,
     NameInPath(id): NameInPath,
-    Parameters(asked): Parameters<FlankParameters>,
+    Parameters(params): Parameters<FlankParameters>,
 ) -> Result<Json<FlankView>, Problem> {
     let library = libraries::find(&app, &id).await?;
-    let (spec, wear_um) = (library.pair().clone(), asked.wear_um);
-    let most = library.max_wear_um();
-    if !(0.0..=most).contains(&wear_um) {
-        return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {most} µm")));
+    let (spec, wear_um) = (library.pair().clone(), params.wear_um);
+    let max_um = library.max_wear_um();
+    if !(0.0..=max_um).contains(&wear_um) {
+        return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {max_um} µm")));
     }
     let _ticket = app.service.workers.admit_answer()?;
     let gears = app.service.workers.run("work out flanks", move || flanks(&spec, wear_um)).await?;

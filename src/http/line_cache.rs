@@ -42,20 +42,20 @@ pub(super) type Line = Arc<[f32]>;
 /// Reduced spectra of records. They never change, so a repeated request computes only new records.
 #[derive(Debug, Default)]
 pub(super) struct LineCache {
-    kept: Mutex<HashMap<(SegmentId, Grid), Line>>,
+    entries: Mutex<HashMap<(SegmentId, Grid), Line>>,
 }
 
 impl LineCache {
     pub(super) fn get(&self, segment: &SegmentId, grid: Grid) -> Option<Line> {
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.get(&(segment.clone(), grid)).cloned()
+        let entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        entries.get(&(segment.clone(), grid)).cloned()
     }
 
-    pub(super) fn keep(&self, segment: SegmentId, grid: Grid, line: Line) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if (kept.len() + 1) * grid.cells > MAX_VALUES {
-            kept.clear();
+    pub(super) fn insert(&self, segment: SegmentId, grid: Grid, line: Line) {
+        let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        if (entries.len() + 1) * grid.cells > MAX_VALUES {
+            entries.clear();
         }
-        kept.insert((segment, grid), line);
+        entries.insert((segment, grid), line);
     }
 }

@@ -18,7 +18,7 @@ use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
 use super::session::Caller;
 use super::shares::{Client, Share};
-use super::streams::USUAL_NAME;
+use super::streams::DEFAULT_NAME;
 use crate::asset::AssetId;
 use crate::service::{LiveFrame, LiveUpdate, StreamViewer};
 
@@ -83,11 +83,11 @@ struct LiveWaiting {
 pub(super) async fn watch(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<LiveParameters>,
+    Parameters(params): Parameters<LiveParameters>,
     client: Client,
     caller: Option<Extension<Caller>>,
 ) -> Result<Response, Problem> {
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     let Some(share) = app.event_streams.take(client) else {
         return Ok(events::too_many());
     };
@@ -120,7 +120,7 @@ impl View {
             if self.token_seen_at.elapsed() >= TOKEN_INTERVAL {
                 self.token_seen_at = Instant::now();
                 if let Some(caller) = &self.caller
-                    && !self.app.access.still_takes(caller).await
+                    && !self.app.access.is_still_valid(caller).await
                 {
                     return None;
                 }

@@ -108,10 +108,10 @@ pub(super) async fn add(
 pub(super) async fn list(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<EventView>>, Problem> {
-    let limit = query::limit(asked.limit)?;
-    let after = query::place_cursor(asked.cursor.as_deref())?;
+    let limit = query::limit(params.limit)?;
+    let after = query::place_cursor(params.cursor.as_deref())?;
     let store = &app.service.store;
     store.asset(&asset).await?;
     let events = store.latest_maintenance(&asset, after.as_ref(), limit + 1).await?;

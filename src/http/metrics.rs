@@ -53,10 +53,10 @@ pub(super) async fn show(State(app): State<App>) -> Result<impl IntoResponse, Pr
 )]
 pub(super) async fn machines(
     State(app): State<App>,
-    Parameters(asked): Parameters<MetricsParameters>,
+    Parameters(params): Parameters<MetricsParameters>,
 ) -> Result<impl IntoResponse, Problem> {
     let wanted: Option<Vec<&str>> =
-        asked.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
+        params.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
     let mut text = MetricsText::default();
     assets(&app, wanted.as_deref(), &mut text).await?;
     alarms(&app, &mut text).await?;
@@ -95,13 +95,13 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
     for (outcome, count) in outcomes {
         text.line("flankwatch_records_total", &[("outcome", outcome)], count);
     }
-    let (used, most) = service.workers.queue();
+    let (used, capacity) = service.workers.queue();
     text.single("flankwatch_ingest_queue_used", "gauge", "Uploads being processed or waiting.", used);
     text.single(
         "flankwatch_ingest_queue_limit",
         "gauge",
         "Maximum number of uploads; further ones are refused.",
-        most,
+        capacity,
     );
     feeds(service, text);
     notifications::metrics(service, text).await

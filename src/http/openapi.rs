@@ -21,13 +21,13 @@ const PAGE: &str = include_str!("openapi/docs.html");
 const SCRIPT: &str = include_str!("openapi/docs.js");
 
 /// The description of the API as a whole.
-const ABOUT: &str = "Vibration records in, condition indicators and wear depth with an honest interval out. Times are RFC 3339 in UTC, and a \
+const DESCRIPTION: &str = "Vibration records in, condition indicators and wear depth with an honest interval out. Times are RFC 3339 in UTC, and a \
     record's time is that of its first sample. Wear depths are in micrometres, frequencies in hertz, amplitudes of spectra are peak \
     amplitudes. Lists are paged by `cursor`. What goes wrong is answered as a problem after RFC 9457 that names the field, its value and \
     what was expected; only 429, 502, 503 and 504 are worth repeating, after the time in `Retry-After`.";
 
 /// Problems that any operation can return, and those of operations with a name in the path or with a body.
-const ALWAYS: &[(&str, &str)] = &[
+const COMMON: &[(&str, &str)] = &[
     ("400", "Invalid parameter"),
     ("401", "Token required"),
     ("403", "Insufficient scope, or a request from a page of another host"),
@@ -58,7 +58,7 @@ pub(super) fn document(generated: OpenApi) -> Value {
     document["info"] = json!({
         "title": "flankwatch",
         "version": env!("CARGO_PKG_VERSION"),
-        "description": ABOUT,
+        "description": DESCRIPTION,
         "license": { "name": "Apache-2.0", "identifier": "Apache-2.0" },
     });
     document["servers"] = json!([{ "url": "/" }]);
@@ -94,7 +94,7 @@ fn operation_id(method: &str, path: &str) -> String {
 }
 
 fn add_problems(path: &str, operation: &mut Value) {
-    let mut problems = ALWAYS.to_vec();
+    let mut problems = COMMON.to_vec();
     if path.contains('{') {
         problems.extend(WITH_NAME);
     }

@@ -13,10 +13,10 @@ use crate::gear::{
 };
 
 /// Maximum number of cached pairs (least recently used first out).
-const KEPT_PAIRS: usize = 12;
+const MAX_PAIRS: usize = 12;
 
 /// Maximum number of operating points with a cached unworn state per pair.
-const KEPT_POINTS: usize = 8;
+const MAX_POINTS: usize = 8;
 
 /// Positions of the mesh period.
 const CYCLE_POINTS: usize = 200;
@@ -113,7 +113,7 @@ struct HarmonicView {
 /// Cached pairs, so that a slider step only computes the worn state.
 #[derive(Debug, Default)]
 pub(super) struct PreviewModels {
-    kept: Mutex<VecDeque<(String, Arc<PairModel>)>>,
+    models: Mutex<VecDeque<(String, Arc<PairModel>)>>,
 }
 
 /// A pair with everything that does not depend on its wear.
@@ -135,30 +135,30 @@ impl PreviewModels {
 
     fn of(&self, spec: &PairSpec) -> Result<Arc<PairModel>, Refusal> {
         let key = serde_json::to_string(spec).unwrap_or_default();
-        let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let lock = || self.models.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = latest(&mut lock(), &key) {
             return Ok(known);
         }
         let made = Arc::new(PairModel::new(spec).map_err(|error| Refusal::of_pair(&error))?);
-        keep(&mut lock(), key, Arc::clone(&made), KEPT_PAIRS);
+        insert(&mut lock(), key, Arc::clone(&made), MAX_PAIRS);
         Ok(made)
     }
 }
 
 /// Looks up a cached value and marks it as most recently used.
-fn latest<K: PartialEq, V: Clone>(kept: &mut VecDeque<(K, V)>, key: &K) -> Option<V> {
-    let place = kept.iter().position(|(known, _)| known == key)?;
-    let entry = kept.remove(place)?;
+fn latest<K: PartialEq, V: Clone>(entries: &mut VecDeque<(K, V)>, key: &K) -> Option<V> {
+    let place = entries.iter().position(|(known, _)| known == key)?;
+    let entry = entries.remove(place)?;
     let value = entry.1.clone();
-    kept.push_back(entry);
+    entries.push_back(entry);
     Some(value)
 }
 
-fn keep<K, V>(kept: &mut VecDeque<(K, V)>, key: K, value: V, most: usize) {
-    while kept.len() >= most {
-        kept.pop_front();
+fn insert<K, V>(entries: &mut VecDeque<(K, V)>, key: K, value: V, capacity: usize) {
+    while entries.len() >= capacity {
+        entries.pop_front();
     }
-    kept.push_back((key, value));
+    entries.push_back((key, value));
 }
 
 impl PairModel {
@@ -241,7 +241,7 @@ impl PairModel {
             return Ok(known);
         }
         let made = Arc::new(self.state(pair, &FlankWear::none(), conditions)?);
-        keep(&mut lock(), key, Arc::clone(&made), KEPT_POINTS);
+        insert(&mut lock(), key, Arc::clone(&made), MAX_POINTS);
         Ok(made)
     }
 

@@ -123,16 +123,16 @@ impl<T> Page<T> {
 }
 
 /// The requested page size.
-pub(super) fn limit(asked: Option<u32>) -> Result<u32, Problem> {
-    match asked.unwrap_or(DEFAULT_LIMIT) {
+pub(super) fn limit(requested: Option<u32>) -> Result<u32, Problem> {
+    match requested.unwrap_or(DEFAULT_LIMIT) {
         limit @ 1..=MAX_LIMIT => Ok(limit),
         limit => Err(Problem::query("limit", limit, "a number from 1 to 1000")),
     }
 }
 
 /// The requested number of points.
-pub(super) fn max_points(asked: Option<usize>, default: usize) -> Result<usize, Problem> {
-    match asked.unwrap_or(default) {
+pub(super) fn max_points(requested: Option<usize>, default: usize) -> Result<usize, Problem> {
+    match requested.unwrap_or(default) {
         points @ 10..=MAX_POINTS => Ok(points),
         points => Err(Problem::query("max_points", points, "a number from 10 to 200000")),
     }

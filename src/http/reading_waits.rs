@@ -36,7 +36,7 @@ impl ReadingWaits {
     }
 
     /// Cancels an upload whose processing waits; false if it does not wait.
-    pub(super) fn give_up(&self, upload: &str) -> bool {
+    pub(super) fn cancel(&self, upload: &str) -> bool {
         let mut by_upload = self.lock();
         let waits = by_upload.get(upload).is_some_and(Option::is_some);
         waits && by_upload.remove(upload).is_some()

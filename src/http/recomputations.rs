@@ -41,9 +41,9 @@ pub(super) struct RecomputationList {
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<ListParameters>,
+    Parameters(params): Parameters<ListParameters>,
 ) -> Result<Json<RecomputationList>, Problem> {
-    let asset = match asked.asset {
+    let asset = match params.asset {
         Some(id) => Some(app.service.store.asset(&AssetId::new(id)?).await?.spec.id),
         None => None,
     };

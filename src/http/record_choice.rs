@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::app::App;
-use super::chosen::{self, Chosen};
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
+use super::selection::{self, Selection};
 use crate::asset::{AssetId, OperatingBin, Segment, SegmentId};
 use crate::estimate::WearStatus;
 use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreError, Trend};
@@ -39,11 +39,11 @@ impl RecordChoice {
     }
 
     /// The matching positions in a trend.
-    fn of(&self, trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>) -> Chosen {
-        let chosen = Chosen::of(trend, from, to, self.bin.as_ref());
+    fn of(&self, trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>) -> Selection {
+        let selection = Selection::of(trend, from, to, self.bin.as_ref());
         match self.statuses.is_empty() {
-            true => chosen,
-            false => chosen.only(|n| self.statuses.contains(&trend.wear[n].status)),
+            true => selection,
+            false => selection.only(|n| self.statuses.contains(&trend.wear[n].status)),
         }
     }
 
@@ -61,12 +61,12 @@ impl RecordChoice {
                 continue;
             }
             let trend = store.trend(&channel).await?;
-            let chosen = self.of(&trend, filter.from, filter.to);
+            let selection = self.of(&trend, filter.from, filter.to);
             let key = |n: usize| SegmentKey {
-                start_time: trend.start_time[chosen.position(n)],
-                id: trend.segment_id[chosen.position(n)].clone(),
+                start_time: trend.start_time[selection.position(n)],
+                id: trend.segment_id[selection.position(n)].clone(),
             };
-            let all = 0..chosen.len();
+            let all = 0..selection.len();
             let is_after = |key: &SegmentKey| match (&filter.after, filter.order) {
                 (None, _) => true,
                 (Some(after), Order::Asc) => key > after,
@@ -91,8 +91,8 @@ impl RecordChoice {
 }
 
 /// The requested statuses.
-pub(super) fn asked_statuses(asked: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
-    let names = asked.unwrap_or_default().split(',').map(str::trim).filter(|name| !name.is_empty());
+pub(super) fn parse_statuses(requested: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
+    let names = requested.unwrap_or_default().split(',').map(str::trim).filter(|name| !name.is_empty());
     let status = |name: &str| {
         serde_json::from_value(Value::from(name)).map_err(|_| Problem::query("status", name, STATUSES))
     };
@@ -153,26 +153,27 @@ pub(super) struct RecordCount {
 pub(super) async fn count(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<CountParameters>,
+    Parameters(params): Parameters<CountParameters>,
 ) -> Result<Json<RecordCount>, Problem> {
     let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;
     let choice = RecordChoice {
-        bin: chosen::asked_bin(&spec, asked.operating_bin.as_deref())?,
-        statuses: asked_statuses(asked.status.as_deref())?,
+        bin: selection::requested_bin(&spec, requested.operating_bin.as_deref())?,
+        statuses: parse_statuses(requested.status.as_deref())?,
     };
     let mut count = RecordCount::default();
     for channel in store.channels(&asset).await? {
-        if asked.channel.as_ref().is_some_and(|name| *name != channel.channel) {
+        if requested.channel.as_ref().is_some_and(|name| *name != channel.channel) {
             continue;
         }
         let trend = store.trend(&channel).await?;
-        let chosen = choice.of(&trend, asked.from, asked.to);
-        let Some(last) = chosen.len().checked_sub(1) else {
+        let selection = choice.of(&trend, requested.from, requested.to);
+        let Some(last) = selection.len().checked_sub(1) else {
             continue;
         };
-        let (first, last) = (trend.start_time[chosen.position(0)], trend.start_time[chosen.position(last)]);
-        count.records += chosen.len() as u64;
+        let (first, last) =
+            (trend.start_time[selection.position(0)], trend.start_time[selection.position(last)]);
+        count.records += selection.len() as u64;
         count.first_start_time = Some(count.first_start_time.map_or(first, |earliest| earliest.min(first)));
         count.last_start_time = count.last_start_time.max(Some(last));
     }

@@ -85,7 +85,7 @@ struct RecordedChannel {
 )]
 pub(super) async fn recording_preview(
     State(app): State<App>,
-    Parameters(asked): Parameters<RecordingParameters>,
+    Parameters(params): Parameters<RecordingParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<RecordingPreviewView>, Problem> {
@@ -96,14 +96,14 @@ pub(super) async fn recording_preview(
         Some("application/mcap") => of_mcap,
         other => return Err(body::unsupported(other, EXPECTED)),
     };
-    if let Some(rate) = asked.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
+    if let Some(rate) = params.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
         return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
     }
     let _ticket = app.service.workers.admit_answer()?;
     let bytes = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;
     let defaults = RecordDefaults {
         start_time: Timestamp::UNIX_EPOCH,
-        sample_rate_hz: asked.sample_rate_hz,
+        sample_rate_hz: params.sample_rate_hz,
         ..RecordDefaults::default()
     };
     let preview = move || look(bytes.to_vec(), defaults);

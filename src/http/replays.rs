@@ -68,11 +68,11 @@ pub(super) async fn files(State(app): State<App>) -> Result<Json<ReplayFiles>, P
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<Replay>>, Problem> {
-    let limit = query::limit(asked.limit)?;
+    let limit = query::limit(params.limit)?;
     let all = app.service.replays.list();
-    let start = match &asked.cursor {
+    let start = match &params.cursor {
         None => 0,
         Some(cursor) => {
             let position = all.iter().position(|replay| replay.id == *cursor);

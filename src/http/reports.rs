@@ -110,16 +110,16 @@ impl ReportParameters {
 pub(super) async fn show(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
-    Parameters(asked): Parameters<ReportParameters>,
+    Parameters(params): Parameters<ReportParameters>,
 ) -> Result<Html<String>, Problem> {
-    let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &id, params.channel.as_deref()).await?;
     let mut report = Report {
         asset: Some(asset.spec.name_or_id().to_string()),
         facts: facts(&asset.spec),
         limits: asset.spec.limits,
-        cover: asked.cover()?,
-        contents: asked.contents()?,
-        form: Some(Form { channel: asked.channel.clone() }),
+        cover: params.cover()?,
+        contents: params.contents()?,
+        form: Some(Form { channel: params.channel.clone() }),
         ..Report::default()
     };
     report.maintenance = app.service.store.maintenance(&id).await?;
@@ -128,9 +128,9 @@ pub(super) async fn show(
         let trend = app.service.store.trend(&channel).await?;
         let all = trend.segment_id.len();
         let early = all.saturating_sub(LATEST_RECORDS);
-        let mut chosen = evenly(early, MAX_RECORDS - LATEST_RECORDS);
-        chosen.extend(early..all);
-        let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[*n].clone()).collect();
+        let mut positions = evenly(early, MAX_RECORDS - LATEST_RECORDS);
+        positions.extend(early..all);
+        let ids: Vec<SegmentId> = positions.iter().map(|n| trend.segment_id[*n].clone()).collect();
         let segments = app.service.store.segments_by_id(&ids).await?;
         let mut segments: HashMap<SegmentId, Segment> =
             segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();

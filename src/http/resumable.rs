@@ -22,16 +22,16 @@ use crate::service::{ServiceError, blocking, detached};
 use crate::store::{NewUpload, UploadPiece};
 
 /// How long an inactive upload is kept, and how long the result of a finished one.
-const KEPT: SignedDuration = SignedDuration::from_hours(24);
+const RETENTION: SignedDuration = SignedDuration::from_hours(24);
 
 /// Bytes per piece; the most that a killed process can lose of an upload.
 const PIECE_BYTES: usize = 4 << 20;
 
 /// Interval of the search for complete unprocessed uploads and for expired ones.
-const LOOK_INTERVAL: Duration = Duration::from_secs(5);
+const POLL_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Maximum number of uploads taken over per search.
-const MAX_TAKEN_ON: u32 = 4;
+const MAX_TAKEN_OVER: u32 = 4;
 
 /// Interval of the heartbeat of a process that processes an upload.
 const ALIVE_INTERVAL: Duration = Duration::from_secs(5);
@@ -49,7 +49,7 @@ pub(super) async fn start(app: &App) -> Result<(), ServiceError> {
         return Ok(());
     }
     if !app.service.store.is_shared() {
-        app.service.store.resume_resumable(kept_until(app).await?).await?;
+        app.service.store.resume_resumable(expiry(app).await?).await?;
         app.service.uploads.remove_forgotten().await?;
     }
     tokio::spawn(watch(app.clone()));
@@ -57,8 +57,8 @@ pub(super) async fn start(app: &App) -> Result<(), ServiceError> {
 }
 
 /// When an upload that stays inactive from now on expires, by the clock of the store.
-async fn kept_until(app: &App) -> Result<Timestamp, ServiceError> {
-    Ok(app.service.store.now(app.service.now()).await? + KEPT)
+async fn expiry(app: &App) -> Result<Timestamp, ServiceError> {
+    Ok(app.service.store.now(app.service.now()).await? + RETENTION)
 }
 
 /// Starts an upload for an existing asset.
@@ -76,7 +76,7 @@ pub(super) async fn begin(
         id: format!("{}{}", client.mark(), hex::encode(random)),
         asset,
         length,
-        expires_at: kept_until(app).await?,
+        expires_at: expiry(app).await?,
     };
     // a single client leaves a quarter to the others
     let most = app.limits.uploads_at_once;
@@ -95,7 +95,7 @@ pub(super) async fn find(app: &App, id: &str) -> Result<ResumableUpload, Problem
 }
 
 /// Appends bytes at offset `at`, and starts processing when the upload is complete.
-pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
+pub(super) async fn append(app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
     // if the client disconnects, the received bytes are still stored
     let (app, id) = (app.clone(), id.to_owned());
     let receive = async move {
@@ -111,9 +111,9 @@ pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<Re
 }
 
 /// Removes an upload. One that waits to be processed may be removed, as it may be what fills the disk.
-pub(super) async fn give_up(app: &App, id: &str) -> Result<(), Problem> {
+pub(super) async fn cancel(app: &App, id: &str) -> Result<(), Problem> {
     find(app, id).await?;
-    let waits = app.reading_waits.give_up(id);
+    let waits = app.reading_waits.cancel(id);
     match app.service.store.give_up_resumable(id, waits, app.service.now()).await {
         Ok(true) => {}
         Ok(false) => {
@@ -135,8 +135,8 @@ async fn watch(app: App) {
     while !app.service.store.is_closed() {
         let look = async {
             app.service.uploads.expire().await?;
-            for id in app.service.store.unread_uploads(app.service.now(), MAX_TAKEN_ON).await? {
-                take_on(&app, &id).await?;
+            for id in app.service.store.unread_uploads(app.service.now(), MAX_TAKEN_OVER).await? {
+                take_over(&app, &id).await?;
             }
             Ok::<_, Problem>(())
         };
@@ -146,7 +146,7 @@ async fn watch(app: App) {
                 "failed to look for unprocessed uploads: retrying later"
             );
         }
-        tokio::time::sleep(LOOK_INTERVAL).await;
+        tokio::time::sleep(POLL_INTERVAL).await;
     }
 }
 
@@ -173,7 +173,7 @@ async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<R
         store_piece(app, &mut upload, piece).await?;
     }
     if upload.offset == upload.length {
-        take_on(app, &upload.id).await?;
+        take_over(app, &upload.id).await?;
     }
     received?;
     Ok(upload)
@@ -183,7 +183,7 @@ async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<R
 async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) -> Result<(), Problem> {
     let (store, id, count) = (app.service.store.clone(), upload.id.clone(), bytes.len() as u64);
     let object = blocking("store an upload", move || store.objects().put_piece(&id, bytes.into())).await??;
-    let (store, expires_at) = (&app.service.store, kept_until(app).await?);
+    let (store, expires_at) = (&app.service.store, expiry(app).await?);
     let piece = UploadPiece { bytes: count, object };
     if store.add_piece(&upload.id, upload.offset, &piece, expires_at).await? {
         upload.offset += count;
@@ -199,7 +199,7 @@ async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) ->
 }
 
 /// Starts processing a complete upload in the background, unless another process does so.
-async fn take_on(app: &App, id: &str) -> Result<(), Problem> {
+async fn take_over(app: &App, id: &str) -> Result<(), Problem> {
     if app.service.store.begin_reading(id, app.service.now()).await? {
         app.reading_waits.begin(id);
         let upload = find(app, id).await?;
@@ -299,7 +299,7 @@ async fn end(
         Ok(Err(_)) => Err("its result cannot be serialised"),
         Err(problem) => Err(problem.detail()),
     };
-    let expires_at = kept_until(app).await?;
+    let expires_at = expiry(app).await?;
     match app.service.store.finish_reading(&upload.id, result, expires_at).await {
         Err(error) if error.is_full() => {
             // The upload is complete, and removing its pieces frees space.

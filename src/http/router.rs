@@ -65,7 +65,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(alarms::comment))
         .routes(routes!(notifications::list))
         .routes(routes!(tus::create, tus::options))
-        .routes(routes!(tus::offset, tus::show, tus::go_on, tus::give_up))
+        .routes(routes!(tus::offset, tus::show, tus::append, tus::cancel))
         .routes(routes!(replays::start, replays::list))
         .routes(routes!(replays::files))
         .routes(routes!(replays::show, replays::stop))

@@ -8,10 +8,10 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::chosen;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
 use super::record_choice::{self, RecordChoice};
+use super::selection;
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId, VelocityZone};
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Indicators, OperatingPoint, ShaftSpeed};
@@ -119,21 +119,21 @@ impl SegmentRow {
 pub(super) async fn list(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<ListParameters>,
+    Parameters(params): Parameters<ListParameters>,
 ) -> Result<impl IntoResponse, Problem> {
-    let limit = query::limit(asked.limit)?;
+    let limit = query::limit(params.limit)?;
     let filter = SegmentFilter {
-        channel: asked.channel,
-        from: asked.from,
-        to: asked.to,
-        after: query::segment_cursor(asked.cursor.as_deref())?,
-        order: asked.order,
+        channel: params.channel,
+        from: params.from,
+        to: params.to,
+        after: query::segment_cursor(params.cursor.as_deref())?,
+        order: params.order,
     };
     let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;
     let choice = RecordChoice {
-        bin: chosen::asked_bin(&spec, asked.operating_bin.as_deref())?,
-        statuses: record_choice::asked_statuses(asked.status.as_deref())?,
+        bin: selection::requested_bin(&spec, params.operating_bin.as_deref())?,
+        statuses: record_choice::parse_statuses(params.status.as_deref())?,
     };
     let segments = match choice.is_all() {
         true => store.segments(&asset, &filter, limit + 1).await?,
@@ -251,10 +251,10 @@ pub(super) struct Deleted {
 pub(super) async fn remove_range(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<RangeParameters>,
+    Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Deleted>, Problem> {
     let all = "a time here or in to, or ids: delete the asset to delete all";
-    let ranges = asked.ranges(&app, &asset, all).await?;
+    let ranges = params.ranges(&app, &asset, all).await?;
     let deleted = app.service.removals.remove_each(&asset, &ranges).await?;
     Ok(Json(Deleted { deleted }))
 }

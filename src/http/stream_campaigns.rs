@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::app::App;
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
-use super::streams::USUAL_NAME;
+use super::streams::DEFAULT_NAME;
 use crate::asset::AssetId;
 use crate::service::CampaignStatus;
 
@@ -78,13 +78,13 @@ impl From<CampaignStatus> for CampaignView {
 pub(super) async fn begin(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<CampaignParameters>,
+    Parameters(params): Parameters<CampaignParameters>,
 ) -> Result<Json<CampaignView>, Problem> {
-    let seconds = asked.seconds.unwrap_or(60.0);
+    let seconds = params.seconds.unwrap_or(60.0);
     if !(1.0..=MAX_S).contains(&seconds) {
         return Err(Problem::query("seconds", seconds, "a number from 1 to 86400"));
     }
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     Ok(Json(app.service.streams.begin_campaign(&asset, name, seconds).await?.into()))
 }
 
@@ -101,9 +101,9 @@ pub(super) async fn begin(
 pub(super) async fn end(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<CampaignEndParameters>,
+    Parameters(params): Parameters<CampaignEndParameters>,
 ) -> Result<StatusCode, Problem> {
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     app.service.streams.end_campaign(&asset, name).await?;
     Ok(StatusCode::NO_CONTENT)
 }

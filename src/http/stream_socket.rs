@@ -28,16 +28,16 @@ const MAX_BATCH_BYTES: usize = 4 << 20;
 const HEAD_BYTES: usize = 16;
 
 /// Silence after which the sender is pinged, and after which it counts as gone.
-const ASK_AFTER: Duration = Duration::from_secs(15);
+const PING_AFTER: Duration = Duration::from_secs(15);
 const GONE_AFTER: Duration = Duration::from_secs(45);
 
 /// Interval at which the token and the asset are checked.
-const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+const CHECK_INTERVAL: Duration = Duration::from_secs(2);
 
 /// A control message of a sender.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-enum Said {
+enum ClientMessage {
     /// No samples before this index will follow.
     Gap { next: u64 },
     /// The machine's operating point from now on.
@@ -60,7 +60,7 @@ fn one() -> u32 {
 /// A message to a sender.
 #[derive(Debug, Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
-enum Told {
+enum ServerMessage {
     /// The index to continue with.
     Stream { next: Option<u64> },
     /// Everything before this index is stored.
@@ -114,7 +114,7 @@ pub(super) fn answer(
     upgrade.on_upgrade(async move |socket| {
         let over = app.service.streams.follow_end();
         let OpenStream { sender, share: _share } = stream;
-        let connection = Connection { app, sender, caller, over, looked_at: Instant::now() };
+        let connection = Connection { app, sender, caller, over, checked_at: Instant::now() };
         connection.run(socket).await;
     })
 }
@@ -124,7 +124,7 @@ struct Connection {
     sender: StreamSender,
     caller: Option<Caller>,
     over: watch::Receiver<bool>,
-    looked_at: Instant,
+    checked_at: Instant,
 }
 
 impl Connection {
@@ -151,25 +151,25 @@ impl Connection {
 
     /// Receives messages until the connection ends (`Ok`) or must be closed.
     async fn serve(&mut self, socket: &mut WebSocket) -> Result<(), Closing> {
-        if !tell(socket, &Told::Stream { next: self.sender.next() }).await {
+        if !send_message(socket, &ServerMessage::Stream { next: self.sender.next() }).await {
             return Ok(());
         }
-        let (mut heard_at, mut is_asked) = (Instant::now(), false);
+        let (mut received_at, mut is_pinged) = (Instant::now(), false);
         loop {
             let received = tokio::select! {
                 _ = self.over.wait_for(|over| *over) => {
                     return Err(Closing::new(1001, "the service is stopping: continue when it is back"));
                 }
                 () = self.sender.taken_over() => return Err(ServiceError::StreamTaken.into()),
-                received = tokio::time::timeout(LOOK_INTERVAL, socket.recv()) => received,
+                received = tokio::time::timeout(CHECK_INTERVAL, socket.recv()) => received,
             };
-            if self.looked_at.elapsed() >= LOOK_INTERVAL {
-                self.look().await?;
+            if self.checked_at.elapsed() >= CHECK_INTERVAL {
+                self.check().await?;
             }
             match received {
                 Ok(Some(Ok(message))) => {
-                    (heard_at, is_asked) = (Instant::now(), false);
-                    if !self.take(socket, message).await? {
+                    (received_at, is_pinged) = (Instant::now(), false);
+                    if !self.handle(socket, message).await? {
                         return Ok(());
                     }
                 }
@@ -177,11 +177,11 @@ impl Connection {
                     return Err(Closing::new(1002, format!("failed to read the message: {error}")));
                 }
                 Ok(None) => return Ok(()),
-                Err(_) if heard_at.elapsed() >= GONE_AFTER => {
+                Err(_) if received_at.elapsed() >= GONE_AFTER => {
                     return Err(Closing::new(4408, "nothing received for 45 s, not even a pong"));
                 }
-                Err(_) if heard_at.elapsed() >= ASK_AFTER && !is_asked => {
-                    is_asked = true;
+                Err(_) if received_at.elapsed() >= PING_AFTER && !is_pinged => {
+                    is_pinged = true;
                     if socket.send(Message::Ping(Bytes::new())).await.is_err() {
                         return Ok(());
                     }
@@ -192,10 +192,10 @@ impl Connection {
     }
 
     /// Checks whether the stream may continue, and reloads its record settings.
-    async fn look(&mut self) -> Result<(), Closing> {
-        self.looked_at = Instant::now();
+    async fn check(&mut self) -> Result<(), Closing> {
+        self.checked_at = Instant::now();
         if let Some(caller) = &self.caller
-            && !self.app.access.still_takes(caller).await
+            && !self.app.access.is_still_valid(caller).await
         {
             return Err(Closing::new(4401, "the token was revoked"));
         }
@@ -207,7 +207,7 @@ impl Connection {
     }
 
     /// Handles a message together with further ones already received; false if the connection has ended.
-    async fn take(&mut self, socket: &mut WebSocket, message: Message) -> Result<bool, Closing> {
+    async fn handle(&mut self, socket: &mut WebSocket, message: Message) -> Result<bool, Closing> {
         let mut next = Some(message);
         let (mut chunks, mut bytes) = (Vec::new(), 0);
         let mut ended = None;
@@ -222,17 +222,17 @@ impl Connection {
                 }
                 Message::Text(text) => {
                     // samples received before a control message precede it
-                    if !self.keep(socket, std::mem::take(&mut chunks)).await? {
+                    if !self.store(socket, std::mem::take(&mut chunks)).await? {
                         return Ok(false);
                     }
-                    match self.hear(socket, text.as_str()).await {
+                    match self.handle_control(socket, text.as_str()).await {
                         Ok(true) => {}
                         Ok(false) => return Ok(false),
                         Err(closing) => ended = Some(closing),
                     }
                 }
                 Message::Close(_) => {
-                    self.keep(socket, chunks).await?;
+                    self.store(socket, chunks).await?;
                     return Ok(false);
                 }
                 Message::Ping(_) | Message::Pong(_) => {}
@@ -245,37 +245,37 @@ impl Connection {
                 next = Some(message);
             }
         }
-        let is_open = self.keep(socket, chunks).await?;
+        let is_open = self.store(socket, chunks).await?;
         ended.map_or(Ok(is_open), Err)
     }
 
     /// Stores chunks and acknowledges them; false if the connection has ended.
-    async fn keep(&mut self, socket: &mut WebSocket, chunks: Vec<Chunk>) -> Result<bool, Closing> {
+    async fn store(&mut self, socket: &mut WebSocket, chunks: Vec<Chunk>) -> Result<bool, Closing> {
         if chunks.is_empty() {
             return Ok(true);
         }
         let StreamProgress { next, gaps } = self.sender.take(chunks).await?;
-        Ok(tell_gaps(socket, &gaps).await && tell(socket, &Told::Ack { next }).await)
+        Ok(send_gaps(socket, &gaps).await && send_message(socket, &ServerMessage::Ack { next }).await)
     }
 
-    async fn hear(&mut self, socket: &mut WebSocket, text: &str) -> Result<bool, Closing> {
+    async fn handle_control(&mut self, socket: &mut WebSocket, text: &str) -> Result<bool, Closing> {
         let said = serde_json::from_str(text);
         match said.map_err(|error| Closing::new(4400, format!("invalid message: {error}")))? {
-            Said::Gap { next } => {
+            ClientMessage::Gap { next } => {
                 let StreamProgress { next, gaps } = self.sender.give_up_before(next).await?;
-                Ok(tell_gaps(socket, &gaps).await && tell(socket, &Told::Ack { next }).await)
+                Ok(send_gaps(socket, &gaps).await && send_message(socket, &ServerMessage::Ack { next }).await)
             }
-            Said::Operating { shaft_speed_hz, torque_nm, temperature_c } => {
+            ClientMessage::Operating { shaft_speed_hz, torque_nm, temperature_c } => {
                 let point = OperatingPoint { shaft_speed_hz, torque_nm, temperature_c };
                 self.sender.set_operating_point(point).await?;
                 Ok(true)
             }
-            Said::Tachometer { from, pulses, pulses_per_revolution } => {
+            ClientMessage::Tachometer { from, pulses, pulses_per_revolution } => {
                 let pulses = Pulses::new(from, &pulses, pulses_per_revolution)?;
                 self.sender.take_pulses(pulses).await?;
                 Ok(true)
             }
-            Said::End => Err(Closing::end()),
+            ClientMessage::End => Err(Closing::end()),
         }
     }
 
@@ -297,9 +297,9 @@ impl Connection {
     }
 }
 
-async fn tell_gaps(socket: &mut WebSocket, gaps: &[StreamGap]) -> bool {
+async fn send_gaps(socket: &mut WebSocket, gaps: &[StreamGap]) -> bool {
     for gap in gaps {
-        if !tell(socket, &Told::Gap { first: gap.first, samples: gap.samples }).await {
+        if !send_message(socket, &ServerMessage::Gap { first: gap.first, samples: gap.samples }).await {
             return false;
         }
     }
@@ -307,8 +307,8 @@ async fn tell_gaps(socket: &mut WebSocket, gaps: &[StreamGap]) -> bool {
 }
 
 /// Sends a message; false if the connection has ended.
-async fn tell(socket: &mut WebSocket, told: &Told) -> bool {
+async fn send_message(socket: &mut WebSocket, message: &ServerMessage) -> bool {
     // a structure of numbers and names always serialises
-    let text = serde_json::to_string(told).unwrap_or_default();
+    let text = serde_json::to_string(message).unwrap_or_default();
     socket.send(Message::Text(text.into())).await.is_ok()
 }

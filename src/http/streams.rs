@@ -27,10 +27,10 @@ use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::{ServiceError, StreamProgress, StreamSender};
 
-const BARE: &str = "application/octet-stream";
+const RAW: &str = "application/octet-stream";
 
 /// The default name of a stream.
-pub(super) const USUAL_NAME: &str = "main";
+pub(super) const DEFAULT_NAME: &str = "main";
 
 /// Bytes of a body processed at a time.
 const CHUNK_BYTES: usize = 1 << 20;
@@ -123,7 +123,7 @@ impl StreamParameters {
     }
 
     fn name(&self) -> &str {
-        self.name.as_deref().unwrap_or(USUAL_NAME)
+        self.name.as_deref().unwrap_or(DEFAULT_NAME)
     }
 }
 
@@ -136,16 +136,16 @@ pub(super) struct OpenStream {
 async fn open(
     app: &App,
     asset: &AssetId,
-    asked: &StreamParameters,
+    params: &StreamParameters,
     client: Client,
 ) -> Result<OpenStream, Problem> {
     if let Some(what) = app.service.store.damage() {
         return Err(Problem::busy(format!("the database is damaged: {what}; writing is disabled"), 60));
     }
-    let format = asked.format()?;
+    let format = params.format()?;
     let too_many = || Problem::busy("too many live streams of this client or in total", 30);
     let share = app.streams.take(client).ok_or_else(too_many)?;
-    let sender = app.service.streams.open(asset, asked.name(), format, asked.first_index).await?;
+    let sender = app.service.streams.open(asset, params.name(), format, params.first_index).await?;
     Ok(OpenStream { sender, share })
 }
 
@@ -170,16 +170,16 @@ async fn open(
 pub(super) async fn connect(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<StreamParameters>,
+    Parameters(params): Parameters<StreamParameters>,
     client: Client,
     caller: Option<Extension<Caller>>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
     let Ok(upgrade) = upgrade else {
-        let status = app.service.streams.status(&asset, asked.name()).await?;
+        let status = app.service.streams.status(&asset, params.name()).await?;
         return Ok(Json(StreamView::from(status)).into_response());
     };
-    let stream = match open(&app, &asset, &asked, client).await {
+    let stream = match open(&app, &asset, &params, client).await {
         Ok(stream) => stream,
         // the connection would stay idle while others need its place
         Err(problem) => return Ok(closing(problem.into_response())),
@@ -208,19 +208,19 @@ pub(super) async fn connect(
 pub(super) async fn send(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<StreamParameters>,
+    Parameters(params): Parameters<StreamParameters>,
     client: Client,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<StreamAnswer>, Problem> {
     let media_type = body::media_type(&headers);
-    if media_type.as_deref() != Some(BARE) {
-        return Err(body::unsupported(media_type.as_deref(), BARE));
+    if media_type.as_deref() != Some(RAW) {
+        return Err(body::unsupported(media_type.as_deref(), RAW));
     }
-    let OpenStream { mut sender, share: _share } = open(&app, &asset, &asked, client).await?;
+    let OpenStream { mut sender, share: _share } = open(&app, &asset, &params, client).await?;
     let mut gaps = Vec::new();
-    if asked.after_gap {
-        let first = asked
+    if params.after_gap {
+        let first = params
             .first_index
             .ok_or_else(|| Problem::query("first_index", "missing", "an index, required with after_gap"))?;
         let progress = sender.give_up_before(first).await?;
@@ -231,8 +231,8 @@ pub(super) async fn send(
         frame_bytes: sender.format().frame_bytes(),
         rest: BytesMut::new(),
     };
-    let mut first = asked.first_index.or(sender.next()).unwrap_or(0);
-    let mut start_time = asked.start_time;
+    let mut first = params.first_index.or(sender.next()).unwrap_or(0);
+    let mut start_time = params.start_time;
     let mut over = app.service.streams.follow_end();
     loop {
         let bytes = tokio::select! {
@@ -244,7 +244,7 @@ pub(super) async fn send(
         let mut chunk: Chunk = sender.received_now(first, bytes);
         if let Some(time) = start_time.take() {
             chunk.time_ns = i64::try_from(time.as_nanosecond()).ok();
-        } else if asked.start_time.is_some() {
+        } else if params.start_time.is_some() {
             // the sender's clock determines the time
             chunk.time_ns = None;
         }
@@ -320,13 +320,13 @@ pub(super) async fn list(
 pub(super) async fn levels(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<LevelParameters>,
+    Parameters(params): Parameters<LevelParameters>,
 ) -> Result<Json<LevelList>, Problem> {
     let nanoseconds = |time: Option<Timestamp>, otherwise: i64| {
         time.map_or(otherwise, |time| i64::try_from(time.as_nanosecond()).unwrap_or(otherwise))
     };
-    let (from_ns, to_ns) = (nanoseconds(asked.from, i64::MIN), nanoseconds(asked.to, i64::MAX));
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let (from_ns, to_ns) = (nanoseconds(params.from, i64::MIN), nanoseconds(params.to, i64::MAX));
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     let levels = app.service.streams.levels(&asset, name, from_ns, to_ns).await?;
     let number = |value: f32| value.is_finite().then(|| f64::from(value));
     let items = levels.into_iter().take(MAX_LEVELS).filter_map(|row| {
@@ -354,13 +354,13 @@ pub(super) async fn levels(
 pub(super) async fn keep(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<KeepParameters>,
+    Parameters(params): Parameters<KeepParameters>,
 ) -> Result<Json<KeptView>, Problem> {
-    let seconds = asked.seconds.unwrap_or(10.0);
+    let seconds = params.seconds.unwrap_or(10.0);
     if !(0.1..=60.0).contains(&seconds) {
         return Err(Problem::query("seconds", seconds, "a number from 0.1 to 60"));
     }
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     let (start_time, samples) = app.service.streams.keep_last(&asset, name, seconds).await?;
     Ok(Json(KeptView { start_time, samples }))
 }

@@ -68,14 +68,14 @@ pub(super) fn mint(name: &str, scope: Scope, now: Timestamp) -> Result<(String, 
     getrandom::fill(&mut random).map_err(|error| TokenError::Random(error.to_string()))?;
     let (id, secret) = random.split_at(4);
     let (id, secret) = (hex::encode(id), hex::encode(secret));
-    let kept = Token {
+    let stored = Token {
         id: id.clone(),
         name: name.to_owned(),
         scope,
         created_at: now,
         sha256: hex::encode(Sha256::digest(&secret)),
     };
-    Ok((format!("{PREFIX}_{id}_{secret}"), kept))
+    Ok((format!("{PREFIX}_{id}_{secret}"), stored))
 }
 
 /// Finds the presented token among `tokens`.

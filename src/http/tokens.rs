@@ -13,11 +13,11 @@ use crate::store::{Store, StoreError, TokenStore, TokensVersion};
 
 /// Maximum age of a node's cached tokens: after this time a created or revoked token is accepted or refused
 /// everywhere.
-const KNOWN_FOR: Duration = Duration::from_secs(2);
+const MAX_AGE: Duration = Duration::from_secs(2);
 
 /// How long cached tokens stay valid while the database is unavailable; during that time nobody can revoke
 /// tokens either.
-const KNOWN_WITHOUT_DATABASE: Duration = Duration::from_secs(300);
+const MAX_AGE_WITHOUT_DATABASE: Duration = Duration::from_secs(300);
 
 /// Timeout of the database.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
@@ -94,19 +94,19 @@ impl Tokens {
 
     /// Returns all tokens; in a shared store, possibly slightly outdated. `None` if there never were any.
     pub async fn list(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
-        if let Some(tokens) = self.known_now()? {
+        if let Some(tokens) = self.cached()? {
             return Ok(tokens);
         }
         let _turn = self.asking.lock().await;
         // another request may have read them in the meantime
-        if let Some(tokens) = self.known_now()? {
+        if let Some(tokens) = self.cached()? {
             return Ok(tokens);
         }
         let version = self.store.version()?;
-        let asked = tokio::time::timeout(ANSWER_TIMEOUT, self.read()).await;
-        let asked = asked.unwrap_or(Err(TokenError::Silent));
+        let result = tokio::time::timeout(ANSWER_TIMEOUT, self.read()).await;
+        let result = result.unwrap_or(Err(TokenError::Silent));
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        match asked {
+        match result {
             Ok(tokens) => {
                 let now = Instant::now();
                 let read = Known { tokens: tokens.clone(), version, read_at: now, tried_at: now };
@@ -115,7 +115,9 @@ impl Tokens {
                 Ok(tokens)
             }
             Err(error) => match known.as_mut() {
-                Some(known) if error.is_unavailable() && known.read_at.elapsed() < KNOWN_WITHOUT_DATABASE => {
+                Some(known)
+                    if error.is_unavailable() && known.read_at.elapsed() < MAX_AGE_WITHOUT_DATABASE =>
+                {
                     tracing::warn!(%error, "failed to read tokens: using cached ones");
                     known.tried_at = Instant::now();
                     Ok(known.tokens.clone())
@@ -126,18 +128,18 @@ impl Tokens {
     }
 
     /// Cached tokens, if they are recent enough.
-    fn known_now(&self) -> Result<Option<Option<Arc<Vec<Token>>>>, TokenError> {
+    fn cached(&self) -> Result<Option<Option<Arc<Vec<Token>>>>, TokenError> {
         let version = self.store.version()?;
         let known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let counts = |known: &&Known| match version {
             Some(_) => known.version == version,
-            None => known.tried_at.elapsed() < KNOWN_FOR && known.read_at.elapsed() < KNOWN_WITHOUT_DATABASE,
+            None => known.tried_at.elapsed() < MAX_AGE && known.read_at.elapsed() < MAX_AGE_WITHOUT_DATABASE,
         };
         Ok(known.as_ref().filter(counts).map(|known| known.tokens.clone()))
     }
 
     /// Makes the next request read the database: this node sees its own changes at once.
-    fn forget(&self) {
+    fn invalidate(&self) {
         *self.known.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
@@ -162,10 +164,10 @@ impl Tokens {
         now: Timestamp,
     ) -> Result<(String, Token), TokenError> {
         loop {
-            let (token, kept) = mint(name, scope, now)?;
-            if self.store.insert(&kept.clone().into()).await? {
-                self.forget();
-                return Ok((token, kept));
+            let (token, stored) = mint(name, scope, now)?;
+            if self.store.insert(&stored.clone().into()).await? {
+                self.invalidate();
+                return Ok((token, stored));
             }
         }
     }
@@ -173,7 +175,7 @@ impl Tokens {
     /// Revokes a token: at once on this node, a moment later on others.
     pub async fn revoke(&self, id: &str, now: Timestamp) -> Result<(), TokenError> {
         if self.store.revoke(id, now).await? {
-            self.forget();
+            self.invalidate();
             Ok(())
         } else {
             Err(TokenError::Unknown(id.to_owned()))
@@ -194,21 +196,21 @@ mod tests {
         let now = Timestamp::UNIX_EPOCH;
         let first = tokens.create("press line", Scope::Write, now).await.unwrap();
         let second = tokens.create("display", Scope::Read, now).await.unwrap();
-        let kept = tokens.list().await.unwrap().unwrap();
-        assert_eq!(find(&kept, &first).unwrap().scope, Scope::Write);
-        assert_eq!(find(&kept, &second).unwrap().name, "display");
+        let stored = tokens.list().await.unwrap().unwrap();
+        assert_eq!(find(&stored, &first).unwrap().scope, Scope::Write);
+        assert_eq!(find(&stored, &second).unwrap().name, "display");
         let bytes = std::fs::read(folder.path().join("tokens.db")).unwrap();
         let text = String::from_utf8_lossy(&bytes);
         assert!(text.contains("press line") && !text.contains(first.rsplit('_').next().unwrap()));
         let mut wrong = first.clone();
         wrong.replace_range(first.len() - 1.., if first.ends_with('0') { "1" } else { "0" });
         for presented in [wrong.as_str(), "", "fwt", "fwt__", &first[4..], &first[..20]] {
-            assert!(find(&kept, presented).is_none(), "{presented}");
+            assert!(find(&stored, presented).is_none(), "{presented}");
         }
-        let id = find(&kept, &first).unwrap().id.clone();
+        let id = find(&stored, &first).unwrap().id.clone();
         tokens.revoke(&id, now).await.unwrap();
-        let kept = tokens.list().await.unwrap().unwrap();
-        assert!(find(&kept, &first).is_none() && find(&kept, &second).is_some());
+        let stored = tokens.list().await.unwrap().unwrap();
+        assert!(find(&stored, &first).is_none() && find(&stored, &second).is_some());
         for unknown in [id.as_str(), "none"] {
             assert!(matches!(tokens.revoke(unknown, now).await, Err(TokenError::Unknown(_))));
         }
@@ -223,10 +225,10 @@ mod tests {
             elsewhere.create("a", Scope::Read, Timestamp::UNIX_EPOCH).await.unwrap();
             assert_eq!(here.list().await.unwrap().unwrap().len(), count);
         }
-        let kept = here.list().await.unwrap().unwrap();
-        for (count, token) in kept.iter().enumerate() {
+        let stored = here.list().await.unwrap().unwrap();
+        for (count, token) in stored.iter().enumerate() {
             elsewhere.revoke(&token.id, Timestamp::UNIX_EPOCH).await.unwrap();
-            assert_eq!(here.list().await.unwrap().unwrap().len(), kept.len() - count - 1);
+            assert_eq!(here.list().await.unwrap().unwrap().len(), stored.len() - count - 1);
         }
     }
 

@@ -38,14 +38,14 @@ pub(super) async fn time_out(
     if streams::is_endless(request.method(), path.as_ref().map(MatchedPath::as_str)) {
         return next.run(request).await;
     }
-    let mut most = app.limits.request_timeout;
+    let mut limit = app.limits.request_timeout;
     if matches!(*request.method(), Method::POST | Method::PATCH) {
-        most += app.limits.body_timeout;
+        limit += app.limits.body_timeout;
     }
-    match tokio::time::timeout(most, next.run(request)).await {
+    match tokio::time::timeout(limit, next.run(request)).await {
         Ok(response) => response,
         Err(_) => {
-            Problem::busy(format!("the request took longer than {} s", most.as_secs()), 5).into_response()
+            Problem::busy(format!("the request took longer than {} s", limit.as_secs()), 5).into_response()
         }
     }
 }

@@ -116,9 +116,9 @@ pub(super) async fn create(
 ) -> Result<Response, Problem> {
     check_version(&headers)?;
     let length = number(&headers, &LENGTH)?;
-    let most = app.limits.recording_bytes;
-    if length > most {
-        return Err(Problem::too_large(most));
+    let max_bytes = app.limits.recording_bytes;
+    if length > max_bytes {
+        return Err(Problem::too_large(max_bytes));
     }
     let name = metadata(&headers, "asset");
     let asset = name.clone().and_then(|name| AssetId::new(name).ok());
@@ -195,7 +195,7 @@ pub(super) async fn show(
         (status = 412, body = Details, content_type = "application/problem+json", description = "Unsupported tus version"),
     ),
 )]
-pub(super) async fn go_on(
+pub(super) async fn append(
     State(app): State<App>,
     NameInPath(id): NameInPath,
     headers: HeaderMap,
@@ -207,7 +207,7 @@ pub(super) async fn go_on(
         return Err(body::unsupported(media_type.as_deref(), OFFSET_TYPE));
     }
     let at = number(&headers, &OFFSET)?;
-    let upload = resumable::go_on(&app, &id, at, body).await?;
+    let upload = resumable::append(&app, &id, at, body).await?;
     Ok(answer(StatusCode::NO_CONTENT, &upload, &[]))
 }
 
@@ -219,8 +219,8 @@ pub(super) async fn go_on(
     params(("upload" = String, Path, description = "The upload")),
     responses((status = 204, description = "Deleted"), (status = 409, body = Details, content_type = "application/problem+json", description = "The upload is being written or processed")),
 )]
-pub(super) async fn give_up(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
-    resumable::give_up(&app, &id).await?;
+pub(super) async fn cancel(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
+    resumable::cancel(&app, &id).await?;
     Ok((StatusCode::NO_CONTENT, [(RESUMABLE, VERSION)]).into_response())
 }
 

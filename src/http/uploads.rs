@@ -27,7 +27,7 @@ use crate::signal::OperatingPoint;
 use crate::store::KeyedUpload;
 
 const MCAP: &str = "application/mcap";
-const BARE: &str = "application/octet-stream";
+const RAW: &str = "application/octet-stream";
 const EXPECTED: &str = "audio/wav, text/csv, application/x-matlab-data, application/x-protobuf, application/json, application/mcap or application/octet-stream";
 
 /// Maximum length of an Idempotency-Key in bytes.
@@ -189,7 +189,7 @@ pub(super) struct RecordingAnswer {
 pub(super) async fn upload(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<UploadParameters>,
+    Parameters(params): Parameters<UploadParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
@@ -197,14 +197,14 @@ pub(super) async fn upload(
     app.service.store.asset(&asset).await?;
     let key = key(&headers)?;
     let media_type = body::media_type(&headers);
-    let upload = Upload { app: &app, asset: &asset, asked, key };
+    let upload = Upload { app: &app, asset: &asset, params, key };
     upload.answer(media_type.as_deref(), &headers, body).await
 }
 
 struct Upload<'a> {
     app: &'a App,
     asset: &'a AssetId,
-    asked: UploadParameters,
+    params: UploadParameters,
     key: Option<String>,
 }
 
@@ -270,17 +270,17 @@ impl Upload<'_> {
                 }
             })
         };
-        self.keep_answer(work).await
+        self.store_answer(work).await
     }
 
     /// Processes an upload and stores its answer for repeats with the same key, in a task of its own, so that
     /// a disconnected client does not interrupt it.
-    async fn keep_answer(
+    async fn store_answer(
         &self,
         work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static,
     ) -> Result<Answered, Problem> {
         let (service, asset, key) = (self.app.service.clone(), self.asset.clone(), self.key.clone());
-        let kept = async move {
+        let work = async move {
             let answer = work.await?;
             if let Some(key) = key
                 && let Ok(text) = serde_json::to_string(&answer)
@@ -291,12 +291,12 @@ impl Upload<'_> {
             }
             Ok(Answered::Now(answer))
         };
-        detached("take an upload", kept).await?
+        detached("store an upload", work).await?
     }
 
     async fn take_mcap(&self, headers: &HeaderMap, body: Body) -> Result<Answered, Problem> {
         let app = self.app;
-        if let Some(name) = self.asked.first_given() {
+        if let Some(name) = self.params.first_given() {
             return Err(Problem::query(&name, "given", "no value: an MCAP file contains it for each record"));
         }
         let ticket = app.service.workers.admit()?;
@@ -313,7 +313,7 @@ impl Upload<'_> {
             drop((spooled, ticket));
             answer
         };
-        self.keep_answer(work).await
+        self.store_answer(work).await
     }
 
     /// Returns the state of this upload's key, and claims the key if it is new.
@@ -321,7 +321,7 @@ impl Upload<'_> {
         let key = self.key.as_deref().unwrap_or_default();
         let mut hash = Sha256::new();
         hash.update(media_type);
-        hash.update(serde_json::to_vec(&self.asked).unwrap_or_default());
+        hash.update(serde_json::to_vec(&self.params).unwrap_or_default());
         hash.update(content);
         let digest: String = hex::encode(hash.finalize());
         let first = &self.app.service.store;
@@ -334,47 +334,47 @@ impl Upload<'_> {
     }
 
     fn format(&self, media_type: Option<&str>) -> Result<RecordFormat, Problem> {
-        let asked = &self.asked;
-        if media_type != Some(BARE) {
+        let params = &self.params;
+        if media_type != Some(RAW) {
             let format = media_type.and_then(RecordFormat::from_media_type);
             return match format {
                 Some(RecordFormat::Csv(_)) => {
-                    let columns = asked.columns.clone();
-                    let said = CsvParameters::new(asked.sample_rate_hz, asked.time_column, columns);
-                    Ok(RecordFormat::Csv(said.layout()?))
+                    let columns = params.columns.clone();
+                    let layout = CsvParameters::new(params.sample_rate_hz, params.time_column, columns);
+                    Ok(RecordFormat::Csv(layout.layout()?))
                 }
-                Some(RecordFormat::Mat(_)) => Ok(RecordFormat::Mat(asked.sample_rate_hz)),
+                Some(RecordFormat::Mat(_)) => Ok(RecordFormat::Mat(params.sample_rate_hz)),
                 Some(format) => Ok(format),
                 None => Err(body::unsupported(media_type, EXPECTED)),
             };
         }
         let missing = |field| Problem::query(field, "missing", "a value, as raw samples do not contain it");
-        let sample = asked.sample.as_deref().ok_or_else(|| missing("sample"))?;
-        let rate = asked.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
+        let sample = params.sample.as_deref().ok_or_else(|| missing("sample"))?;
+        let rate = params.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
         let layout = sample
             .parse()
-            .and_then(|sample| RawLayout::new(sample, rate, asked.channels.unwrap_or(1), asked.scale));
+            .and_then(|sample| RawLayout::new(sample, rate, params.channels.unwrap_or(1), params.scale));
         Ok(RecordFormat::Raw(layout.map_err(ServiceError::from)?))
     }
 
     fn metadata(&self) -> Result<UploadMetadata, Problem> {
-        let asked = &self.asked;
+        let params = &self.params;
         let listed = |list: &Option<String>| {
             let list = list.as_deref();
             list.map(|list| list.split(',').map(|each| each.trim().to_string()).collect()).unwrap_or_default()
         };
         Ok(UploadMetadata {
-            start_time: asked.start_time,
-            channel: asked.channel.clone(),
-            channel_names: listed(&asked.channel_names),
-            unit: asked.unit.clone(),
-            channel_units: listed(&asked.channel_units),
+            start_time: params.start_time,
+            channel: params.channel.clone(),
+            channel_names: listed(&params.channel_names),
+            unit: params.unit.clone(),
+            channel_units: listed(&params.channel_units),
             operating_point: OperatingPoint {
-                shaft_speed_hz: asked.shaft_speed_hz,
-                torque_nm: asked.torque_nm,
-                temperature_c: asked.temperature_c,
+                shaft_speed_hz: params.shaft_speed_hz,
+                torque_nm: params.torque_nm,
+                temperature_c: params.temperature_c,
             },
-            reference_wear_um: asked.reference_wear_um,
+            reference_wear_um: params.reference_wear_um,
         })
     }
 }

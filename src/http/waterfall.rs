@@ -105,17 +105,17 @@ fn as_list<S: serde::Serializer>(line: &Option<Line>, serializer: S) -> Result<S
 pub(super) async fn show(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
-    Parameters(asked): Parameters<WaterfallParameters>,
+    Parameters(params): Parameters<WaterfallParameters>,
 ) -> Result<Json<WaterfallView>, Problem> {
-    let records = within("max_records", asked.max_records, RECORDS)?;
-    let cells = within("cells", asked.cells, CELLS)?;
-    if let Some(max) = asked.max.filter(|max| !(*max > 0.0 && max.is_finite())) {
+    let records = within("max_records", requested.max_records, RECORDS)?;
+    let cells = within("cells", requested.cells, CELLS)?;
+    if let Some(max) = requested.max.filter(|max| !(*max > 0.0 && max.is_finite())) {
         return Err(Problem::query("max", max, "a number above 0"));
     }
-    let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &id, requested.channel.as_deref()).await?;
     let mut view = WaterfallView {
         channel: None,
-        axis: asked.axis,
+        axis: requested.axis,
         quantity: "amplitude_peak",
         unit: String::new(),
         window: "hann",
@@ -128,10 +128,10 @@ pub(super) async fn show(
         return Ok(Json(view));
     };
     let trend = app.service.store.trend(&channel).await?;
-    let range = trend.range(asked.from, asked.to);
-    let chosen = evenly(range.len(), records);
-    view.reduced = chosen.len() < range.len();
-    let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
+    let range = trend.range(requested.from, requested.to);
+    let positions = evenly(range.len(), records);
+    view.reduced = positions.len() < range.len();
+    let ids: Vec<SegmentId> = positions.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
     view.unit = trend.unit.clone();
     view.channel = Some(channel.channel);
     let segments = app.service.store.segments_by_id(&ids).await?;
@@ -143,16 +143,16 @@ pub(super) async fn show(
     };
     let latest_speed = segments.iter().rev().find_map(|segment| segment.shaft_speed);
     let speed_hz = asset.spec.nominal_speed_hz().or(latest_speed.map(|speed| speed.shaft_speed_hz));
-    let highest = match (asked.axis, speed_hz) {
+    let highest = match (requested.axis, speed_hz) {
         (Axis::Hz, _) => first.sample_rate_hz / 2.0,
         (Axis::Orders, Some(speed_hz)) => first.sample_rate_hz / 2.0 / speed_hz,
         (Axis::Orders, None) => {
             return Err(Problem::query("axis", "orders", "hz, as the shaft speed is unknown"));
         }
     };
-    let end = asked.max.unwrap_or(highest);
-    let grid = Grid { axis: asked.axis, cells, end_bits: end.to_bits() };
-    view.mesh_position = match asked.axis {
+    let end = requested.max.unwrap_or(highest);
+    let grid = Grid { axis: requested.axis, cells, end_bits: end.to_bits() };
+    view.mesh_position = match requested.axis {
         Axis::Orders => asset.spec.teeth().map(|[driving, _]| f64::from(driving)),
         Axis::Hz => latest_speed.map(|speed| speed.mesh_frequency_hz).filter(|mesh_hz| *mesh_hz > 0.0),
     };
@@ -172,19 +172,19 @@ pub(super) async fn show(
     Ok(Json(view))
 }
 
-fn within(field: &str, asked: Option<usize>, (usual, most): (usize, usize)) -> Result<usize, Problem> {
-    match asked.unwrap_or(usual) {
-        number if (2..=most).contains(&number) => Ok(number),
-        number => Err(Problem::query(field, number, &format!("a number from 2 to {most}"))),
+fn within(field: &str, requested: Option<usize>, (default, max): (usize, usize)) -> Result<usize, Problem> {
+    match requested.unwrap_or(default) {
+        number if (2..=max).contains(&number) => Ok(number),
+        number => Err(Problem::query(field, number, &format!("a number from 2 to {max}"))),
     }
 }
 
 /// Evenly spaced positions in a list, including the first and the last.
-pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
-    if length <= most {
+pub(super) fn evenly(length: usize, max: usize) -> Vec<usize> {
+    if length <= max {
         return (0..length).collect();
     }
-    (0..most).map(|n| n * (length - 1) / (most - 1)).collect()
+    (0..max).map(|n| n * (length - 1) / (max - 1)).collect()
 }
 
 /// The reduced spectra of segments in order; `None` if the axis is orders and the speed is unknown, or if the
@@ -222,7 +222,7 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
                 Err(error) if error.is_without_raw() => continue,
                 line => line?.into(),
             };
-            app.lines.keep(segments[n].id.clone(), grid, line.clone());
+            app.lines.insert(segments[n].id.clone(), grid, line.clone());
             lines[n] = Some(line);
         }
     }

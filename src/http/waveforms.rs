@@ -73,20 +73,20 @@ pub(super) struct Waveform {
 pub(super) async fn waveform(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<WaveformParameters>,
+    Parameters(params): Parameters<WaveformParameters>,
 ) -> Result<Json<Waveform>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let (from_s, to_s) = (asked.from_s.unwrap_or(0.0), asked.to_s.unwrap_or(f64::INFINITY));
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let (from_s, to_s) = (params.from_s.unwrap_or(0.0), params.to_s.unwrap_or(f64::INFINITY));
     if !(from_s >= 0.0 && from_s < to_s) {
         let expected = "seconds from the first sample, from_s at least 0 and below to_s";
         return Err(Problem::query("from_s, to_s", format!("{from_s} to {to_s}"), expected));
     }
-    let cut_hz = asked.cut_hz.unwrap_or(CUT_HZ);
+    let cut_hz = params.cut_hz.unwrap_or(CUT_HZ);
     if !(cut_hz > 0.0 && cut_hz.is_finite()) {
         return Err(Problem::query("cut_hz", cut_hz, "a frequency above 0 Hz"));
     }
     let segment = segments::find(&app, &id).await?;
-    if asked.quantity.is_some() && Motion::of_unit(&segment.unit).is_none() {
+    if params.quantity.is_some() && Motion::of_unit(&segment.unit).is_none() {
         let expected =
             format!("none, as the samples are in {:?}, which is not a unit of motion", segment.unit);
         return Err(Problem::query("quantity", "given", &expected));
@@ -95,16 +95,16 @@ pub(super) async fn waveform(
     let record = app.service.records.recall(&segment).await?;
     let reduce = move || {
         let rate_hz = record.sample_rate_hz();
-        let converted = asked.quantity.and_then(|quantity| quantity.of_record(&record, cut_hz));
+        let converted = params.quantity.and_then(|quantity| quantity.of_record(&record, cut_hz));
         let all = converted.as_deref().unwrap_or(record.samples());
         // one more sample on either side, so that the curve reaches the edges of the view
         let low = ((from_s * rate_hz).floor() as usize).min(all.len());
         let high = ((to_s * rate_hz).ceil() as usize).saturating_add(1).clamp(low, all.len());
         let samples: Vec<f64> = all[low..high].iter().map(|sample| f64::from(*sample)).collect();
-        let kept = reduction::extremes(&[&samples], samples.len(), most);
-        let time_s = kept.iter().map(|n| (low + n) as f64 / rate_hz).collect();
-        let value = kept.iter().map(|n| all[low + *n]).collect();
-        (kept.len() < samples.len(), time_s, value)
+        let indices = reduction::extremes(&[&samples], samples.len(), max_points);
+        let time_s = indices.iter().map(|n| (low + n) as f64 / rate_hz).collect();
+        let value = indices.iter().map(|n| all[low + *n]).collect();
+        (indices.len() < samples.len(), time_s, value)
     };
     let (reduced, time_s, value) = app.service.workers.run("reduce a waveform", reduce).await?;
     Ok(Json(Waveform {
@@ -112,7 +112,7 @@ pub(super) async fn waveform(
         channel: segment.channel,
         start_time: segment.start_time,
         sample_rate_hz: segment.sample_rate_hz,
-        unit: asked.quantity.map_or(segment.unit, |quantity| quantity.unit().to_owned()),
+        unit: params.quantity.map_or(segment.unit, |quantity| quantity.unit().to_owned()),
         reduced,
         time_s,
         value,
@@ -185,10 +185,10 @@ struct MeshHarmonic {
 pub(super) async fn spectrum(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<SpectrumParameters>,
+    Parameters(params): Parameters<SpectrumParameters>,
 ) -> Result<Json<SpectrumView>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let range = LineRange::new(["from_hz", "to_hz"], asked.from_hz, asked.to_hz)?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let range = LineRange::new(["from_hz", "to_hz"], params.from_hz, params.to_hz)?;
     let segment = segments::find(&app, &id).await?;
     let _ticket = app.service.workers.admit_answer()?;
     let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
@@ -196,7 +196,7 @@ pub(super) async fn spectrum(
     if baseline.len() < segment.wear.baseline.need as usize {
         baseline.clear(); // the baseline is still being collected
     }
-    let mut view = view(segment, spectrum, lines, most, range);
+    let mut view = view(segment, spectrum, lines, max_points, range);
     for harmonic in &mut view.mesh_harmonics {
         harmonic.baseline_amplitude = baseline_amplitude(&baseline, harmonic.line.order, &view.unit);
     }
@@ -247,13 +247,13 @@ pub(super) struct EnvelopeView {
 pub(super) async fn envelope(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<EnvelopeParameters>,
+    Parameters(params): Parameters<EnvelopeParameters>,
 ) -> Result<Json<EnvelopeView>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let range = LineRange::new(["from_hz", "to_hz"], asked.from_hz, asked.to_hz)?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let range = LineRange::new(["from_hz", "to_hz"], params.from_hz, params.to_hz)?;
     let segment = segments::find(&app, &id).await?;
     let half_rate_hz = segment.sample_rate_hz / 2.0;
-    let band = match (asked.band, asked.band_low_hz, asked.band_high_hz) {
+    let band = match (params.band, params.band_low_hz, params.band_high_hz) {
         (None, None, None) => BandChoice::OfAsset,
         (Some(search), None, None) => BandChoice::Search(search),
         (Some(_), _, _) => {
@@ -283,7 +283,7 @@ pub(super) async fn envelope(
         error => error.into(),
     })?;
     Ok(Json(EnvelopeView {
-        spectrum: view(segment, envelope.spectrum, envelope.mesh_lines, most, range),
+        spectrum: view(segment, envelope.spectrum, envelope.mesh_lines, max_points, range),
         band: envelope.band,
     }))
 }
@@ -304,13 +304,13 @@ fn view(
     segment: Segment,
     spectrum: Spectrum,
     lines: Vec<MeshLine>,
-    most: usize,
+    max_points: usize,
     range: LineRange,
 ) -> SpectrumView {
     let resolution_hz = spectrum.resolution_hz;
     let places = range.places(spectrum.amplitude.len(), resolution_hz);
     let (first, amplitude) = (places.start, &spectrum.amplitude[places]);
-    let kept = reduction::peaks(amplitude, most);
+    let indices = reduction::peaks(amplitude, max_points);
     SpectrumView {
         segment_id: segment.id,
         quantity: spectrum.quantity,
@@ -318,9 +318,9 @@ fn view(
         window: spectrum.window,
         bandwidth_hz: spectrum.bandwidth_hz,
         resolution_hz,
-        reduced: kept.len() < amplitude.len(),
-        frequency_hz: kept.iter().map(|n| (first + n) as f64 * resolution_hz).collect(),
-        amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
+        reduced: indices.len() < amplitude.len(),
+        frequency_hz: indices.iter().map(|n| (first + n) as f64 * resolution_hz).collect(),
+        amplitude: indices.iter().map(|n| amplitude[*n]).collect(),
         shaft_speed_hz: segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
         mesh_frequency_hz: segment.shaft_speed.map(|speed| speed.mesh_frequency_hz),
         mesh_harmonics: lines

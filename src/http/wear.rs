@@ -8,9 +8,9 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
+use super::selection::{self, Selection};
 use super::table::{self, Format, Table};
 use super::{assets, etag};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
@@ -64,14 +64,14 @@ pub(super) struct WearView {
 pub(super) async fn latest(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
-    Parameters(asked): Parameters<WearParameters>,
+    Parameters(params): Parameters<WearParameters>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let asset = app.service.store.asset(&id).await?;
     let channels = app.service.store.channels(&id).await?;
-    let speakers = match asked.channel.as_deref() {
-        Some(asked) => vec![assets::channel_named(&id, &channels, asked)?],
+    let speakers = match requested.channel.as_deref() {
+        Some(requested) => vec![assets::channel_named(&id, &channels, requested)?],
         None => JointWear::speakers(&asset, &channels),
     };
     let tag = etag::of_channels(&asset, &speakers, &uri, &headers);
@@ -184,12 +184,12 @@ struct HistoryRow {
 pub(super) async fn history(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<HistoryParameters>,
+    Parameters(params): Parameters<HistoryParameters>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let max_points = query::max_points(requested.max_points, DEFAULT_POINTS)?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, requested.channel.as_deref()).await?;
     let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
@@ -199,10 +199,10 @@ pub(super) async fn history(
         return table::answer(tag, format, HistoryView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
-    let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
+    let bin = selection::requested_bin(&asset.spec, requested.operating_bin.as_deref())?;
     let render = move || {
-        let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
-        render(&trend, &asset.spec.operating_bins, &chosen, most)
+        let selection = Selection::of(&trend, requested.from, requested.to, bin.as_ref());
+        render(&trend, &asset.spec.operating_bins, &selection, max_points)
     };
     let mut view = app.service.workers.run("reduce a history", render).await?;
     view.channel = Some(channel.channel);
@@ -232,9 +232,9 @@ fn table_of(view: &HistoryView) -> Table {
     table
 }
 
-fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) -> HistoryView {
+fn render(trend: &Trend, bins: &[OperatingBin], selection: &Selection, max_points: usize) -> HistoryView {
     let column = |value: fn(&crate::store::WearPoint) -> Option<f64>| -> Vec<f64> {
-        let values = (0..chosen.len()).map(|n| value(&trend.wear[chosen.position(n)]));
+        let values = (0..selection.len()).map(|n| value(&trend.wear[selection.position(n)]));
         values.map(|value| value.unwrap_or(f64::NAN)).collect()
     };
     let columns = [
@@ -244,14 +244,14 @@ fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) ->
         column(|point| point.reference_wear_um),
     ];
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-    let kept = reduction::extremes(&columns, chosen.len(), most);
+    let indices = reduction::extremes(&columns, selection.len(), max_points);
     let row = |n: &usize| {
-        let position = chosen.position(*n);
+        let position = selection.position(*n);
         let point = &trend.wear[position];
         HistoryRow {
             start_time: trend.start_time[position],
             segment_id: trend.segment_id[position].clone(),
-            operating_bin: chosen::bin_of(bins, trend, position).map(str::to_owned),
+            operating_bin: selection::bin_of(bins, trend, position).map(str::to_owned),
             status: point.status,
             reason: point.reason.to_string(),
             median_um: point.median_um,
@@ -264,5 +264,9 @@ fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) ->
             log_evidence: point.log_evidence,
         }
     };
-    HistoryView { channel: None, reduced: kept.len() < chosen.len(), items: kept.iter().map(row).collect() }
+    HistoryView {
+        channel: None,
+        reduced: indices.len() < selection.len(),
+        items: indices.iter().map(row).collect(),
+    }
 }

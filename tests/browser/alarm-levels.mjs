@@ -1,4 +1,4 @@
-// An alarm rule made on the plots of trends and of wear, and several alarms acknowledged at once.
+// Alarm rules edited on the trend and wear plots, and several alarms acknowledged at once.
 
 import assert from "node:assert/strict";
 import { asset, close, createAsset, drawn, json, open, removeAsset, sendNoise, shoot } from "./page.mjs";
@@ -19,7 +19,7 @@ async function heard(more) {
 const trial = (page, words) => page.locator(".rule-trial", { hasText: words }).waitFor();
 
 export const CHECKS = {
-  "a level is dragged on the trend, tried on the history, taken from the baseline, and saved": async (
+  "a level is dragged on the trend, tried on the history, suggested from the baseline, and saved": async (
     name,
   ) => {
     const id = await heard({ alarms: [RULE, { quantity: "novelty", warning: 1000 }] });

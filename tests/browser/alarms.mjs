@@ -1,5 +1,4 @@
-// Alarms: they show up by themselves, are acknowledged, shelved and commented; maintenance is entered and
-// taken back.
+// Alarms appear automatically and are acknowledged, shelved and commented; maintenance is added and deleted.
 
 import assert from "node:assert/strict";
 import {
@@ -25,7 +24,7 @@ const RULE = {
   settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 },
 };
 
-/** An asset whose alarm on RMS the given amplitudes of noise have raised. */
+/** An asset with an RMS alarm raised by noise of the given amplitudes. */
 async function alarmed(amplitudes) {
   const id = await createAsset("alarmed", { alarms: [RULE] });
   for (const [minute, amplitude] of amplitudes.entries()) await sendNoise(id, minute, amplitude);
@@ -36,7 +35,7 @@ const alarmOf = async (id) => (await json(`alarms?asset=${id}`)).items[0];
 const row = (page, id) => page.locator(".alarms tbody tr", { hasText: id });
 
 export const CHECKS = {
-  "an alarm shows up by itself, with the count of those nobody has acknowledged": async (name) => {
+  "an alarm appears automatically, with the number of unacknowledged alarms": async (name) => {
     const opened = await open("#/alarms");
     const { page } = opened;
     await page.locator(".table-card").waitFor();
@@ -50,7 +49,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "an alarm is acknowledged with a comment, shelved, and taken up again": async (name) => {
+  "an alarm is acknowledged with a comment, shelved, and unshelved": async (name) => {
     const id = await alarmed([1, 20, 100]);
     const opened = await open(`#/alarms?asset=${id}`);
     const { page } = opened;
@@ -116,7 +115,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "maintenance is entered and taken back": async (name) => {
+  "maintenance is added and deleted": async (name) => {
     const id = await createAsset("maintained", {});
     for (let minute = 0; minute < 4; minute++) await sendNoise(id, minute, 1);
     const opened = await open(`#/assets/${id}?trend=rms`);
@@ -141,7 +140,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "an inspection is entered, listed, and drawn on the wear": async (name) => {
+  "an inspection is added, listed, and drawn on the wear plot": async (name) => {
     const { items: records } = await json(`assets/${asset}/segments?limit=100`);
     const time = records.map(({ start_time: start }) => start).sort()[40]; // with an error that leaves the estimates of other checks alone
     const opened = await open(`#/assets/${asset}`);

@@ -1,11 +1,13 @@
-// What the page does while the server is away: between the browser and the server stands a gate that can be
-// closed.
+// The page while the server is unavailable, simulated by a proxy that can be closed.
 
 import assert from "node:assert/strict";
 import { createServer, request } from "node:http";
 import { asset, base, browser, createAsset, drawn, removeAsset, sendNoise } from "./page.mjs";
 
-/** Passes requests on to the server; `streams` says whether that of the events is let through, `close()` and `open()` are for all. */
+/**
+ * Forwards requests to the server; `streams` says whether the event stream is forwarded, `close()` and
+ * `open()` affect all requests.
+ */
 async function gate() {
   const target = new URL(base);
   const streams = new Set();
@@ -51,7 +53,7 @@ const PUSHED = "Live updates from the server";
 const POLLED = "Polling the server";
 
 export const CHECKS = {
-  "events end, polling goes on, the server goes and comes back": async () => {
+  "polling replaces a lost event stream, and the server goes away and comes back": async () => {
     const passage = await gate();
     const id = await createAsset("gated", {});
     await sendNoise(id, 0);
@@ -89,7 +91,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "a page that is gone to while the server is away comes with the server": async () => {
+  "a page opened while the server is unavailable loads when it is back": async () => {
     const passage = await gate();
     const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
     const page = await context.newPage();
@@ -109,7 +111,7 @@ export const CHECKS = {
     passage.close();
   },
 
-  "a page whose code cannot be fetched says so and comes with the server": async () => {
+  "a page whose code cannot be loaded says so and loads when the server is back": async () => {
     const passage = await gate();
     const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
     const page = await context.newPage();

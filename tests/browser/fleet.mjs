@@ -1,5 +1,5 @@
-// A fleet of 500 assets: it is quick, and sorted, filtered and grouped. The server's answer is made up from
-// its own for one asset.
+// A fleet of 500 assets: speed, sorting, filtering and grouping. The server's answer is derived from that for
+// one asset.
 
 import assert from "node:assert/strict";
 import { asset, close, json, noSidewaysScrolling, open, PHONE, say, shoot, timed } from "./page.mjs";
@@ -7,7 +7,7 @@ import { asset, close, json, noSidewaysScrolling, open, PHONE, say, shoot, timed
 const COUNT = 500;
 const WANTED_MS = 200;
 
-/** 500 assets of all states after the server's own one. */
+/** 500 assets in all states after the server's own one. */
 async function many(nameOf) {
   const { items } = await json("assets");
   const one = items.find(({ id }) => id === asset);
@@ -127,7 +127,7 @@ export const CHECKS = {
     await page.context().close();
   },
 
-  "assets are grouped by the place in their name": async (name) => {
+  "assets are grouped by the location in their name": async (name) => {
     const opened = await fleet({}, (n) => `Plant ${"AB"[n % 2]} / line ${n % 3} / gearbox ${n}`);
     const { page } = opened;
     assert.equal(await total(page), COUNT + 6, "a heading for each place");
@@ -143,7 +143,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "30 of many assets are on one screen": async (name) => {
+  "30 assets fit on one screen in compact rows": async (name) => {
     for (const colorScheme of ["light", "dark"]) {
       const opened = await fleet({ viewport: { width: 1440, height: 900 }, colorScheme });
       const { page } = opened;
@@ -156,7 +156,7 @@ export const CHECKS = {
             }).length,
         );
       assert.ok((await onScreen()) >= 30, `${await onScreen()} rows`);
-      // each says all that a high one says
+      // compact rows contain the same information as comfortable ones
       const row = page.locator('tr[data-asset="gearbox-057"]');
       await page.getByPlaceholder("Name, id or location").fill("gearbox 57");
       await row.getByText("1 alarm, 1 unacknowledged").waitFor();

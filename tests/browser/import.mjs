@@ -1,5 +1,4 @@
-// The import desk: what a file holds is shown before it is sent, one refused file stops no other, and an
-// import is undone.
+// The import page: previews before the upload, rejected files that do not stop others, and undoing an import.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -64,7 +63,7 @@ function stereo(frames) {
 }
 
 export const CHECKS = {
-  "a preview says what each file holds before anything is sent": async (name) => {
+  "a preview shows the contents of each file before the upload": async (name) => {
     const opened = await desk();
     const { id, page } = opened;
     const recording = await readFile(new URL("../../fixtures/recordings/mcap-json.mcap", import.meta.url)); // of a recorder that wrote no summary
@@ -106,7 +105,7 @@ export const CHECKS = {
       .getByText(`began: ${shownTime(record.start_time)}`)
       .waitFor();
     await card(page, "block.pb").locator("svg.sketch").waitFor();
-    // a MATLAB file without a rate is looked into again when one is typed in
+    // a MATLAB file without a rate is inspected again when one is entered
     await card(page, "two.mat").locator('.result[data-kind="bad"]').waitFor();
     await page.getByText("For WAV, CSV and MATLAB files: unit").click();
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
@@ -121,7 +120,9 @@ export const CHECKS = {
     await end(opened, name);
   },
 
-  "all files are sent, one that is refused stops no other, and the import is undone": async (name) => {
+  "all files are uploaded, a rejected one does not stop the others, and the import is undone": async (
+    name,
+  ) => {
     const opened = await desk();
     const { id, page } = opened;
     await sendNoise(id, 0);
@@ -156,7 +157,7 @@ export const CHECKS = {
     await end(opened, name);
   },
 
-  "what is there already is told, and is no part of what is undone": async () => {
+  "existing records are reported and not removed by undo": async () => {
     const opened = await desk();
     const { id, page } = opened;
     const file = audio("a_20260401_080000.wav", wav(2000));
@@ -231,7 +232,7 @@ export const CHECKS = {
     await end(opened, name);
   },
 
-  "a MATLAB file is sent with the rate that it lacks and the names that are chosen": async () => {
+  "a MATLAB file is uploaded with the entered rate and names": async () => {
     const opened = await desk();
     const { id, page } = opened;
     const buffer = await readFile(new URL("../../fixtures/matlab/bearing-two-channels.mat", import.meta.url));
@@ -256,7 +257,7 @@ export const CHECKS = {
     await end(opened, "matlab");
   },
 
-  "each channel of a WAV file has a unit of its own": async () => {
+  "each channel of a WAV file has its own unit": async () => {
     const opened = await desk();
     const { id, page } = opened;
     await page.setInputFiles("#upload-file", [audio("two_20260401_080000.wav", stereo(2000))]);
@@ -267,13 +268,13 @@ export const CHECKS = {
     const { items } = await json(`assets/${id}/segments`);
     const strength = Object.fromEntries(items.map(({ channel, indicators }) => [channel, indicators.rms]));
     const [first, second] = [9000, 3000].map((counts) => counts / 32768 / Math.SQRT2);
-    // a channel in g is brought to the asset's unit
+    // a channel in g is converted to the asset's unit
     assert.ok(Math.abs(strength["gear side"] / first - 1) < 0.01, JSON.stringify(strength));
     assert.ok(Math.abs(strength["2"] / (9.80665 * second) - 1) < 0.01, JSON.stringify(strength));
     await end(opened);
   },
 
-  "the full scale of a 16-bit WAV file is taken": async () => {
+  "the full scale of a 16-bit WAV file is applied": async () => {
     const opened = await desk();
     const { id, page } = opened;
     await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
@@ -290,7 +291,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "a large WAV file is looked into by slices": async () => {
+  "a large WAV file is read in slices": async () => {
     const opened = await desk();
     const { page } = opened;
     const read = await page.evaluate(async () => {
@@ -341,7 +342,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "files dropped on the page of the desk are listed there": async (name) => {
+  "files dropped on the import page are listed there": async (name) => {
     const opened = await desk();
     const { page } = opened;
     await page.getByText("Drop WAV, MCAP, CSV or MATLAB files here").waitFor();
@@ -351,7 +352,7 @@ export const CHECKS = {
     await end(opened, name);
   },
 
-  "the desk on a phone": async (name) => {
+  "the import page on a phone": async (name) => {
     const id = await createAsset("import", {});
     const opened = await open(`#/assets/${id}/import`, PHONE);
     await opened.page.setInputFiles("#upload-file", [

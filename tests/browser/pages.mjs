@@ -1,4 +1,4 @@
-// Each page with data, its way to the others, on a phone and in the dark.
+// Each page with data, its links to the others, on a phone and in the dark theme.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, json, noSidewaysScrolling, open, overviewDrawn, PHONE } from "./page.mjs";
@@ -10,7 +10,7 @@ const VIEWS = [
 ];
 
 export const CHECKS = {
-  "the fleet shows the asset with its state in words": async (name) => {
+  "the fleet shows the asset with its state as text": async (name) => {
     const opened = await open("");
     const row = opened.page.locator(`[data-asset="${asset}"]`);
     await row.waitFor();

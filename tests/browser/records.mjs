@@ -1,4 +1,4 @@
-// The table of records: filters, pages, what is done to several records, and the way to a record.
+// The table of records: filters, pages, bulk actions, and the link to a record.
 
 import assert from "node:assert/strict";
 import {
@@ -33,7 +33,7 @@ const box = (page, minute, channel = "a1") =>
 const settled = (page, words) => page.locator(".record-pages").getByText(words, { exact: true }).waitFor();
 
 export const CHECKS = {
-  "records are listed with what is known of them, filtered, and lead to their record": async (name) => {
+  "records are listed, filtered, and linked to their page": async (name) => {
     const id = await recorded(12, 2);
     const opened = await open(`#/assets/${id}/records`);
     const { page } = opened;
@@ -72,7 +72,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "many records are shown page by page, and the order is turned": async (name) => {
+  "many records are paged, and the order is reversed": async (name) => {
     const id = await createAsset("paged", {});
     const samples = Array.from({ length: 200 }, (_, n) => Math.sin(n * 0.49));
     const send = (n) => {
@@ -110,7 +110,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "selected records are excluded, included again and deleted": async (name) => {
+  "selected records are excluded, included and deleted": async (name) => {
     const id = await recorded(12);
     const opened = await open(`#/assets/${id}/records`);
     const { page } = opened;

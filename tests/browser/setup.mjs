@@ -1,4 +1,4 @@
-// A new asset by the form: what is wrong at its field, what wear does before any data, a copy, and deleting.
+// The asset form: errors at their fields, the wear preview, copying, and deleting.
 
 import assert from "node:assert/strict";
 import {
@@ -36,7 +36,7 @@ export async function fill(page, values) {
 const field = (page, label) => page.locator(".setup-field", { has: page.getByLabel(label, { exact: true }) });
 const worn = (page) => page.locator(".preview[data-wear]").waitFor({ timeout: 30_000 });
 
-/** Moves a slider of the panel to a part of its range, as a hand does. */
+/** Moves a slider to a fraction of its range, as a user does. */
 const slide = (page, name, part) =>
   page.locator(`#preview-${name}`).evaluate((input, part) => {
     input.value = Number(input.min) + part * (Number(input.max) - Number(input.min));
@@ -44,7 +44,7 @@ const slide = (page, name, part) =>
   }, part);
 
 export const CHECKS = {
-  "a machine without gears is made with its bearing": async (name) => {
+  "a machine without gears is created with its bearing": async (name) => {
     const id = `fan-${Date.now()}`;
     const opened = await open("");
     const { page } = opened;
@@ -75,7 +75,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "an asset is made by its numbers, copied, edited and deleted": async (name) => {
+  "an asset is created, copied, edited and deleted": async (name) => {
     const id = `form-${Date.now()}`;
     const opened = await open("");
     const { page } = opened;
@@ -143,7 +143,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "what cannot be is said at its field and drawn red": async (name) => {
+  "an impossible value is reported at its field and drawn red": async (name) => {
     const opened = await open("#/new");
     const { page } = opened;
     await fill(page, NUMBERS);
@@ -181,7 +181,7 @@ export const CHECKS = {
     await fill(page, { "Module (mm)": "1" });
     await page.getByRole("button", { name: "Create asset" }).click();
     await field(page, "Id").getByText("Id: expected an unused id").waitFor();
-    // the browser notes the refusal that is asked for
+    // the browser logs the expected error response
     assert.deepEqual(
       opened.faults.filter((fault) => !fault.includes("409")),
       [],
@@ -208,7 +208,7 @@ export const CHECKS = {
       times.push(Date.now() - began);
     }
     say("a step of the wear slider, from the hand to the last curve", times, 100);
-    // the line that was moved is the one that is worn, also for who points at it
+    // the moved line is the worn one, also in hover text
     const { model } = await answers.at(-1).json();
     const stiffness = model.worn.stiffness_n_per_m.map((value) => value * 1e-6);
     const shown = await page.evaluate(() => {
@@ -246,7 +246,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "every value of a description has a field, the rare ones folded away": async (name) => {
+  "every value of a description has a field, rare ones folded away": async (name) => {
     const api = await (await fetch(`${base}/openapi.json`)).json();
     const leaves = new Set();
     const walk = (schema, path) => {
@@ -266,7 +266,7 @@ export const CHECKS = {
       return SETUP_FIELDS.flatMap(({ path, alike }) => [path, alike ?? path]);
     });
     const known = fields.map((path) => path.replaceAll(/\.\d+/g, ".0"));
-    // alarm rules and operating bins have forms of their own, measured wear comes as a table
+    // alarm rules and operating bins have their own forms; measured wear is given as a table
     const elsewhere = /^(alarms|operating_bins|gear\.pair\.wear\.table)\./;
     assert.ok(leaves.size > 60, `${leaves.size} values`);
     assert.deepEqual(
@@ -297,7 +297,7 @@ export const CHECKS = {
     });
     await page.getByLabel("Quantity in the band").selectOption("velocity");
     await page.getByLabel("Omit order-tracked gear indicators").check();
-    // what is only given together says so at the field that is empty
+    // values that belong together report the empty field
     await field(page, "Custom band to (Hz)").getByText("Custom band to: expected a value").waitFor();
     await field(page, "Envelope band to (Hz)").getByText("expected a value").waitFor();
     await fill(page, { "Custom band to (Hz)": "1000", "Envelope band to (Hz)": "100" });
@@ -337,7 +337,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "what wear does is a page of an asset, on a phone too": async (name) => {
+  "the wear preview is a page of an asset, also on a phone": async (name) => {
     for (const [size, options] of Object.entries({
       desk: { viewport: { width: 1440, height: 900 } },
       phone: PHONE,

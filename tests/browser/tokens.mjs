@@ -1,4 +1,4 @@
-// The page of tokens: made, shown once, revoked; and nothing of it for who may not.
+// The token page: creating, showing once, and revoking; hidden from callers without the scope.
 
 import assert from "node:assert/strict";
 import { join } from "node:path";
@@ -20,7 +20,7 @@ const asked = (path, words) =>
   fetch(`${guarded}/v1/${path}`, { headers: { authorization: `Bearer ${words}` } });
 
 export const CHECKS = guarded && {
-  "a token is made, shown once, and revoked": async (name) => {
+  "a token is created, shown once, and revoked": async (name) => {
     const page = await logIn("#/tokens", token);
     await page.getByRole("row", { name: /desk.*this session/ }).waitFor();
     await page.getByRole("link", { name: "Tokens" }).waitFor();
@@ -58,7 +58,7 @@ export const CHECKS = guarded && {
     await page.context().close();
   },
 
-  "the first token is told to close the service": async (name) => {
+  "creating the first token warns that tokens become required": async (name) => {
     const opened = await open("#/tokens");
     const { page } = opened;
     await page.getByText("every request needs one.").waitFor();

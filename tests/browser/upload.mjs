@@ -1,4 +1,4 @@
-// Files from the page: a WAV, a CSV, dropped ones, and broken ones that are refused in words.
+// Files uploaded from the page: WAV, CSV, dropped files, and rejected ones with a reason.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -34,7 +34,7 @@ export const csv = (rows, broken) =>
     ...Array.from({ length: rows }, (_, n) => `${n / RATE},${n === broken ? "none" : value(n)}`),
   ].join("\n");
 
-/** A page of a new asset with its dialog open. */
+/** A page of a new asset with the dialog open. */
 async function dialog() {
   const id = await createAsset("upload", {});
   const opened = await open(`#/assets/${id}`);
@@ -42,7 +42,10 @@ async function dialog() {
   return { id, ...opened };
 }
 
-/** Drags files, contents by name, over a place of the page and drops them there; whether the page took them is answered. */
+/**
+ * Drags files, given as contents by name, over an element and drops them there; returns whether the page
+ * accepted them.
+ */
 export function drop(page, files, place = "main h1") {
   const contents = Object.entries(files).map(([name, content]) => [name, [...Buffer.from(content)]]);
   return page.evaluate(
@@ -60,7 +63,7 @@ export function drop(page, files, place = "main h1") {
   );
 }
 
-/** Chooses files and sends them. */
+/** Selects files and uploads them. */
 async function choose(page, files) {
   await page.setInputFiles("#upload-file", files);
   await send(page);
@@ -99,7 +102,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "a first column that is the time is never taken as vibration": async () => {
+  "a time column in first place is never read as vibration": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     const clock = (n) => new Date(Date.UTC(2026, 2, 5, 6, 7, 28) + n).toISOString();
@@ -154,7 +157,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "each file has its own start, which can be mended before it is sent": async () => {
+  "each file has its own start, which can be corrected before the upload": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     const timed = csv(500)
@@ -193,7 +196,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "an MCAP recording's records are counted, and damage is told": async () => {
+  "an MCAP recording's records are counted, and damage is reported": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     const recording = (name) => readFile(new URL(`../../fixtures/recordings/${name}.mcap`, import.meta.url));
@@ -218,7 +221,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "files dropped anywhere on the page are taken": async () => {
+  "files dropped anywhere on the page are accepted": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     await page.getByRole("button", { name: "Close" }).click();
@@ -229,7 +232,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "a CSV file, a broken one and an unknown one dropped together are told apart": async () => {
+  "valid, broken and unknown files dropped together are distinguished": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     await page.getByRole("button", { name: "Close" }).click();
@@ -259,7 +262,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "files dropped into the dialog or on another page of the asset are taken there": async () => {
+  "files dropped into the dialog or on another page of the asset are accepted": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     await drop(page, { "in-dialog.wav": wav(1000) }, ".drop");
@@ -277,7 +280,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "a file dropped on the fleet does not take the page away, and is told where it belongs": async () => {
+  "a file dropped on the fleet does not navigate, and a hint is shown": async () => {
     const { page, faults } = await open("");
     await page.locator(`[data-asset="${asset}"]`).waitFor();
     const address = page.url();
@@ -293,7 +296,7 @@ export const CHECKS = {
     await page.context().close();
   },
 
-  "records that others analyse later are told as waiting": async () => {
+  "records queued for analysis are reported as waiting": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     const queued = {
@@ -337,7 +340,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "broken files are refused in words": async () => {
+  "broken files are rejected with a reason": async () => {
     const { page } = await open(`#/assets/${asset}`);
     await page.getByRole("button", { name: "Add records" }).click();
     const refused = async (name, content, words) => {

@@ -1,14 +1,14 @@
 // The rule for when a measured feature agrees with the library. Drawing and counting share it.
 
 const DEVIATIONS = 2; // standard deviations to each side of a measured change
-const LEAST_DB = 1; // the scatter of a short baseline underestimates the model's error
+const MIN_DB = 1; // the scatter of a short baseline underestimates the model's error
 
 /** The rule as shown to the user. */
-export const AGREEMENT_RULE = `A feature agrees when its whisker (${DEVIATIONS} baseline standard deviations, at least ${LEAST_DB} dB, to each side) reaches its bar`;
+export const AGREEMENT_RULE = `A feature agrees when its whisker (${DEVIATIONS} baseline standard deviations, at least ${MIN_DB} dB, to each side) reaches its bar`;
 
 /** Half the length of a feature's whisker in dB. */
 export function whisker({ scatter_db: scatter }) {
-  return Math.max(DEVIATIONS * scatter, LEAST_DB);
+  return Math.max(DEVIATIONS * scatter, MIN_DB);
 }
 
 /** Distance of the measurement from the feature's bar, in whisker lengths; at most 1 means agreement. */

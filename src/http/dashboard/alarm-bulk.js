@@ -3,7 +3,7 @@
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
 import { count } from "./format.js";
-import { keepName, lastName } from "./person.js";
+import { storeName, storedName } from "./person.js";
 
 const alarms = (n) => `${count(n)} ${n === 1 ? "alarm" : "alarms"}`;
 
@@ -36,7 +36,7 @@ export class BulkAcknowledge {
 
   constructor(onDone) {
     this.#onDone = onDone;
-    this.#by.value = lastName();
+    this.#by.value = storedName();
   }
 
   /** Shows the alarms that can be selected and drops the selection of alarms no longer listed. */
@@ -91,9 +91,9 @@ export class BulkAcknowledge {
     if (!by) {
       this.#by.setAttribute("aria-invalid", "true");
       this.#by.focus();
-      return this.#said("bad", "Enter your name.");
+      return this.#showStatus("bad", "Enter your name.");
     }
-    keepName(by);
+    storeName(by);
     this.#act.disabled = true;
     let [done, refused, reason] = [0, 0, ""];
     try {
@@ -106,12 +106,12 @@ export class BulkAcknowledge {
         else done += 1;
       }
       this.#comment.value = "";
-      this.#said(
+      this.#showStatus(
         refused ? "part" : "good",
         `${alarms(done)} acknowledged.${refused ? ` ${alarms(refused)} failed: ${reason}.` : ""}`,
       );
     } catch (error) {
-      this.#said("bad", `Stopped after ${alarms(done)}: ${error.message}.`);
+      this.#showStatus("bad", `Stopped after ${alarms(done)}: ${error.message}.`);
     } finally {
       this.#act.disabled = false;
       document.dispatchEvent(new CustomEvent("recordschange"));
@@ -119,7 +119,7 @@ export class BulkAcknowledge {
     }
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

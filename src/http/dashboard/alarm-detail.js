@@ -1,11 +1,11 @@
 // Details of one alarm: its subject, the available actions, and its history.
 
-import { learnUnits } from "./alarm-units.js";
+import { fetchUnits } from "./alarm-units.js";
 import { changeWords, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { clock } from "./format.js";
-import { keepName, lastName } from "./person.js";
+import { storeName, storedName } from "./person.js";
 import { format } from "./route.js";
 import { instant, written, zoneName } from "./time-zone.js";
 
@@ -47,7 +47,7 @@ export class AlarmDetail {
   );
   #shelve = h("button", { type: "button", onclick: () => this.#act("shelve") }, "Shelve for");
   #unshelve = h("button", { type: "button", onclick: () => this.#act("unshelve") }, "Unshelve");
-  #say = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
+  #showNotice = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
   #result = h("p", { class: "result", role: "status" });
   #notice = h("p", { class: "notice" }, "Select an alarm to see its history, acknowledge it or shelve it.");
   #shelving = h(
@@ -63,7 +63,7 @@ export class AlarmDetail {
     { class: "alarm-actions", onsubmit: (event) => event.preventDefault() },
     h("label", { class: "field", for: "alarm-by" }, h("span", {}, "Your name"), this.#by),
     h("label", { class: "field", for: "alarm-comment" }, h("span", {}, "Comment"), this.#comment),
-    h("div", { class: "form-buttons" }, this.#acknowledge, this.#unshelve, this.#say, this.#shelving),
+    h("div", { class: "form-buttons" }, this.#acknowledge, this.#unshelve, this.#showNotice, this.#shelving),
     this.#result,
   );
   #body = h(
@@ -84,7 +84,7 @@ export class AlarmDetail {
   /** `onChanged` is called after an action. */
   constructor(onChanged) {
     this.#onChanged = onChanged;
-    this.#by.value = lastName();
+    this.#by.value = storedName();
   }
 
   /** Shows the alarm with this id, or a hint when none is selected. */
@@ -94,11 +94,11 @@ export class AlarmDetail {
     if (alarm instanceof Error)
       return this.#nothing(alarm.status === 404 ? "Alarm not found on this server." : alarm.message);
     if (id !== this.#id) {
-      this.#said("", "");
+      this.#showStatus("", "");
       this.#comment.value = "";
     }
     if (alarm === this.#alarm) return;
-    await learnUnits([alarm], signal);
+    await fetchUnits([alarm], signal);
     this.#id = id;
     this.#render(alarm);
   }
@@ -162,11 +162,11 @@ export class AlarmDetail {
     if (missing) {
       missing[0].setAttribute("aria-invalid", "true");
       missing[0].focus();
-      return this.#said("bad", missing[1]);
+      return this.#showStatus("bad", missing[1]);
     }
     const until = action === "shelve" ? this.#end() : undefined;
-    if (until === null) return this.#said("bad", "Enter the time until which to shelve the alarm.");
-    keepName(by);
+    if (until === null) return this.#showStatus("bad", "Enter the time until which to shelve the alarm.");
+    storeName(by);
     try {
       const alarm = await api.actOnAlarm(this.#id, action, {
         by,
@@ -175,18 +175,18 @@ export class AlarmDetail {
       });
       this.#comment.value = "";
       this.#render(alarm);
-      this.#said(
+      this.#showStatus(
         "good",
         `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment saved" }[action]}.`,
       );
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
-      this.#said("bad", `Action failed: ${error.message}.`);
+      this.#showStatus("bad", `Action failed: ${error.message}.`);
       this.#onChanged();
     }
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

@@ -116,7 +116,7 @@ export class AlarmRulePanel {
     this.#suggestion.hidden = name === "wear_um"; // wear depth is measured from the baseline, so it has no baseline statistics
     for (const [, label, element] of this.#units)
       setText(element, this.#unit ? `${label} (${this.#unit})` : label);
-    if (isOther) this.#said("", "");
+    if (isOther) this.#showStatus("", "");
     if (isOther || (isNews && !this.#isChanged)) this.#begin(false);
     return [...rules.filter((rule) => !watches(rule, name)), this.#rule];
   }
@@ -146,7 +146,7 @@ export class AlarmRulePanel {
     this.#isChanged = false;
     for (const [key, input] of this.#inputs) input.value = this.#rule[key] ?? "";
     if (isAsked) {
-      this.#said("", "");
+      this.#showStatus("", "");
       this.#onDraft();
     }
     this.#tryLater();
@@ -158,7 +158,7 @@ export class AlarmRulePanel {
       else this.#rule[key] = Number(input.value);
     }
     this.#isChanged = true;
-    this.#said("", "");
+    this.#showStatus("", "");
     this.#onDraft();
     this.#tryLater();
   }
@@ -166,24 +166,24 @@ export class AlarmRulePanel {
   async #suggest() {
     const k = Number(this.#k.value);
     if (!(k > 0))
-      return this.#said("bad", `The factor is ${this.#k.value || "empty"}; enter a number above 0.`);
+      return this.#showStatus("bad", `The factor is ${this.#k.value || "empty"}; enter a number above 0.`);
     try {
       const known = await api.baseline(this.#asset.id, this.#channel, this.#name);
       const { mean, standard_deviation: deviation, records } = known.items[0] ?? {};
       if (deviation == null)
-        return this.#said(
+        return this.#showStatus(
           "bad",
           `The baseline has ${some(records ?? 0, "value")} of ${indicatorName(this.#name)}; at least 2 are needed.`,
         );
       this.#inputs.get("warning").value = Number((mean + k * deviation).toPrecision(3));
       this.#inputs.get("danger").value = Number((mean + 2 * k * deviation).toPrecision(3));
       this.#typed();
-      this.#said(
+      this.#showStatus(
         "good",
         `Baseline of ${some(records, "record")}: mean ${number(mean)}, σ ${number(deviation, 3)} ${this.#unit}. Warning at mean + ${number(k)} σ, danger at mean + ${number(2 * k)} σ.`,
       );
     } catch (error) {
-      this.#said("bad", `No suggestion: ${error.message}.`);
+      this.#showStatus("bad", `No suggestion: ${error.message}.`);
     }
   }
 
@@ -227,7 +227,7 @@ export class AlarmRulePanel {
   async #submit(event) {
     event.preventDefault();
     if (this.levels().length === 0)
-      return this.#said("bad", "Enter at least one level. To remove a rule, use the settings.");
+      return this.#showStatus("bad", "Enter at least one level. To remove a rule, use the settings.");
     this.#save.disabled = true;
     try {
       const { id } = this.#asset;
@@ -239,16 +239,16 @@ export class AlarmRulePanel {
       const spec = Object.fromEntries(Object.entries(asset).filter(([name]) => !FROM_SERVER.includes(name)));
       await api.replaceAsset(id, { ...spec, alarms });
       this.#isChanged = false;
-      this.#said("good", "Saved.");
+      this.#showStatus("good", "Saved.");
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
-      this.#said("bad", `Not saved: ${error.message}.`);
+      this.#showStatus("bad", `Saving failed: ${error.message}.`);
     } finally {
       this.#save.disabled = false;
     }
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

@@ -3,7 +3,7 @@
 
 import * as api from "./api.js";
 
-const MOST = 40; // trends fetched at once
+const MAX = 40; // trends fetched at once
 const known = new Map();
 
 const key = ({ asset_id: asset, channel, quantity }) => JSON.stringify([asset, channel, quantity.indicator]);
@@ -14,14 +14,14 @@ export function unitOf(alarm) {
 }
 
 /** Fetches the units of alarms that are not known yet. */
-export async function learnUnits(alarms, signal) {
+export async function fetchUnits(alarms, signal) {
   const asked = new Map(
     alarms
       .filter((alarm) => alarm.quantity?.indicator && !known.has(key(alarm)))
       .map((alarm) => [key(alarm), alarm]),
   );
   await Promise.all(
-    [...asked].slice(0, MOST).map(async ([name, { asset_id: asset, channel, quantity }]) => {
+    [...asked].slice(0, MAX).map(async ([name, { asset_id: asset, channel, quantity }]) => {
       const answer = await api.answer(api.indicatorUnits(asset, channel, quantity.indicator, signal));
       if (!(answer instanceof Error)) known.set(name, answer.units[quantity.indicator] ?? "");
     }),

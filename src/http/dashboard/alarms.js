@@ -3,7 +3,7 @@
 import { BulkAcknowledge } from "./alarm-bulk.js";
 import { AlarmDetail } from "./alarm-detail.js";
 import { NotificationList } from "./alarm-notifications.js";
-import { learnUnits } from "./alarm-units.js";
+import { fetchUnits } from "./alarm-units.js";
 import {
   ALARM_STATES,
   levelWords,
@@ -110,7 +110,7 @@ export class AlarmsPage {
     ]);
     const asked = JSON.stringify([show, asset, alarm]);
     if (answer === this.#shown && asked === this.#asked) return;
-    if (!(answer instanceof Error)) await learnUnits(answer.items, signal);
+    if (!(answer instanceof Error)) await fetchUnits(answer.items, signal);
     [this.#shown, this.#asked] = [answer, asked];
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(key === show));
     this.#asset.hidden = !asset;

@@ -186,7 +186,7 @@ export const keepStream = (id, name, seconds) =>
   send("POST", ["assets", id, "stream", "keep"], undefined, undefined, { name, seconds });
 export const createAsset = (body) => send("POST", ["assets"], body);
 export const deleteAsset = (id) => send("DELETE", ["assets", id]);
-async function looked(path, parameters, type, body) {
+async function postPreview(path, parameters, type, body) {
   const headers = { accept: "application/json", "content-type": type };
   const { response, text } = await request(address([path], parameters), { method: "POST", headers, body });
   if (!response.ok) throw failure(response.status, text);
@@ -194,11 +194,11 @@ async function looked(path, parameters, type, body) {
 }
 
 /** Columns of a CSV file, from the whole lines at its start. */
-export const previewCsv = (lines, parameters) => looked("csv-preview", parameters, "text/csv", lines);
+export const previewCsv = (lines, parameters) => postPreview("csv-preview", parameters, "text/csv", lines);
 
 /** Contents of a MATLAB file, a protobuf block or the start of an MCAP recording. */
 export const previewRecording = (body, type, parameters) =>
-  looked("recording-preview", parameters, type, body);
+  postPreview("recording-preview", parameters, type, body);
 export const preview = (body, signal) => send("POST", ["preview"], body, signal);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/pair-presets">>} */
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);
@@ -225,8 +225,8 @@ export const notifications = (signal) => get(["notifications"], {}, signal);
 export const actOnAlarm = (id, action, body) => send("POST", ["alarms", id, action], body);
 /** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/maintenance">>} */
 export const maintenance = (id, signal) => get(["assets", id, "maintenance"], { limit: 200 }, signal);
-export const tellMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
-export const takeBackMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
+export const addMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
+export const deleteMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
 /** @type {(id: string, parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/segments">>} */
 export const recordsPage = (id, parameters, signal) => get(["assets", id, "segments"], parameters, signal);
 /** @type {(id: string, parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/segments/count">>} */

@@ -17,7 +17,7 @@ const VIEWS = [
 const KEPT = ["channel", "segment"]; // query parameters kept when switching pages
 
 const LOOK_MS = 10_000;
-const looks = new Map(); // asset → when its live streams were last fetched, and the answer
+const lookups = new Map(); // asset → when its live streams were last fetched, and the answer
 const streaming = new Set(); // assets known to have live streams
 
 /** Whether an asset has live streams; the last known answer when the server does not respond. */
@@ -33,10 +33,10 @@ async function lookForStreams(id) {
 }
 
 function hasStreams(id) {
-  const known = looks.get(id);
+  const known = lookups.get(id);
   if (known && Date.now() - known.at < LOOK_MS) return known.answer;
   const answer = lookForStreams(id);
-  looks.set(id, { at: Date.now(), answer });
+  lookups.set(id, { at: Date.now(), answer });
   return answer;
 }
 

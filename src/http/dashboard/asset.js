@@ -324,7 +324,7 @@ export class AssetPage {
     this.#wearLevelsButton.setAttribute("aria-expanded", String(isShown));
     if (missing) {
       this.#wearHandles.show(null, []);
-      return this.#wear.say(missing);
+      return this.#wear.showNotice(missing);
     }
     const rule = rules.find((each) => watches(each, "wear_um"));
     const zoomed = timeOf(this.#query.time);
@@ -352,8 +352,8 @@ export class AssetPage {
     this.#log.checked = logarithmic;
     for (const [key, chip] of this.#panes)
       chip.setAttribute("aria-pressed", String(panes.some((pane) => pane.key === key)));
-    if (!indicators) return this.#trends.say("This record does not have these indicators.");
-    if (indicators instanceof Error) return this.#trends.say(indicators.message);
+    if (!indicators) return this.#trends.showNotice("This record does not have these indicators.");
+    if (indicators instanceof Error) return this.#trends.showNotice(indicators.message);
     const range = timeOf(this.#query.time) ?? timeRange(history, latest);
     this.#trends.plot.style.setProperty("--panes", panes.length);
     const rules = this.#levels.show({

@@ -20,7 +20,7 @@ export const KNOWN_BEARINGS = [
   { key: "ZA2115", name: "ZA-2115 (Rexnord)", elements: 16, roller: 8.407, pitch: 71.501, contact: 15.17 },
 ];
 
-const MOST_ELEMENTS = 1000;
+const MAX_ELEMENTS = 1000;
 
 /**
  * The fault orders of a geometry: number of rolling elements, roller and pitch diameter, contact angle in
@@ -39,8 +39,8 @@ export function ordersOfGeometry({ elements, roller, pitch, contact }) {
 
 /** An error message for an invalid geometry; empty when it is valid. */
 export function geometryFault({ elements, roller, pitch, contact }) {
-  if (!(Number.isInteger(elements) && elements >= 2 && elements <= MOST_ELEMENTS))
-    return `Rolling elements: enter a whole number from 2 to ${MOST_ELEMENTS}.`;
+  if (!(Number.isInteger(elements) && elements >= 2 && elements <= MAX_ELEMENTS))
+    return `Rolling elements: enter a whole number from 2 to ${MAX_ELEMENTS}.`;
   if (!(pitch > 0)) return "Pitch diameter: enter a value above 0 mm.";
   if (!(roller > 0 && roller < pitch))
     return "Roller diameter: enter a value above 0 mm and below the pitch diameter.";

@@ -1,7 +1,7 @@
 // The records on the bench as a list with colour, asset, channel, time and actions, and a form to add more.
 
 import * as api from "./api.js";
-import { formatRecords, MOST_RECORDS, recordsOf } from "./bench-records.js";
+import { formatRecords, MAX_RECORDS, recordsOf } from "./bench-records.js";
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { clock, number, unit } from "./format.js";
@@ -60,7 +60,7 @@ export class BenchList {
   }
 
   /** Shows a status message. */
-  say(words, kind = "bad") {
+  showNotice(words, kind = "bad") {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }
@@ -103,19 +103,19 @@ export class BenchList {
         }),
       );
       this.#record.disabled = this.#add.disabled = items.length === 0;
-      this.say(items.length ? "" : "This asset has no records.");
+      this.showNotice(items.length ? "" : "This asset has no records.");
     } catch (error) {
-      this.say(`Failed to list the records of “${id}”: ${error.message}.`);
+      this.showNotice(`Failed to list the records of “${id}”: ${error.message}.`);
     }
   }
 
   #addRecord(event) {
     event.preventDefault();
     const ids = recordsOf(parse(location.hash).query);
-    if (ids.includes(this.#record.value)) return this.say("This record is already on the bench.");
-    if (ids.length >= MOST_RECORDS)
-      return this.say(`The bench is full with ${MOST_RECORDS} records: remove one first.`);
-    this.say("");
+    if (ids.includes(this.#record.value)) return this.showNotice("This record is already on the bench.");
+    if (ids.length >= MAX_RECORDS)
+      return this.showNotice(`The bench is full with ${MAX_RECORDS} records: remove one first.`);
+    this.showNotice("");
     change({ records: formatRecords([...ids, this.#record.value]) });
   }
 

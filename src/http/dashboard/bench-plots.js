@@ -53,8 +53,8 @@ class SpectrumAids {
       cursors: others.map(({ data }) => cursorOf(query, data, this.#names.cursor) ?? cursor),
     };
     // the spectrum marks the mesh lines itself
-    const told = cursor || this.#names.cursor === "cursor" ? first?.data : null;
-    this.table.show(told, cursor, { sidebands: false, zoom: "" }, further);
+    const marked = cursor || this.#names.cursor === "cursor" ? first?.data : null;
+    this.table.show(marked, cursor, { sidebands: false, zoom: "" }, further);
   }
 }
 
@@ -137,7 +137,7 @@ export class BenchPlots {
       this.#aids.get(key)?.show(query, []);
       if (key === "spectrum") this.#peaks.show([], [0, 0], query, "");
       const [first] = refused;
-      return card.say(
+      return card.showNotice(
         first
           ? `${first.name}: ${first.panes[key].message ?? "too short for a spectrum"}.`
           : isLoading || records.length

@@ -4,20 +4,20 @@
 import { format, go, parse } from "./route.js";
 
 /** The maximum number of records, limited by distinguishable colours. */
-export const MOST_RECORDS = 8;
+export const MAX_RECORDS = 8;
 
 const KEY = "flankwatch-bench";
 
 /** The records of an address, without duplicates; the first is the reference. */
 export function recordsOf(query) {
-  return [...new Set((query.records ?? "").split(",").filter(Boolean))].slice(0, MOST_RECORDS);
+  return [...new Set((query.records ?? "").split(",").filter(Boolean))].slice(0, MAX_RECORDS);
 }
 
 /** Formats records for an address. */
 export const formatRecords = (ids) => ids.join(",") || null;
 
 /** Saves the bench's view for this tab. */
-export function keepBench(query) {
+export function saveBench(query) {
   try {
     sessionStorage.setItem(KEY, format({ page: "bench", query }));
   } catch {
@@ -26,7 +26,7 @@ export function keepBench(query) {
 }
 
 /** The last parameters of the bench in this tab. */
-export function keptBench() {
+export function loadBench() {
   try {
     return parse(sessionStorage.getItem(KEY) ?? "").query;
   } catch {
@@ -36,13 +36,13 @@ export function keptBench() {
 
 /** Adds records to the bench and goes to it; returns an error message when there are too many. */
 export function compareOnBench(ids) {
-  const kept = keptBench();
+  const kept = loadBench();
   const together = [...new Set([...recordsOf(kept), ...ids])];
-  const fit = together.length <= MOST_RECORDS ? together : ids;
-  if (fit.length > MOST_RECORDS)
-    return `${ids.length} records selected; at most ${MOST_RECORDS} can be compared.`;
+  const fit = together.length <= MAX_RECORDS ? together : ids;
+  if (fit.length > MAX_RECORDS)
+    return `${ids.length} records selected; at most ${MAX_RECORDS} can be compared.`;
   const query = { ...kept, records: formatRecords(fit), part: null, band: null, eband: null };
-  keepBench(query);
+  saveBench(query);
   go({ page: "bench", query });
   return "";
 }

@@ -6,7 +6,7 @@ import { crumbs } from "./asset-frame.js";
 import { BearingPanel } from "./bearing-panel.js";
 import { BenchList } from "./bench-list.js";
 import { BenchPlots } from "./bench-plots.js";
-import { keepBench, keptBench, recordsOf } from "./bench-records.js";
+import { saveBench, loadBench, recordsOf } from "./bench-records.js";
 import { BenchTools, benchPanes } from "./bench-tools.js";
 import { h, setChildren } from "./dom.js";
 import { Listening, SPEEDS } from "./listening.js";
@@ -27,7 +27,7 @@ const DETAILED = ["band", "eband", "cursor", "ecursor", "bearing", "speed"];
 
 /** The view of an address; without records, the bench as last seen in this tab. */
 function restored(query) {
-  const kept = keptBench();
+  const kept = loadBench();
   if (query.records || !kept.records) return query;
   history.replaceState(null, "", format({ page: "bench", query: kept }));
   return kept;
@@ -149,7 +149,7 @@ export class BenchPage {
   }
 
   async #draw() {
-    keepBench(this.#query);
+    saveBench(this.#query);
     const records = this.#records();
     const usable = records.filter(
       ({ segment, asset }) => segment && !(segment instanceof Error) && asset && !(asset instanceof Error),
@@ -168,7 +168,7 @@ export class BenchPage {
     try {
       await this.#listening.play(this.#known.get(id).segment);
     } catch (error) {
-      this.#list.say(`Failed to play the record: ${error.message}.`);
+      this.#list.showNotice(`Failed to play the record: ${error.message}.`);
     }
   }
 

@@ -2,7 +2,7 @@
 
 import { BEARING_LINES, parseBearing } from "./bearing-geometry.js";
 
-const MOST_HARMONICS = 30;
+const MAX_HARMONICS = 30;
 const SIDEBANDS = 5;
 const BEARING_HARMONICS = 3;
 
@@ -61,7 +61,7 @@ function bearingLines(base, orders) {
 export function cursorLines({ kind, base, spacing, orders }, end) {
   if (kind === "b") return bearingLines(base, orders).filter(({ x }) => x <= end);
   if (kind === "h")
-    return Array.from({ length: Math.min(MOST_HARMONICS, Math.floor(end / base)) }, (_, n) => ({
+    return Array.from({ length: Math.min(MAX_HARMONICS, Math.floor(end / base)) }, (_, n) => ({
       x: (n + 1) * base,
       label: `${n + 1}×`,
     }));
@@ -81,7 +81,7 @@ export function cursorReach({ kind, base, spacing, orders }, end) {
   const upwards = (reach) => 2 ** Math.ceil(Math.log2(reach));
   if (kind === "b")
     return [0, Math.min(end, upwards((BEARING_HARMONICS + 1) * base * Math.max(...Object.values(orders))))];
-  if (kind === "h") return [0, Math.min(end, upwards((MOST_HARMONICS + 1) * base))];
+  if (kind === "h") return [0, Math.min(end, upwards((MAX_HARMONICS + 1) * base))];
   const reach = (SIDEBANDS + 1) * spacing;
   const step = upwards(reach);
   return [

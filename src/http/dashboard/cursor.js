@@ -117,7 +117,7 @@ export class CursorLayer {
       handle.setAttribute("aria-valuenow", String(Number(x.toPrecision(7))));
       handle.setAttribute("aria-valuemin", "0");
       handle.setAttribute("aria-valuemax", String(this.#spectrum.frequency_hz.at(-1)));
-      handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).say(x));
+      handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).showNotice(x));
     };
     const { kind, base, spacing } = this.#cursor;
     if (kind === "b") this.#handles.base.hidden = true;

@@ -46,10 +46,10 @@ export class EventsCard {
   #words = h("p", { class: "muted loading" }, "Loading…");
   element;
 
-  /** `onTell()` opens the maintenance dialog; `onRemove(event)` deletes an entry. */
-  constructor(onTell, onRemove) {
+  /** `onAdd()` opens the maintenance dialog; `onRemove(event)` deletes an entry. */
+  constructor(onAdd, onRemove) {
     this.#onRemove = onRemove;
-    const tell = h("button", { type: "button", onclick: onTell }, "Add maintenance…");
+    const tell = h("button", { type: "button", onclick: onAdd }, "Add maintenance…");
     this.element = h(
       "section",
       { class: "card events-card", "aria-label": "Alarms and maintenance" },
@@ -64,26 +64,26 @@ export class EventsCard {
     if (sameEvents(events, this.#shown)) return;
     this.#shown = events;
     const { maintenance, alarms, others, refused } = events;
-    const told = maintenance instanceof Error ? [] : maintenance.items;
+    const entries = maintenance instanceof Error ? [] : maintenance.items;
     const trouble = refused ?? (maintenance instanceof Error ? maintenance : null);
     this.#words.textContent = trouble
       ? trouble.message
-      : alarms.length + others.length + told.length
+      : alarms.length + others.length + entries.length
         ? ""
         : "No alarms on this channel and no maintenance entries.";
     this.#words.hidden = !this.#words.textContent;
-    this.#list.hidden = alarms.length + others.length + told.length === 0;
+    this.#list.hidden = alarms.length + others.length + entries.length === 0;
     setChildren(
       this.#list,
       alarms.map((alarm) => alarmItem(alarm)),
       others.map((alarm) => alarmItem(alarm, true)),
-      told.map((event) => this.#told(event)),
+      entries.map((event) => this.#maintenanceItem(event)),
     );
   }
 
-  #told(event) {
+  #maintenanceItem(event) {
     const { time, kind, by, comment, inspection } = event;
-    const said = [
+    const details = [
       inspection && inspectionWords(inspection),
       clock(time),
       by && `entered by ${by}`,
@@ -107,7 +107,7 @@ export class EventsCard {
       wrench(),
       h("strong", { title: MAINTENANCE[kind]?.words }, maintenanceWord(kind)),
       remove,
-      h("span", { class: "muted" }, said),
+      h("span", { class: "muted" }, details),
     );
   }
 }

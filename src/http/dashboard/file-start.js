@@ -14,10 +14,10 @@ export function startInName(name) {
 }
 
 /**
- * `{ time, source }` of a file: an ISO time and its source. `told` is the start time in its samples, or null.
+ * `{ time, source }` of a file: an ISO time and its source. `startTime` is the start time in its samples, or null.
  */
-export function startOfFile(file, told) {
-  if (told) return { time: told, source: "from its time column" };
+export function startOfFile(file, startTime) {
+  if (startTime) return { time: startTime, source: "from its time column" };
   const named = startInName(file.name);
   if (named) return { time: named, source: "from the file name, read as UTC" };
   return {

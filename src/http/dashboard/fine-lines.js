@@ -3,8 +3,8 @@
 
 import { cursorReach } from "./cursor-lines.js";
 
-const MOST = 200_000; // lines that the server returns at once
-const MOST_DRAWN = 20_000; // more than any screen has columns
+const MAX = 200_000; // lines that the server returns at once
+const MAX_DRAWN = 20_000; // more than any screen has columns
 const MARGIN = 0.1; // of a part, on either side: the pinned record may run at another speed
 
 /** Contiguous lines spaced by `step`; the first is at `first` steps. */
@@ -144,10 +144,10 @@ export function thinned(spectrum, range, most) {
 async function linesOf(ask, step, [from, to]) {
   const [first, last] = [Math.max(0, Math.floor(from / step)), Math.ceil(to / step)];
   const amplitude = [];
-  for (let low = first; low <= last; low += MOST) {
-    const high = Math.min(last, low + MOST - 1);
+  for (let low = first; low <= last; low += MAX) {
+    const high = Math.min(last, low + MAX - 1);
     // half a line more, so that rounding loses none
-    const part = await ask(Math.max(0, (low - 0.5) * step), (high + 0.5) * step, MOST);
+    const part = await ask(Math.max(0, (low - 0.5) * step), (high + 0.5) * step, MAX);
     amplitude.push(part.amplitude);
     if (part.amplitude.length < high - low + 1) break; // the spectrum ends here
   }
@@ -178,7 +178,7 @@ export async function withFineLines(spectrum, part, read, ask) {
   const fine = read ? [await linesOf(ask, step, read)] : [];
   if (!part) return { ...spectrum, fine };
   const margin = MARGIN * (part[1] - part[0]);
-  const shown = await ask(Math.max(0, part[0] - margin), part[1] + margin, MOST_DRAWN);
+  const shown = await ask(Math.max(0, part[0] - margin), part[1] + margin, MAX_DRAWN);
   if (!shown.reduced) fine.push(FineLines.of(shown));
   return { ...spectrum, ...spliced(spectrum, shown), fine, part: shown };
 }

@@ -42,7 +42,11 @@ export class ImportDesk {
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
   #results = h("div", { class: "results", "aria-live": "polite" });
-  #undo = h("button", { type: "button", hidden: true, onclick: () => this.#takeBack() }, "Undo this import…");
+  #undo = h(
+    "button",
+    { type: "button", hidden: true, onclick: () => this.#undoImport() },
+    "Undo this import…",
+  );
   #undone = h("p", { class: "result", role: "status" });
   #stored = []; // ids of the records stored by the latest import
   element;
@@ -174,7 +178,7 @@ export class ImportDesk {
     }
   }
 
-  async #takeBack() {
+  async #undoImport() {
     const stored = this.#stored;
     if (
       !confirm(
@@ -194,17 +198,17 @@ export class ImportDesk {
       this.#stored = [];
       this.#undo.hidden = true;
       setChildren(this.#results);
-      this.#say("good", `${records(gone)} deleted. Import undone.`);
+      this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
       this.#stored = stored.slice(gone);
-      this.#say("bad", `Undo failed${gone ? ` after ${records(gone)}` : ""}: ${error.message}.`);
+      this.#showNotice("bad", `Undo failed${gone ? ` after ${records(gone)}` : ""}: ${error.message}.`);
     } finally {
       this.#undo.disabled = false;
       changed();
     }
   }
 
-  #say(kind, words) {
+  #showNotice(kind, words) {
     this.#undone.dataset.kind = kind;
     setText(this.#undone, words);
   }

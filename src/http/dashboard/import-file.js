@@ -6,8 +6,8 @@ import { preview } from "./import-preview.js";
 import { recordsAt } from "./import-sending.js";
 import { sketch } from "./sketch.js";
 
-const MOST_TOPICS = 6;
-const MOST_CHANNELS = 16; // with fields of their own
+const MAX_TOPICS = 6;
+const MAX_CHANNELS = 16; // with fields of their own
 
 function length(seconds) {
   return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
@@ -175,7 +175,7 @@ export class ImportFile {
     const kept = this.#fields.map(({ name, unit: own }) => [name.value, own?.value]);
     this.#fields = [];
     const isOwn = ["application/json", "application/x-protobuf", "application/mcap"].includes(type); // these name channel and unit themselves
-    const rows = channels.slice(0, MOST_CHANNELS).map((channel, n) => {
+    const rows = channels.slice(0, MAX_CHANNELS).map((channel, n) => {
       const label = channel.name || `channel ${n + 1}`;
       const drawn = channel.sketch && sketch(channel.sketch, `${label} of ${this.file.name}`);
       const part =
@@ -223,8 +223,8 @@ export class ImportFile {
       );
     });
     const more =
-      channels.length > MOST_CHANNELS
-        ? h("p", { class: "muted" }, `and ${channels.length - MOST_CHANNELS} more channels`)
+      channels.length > MAX_CHANNELS
+        ? h("p", { class: "muted" }, `and ${channels.length - MAX_CHANNELS} more channels`)
         : null;
     this.#scale.setAttribute("aria-label", `Full scale of ${this.file.name}`);
     const scale =
@@ -281,9 +281,9 @@ export class ImportFile {
 function topics(summary) {
   if (!summary) return null;
   const shown = summary.topics
-    .slice(0, MOST_TOPICS)
+    .slice(0, MAX_TOPICS)
     .map(({ topic, messages }) => h("li", {}, h("code", {}, topic), ` ${count(messages)}`));
-  const more = summary.topics.length - MOST_TOPICS;
+  const more = summary.topics.length - MAX_TOPICS;
   return h(
     "ul",
     { class: "file-topics" },

@@ -16,9 +16,9 @@ export const TYPES = {
 };
 const OWN_TIMES = ["application/mcap", "application/json", "application/x-protobuf"]; // these contain the start of each record
 const CSV_BEGIN = 512 * 1024;
-const MOST_JSON = 16 * 1024 * 1024;
-const MOST_SKETCHES = 8;
-const MOST_RECORDING = 16 * 1024 * 1024; // largest recording that the service previews
+const MAX_JSON = 16 * 1024 * 1024;
+const MAX_SKETCHES = 8;
+const MAX_RECORDING = 16 * 1024 * 1024; // largest recording that the service previews
 const MCAP_BEGIN = 4 * 1024 * 1024;
 
 /** The media type of a file by its name; undefined when unsupported. */
@@ -27,7 +27,7 @@ export const typeOf = (file) => TYPES[file.name.split(".").pop().toLowerCase()];
 async function ofWav(file) {
   const head = await wavHead(file);
   const sketches = [];
-  for (let channel = 0; channel < Math.min(head.channels, MOST_SKETCHES); channel++)
+  for (let channel = 0; channel < Math.min(head.channels, MAX_SKETCHES); channel++)
     sketches.push(await wavSketch(file, head, channel));
   const channels = Array.from({ length: head.channels }, (_, n) => ({
     name: String(n + 1),
@@ -120,7 +120,7 @@ const LARGE = "too large for a preview";
 
 /** A MATLAB file with the entered sampling rate, if any. */
 async function ofMat(file, rate) {
-  if (file.size > MOST_RECORDING) return { channels: [], form: "MATLAB", note: LARGE };
+  if (file.size > MAX_RECORDING) return { channels: [], form: "MATLAB", note: LARGE };
   const seen = await previewRecording(file, "application/x-matlab-data", { sample_rate_hz: rate });
   const [first] = seen.channels;
   return {
@@ -134,7 +134,7 @@ async function ofMat(file, rate) {
 }
 
 async function ofBlock(file) {
-  if (file.size > MOST_RECORDING) return { channels: [], form: "protobuf", note: LARGE };
+  if (file.size > MAX_RECORDING) return { channels: [], form: "protobuf", note: LARGE };
   const seen = await previewRecording(file, "application/x-protobuf", {});
   const [first] = seen.channels;
   return {
@@ -148,7 +148,7 @@ async function ofBlock(file) {
 }
 
 async function ofJson(file) {
-  if (file.size > MOST_JSON) return { channels: [], form: "JSON", words: "too large for a preview" };
+  if (file.size > MAX_JSON) return { channels: [], form: "JSON", words: "too large for a preview" };
   const {
     start_time: start,
     sample_rate_hz: rate,
@@ -184,7 +184,7 @@ export async function preview(file, rate, roles) {
       channels: [],
       fault: "expected a .wav, .mcap, .csv, .mat, .json or .pb file",
     };
-  const start = (told) => (OWN_TIMES.includes(type) ? null : startOfFile(file, told));
+  const start = (startTime) => (OWN_TIMES.includes(type) ? null : startOfFile(file, startTime));
   try {
     const seen = await READERS[type](file, rate, roles);
     return { type, start: start(seen.begins), ...seen };

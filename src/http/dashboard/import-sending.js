@@ -48,7 +48,7 @@ async function requestsOf(file, { type, head }, entry, common) {
   const parameters = { ...point, start_time: entry.start };
   if (type === "text/csv") {
     const groups = Map.groupBy(entry.channels, (channel) => channel.unit || unit);
-    const said = csvParameters(rate, entry.roles);
+    const csv = csvParameters(rate, entry.roles);
     if (groups.size < 2)
       return [
         {
@@ -56,7 +56,7 @@ async function requestsOf(file, { type, head }, entry, common) {
           type,
           parameters: {
             ...parameters,
-            ...said,
+            ...csv,
             unit: [...groups.keys()][0] ?? unit,
             ...named(entry.channels),
           },
@@ -67,7 +67,7 @@ async function requestsOf(file, { type, head }, entry, common) {
       type,
       parameters: {
         ...parameters,
-        ...said,
+        ...csv,
         columns: channels.map(({ place }) => place + 1).join(","),
         unit: own,
         ...named(channels),

@@ -61,18 +61,22 @@ export function inspectionMarks({ maintenance }, colour, range) {
   const [from, to] = range;
   const within = ({ time, inspection }) =>
     inspection && Date.parse(time) >= Date.parse(from) && Date.parse(time) <= Date.parse(to);
-  const told = maintenance instanceof Error ? [] : maintenance.items.filter(within);
+  const inspections = maintenance instanceof Error ? [] : maintenance.items.filter(within);
   const kinds = [
-    [told.filter(({ inspection }) => isGreatest(inspection)), "diamond", "measured depth ± standard error"],
     [
-      told.filter(({ inspection }) => !isGreatest(inspection)),
+      inspections.filter(({ inspection }) => isGreatest(inspection)),
+      "diamond",
+      "measured depth ± standard error",
+    ],
+    [
+      inspections.filter(({ inspection }) => !isGreatest(inspection)),
       "diamond-open",
       "measured on one gear or at one place, ± standard error",
     ],
   ].filter(([events]) => events.length);
   return {
     traces: kinds.map(([events, symbol]) => markers(events, symbol, colour)),
-    annotations: told.map((event) => label(event, colour)),
+    annotations: inspections.map((event) => label(event, colour)),
     entries: kinds.map(([, symbol, words]) => [
       symbol === "diamond" ? "filled" : "diamond",
       colour.reference,

@@ -2,11 +2,11 @@
 // plots.
 
 import * as api from "./api.js";
-import { learnUnits } from "./alarm-units.js";
+import { fetchUnits } from "./alarm-units.js";
 import { changeWords, quantityWords } from "./alarm-words.js";
 import { verticalLine } from "./plots.js";
 
-const MOST_ALARMS = 12; // histories fetched
+const MAX_ALARMS = 12; // histories fetched
 
 /** Kinds of maintenance and their effect on the estimate. */
 export const MAINTENANCE = {
@@ -43,22 +43,22 @@ const RAISED = "unacknowledged,acknowledged";
 export async function fetchEvents(id, channel, signal) {
   const [maintenance, list, raised] = await Promise.all([
     api.answer(api.maintenance(id, signal)),
-    api.answer(api.alarms({ asset: id, channel, limit: MOST_ALARMS }, signal)),
-    api.answer(api.alarms({ asset: id, state: RAISED, limit: MOST_ALARMS }, signal)),
+    api.answer(api.alarms({ asset: id, channel, limit: MAX_ALARMS }, signal)),
+    api.answer(api.alarms({ asset: id, state: RAISED, limit: MAX_ALARMS }, signal)),
   ]);
   const others = raised instanceof Error ? [] : raised.items.filter((alarm) => alarm.channel !== channel);
   const listed = list instanceof Error ? [] : list.items;
   const answers = await Promise.all(
     [...listed, ...others].map((alarm) => api.answer(api.alarm(alarm.id, signal))),
   );
-  const told = answers.filter((alarm) => !(alarm instanceof Error));
-  await learnUnits(told, signal);
+  const known = answers.filter((alarm) => !(alarm instanceof Error));
+  await fetchUnits(known, signal);
   const mine = (alarm) => alarm.channel === channel;
   return {
     maintenance,
     refused: list instanceof Error ? list : null,
-    alarms: told.filter(mine),
-    others: told.filter((alarm) => !mine(alarm)),
+    alarms: known.filter(mine),
+    others: known.filter((alarm) => !mine(alarm)),
   };
 }
 
@@ -125,7 +125,7 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
   const [first, last] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
   const within = (time) => Date.parse(time) >= first && Date.parse(time) <= last;
   const marks = changes(alarms).filter(({ change }) => within(change.time));
-  const told = (maintenance instanceof Error ? [] : maintenance.items).filter(({ time }) => within(time));
+  const events = (maintenance instanceof Error ? [] : maintenance.items).filter(({ time }) => within(time));
   /** @type {[string | null, (change: any) => boolean, string][]} */
   const kinds = [
     ["danger", ({ severity }) => severity === "danger", "danger alarm raised"],
@@ -141,8 +141,8 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
     entries.push([name, colour[ink], words]);
     shapes.push(...some.map(({ change }) => mark(change.time, name, colour[ink])));
   }
-  shapes.push(...told.map(({ time }) => verticalLine(time, colour.reference, "dashdot", 1.5)));
-  for (const { time, kind } of told)
+  shapes.push(...events.map(({ time }) => verticalLine(time, colour.reference, "dashdot", 1.5)));
+  for (const { time, kind } of events)
     annotations.push({
       x: time,
       yref: "paper",
@@ -155,6 +155,6 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
       bgcolor: colour.surface,
       font: { color: colour.reference },
     });
-  if (told.length) entries.push(["dash", colour.reference, "maintenance"]);
+  if (events.length) entries.push(["dash", colour.reference, "maintenance"]);
   return { shapes, annotations, entries, top: marks.length ? 14 : 0 };
 }

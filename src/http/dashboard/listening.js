@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 
-const MOST_SECONDS = 30;
+const MAX_SECONDS = 30;
 const PIECE = 190_000; // samples of one answer
 const PEAK = 0.9;
 const RATES = [3000, 768_000]; // sampling rates that browsers accept for a buffer
@@ -12,7 +12,7 @@ export const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 
 /** The samples of a record, or of the start of a long one. */
 async function samplesOf({ id, samples, sample_rate_hz: rate }, signal) {
-  const count = Math.min(samples, Math.floor(MOST_SECONDS * rate));
+  const count = Math.min(samples, Math.floor(MAX_SECONDS * rate));
   const values = new Float32Array(count);
   for (let first = 0; first < count; first += PIECE) {
     const last = Math.min(first + PIECE, count);

@@ -7,8 +7,8 @@ import { Events } from "./events.js";
 import { age, clock } from "./format.js";
 
 const INTERVAL_MS = 2000;
-const TOLD_INTERVAL_MS = 20_000; // with the event stream, polling only guards against missed events
-const LEAST_MS = 700; // minimum time between two updates, however many events arrive
+const PUSHED_INTERVAL_MS = 20_000; // with the event stream, polling only guards against missed events
+const MIN_MS = 700; // minimum time between two updates, however many events arrive
 const RETRIES_MS = [2000, 3000, 5000, 10_000];
 
 /**
@@ -22,7 +22,7 @@ export class Live {
   #abort = new AbortController();
   #failures = 0;
   #status = { state: "loading" };
-  #told = false;
+  #pushed = false;
   #busy = false;
   #due = false;
 
@@ -33,8 +33,8 @@ export class Live {
     addEventListener("online", () => this.now());
     new Events(
       () => this.#changed(),
-      (told) => {
-        this.#told = told;
+      (pushed) => {
+        this.#pushed = pushed;
         this.#changed(); // something may have happened before the stream started or since it ended
       },
     );
@@ -45,7 +45,7 @@ export class Live {
     const isFirst = !this.#due;
     this.#due = true;
     // further events do not postpone the update: with continuous events it would never run
-    if (isFirst && !this.#busy && this.#failures === 0) this.#later(LEAST_MS);
+    if (isFirst && !this.#busy && this.#failures === 0) this.#later(MIN_MS);
   }
 
   /** Updates at once and discards the running update: what it fetched may have changed. */
@@ -60,8 +60,8 @@ export class Live {
       if (abort.signal.aborted) return;
       this.#busy = false;
       this.#failures = 0;
-      this.#set({ state: "live", told: this.#told, updatedAt: Date.now() });
-      this.#later(this.#due ? LEAST_MS : this.#told ? TOLD_INTERVAL_MS : INTERVAL_MS);
+      this.#set({ state: "live", pushed: this.#pushed, updatedAt: Date.now() });
+      this.#later(this.#due ? MIN_MS : this.#pushed ? PUSHED_INTERVAL_MS : INTERVAL_MS);
     } catch (error) {
       if (error.name === "AbortError" || abort.signal.aborted) return;
       this.#busy = false;
@@ -91,10 +91,10 @@ export class Live {
 
 /** Shows the status in the page's header and banner; called every second so that ages advance. */
 export function showStatus(status, { live, text, banner, bannerText, bannerWait }) {
-  const { state, updatedAt, lostAt, retryAt, error, told } = status;
+  const { state, updatedAt, lostAt, retryAt, error, pushed } = status;
   live.dataset.state = state;
   document.body.dataset.connection = state; // loading notices are then hidden: the banner explains the state
-  live.title = told ? "Live updates from the server" : "Polling the server every two seconds";
+  live.title = pushed ? "Live updates from the server" : "Polling the server every two seconds";
   const fresh = updatedAt ? `updated ${age(new Date(updatedAt).toISOString())}` : "no data yet";
   setText(text, state === "loading" ? "connecting…" : fresh);
   const lost = state === "lost" || state === "failed";

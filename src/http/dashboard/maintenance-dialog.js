@@ -5,7 +5,7 @@ import { h, setText } from "./dom.js";
 import { clock } from "./format.js";
 import { InspectionFields } from "./inspection-fields.js";
 import { MAINTENANCE, maintenanceWord } from "./life-events.js";
-import { keepName, lastName } from "./person.js";
+import { storeName, storedName } from "./person.js";
 import { instant, written, zoneName } from "./time-zone.js";
 
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
@@ -84,8 +84,8 @@ export class MaintenanceDialog {
   /** Shows the dialog, starting with the time of the displayed record. */
   open(time) {
     this.#time.value = written(time ?? Date.now()).slice(0, 19);
-    this.#by.value ||= lastName();
-    this.#said("", "");
+    this.#by.value ||= storedName();
+    this.#showStatus("", "");
     if (!this.element.open) this.element.showModal();
   }
 
@@ -95,17 +95,17 @@ export class MaintenanceDialog {
     const inspection = kind === "inspected" ? this.#inspection.value() : undefined;
     if (inspection === null) return;
     const [by, comment] = [this.#by.value.trim(), this.#comment.value.trim()];
-    keepName(by);
+    storeName(by);
     this.#save.disabled = true;
     try {
       const time = instant(this.#time.value);
-      await api.tellMaintenance(this.#id, { time, kind, by, comment, inspection });
+      await api.addMaintenance(this.#id, { time, kind, by, comment, inspection });
       this.#comment.value = "";
       this.#inspection.clear();
       this.element.close();
       changed();
     } catch (error) {
-      this.#said("bad", `Saving failed: ${error.message}.`);
+      this.#showStatus("bad", `Saving failed: ${error.message}.`);
     } finally {
       this.#save.disabled = false;
     }
@@ -119,15 +119,15 @@ export class MaintenanceDialog {
       )
     )
       return;
-    const answer = await api.answer(api.takeBackMaintenance(this.#id, event.id));
+    const answer = await api.answer(api.deleteMaintenance(this.#id, event.id));
     if (answer instanceof Error) {
       this.open(event.time);
-      this.#said("bad", `Deleting failed: ${answer.message}.`);
+      this.#showStatus("bad", `Deleting failed: ${answer.message}.`);
     }
     changed();
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

@@ -66,14 +66,14 @@ export class MatchPage {
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
     this.#frame.update(assetName(asset), this.#query);
     const latest = await api.answer(api.wear(this.#id, this.#query.channel, signal));
-    if (latest instanceof Error) return this.#say(latest.message);
+    if (latest instanceof Error) return this.#showNotice(latest.message);
     const id = this.#query.segment ?? latest.segment_id;
-    if (!id) return this.#say("No records yet.");
+    if (!id) return this.#showNotice("No records yet.");
     const segment = await api.answer(api.segment(id, signal));
-    if (segment instanceof Error) return this.#say(segment.message);
+    if (segment instanceof Error) return this.#showNotice(segment.message);
     if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment, asset);
     const match = await api.answer(api.match(id, signal));
-    if (match instanceof Error) return this.#say(match.message);
+    if (match instanceof Error) return this.#showNotice(match.message);
     if (match === this.#data?.match && asset.updated_at === this.#data.asset?.updated_at) return;
     const { library_id: library, state_index: index, wear_um: depth } = match;
     const [state, unworn, flank] = await Promise.all([
@@ -85,7 +85,7 @@ export class MatchPage {
     await this.redraw();
   }
 
-  #say(words) {
+  #showNotice(words) {
     this.#notice.textContent = words;
     this.#notice.hidden = false;
     this.#grid.hidden = true;
@@ -93,7 +93,7 @@ export class MatchPage {
 
   /** A record without a best state, with its largest deviations if known. */
   async #unmatched(segment, asset) {
-    this.#say(
+    this.#showNotice(
       `Record of ${clock(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear?.pair))}`,
     );
     const { novelty } = segment.wear;

@@ -3,7 +3,7 @@
 
 const MAGIC = [0x89, 0x4d, 0x43, 0x41, 0x50, 0x30, 0x0d, 0x0a];
 const FOOTER_BYTES = 9 + 20 + MAGIC.length;
-const MOST_SUMMARY = 8 * 1024 * 1024;
+const MAX_SUMMARY = 8 * 1024 * 1024;
 const [CHANNEL, STATISTICS] = [0x04, 0x0b];
 
 /** An error in a supposed MCAP file. */
@@ -36,7 +36,7 @@ export async function mcapSummary(file) {
     throw new McapError("it is truncated");
   const start = Number(end.getBigUint64(9, true));
   const size = file.size - FOOTER_BYTES - start;
-  if (start === 0 || size <= 0 || size > MOST_SUMMARY) return null;
+  if (start === 0 || size <= 0 || size > MAX_SUMMARY) return null;
   return read(await view(file, start, start + size));
 }
 

@@ -2,8 +2,8 @@
 
 import { number } from "./format.js";
 
-const MOST = 4;
-const LEAST_SPREAD = 0.01; // relative spread below which all records count as equal
+const MAX = 4;
+const MIN_SPREAD = 0.01; // relative spread below which all records count as equal
 const QUANTITIES = {
   speed: { name: "shaft speed", unit: "Hz", of: (segment) => segment.shaft_speed?.shaft_speed_hz },
   torque: { name: "torque", unit: "N·m", of: (segment) => segment.operating_point?.torque_nm },
@@ -22,8 +22,8 @@ export function operatingBins(segments, choice) {
   if (known.length === 0) return { bins: [], of: new Map(), words: `No record has a ${quantity.name}.` };
   const values = known.map(([, value]) => value);
   const [low, high] = [Math.min(...values), Math.max(...values)];
-  const alike = high - low < LEAST_SPREAD * Math.abs(high);
-  const count = alike ? 1 : MOST;
+  const alike = high - low < MIN_SPREAD * Math.abs(high);
+  const count = alike ? 1 : MAX;
   const width = (high - low) / count || 1;
   const bins = Array.from(
     { length: count },

@@ -3,7 +3,7 @@
 const KEY = "flankwatch-by";
 
 /** The last name used, or an empty string. */
-export function lastName() {
+export function storedName() {
   try {
     return localStorage.getItem(KEY) ?? "";
   } catch {
@@ -12,7 +12,7 @@ export function lastName() {
 }
 
 /** Stores a name for the next action. */
-export function keepName(name) {
+export function storeName(name) {
   try {
     localStorage.setItem(KEY, name);
   } catch {

@@ -83,7 +83,7 @@ export class PlotCard {
   async show(make, filename, subject) {
     const drawing = make(false);
     if (typeof drawing === "string") {
-      this.say(drawing);
+      this.showNotice(drawing);
       return drawing;
     }
     this.#make = make;
@@ -108,7 +108,7 @@ export class PlotCard {
   }
 
   /** Shows why there is nothing to draw. */
-  say(words) {
+  showNotice(words) {
     this.#frame = undefined;
     this.plot.hidden = true;
     this.#save.hidden = true;

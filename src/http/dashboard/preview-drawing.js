@@ -6,7 +6,7 @@ import { bodyPath, lostPath, partPath } from "./preview-teeth.js";
 
 const REACH = 6; // teeth on each side of the line of centres
 const ASPECT = 1.65; // width over height of the view of the teeth in mesh
-const MOST_TEETH_DRAWN = 160; // whole gears with more teeth are drawn as circles
+const MAX_TEETH_DRAWN = 160; // whole gears with more teeth are drawn as circles
 const degrees = (radians) => (radians * 180) / Math.PI;
 
 /** The part of the tooth profile drawn red for each invalid measure. */
@@ -68,7 +68,7 @@ export class PairDrawing {
   element = h("div", { class: "pair-drawing" });
 
   /** Shows why nothing is drawn. */
-  say(words) {
+  showNotice(words) {
     this.#geometry = undefined;
     this.#drawn = "";
     setChildren(this.element, h("p", { class: "notice" }, words));
@@ -103,7 +103,7 @@ export class PairDrawing {
     const wheel = (gear, index) => {
       const bad = this.#bad(index + 1);
       const body =
-        gear.teeth <= MOST_TEETH_DRAWN
+        gear.teeth <= MAX_TEETH_DRAWN
           ? svg("path", {
               class: "wheel-body",
               d: bodyPath(gear, 0, gear.teeth - 1, 6),

@@ -135,7 +135,7 @@ export class PreviewPanel {
       this.#words,
       this.#results,
     );
-    this.#say("Enter the data of a gear pair.");
+    this.#showNotice("Enter the data of a gear pair.");
   }
 
   /** Previews the mesh of an asset named `owner`, after `wait` milliseconds without another call. */
@@ -146,7 +146,7 @@ export class PreviewPanel {
   }
 
   /** Shows why there is nothing to preview. */
-  #say(words) {
+  #showNotice(words) {
     this.#words.hidden = !words;
     setText(this.#words, words ?? "");
     this.#results.hidden = Boolean(words);
@@ -160,7 +160,7 @@ export class PreviewPanel {
   /** Shows that the data are incomplete. */
   lacking(words) {
     this.#gear = undefined;
-    this.#say(words);
+    this.#showNotice(words);
   }
 
   #ask(wait = 0) {
@@ -196,14 +196,14 @@ export class PreviewPanel {
       this.#preview = undefined;
       const words = own ? own.detail : "The preview appears once the gear pair is valid.";
       // the sliders stay usable when one of them caused the error
-      this.#say(words);
+      this.#showNotice(words);
       this.#wear.element.parentElement.inert = !own;
       if (preview.geometry && !own) this.#limits = undefined;
       return;
     }
     this.#setLimits(preview, request);
     this.#preview = preview;
-    this.#say(null);
+    this.#showNotice(null);
     await this.redraw();
   }
 
@@ -325,7 +325,7 @@ export class PreviewPanel {
 
   #failed(error) {
     this.#onError(error);
-    if (!this.#preview) this.#say(`${error.message}.`);
+    if (!this.#preview) this.#showNotice(`${error.message}.`);
   }
 
   #toggleRoll() {

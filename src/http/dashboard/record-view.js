@@ -186,9 +186,9 @@ export class RecordView {
   /** @param {(typeof PANES)[number]} pane */
   async #draw({ key, fetch, draw }, data, other, context) {
     const card = this.#cards.get(key);
-    if (context.segment instanceof Error) return card.say("No record to display.");
-    if (data instanceof Error) return card.say(data.message);
-    if (fetch && !data) return card.say("Loading…");
+    if (context.segment instanceof Error) return card.showNotice("No record to display.");
+    if (data instanceof Error) return card.showNotice(data.message);
+    if (fetch && !data) return card.showNotice("Loading…");
     const { segment, pinned } = context;
     const make = () => {
       const drawing = draw(selectedAndPinned(data, other), context);

@@ -1,14 +1,14 @@
 // Bulk actions on records: exclude, include, delete, and use as baseline.
 
 import * as api from "./api.js";
-import { compareOnBench, MOST_RECORDS } from "./bench-records.js";
+import { compareOnBench, MAX_RECORDS } from "./bench-records.js";
 import { h, setText } from "./dom.js";
 import { clock, count } from "./format.js";
-import { keepName, lastName } from "./person.js";
+import { storeName, storedName } from "./person.js";
 
 const AT_ONCE = 200; // ids in one request
 const PAGE = 1000;
-const LEAST_BASELINE = 8;
+const MIN_BASELINE = 8;
 
 const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
 
@@ -80,11 +80,11 @@ export class RecordActions {
   async #compare() {
     try {
       const { ids, all, count: matching } = this.#selection();
-      if (matching > MOST_RECORDS)
-        return this.#said("bad", `${records(matching)} match; at most ${MOST_RECORDS} can be compared.`);
-      this.#said("bad", compareOnBench(all ? await this.#identifiers(all) : ids));
+      if (matching > MAX_RECORDS)
+        return this.#showStatus("bad", `${records(matching)} match; at most ${MAX_RECORDS} can be compared.`);
+      this.#showStatus("bad", compareOnBench(all ? await this.#identifiers(all) : ids));
     } catch (error) {
-      this.#said("bad", `Action failed: ${error.message}.`);
+      this.#showStatus("bad", `Action failed: ${error.message}.`);
     }
   }
 
@@ -112,13 +112,13 @@ export class RecordActions {
   }
 
   async #each(act, gone = false) {
-    this.#said("", "Working…");
+    this.#showStatus("", "Working…");
     let done = 0;
     try {
       for (const target of await this.#targets()) done += await act(target);
       return done;
     } catch (error) {
-      this.#said("bad", `Action failed${done ? ` after ${records(done)}` : ""}: ${error.message}.`);
+      this.#showStatus("bad", `Action failed${done ? ` after ${records(done)}` : ""}: ${error.message}.`);
       return null;
     } finally {
       this.#onDone(gone);
@@ -131,7 +131,7 @@ export class RecordActions {
     );
     if (done === null) return;
     const words = action === "exclude" ? "excluded" : "included";
-    this.#said(
+    this.#showStatus(
       "good",
       done
         ? `${records(done)} ${words}. The history is being recomputed.`
@@ -152,7 +152,7 @@ export class RecordActions {
       async (target) => (await api.deleteRecords(this.#id, target)).deleted,
       true,
     );
-    if (done !== null) this.#said("good", `${records(done)} deleted.`);
+    if (done !== null) this.#showStatus("good", `${records(done)} deleted.`);
   }
 
   /** The time range from the first to the last selected record. */
@@ -184,18 +184,18 @@ export class RecordActions {
       );
       const within = counts.reduce((sum, { records: n }) => sum + n, 0);
       const few =
-        Math.min(...counts.map(({ records: n }) => n)) < LEAST_BASELINE
-          ? ` A chosen baseline needs at least ${LEAST_BASELINE} records per channel; with fewer, the baseline is collected as usual.`
+        Math.min(...counts.map(({ records: n }) => n)) < MIN_BASELINE
+          ? ` A chosen baseline needs at least ${MIN_BASELINE} records per channel; with fewer, the baseline is collected as usual.`
           : "";
       setText(
         this.#baselineWords,
         `The ${records(within)} from ${clock(time)} to ${clock(until)} become the healthy baseline of every channel, except excluded ones. The previous baseline is discarded, and wear restarts at zero there.${few}`,
       );
-      this.#by.value ||= lastName();
+      this.#by.value ||= storedName();
       this.#baseline.hidden = false;
       this.#by.focus();
     } catch (error) {
-      this.#said("bad", `Action failed: ${error.message}.`);
+      this.#showStatus("bad", `Action failed: ${error.message}.`);
     }
   }
 
@@ -206,24 +206,24 @@ export class RecordActions {
     if (!by) {
       this.#by.setAttribute("aria-invalid", "true");
       this.#by.focus();
-      return this.#said("bad", "Enter your name.");
+      return this.#showStatus("bad", "Enter your name.");
     }
-    keepName(by);
+    storeName(by);
     try {
       const { time, until } = await this.#stretch();
-      await api.tellMaintenance(this.#id, { time, until, kind: "baseline_chosen", by, comment: "" });
+      await api.addMaintenance(this.#id, { time, until, kind: "baseline_chosen", by, comment: "" });
       this.#baseline.hidden = true;
-      this.#said(
+      this.#showStatus(
         "good",
         "Baseline set. The history is being recomputed. To undo this, delete the entry under “Alarms and maintenance”.",
       );
       this.#onDone(false);
     } catch (error) {
-      this.#said("bad", `Action failed: ${error.message}.`);
+      this.#showStatus("bad", `Action failed: ${error.message}.`);
     }
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

@@ -168,7 +168,7 @@ export class SettingsPage {
       this.#asset = await api.replaceAsset(this.#id, this.#description());
       this.#fill();
       this.#frame.update(assetName(this.#asset), this.#query);
-      this.#say("good", "Saved.");
+      this.#showNotice("good", "Saved.");
     } catch (error) {
       this.#refuse(error);
     } finally {
@@ -191,10 +191,10 @@ export class SettingsPage {
       at[1].input.setAttribute("aria-invalid", "true");
       at[1].input.focus();
     }
-    this.#say("bad", `Saving failed: ${error.message}.`);
+    this.#showNotice("bad", `Saving failed: ${error.message}.`);
   }
 
-  #say(kind, words) {
+  #showNotice(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

@@ -208,7 +208,7 @@ export class SetupPage {
     const chosen = this.#pair.value;
     this.#fillChoices();
     this.#pair.value = chosen;
-    if (asset instanceof Error) return this.#say("bad", `${asset.message}.`);
+    if (asset instanceof Error) return this.#showNotice("bad", `${asset.message}.`);
     if (asset) this.#begin(asset);
   }
 
@@ -297,7 +297,7 @@ export class SetupPage {
   /** Checks the input; the service checks the gear pair. */
   #check(wait) {
     this.#refusals.saved = [];
-    this.#say("", "");
+    this.#showNotice("", "");
     this.#inputs.show(this.#shape);
     for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
       folded.hidden = [...folded.querySelectorAll(".setup-field, .check")].every(({ hidden }) => hidden);
@@ -322,7 +322,7 @@ export class SetupPage {
   #blank(words) {
     this.#refusals.previewed = [];
     this.#showRefusals();
-    this.#drawing.say(words);
+    this.#drawing.showNotice(words);
     this.#panel.lacking(
       this.#withPair
         ? "Enter the gear pair to preview its wear, or start from one of the pairs above."
@@ -341,13 +341,13 @@ export class SetupPage {
       own.filter((refusal) => !placed.has(refusal)).map(({ detail }) => h("li", {}, detail)),
     );
     if (geometry) this.#drawing.show(geometry);
-    else this.#drawing.say("These values do not define drawable gears.");
+    else this.#drawing.showNotice("These values do not define drawable gears.");
     showMeasures(this.#measures, geometry?.measures ?? []);
   }
 
   #refused({ problem, message }) {
     this.#refusals.previewed = problem?.field ? [problem] : [];
-    if (!this.#showRefusals().size) this.#say("bad", `${message}.`);
+    if (!this.#showRefusals().size) this.#showNotice("bad", `${message}.`);
   }
 
   /** Shows the errors at their fields; returns those that have a field. */
@@ -364,7 +364,7 @@ export class SetupPage {
     this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
     this.#showRefusals();
     if (lacking.length || !spec) {
-      this.#say(
+      this.#showNotice(
         "bad",
         spec ? `Still required: ${lacking.map(({ label }) => label).join(", ")}.` : "The JSON is invalid.",
       );
@@ -381,14 +381,17 @@ export class SetupPage {
         error.status === 409 ? { field: "id", value: spec.id, expected: "an unused id" } : error.problem;
       this.#refusals.saved = refusal ? [refusal] : [];
       const placed = this.#showRefusals().has(refusal);
-      this.#say("bad", placed ? "Saving failed: a field is invalid." : `Saving failed: ${error.message}.`);
+      this.#showNotice(
+        "bad",
+        placed ? "Saving failed: a field is invalid." : `Saving failed: ${error.message}.`,
+      );
       if (placed) this.#inputs.focusError();
     } finally {
       this.#save.disabled = false;
     }
   }
 
-  #say(kind, words) {
+  #showNotice(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

@@ -219,7 +219,7 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
     frequency_hz: frequency,
     amplitude,
     label: `${order}×`,
-    words: `mesh harmonic ${order}×: ${axis.say(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
+    words: `mesh harmonic ${order}×: ${axis.showNotice(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
   }));
   const shapes = harmonics.map(({ frequency_hz: frequency }) =>
     verticalLine(frequency, colour.reference, "dot"),
@@ -229,12 +229,14 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
   const annotations = points
     .filter((_, index) => !crowded || index % 2 === 0)
     .map((point) => label(point, colour, scale));
-  const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${axis.say(mesh)}`]] : [];
+  const entries = points.length
+    ? [["diamond", colour.reference, `mesh harmonics of ${axis.showNotice(mesh)}`]]
+    : [];
   if (sidebands && shaft && mesh) {
     const lines = sidebandLines(harmonics, shaft, colour, zoom);
     shapes.push(...lines.shapes);
     annotations.push(...lines.annotations);
-    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.say(shaft)} shaft speed`]);
+    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.showNotice(shaft)} shaft speed`]);
   }
   const range = part ?? zoomRange(spectrum, zoom) ?? [0, endOf(layers)];
   const axisRevision = `${revision} ${zoom} ${axis.name}`;
@@ -348,7 +350,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
       return {
         ...point,
         amplitude,
-        words: `${point.name}: ${axis.say(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
+        words: `${point.name}: ${axis.showNotice(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
       };
     });
   return {
@@ -359,7 +361,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
     legend: [
       ...recordEntries(layers),
       ...(points.length
-        ? [["diamond", colour.reference, `lines of the shafts (${axis.say(shaft)}) and related lines`]]
+        ? [["diamond", colour.reference, `lines of the shafts (${axis.showNotice(shaft)}) and related lines`]]
         : []),
     ],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.${note}`,

@@ -44,9 +44,9 @@ export class StreamFeed {
 
   #take({ kind, data }, abort) {
     if (abort.signal.aborted) return;
-    const told = JSON.parse(data);
-    if (kind === "frame") this.#onFrame(told);
-    if (kind === "waiting") this.#onState({ state: "waiting", seconds: told.seconds });
+    const message = JSON.parse(data);
+    if (kind === "frame") this.#onFrame(message);
+    if (kind === "waiting") this.#onState({ state: "waiting", seconds: message.seconds });
   }
 
   /** Closes the stream. */

@@ -5,7 +5,7 @@ import { AssetFrame, refusal } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { clock, hertz, number, span, unit } from "./format.js";
-import { HeldRange } from "./held-range.js";
+import { StickyRange } from "./sticky-range.js";
 import { PlotCard } from "./plot-card.js";
 import { replaceLine } from "./plots.js";
 import { change, format } from "./route.js";
@@ -57,8 +57,8 @@ export class StreamPage {
   #names = [];
   #record = null;
   #assetName = "";
-  #scopeRange = new HeldRange();
-  #spectrumRange = new HeldRange();
+  #scopeRange = new StickyRange();
+  #spectrumRange = new StickyRange();
   #drawnAs = { scope: "", spectrum: "" };
   #scope = new PlotCard("scope", "Scope");
   #spectrum = new PlotCard("live-spectrum", "Spectrum");
@@ -181,10 +181,10 @@ export class StreamPage {
     this.#assetName = assetName(asset);
     this.#head.update(this.#assetName, this.#query);
     const streams = await api.answer(api.streams(this.#id, signal));
-    if (streams instanceof Error) return this.#say({ state: "refused", error: streams });
+    if (streams instanceof Error) return this.#showNotice({ state: "refused", error: streams });
     this.#names = streams.items.map(({ name }) => name);
     this.#showChoices();
-    if (this.#names.length === 0) return this.#say({ state: "none" });
+    if (this.#names.length === 0) return this.#showNotice({ state: "none" });
     if (!this.#feed && !this.#frozen) this.#follow();
     await this.#compareWith(signal);
   }
@@ -207,7 +207,7 @@ export class StreamPage {
       this.#id,
       this.#name,
       (frame) => this.#take(frame),
-      (status) => this.#say(status),
+      (status) => this.#showNotice(status),
     );
   }
 
@@ -220,15 +220,15 @@ export class StreamPage {
     if (is) {
       this.#feed?.close();
       this.#feed = null;
-      this.#say({ state: "frozen" });
+      this.#showNotice({ state: "frozen" });
       this.redraw(); // enables hover text and saving for the frozen frame
     } else {
-      this.#say({ state: "connecting" });
+      this.#showNotice({ state: "connecting" });
       this.#follow();
     }
   }
 
-  #say(status) {
+  #showNotice(status) {
     this.#status = status;
     const { state, seconds, error } = status;
     const words = {
@@ -246,8 +246,8 @@ export class StreamPage {
     setText(this.#state, words);
     this.#freeze.disabled = this.#keep.disabled = ["none", "refused"].includes(state);
     if (!this.#frame && state !== "connecting") {
-      this.#scope.say(words);
-      this.#spectrum.say(words);
+      this.#scope.showNotice(words);
+      this.#spectrum.showNotice(words);
     }
   }
 
@@ -262,7 +262,7 @@ export class StreamPage {
     const now = Date.now();
     this.#levels.push({ at: now, rms, peak });
     while (this.#levels[0].at < now - 1000 * TREND_S) this.#levels.shift();
-    if (this.#status.state !== "live") this.#say({ state: "live" });
+    if (this.#status.state !== "live") this.#showNotice({ state: "live" });
     this.#showChoices();
     if (!this.#drawing) this.#draw();
   }
@@ -382,7 +382,7 @@ export class StreamPage {
   #drawSpectrum(frame, channel) {
     if (channel.bin.length === 0) {
       this.#drawnAs.spectrum = "";
-      return this.#spectrum.say(
+      return this.#spectrum.showNotice(
         channel.invalid_samples
           ? `No spectrum: ${channel.invalid_samples} of the last samples are invalid.`
           : "Not enough samples for a spectrum yet.",

@@ -132,13 +132,13 @@ export class TokensPage {
     if (!name) {
       this.#name.setAttribute("aria-invalid", "true");
       this.#name.focus();
-      return this.#said("bad", "Enter a name.");
+      return this.#showStatus("bad", "Enter a name.");
     }
     const { scope } = this.#scopes.find(({ radio }) => radio.checked);
     try {
       const made = await api.createToken({ name, scope });
       this.#name.value = "";
-      this.#said("", "");
+      this.#showStatus("", "");
       this.#show(made);
       if (!this.#first.hidden) {
         await api.logIn(made.token);
@@ -146,7 +146,7 @@ export class TokensPage {
       }
       await this.refresh();
     } catch (error) {
-      this.#said("bad", `Creating failed: ${error.message}.`);
+      this.#showStatus("bad", `Creating failed: ${error.message}.`);
     }
   }
 
@@ -187,14 +187,14 @@ export class TokensPage {
     const words = own ? "This ends your session." : "Clients that use it lose access.";
     if (!confirm(`Revoke token “${name}”? ${words}`)) return;
     const answer = await api.answer(api.revokeToken(id));
-    this.#said(
+    this.#showStatus(
       answer instanceof Error ? "bad" : "good",
       answer instanceof Error ? `Revoking failed: ${answer.message}.` : `Token “${name}” revoked.`,
     );
     await this.refresh().catch(() => {});
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

@@ -51,7 +51,7 @@ export function paneNames(panes, record) {
   return panes.flatMap((pane) => (pane.key === "mesh" ? mesh : pane.names));
 }
 
-const MOST_TICKS = 7;
+const MAX_TICKS = 7;
 
 /**
  * Ticks of a logarithmic axis as full numbers: between decades Plotly writes single digits, so 0.5 and 50
@@ -65,7 +65,7 @@ function logarithmicTicks(values) {
     decades
       .flatMap((decade) => steps.map((step) => step * decade))
       .filter((value) => value > 0.8 * low && value < 1.25 * high);
-  const ticks = [[1, 2, 5], [1]].map(within).find(({ length }) => length <= MOST_TICKS) ?? [];
+  const ticks = [[1, 2, 5], [1]].map(within).find(({ length }) => length <= MAX_TICKS) ?? [];
   if (ticks.length < 2) return { tickmode: "auto" };
   return { tickmode: "array", tickvals: ticks, ticktext: ticks.map((value) => number(value, 3)) };
 }

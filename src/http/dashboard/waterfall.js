@@ -103,7 +103,7 @@ export class WaterfallPage {
     const same = asset === this.#asset || Date.now() - this.#askedAt < AGAIN_MS;
     this.#frame.update(assetName(asset), this.#query);
     if (asked === this.#asked && same) return;
-    if (!asset.summary.segments) return this.#card.say("No records yet.");
+    if (!asset.summary.segments) return this.#card.showNotice("No records yet.");
     const answer = await api.answer(
       api.waterfall(this.#id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal),
     );
@@ -112,7 +112,7 @@ export class WaterfallPage {
     this.#axis.value = axis ?? "";
     // not while the user is typing: a change of the address would overwrite the input
     if (document.activeElement !== this.#max) this.#max.value = max ?? "";
-    if (answer instanceof Error) return this.#card.say(answer.message);
+    if (answer instanceof Error) return this.#card.showNotice(answer.message);
     this.#shown = answer;
     await this.redraw();
   }

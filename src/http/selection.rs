@@ -11,13 +11,13 @@ use crate::store::Trend;
 
 /// Selected positions in a trend.
 #[derive(Debug)]
-pub(super) struct Chosen {
+pub(super) struct Selection {
     range: Range<usize>,
     /// The selected positions within the range; all if `None`.
     some: Option<Vec<usize>>,
 }
 
-impl Chosen {
+impl Selection {
     /// Selects the records that start at `from` or later and before `to`, optionally of one bin.
     pub(super) fn of(
         trend: &Trend,
@@ -56,7 +56,7 @@ impl Chosen {
 }
 
 /// The requested operating bin of an asset.
-pub(super) fn asked_bin(spec: &AssetSpec, name: Option<&str>) -> Result<Option<OperatingBin>, Problem> {
+pub(super) fn requested_bin(spec: &AssetSpec, name: Option<&str>) -> Result<Option<OperatingBin>, Problem> {
     let Some(name) = name else { return Ok(None) };
     let bin = spec.operating_bins.iter().find(|bin| bin.name == name);
     let unknown = || Problem::query("operating_bin", name, "the name of one of the asset's operating_bins");

@@ -6,7 +6,7 @@ const TOO_WIDE = 0.35; // fraction of the range in use below which it shrinks
 const SHRINK_MS = 3000;
 
 /** A range that grows at once and shrinks after a while. */
-export class HeldRange {
+export class StickyRange {
   #range = null;
   #fittedAt = 0;
 
