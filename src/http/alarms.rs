@@ -114,7 +114,7 @@ pub(super) struct ListParameters {
     cursor: Option<String>,
 }
 
-/// Alarms
+/// List alarms
 ///
 /// All alarms ever raised, most recently changed first.
 #[utoipa::path(
@@ -160,7 +160,7 @@ pub(super) async fn list(
     Ok(Json(page.map(|alarm| AlarmView::new(alarm, now))))
 }
 
-/// One alarm with its history
+/// Get an alarm with its history
 #[utoipa::path(
     get,
     path = "/v1/alarms/{alarm}",

@@ -108,7 +108,7 @@ impl From<SimulationProgress> for SimulationView {
     }
 }
 
-/// Assets
+/// List assets
 ///
 /// All assets with a summary: records, latest wear, state of the library.
 #[utoipa::path(
@@ -154,7 +154,7 @@ pub(super) async fn create(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], tagged(&app, asset, None).await?))
 }
 
-/// One asset
+/// Get an asset
 ///
 /// Its entity tag can be used for a conditional change of the description (`If-Match`), even after further
 /// records arrived.

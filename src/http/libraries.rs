@@ -92,7 +92,7 @@ pub(super) struct LibraryView {
     pair: PairSpec,
 }
 
-/// One library with its gear pair
+/// Get a library with its gear pair
 #[utoipa::path(
     get,
     path = "/v1/libraries/{library}",
@@ -135,7 +135,7 @@ pub(super) struct StateView {
     pairs_in_contact: Vec<u32>,
 }
 
-/// One wear state of a library
+/// Get a wear state of a library
 #[utoipa::path(
     get,
     path = "/v1/libraries/{library}/states/{state}",

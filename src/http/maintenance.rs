@@ -95,7 +95,7 @@ pub(super) async fn add(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)))
 }
 
-/// Maintenance of an asset
+/// List maintenance events of an asset
 ///
 /// Newest first.
 #[utoipa::path(

@@ -21,10 +21,10 @@ const PAGE: &str = include_str!("openapi/docs.html");
 const SCRIPT: &str = include_str!("openapi/docs.js");
 
 /// The description of the API as a whole.
-const DESCRIPTION: &str = "Vibration records in, condition indicators and wear depth with an honest interval out. Times are RFC 3339 in UTC, and a \
-    record's time is that of its first sample. Wear depths are in micrometres, frequencies in hertz, amplitudes of spectra are peak \
-    amplitudes. Lists are paged by `cursor`. What goes wrong is answered as a problem after RFC 9457 that names the field, its value and \
-    what was expected; only 429, 502, 503 and 504 are worth repeating, after the time in `Retry-After`.";
+const DESCRIPTION: &str = "Takes vibration records; returns condition indicators and wear depth with its interval. Times are RFC 3339 in UTC; a record's \
+    time is that of its first sample. Wear depths are in micrometres, frequencies in hertz, and spectrum amplitudes are peak amplitudes. \
+    Lists are paged by `cursor`. Errors are RFC 9457 problems that name the field, its value and what was expected. Only 429, 502, 503 \
+    and 504 are worth retrying, after the time in `Retry-After`.";
 
 /// Problems that any operation can return, and those of operations with a name in the path or with a body.
 const COMMON: &[(&str, &str)] = &[

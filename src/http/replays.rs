@@ -85,7 +85,7 @@ pub(super) async fn list(
     Ok(Json(Page::new(shown, limit, |replay| replay.id.clone())))
 }
 
-/// Progress of a replay
+/// Get the progress of a replay
 #[utoipa::path(
     get,
     path = "/v1/replays/{replay}",

@@ -155,7 +155,7 @@ pub(super) struct SegmentView {
     velocity_zone: Option<VelocityZone>,
 }
 
-/// One complete segment
+/// Get a complete segment
 #[utoipa::path(
     get,
     path = "/v1/segments/{segment}",

@@ -40,7 +40,7 @@ const SUBJECTS = {
       : await at("desc");
     return `${NAME} · gearbox/x · ${time}`;
   },
-  bench: async () => "2 records over one another",
+  bench: async () => "2 records overlaid",
   waterfall: () => SUBJECTS.asset("wear"),
   match: () => SUBJECTS.asset("posterior"),
   library: async () => `library ${(await json("libraries")).items[0].id}`,

@@ -3,7 +3,7 @@
 import * as api from "./api.js";
 import { setText } from "./dom.js";
 
-const MAX = 1000;
+const MAX_ALARMS = 1000;
 
 /** Keeps the count of unacknowledged alarms in the navigation up to date. */
 export class AlarmCount {
@@ -20,13 +20,13 @@ export class AlarmCount {
   /** Fetches the count. Errors are shown by the page that needs the list. */
   async refresh(signal) {
     const answer = await api.answer(
-      api.alarms({ state: "unacknowledged,returned_unacknowledged", limit: MAX }, signal),
+      api.alarms({ state: "unacknowledged,returned_unacknowledged", limit: MAX_ALARMS }, signal),
     );
     if (answer === this.#shown || answer instanceof Error) return;
     this.#shown = answer;
     const { items, next_cursor: more } = answer;
     this.#badge.hidden = items.length === 0;
     this.#badge.dataset.severity = items.some(({ severity }) => severity === "danger") ? "danger" : "warning";
-    setText(this.#number, more ? `${MAX}+` : String(items.length));
+    setText(this.#number, more ? `${MAX_ALARMS}+` : String(items.length));
   }
 }

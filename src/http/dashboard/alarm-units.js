@@ -3,7 +3,7 @@
 
 import * as api from "./api.js";
 
-const MAX = 40; // trends fetched at once
+const MAX_TRENDS = 40; // trends fetched at once
 const known = new Map();
 
 const key = ({ asset_id: asset, channel, quantity }) => JSON.stringify([asset, channel, quantity.indicator]);
@@ -21,7 +21,7 @@ export async function fetchUnits(alarms, signal) {
       .map((alarm) => [key(alarm), alarm]),
   );
   await Promise.all(
-    [...asked].slice(0, MAX).map(async ([name, { asset_id: asset, channel, quantity }]) => {
+    [...asked].slice(0, MAX_TRENDS).map(async ([name, { asset_id: asset, channel, quantity }]) => {
       const answer = await api.answer(api.indicatorUnits(asset, channel, quantity.indicator, signal));
       if (!(answer instanceof Error)) known.set(name, answer.units[quantity.indicator] ?? "");
     }),

@@ -175,7 +175,7 @@ export class BenchPlots {
     const drawing = await card.show(
       (isPicture) => (isPicture ? withCursor(make(), cursor, end) : make()),
       `bench-${key}-${whole[0].name}`,
-      () => (usable.length > 1 ? `${usable.length} records over one another` : usable[0].name),
+      () => (usable.length > 1 ? `${usable.length} records overlaid` : usable[0].name),
     );
     if (typeof drawing === "string") return;
     this.#aids.get(key)?.show(query, whole);

@@ -3,7 +3,7 @@
 
 import { cursorReach } from "./cursor-lines.js";
 
-const MAX = 200_000; // lines that the server returns at once
+const MAX_LINES = 200_000; // lines that the server returns at once
 const MAX_DRAWN = 20_000; // more than any screen has columns
 const MARGIN = 0.1; // of a part, on either side: the pinned record may run at another speed
 
@@ -144,10 +144,10 @@ export function thinned(spectrum, range, most) {
 async function linesOf(ask, step, [from, to]) {
   const [first, last] = [Math.max(0, Math.floor(from / step)), Math.ceil(to / step)];
   const amplitude = [];
-  for (let low = first; low <= last; low += MAX) {
-    const high = Math.min(last, low + MAX - 1);
+  for (let low = first; low <= last; low += MAX_LINES) {
+    const high = Math.min(last, low + MAX_LINES - 1);
     // half a line more, so that rounding loses none
-    const part = await ask(Math.max(0, (low - 0.5) * step), (high + 0.5) * step, MAX);
+    const part = await ask(Math.max(0, (low - 0.5) * step), (high + 0.5) * step, MAX_LINES);
     amplitude.push(part.amplitude);
     if (part.amplitude.length < high - low + 1) break; // the spectrum ends here
   }

@@ -3,7 +3,7 @@
 import { depth } from "./format.js";
 import { timeToLimit } from "./state.js";
 
-const MAX_OF_HISTORY = 0.6; // maximum length of a forecast on the time axis, as a fraction of the history
+const MAX_FRACTION = 0.6; // maximum length of a forecast on the time axis, as a fraction of the history
 
 /** Traces of the forecast, the time range that shows it, and its text; null when there is no forecast. */
 export function forecastOf(items, latest, colour) {
@@ -13,7 +13,7 @@ export function forecastOf(items, latest, colour) {
   const { limit_um: limit, median, p05, p95 } = prognosis;
   const [first, end] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
   const left = timeToLimit(latest, last.start_time);
-  const farthest = end + Math.max(MAX_OF_HISTORY * (end - first), 60_000);
+  const farthest = end + Math.max(MAX_FRACTION * (end - first), 60_000);
   const shown = Math.min(Math.max(Date.parse(p95 ?? median), Date.parse(median)), farthest);
   const hoverinfo = "skip";
   const line = (time, dash, width) => ({

@@ -2,7 +2,7 @@
 
 import { number } from "./format.js";
 
-const MAX = 4;
+const MAX_BINS = 4;
 const MIN_SPREAD = 0.01; // relative spread below which all records count as equal
 const QUANTITIES = {
   speed: { name: "shaft speed", unit: "Hz", of: (segment) => segment.shaft_speed?.shaft_speed_hz },
@@ -23,7 +23,7 @@ export function operatingBins(segments, choice) {
   const values = known.map(([, value]) => value);
   const [low, high] = [Math.min(...values), Math.max(...values)];
   const alike = high - low < MIN_SPREAD * Math.abs(high);
-  const count = alike ? 1 : MAX;
+  const count = alike ? 1 : MAX_BINS;
   const width = (high - low) / count || 1;
   const bins = Array.from(
     { length: count },

@@ -85,10 +85,10 @@ export class StreamPage {
   );
   #keep = h(
     "button",
-    { type: "button", id: "stream-keep", onclick: () => this.#keepNow() },
+    { type: "button", id: "stream-keep", onclick: () => this.#saveRecord() },
     "Save as record",
   );
-  #kept = h("p", { class: "stream-kept", role: "status" });
+  #saveStatus = h("p", { class: "stream-kept", role: "status" });
   #axis = choice(
     "stream-axis",
     "Axis",
@@ -123,7 +123,7 @@ export class StreamPage {
           this.#freeze,
           h("span", { class: "stream-keep" }, this.#keep, this.#seconds.element),
         ),
-        this.#kept,
+        this.#saveStatus,
         h(
           "div",
           { class: "stream-levels" },
@@ -444,25 +444,25 @@ export class StreamPage {
   }
 
   /** Saves the last seconds as a record, and links to it once it is stored. */
-  async #keepNow() {
+  async #saveRecord() {
     const seconds = Number(this.#seconds.select.value);
     const channel = this.#channel?.name;
     this.#keep.disabled = true;
-    setText(this.#kept, "Saving…");
+    setText(this.#saveStatus, "Saving…");
     try {
-      const kept = await api.answer(api.keepStream(this.#id, this.#name, seconds));
-      if (kept instanceof Error) return setText(this.#kept, `Saving failed: ${kept.message}`);
+      const saved = await api.answer(api.keepStream(this.#id, this.#name, seconds));
+      if (saved instanceof Error) return setText(this.#saveStatus, `Saving failed: ${saved.message}`);
       const rate = this.#frame?.sample_rate_hz;
-      const length = rate ? `${number(kept.samples / rate, 3)} s` : `${kept.samples} samples`;
-      const what = `Saved ${length} from ${clock(kept.start_time)} as a record`;
-      setText(this.#kept, `${what}; storing…`);
-      const segment = await this.#find(kept, channel);
+      const length = rate ? `${number(saved.samples / rate, 3)} s` : `${saved.samples} samples`;
+      const what = `Saved ${length} from ${clock(saved.start_time)} as a record`;
+      setText(this.#saveStatus, `${what}; storing…`);
+      const segment = await this.#find(saved, channel);
       if (!segment)
-        return setText(this.#kept, `${what}. It is still being stored and will appear under Records.`);
+        return setText(this.#saveStatus, `${what}. It is still being stored and will appear under Records.`);
       const href = format({ page: "asset", id: this.#id, query: { channel, segment: segment.id } });
-      setChildren(this.#kept, `${what}. `, h("a", { href }, "Open record"));
+      setChildren(this.#saveStatus, `${what}. `, h("a", { href }, "Open record"));
     } catch (error) {
-      setText(this.#kept, `Saving failed: ${error.message}`);
+      setText(this.#saveStatus, `Saving failed: ${error.message}`);
     } finally {
       this.#keep.disabled = false;
     }
