@@ -253,7 +253,7 @@ export const CHECKS = {
     await page.locator(".bench-bearing", { hasText: "BPFO 7.092" }).waitFor();
     await page.getByLabel("Rolling elements").fill("1.5");
     await page.getByLabel("Rolling elements").press("Enter");
-    await page.getByText("expected a whole number from 2 to 1000").waitFor();
+    await page.getByText("enter a whole number from 2 to 1000").waitFor();
     await close(opened, name);
   },
 

@@ -21,7 +21,7 @@ import { csv, drop, wav } from "./upload.mjs";
 const audio = (name, buffer) => ({ name, mimeType: "audio/wav", buffer });
 const table = (name, text) => ({ name, mimeType: "text/csv", buffer: Buffer.from(text) });
 const card = (page, name) => page.locator(".files > li", { hasText: name });
-const send = (page) => page.getByRole("button", { name: /^Send / }).click();
+const send = (page) => page.getByRole("button", { name: /^Upload (file|\d+ files)$/ }).click();
 const good = (page, words) => page.locator('.result[data-kind="good"]', { hasText: words }).first().waitFor();
 
 async function desk(more = {}) {
@@ -84,7 +84,7 @@ export const CHECKS = {
       { name: "export.mcap", mimeType: "application/mcap", buffer: exported },
       audio("broken.wav", Buffer.from("no recording")),
     ]);
-    await page.getByRole("button", { name: "Send 8 files" }).waitFor();
+    await page.getByRole("button", { name: "Upload 8 files" }).waitFor();
     await card(page, "pump_20260301").getByText("16 bit integers · 1 channel · 4000 Hz · 1 s").waitFor();
     await card(page, "pump_20260301").getByText("from the file name, read as UTC").waitFor();
     await card(page, "two.wav").getByText("16 bit integers · 2 channels · 8000 Hz · 1 s").waitFor();
@@ -102,7 +102,7 @@ export const CHECKS = {
     await card(page, "export.mcap").getByText("No vibration in it").waitFor();
     await card(page, "block.pb").getByText("protobuf · 1 channel · 20 kHz · 1 s").waitFor();
     await card(page, "block.pb")
-      .getByText(`began: ${shownTime(record.start_time)}`)
+      .getByText(`start times in the file: ${shownTime(record.start_time)}`)
       .waitFor();
     await card(page, "block.pb").locator("svg.sketch").waitFor();
     // a MATLAB file without a rate is inspected again when one is entered
@@ -359,7 +359,7 @@ export const CHECKS = {
       audio("two_20260401_080000.wav", stereo(4000)),
       table("samples.csv", csv(1000)),
     ]);
-    await opened.page.getByRole("button", { name: "Send 2 files" }).waitFor();
+    await opened.page.getByRole("button", { name: "Upload 2 files" }).waitFor();
     await noSidewaysScrolling(opened.page);
     await end({ id, ...opened }, name);
   },

@@ -40,7 +40,7 @@ export const CHECKS = empty && {
       .map((file) => join(folder, file));
     assert.equal(files.length, 30);
     await page.setInputFiles("#upload-file", files);
-    await page.getByRole("button", { name: "Send 30 files" }).click();
+    await page.getByRole("button", { name: "Upload 30 files" }).click();
     await page.locator('.result[data-kind="good"]').nth(29).waitFor({ timeout: 45_000 });
     await page.getByRole("button", { name: "Close" }).click();
 

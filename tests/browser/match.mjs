@@ -53,7 +53,7 @@ export const CHECKS = {
       .waitFor();
     await page
       .locator('[data-plot="features"] .plot-sub', {
-        hasText: "agrees where its whisker, 2 standard deviations",
+        hasText: "agrees when its whisker (2 baseline standard deviations",
       })
       .waitFor();
     await close(opened, name);

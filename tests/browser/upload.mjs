@@ -69,7 +69,7 @@ async function choose(page, files) {
   await send(page);
 }
 
-const send = (page) => page.getByRole("button", { name: /^Send / }).click();
+const send = (page) => page.getByRole("button", { name: /^Upload (file|\d+ files)$/ }).click();
 
 async function end({ id, page }) {
   await page.context().close();
