@@ -214,9 +214,9 @@ async fn alarm_changes(
         let is_asked = |time: Timestamp| {
             params.from.is_none_or(|from| from <= time) && params.to.is_none_or(|to| time < to)
         };
-        let told =
+        let current =
             history.into_iter().filter(|entry| entry.withdrawn_at.is_none() && is_asked(entry.change.time));
-        changes.extend(told.map(|StoredAlarmChange { change, .. }| {
+        changes.extend(current.map(|StoredAlarmChange { change, .. }| {
             let message = AlarmState {
                 start_time_ns: nanoseconds(change.time),
                 name: alarm.quantity.to_string(),

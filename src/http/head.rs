@@ -20,7 +20,7 @@ fn check(request: &Request, max_bytes: usize) -> Result<(), Problem> {
     // The connection refuses heads beyond its buffer, which may exceed the limit by one read.
     let bytes = head_bytes(request);
     if bytes > max_bytes {
-        let detail = format!("the head of the request has {bytes} bytes, expected at max_bytes {max_bytes}");
+        let detail = format!("the head of the request has {bytes} bytes, expected at most {max_bytes}");
         return Err(Problem::new(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE, detail));
     }
     // RFC 9112, 3.2: if a proxy used another one of two hosts than this service, they would check different

@@ -79,8 +79,8 @@ pub(super) async fn begin(
         expires_at: expiry(app).await?,
     };
     // a single client leaves a quarter to the others
-    let most = app.limits.uploads_at_once;
-    if app.service.store.begin_resumable(&new, most, most - most / 4).await? {
+    let max = app.limits.uploads_at_once;
+    if app.service.store.begin_resumable(&new, max, max - max / 4).await? {
         find(app, &new.id).await
     } else {
         Err(Problem::busy("too many uploads in progress, of this client or in total", 60))

@@ -259,8 +259,8 @@ impl Connection {
     }
 
     async fn handle_control(&mut self, socket: &mut WebSocket, text: &str) -> Result<bool, Closing> {
-        let said = serde_json::from_str(text);
-        match said.map_err(|error| Closing::new(4400, format!("invalid message: {error}")))? {
+        let message = serde_json::from_str(text);
+        match message.map_err(|error| Closing::new(4400, format!("invalid message: {error}")))? {
             ClientMessage::Gap { next } => {
                 let StreamProgress { next, gaps } = self.sender.give_up_before(next).await?;
                 Ok(send_gaps(socket, &gaps).await && send_message(socket, &ServerMessage::Ack { next }).await)
