@@ -122,8 +122,8 @@ pub(super) async fn list(
     State(app): State<App>,
     Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<AssetView>>, Problem> {
-    let limit = query::limit(requested.limit)?;
-    let assets = app.service.store.assets(requested.cursor.as_deref(), limit + 1).await?;
+    let limit = query::limit(params.limit)?;
+    let assets = app.service.store.assets(params.cursor.as_deref(), limit + 1).await?;
     let (assets, next_cursor) =
         Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
     let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();

@@ -158,16 +158,16 @@ pub(super) async fn count(
     let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;
     let choice = RecordChoice {
-        bin: selection::requested_bin(&spec, requested.operating_bin.as_deref())?,
-        statuses: parse_statuses(requested.status.as_deref())?,
+        bin: selection::requested_bin(&spec, params.operating_bin.as_deref())?,
+        statuses: parse_statuses(params.status.as_deref())?,
     };
     let mut count = RecordCount::default();
     for channel in store.channels(&asset).await? {
-        if requested.channel.as_ref().is_some_and(|name| *name != channel.channel) {
+        if params.channel.as_ref().is_some_and(|name| *name != channel.channel) {
             continue;
         }
         let trend = store.trend(&channel).await?;
-        let selection = choice.of(&trend, requested.from, requested.to);
+        let selection = choice.of(&trend, params.from, params.to);
         let Some(last) = selection.len().checked_sub(1) else {
             continue;
         };

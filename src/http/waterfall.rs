@@ -107,15 +107,15 @@ pub(super) async fn show(
     AssetInPath(id): AssetInPath,
     Parameters(params): Parameters<WaterfallParameters>,
 ) -> Result<Json<WaterfallView>, Problem> {
-    let records = within("max_records", requested.max_records, RECORDS)?;
-    let cells = within("cells", requested.cells, CELLS)?;
-    if let Some(max) = requested.max.filter(|max| !(*max > 0.0 && max.is_finite())) {
+    let records = within("max_records", params.max_records, RECORDS)?;
+    let cells = within("cells", params.cells, CELLS)?;
+    if let Some(max) = params.max.filter(|max| !(*max > 0.0 && max.is_finite())) {
         return Err(Problem::query("max", max, "a number above 0"));
     }
-    let (asset, channel) = assets::asset_and_channel(&app, &id, requested.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &id, params.channel.as_deref()).await?;
     let mut view = WaterfallView {
         channel: None,
-        axis: requested.axis,
+        axis: params.axis,
         quantity: "amplitude_peak",
         unit: String::new(),
         window: "hann",
@@ -128,7 +128,7 @@ pub(super) async fn show(
         return Ok(Json(view));
     };
     let trend = app.service.store.trend(&channel).await?;
-    let range = trend.range(requested.from, requested.to);
+    let range = trend.range(params.from, params.to);
     let positions = evenly(range.len(), records);
     view.reduced = positions.len() < range.len();
     let ids: Vec<SegmentId> = positions.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
@@ -143,16 +143,16 @@ pub(super) async fn show(
     };
     let latest_speed = segments.iter().rev().find_map(|segment| segment.shaft_speed);
     let speed_hz = asset.spec.nominal_speed_hz().or(latest_speed.map(|speed| speed.shaft_speed_hz));
-    let highest = match (requested.axis, speed_hz) {
+    let highest = match (params.axis, speed_hz) {
         (Axis::Hz, _) => first.sample_rate_hz / 2.0,
         (Axis::Orders, Some(speed_hz)) => first.sample_rate_hz / 2.0 / speed_hz,
         (Axis::Orders, None) => {
             return Err(Problem::query("axis", "orders", "hz, as the shaft speed is unknown"));
         }
     };
-    let end = requested.max.unwrap_or(highest);
-    let grid = Grid { axis: requested.axis, cells, end_bits: end.to_bits() };
-    view.mesh_position = match requested.axis {
+    let end = params.max.unwrap_or(highest);
+    let grid = Grid { axis: params.axis, cells, end_bits: end.to_bits() };
+    view.mesh_position = match params.axis {
         Axis::Orders => asset.spec.teeth().map(|[driving, _]| f64::from(driving)),
         Axis::Hz => latest_speed.map(|speed| speed.mesh_frequency_hz).filter(|mesh_hz| *mesh_hz > 0.0),
     };

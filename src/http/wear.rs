@@ -70,7 +70,7 @@ pub(super) async fn latest(
 ) -> Result<Response, Problem> {
     let asset = app.service.store.asset(&id).await?;
     let channels = app.service.store.channels(&id).await?;
-    let speakers = match requested.channel.as_deref() {
+    let speakers = match params.channel.as_deref() {
         Some(requested) => vec![assets::channel_named(&id, &channels, requested)?],
         None => JointWear::speakers(&asset, &channels),
     };
@@ -188,8 +188,8 @@ pub(super) async fn history(
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let max_points = query::max_points(requested.max_points, DEFAULT_POINTS)?;
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, requested.channel.as_deref()).await?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
@@ -199,9 +199,9 @@ pub(super) async fn history(
         return table::answer(tag, format, HistoryView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
-    let bin = selection::requested_bin(&asset.spec, requested.operating_bin.as_deref())?;
+    let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let render = move || {
-        let selection = Selection::of(&trend, requested.from, requested.to, bin.as_ref());
+        let selection = Selection::of(&trend, params.from, params.to, bin.as_ref());
         render(&trend, &asset.spec.operating_bins, &selection, max_points)
     };
     let mut view = app.service.workers.run("reduce a history", render).await?;
