@@ -1,4 +1,5 @@
-//! Who may do what: tokens, their scopes and their rate, and requests that other web pages make.
+//! Access control: tokens, their scopes and rate limits, and protection against requests from other web
+//! pages.
 
 use std::net::IpAddr;
 use std::num::NonZeroU32;
@@ -21,19 +22,19 @@ use super::tokens::{TokenError, Tokens};
 /// Whether requests need a token.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum AuthPolicy {
-    /// They do, also where there are no tokens.
+    /// Every request needs one, even if no tokens exist.
     Required,
-    /// They do as soon as there are tokens. Without any, requests are taken that are for this machine by its
-    /// own names or by these.
+    /// Requests need one once tokens exist. Without tokens, only requests addressed to this machine, by its
+    /// own names or by these, are accepted.
     WhenConfigured {
-        /// Further names.
+        /// Further host names.
         host_names: Vec<String>,
     },
-    /// They do not, also where there are tokens.
+    /// No request needs one, even if tokens exist.
     Disabled,
 }
 
-/// The guard before every operation.
+/// The guard in front of every operation.
 pub(super) struct Access {
     tokens: Tokens,
     policy: AuthPolicy,
@@ -52,11 +53,11 @@ impl Access {
         }
     }
 
-    /// The tokens, where people may make and revoke them over HTTP.
+    /// Returns the tokens if they can be managed over HTTP.
     pub(super) fn managed_tokens(&self) -> Result<&Tokens, Problem> {
         if self.policy == AuthPolicy::Disabled {
-            // Whoever reaches the service could otherwise keep a way in for the time after.
-            let detail = "the service runs with --insecure-no-tokens: only `flankwatch token` makes and revokes tokens";
+            // Otherwise anyone who reaches the service could create a token and keep access later.
+            let detail = "the service runs with --insecure-no-tokens: only `flankwatch token` can create and revoke tokens";
             return Err(Problem::new(StatusCode::FORBIDDEN, detail));
         }
         Ok(&self.tokens)
@@ -92,15 +93,15 @@ impl Access {
         let found = presented.and_then(|presented| Some((find(&tokens, presented)?, presented)));
         let (token, presented) = found.ok_or_else(|| {
             let detail = match presented {
-                None => "a token is needed: authorization: Bearer <token>, made by `flankwatch token create`",
-                Some(_) => "the token is not known or was revoked",
+                None => "a token is required: authorization: Bearer <token>, created with `flankwatch token create`",
+                Some(_) => "the token is unknown or was revoked",
             };
             Problem::new(StatusCode::UNAUTHORIZED, detail)
         })?;
         let needed = needed(method, is_safe, path);
         if token.scope < needed {
             let detail = format!(
-                "the token {} has the scope {}, expected {}",
+                "the token {} has scope {}, expected {}",
                 token.id,
                 token.scope.name(),
                 needed.name()
@@ -119,18 +120,18 @@ impl Access {
     }
 }
 
-/// The problem where tokens cannot be read or kept.
+/// The problem for tokens that cannot be read or stored.
 pub(super) fn unreadable(error: &TokenError) -> Problem {
-    tracing::error!(%error, "failed to read or keep tokens");
+    tracing::error!(%error, "failed to read or store tokens");
     if error.is_unavailable() {
-        return Problem::busy("the tokens cannot be read: the database is away", 5);
+        return Problem::busy("failed to read tokens: the database is unavailable", 5);
     }
-    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the tokens cannot be read or kept, the log says why")
+    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "failed to read or store tokens; see the log")
 }
 
 impl Access {
-    /// Whether a token that opened something still does. Where that cannot be asked, it does.
-    pub(super) async fn still_takes(&self, caller: &Caller) -> bool {
+    /// Whether a caller's token is still valid; assumed valid if the tokens cannot be read.
+    pub(super) async fn is_still_valid(&self, caller: &Caller) -> bool {
         match self.tokens.list().await {
             Ok(tokens) => tokens.is_some_and(|tokens| find(&tokens, &caller.presented).is_some()),
             Err(_) => true,
@@ -138,21 +139,20 @@ impl Access {
     }
 }
 
-/// The token of the `authorization` header.
+/// The token in the `authorization` header.
 fn bearer(headers: &HeaderMap) -> Option<&str> {
     let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-/// Whether a request changes nothing. What asks for a WebSocket sends something over it.
+/// Whether a request changes nothing. A WebSocket request counts as a change, because it sends data.
 fn is_safe(method: &Method, headers: &HeaderMap) -> bool {
     let upgrade = headers.get(header::UPGRADE);
     let is_upgrade = upgrade.is_some_and(|upgrade| upgrade.as_bytes().eq_ignore_ascii_case(b"websocket"));
     matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS) && !is_upgrade
 }
 
-/// What can be had without a token: the pages, which show nothing by themselves, and whether the service
-/// lives.
+/// Whether a path is public: the pages, which contain no data, and the health checks.
 fn is_public(path: &str) -> bool {
     let pages = ["/", "/docs", "/openapi.json", "/healthz", "/readyz"];
     pages.contains(&path) || path.starts_with("/static/") || path.starts_with("/docs/")
@@ -170,14 +170,14 @@ fn needed(method: &Method, is_safe: bool, path: &str) -> Scope {
     }
 }
 
-/// The host that a request is for, with its port.
+/// The host that a request is addressed to, with its port.
 fn host_of<'a>(uri: &'a Uri, headers: &'a HeaderMap) -> Option<&'a str> {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     named.or_else(|| uri.authority().map(Authority::as_str))
 }
 
-/// A page of a host whose name is made to lead to this machine is, for a browser, one of this service. Its
-/// requests are for that name.
+/// DNS rebinding: for a browser, a page of another host name that resolves to this machine has the same
+/// origin as this service. Its requests carry that host name.
 fn refuse_other_hosts(uri: &Uri, headers: &HeaderMap, host_names: &[String]) -> Result<(), Problem> {
     let Some(host) = host_of(uri, headers) else {
         return Ok(());
@@ -199,7 +199,7 @@ fn refuse_other_hosts(uri: &Uri, headers: &HeaderMap, host_names: &[String]) -> 
     Err(Problem::new(StatusCode::FORBIDDEN, detail))
 }
 
-/// A browser says where the page comes from that makes it send something: only our own may.
+/// Browsers name the page that sends a request in `origin`: only pages of this service may change something.
 fn refuse_other_pages(only_reads: bool, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
     if only_reads {
         return Ok(());
@@ -212,11 +212,11 @@ fn refuse_other_pages(only_reads: bool, uri: &Uri, headers: &HeaderMap) -> Resul
     if from.is_some() && from == host {
         return Ok(());
     }
-    let detail = format!("the request comes from a page of {origin:?}, expected one of this service");
+    let detail = format!("the request comes from a page of {origin:?}, expected a page of this service");
     Err(Problem::new(StatusCode::FORBIDDEN, detail))
 }
 
-/// Lets a request through, or answers why not.
+/// Forwards a request, or answers why it is refused.
 pub(super) async fn guard(State(access): State<Arc<Access>>, mut request: Request, next: Next) -> Response {
     match access.check(request.method(), request.uri(), request.headers()).await {
         Ok(caller) => {
@@ -240,7 +240,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_changes_assets_needs_more_than_what_sends_records() {
+    fn changing_assets_needs_a_higher_scope_than_sending_records() {
         for (method, path, scope) in [
             (Method::GET, "/v1/assets", Scope::Read),
             (Method::GET, "/metrics", Scope::Read),
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_is_made_to_lead_here_is_refused() {
+    fn a_foreign_host_name_is_refused() {
         let uri = Uri::from_static("/v1/assets");
         let names = ["Wear.example".to_owned()];
         for (host, is_own) in [
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn what_asks_for_a_websocket_sends() {
+    fn a_websocket_request_needs_the_write_scope() {
         let mut headers = HeaderMap::new();
         assert!(is_safe(&Method::GET, &headers));
         headers.insert(header::UPGRADE, HeaderValue::from_static("websocket"));
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn another_page_sends_nothing() {
+    fn requests_from_other_pages_are_refused() {
         let uri = Uri::from_static("/v1/assets");
         let mut headers = HeaderMap::new();
         headers.insert(header::HOST, HeaderValue::from_static("127.0.0.1:8600"));

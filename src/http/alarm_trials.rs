@@ -1,4 +1,4 @@
-//! `/v1/assets/{asset}/alarms/try`: what a rule would have raised on the records that are there.
+//! `/v1/assets/{asset}/alarms/try`: the alarms that a rule would have raised on existing records.
 
 use std::sync::Arc;
 
@@ -19,10 +19,10 @@ use crate::service::Service;
 use crate::signal::Indicators;
 use crate::store::{ChannelSummary, RecordResults};
 
-/// Records read and judged at a time.
+/// Records read and evaluated at a time.
 const AT_ONCE: u32 = 2000;
 
-/// Changes that are listed; further ones are only counted.
+/// Maximum number of listed changes; further ones are only counted.
 const MAX_CHANGES: usize = 1000;
 
 /// A rule to try.
@@ -31,7 +31,7 @@ const MAX_CHANGES: usize = 1000;
 pub(super) struct TrialRequest {
     /// The rule.
     rule: AlarmRule,
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     #[serde(default)]
     channel: Option<String>,
 }
@@ -39,19 +39,19 @@ pub(super) struct TrialRequest {
 /// What a rule would have raised.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub(super) struct AlarmTrial {
-    /// The channel; none where the asset has no records.
+    /// The channel; none if the asset has no records.
     channel: Option<String>,
-    /// Records that take part.
+    /// Number of records evaluated.
     records: u64,
-    /// Of these, those with a value of what the rule watches.
+    /// Number of these that have a value of the watched quantity.
     readings: u64,
-    /// How often a warning would have been raised.
+    /// Number of warnings that would have been raised.
     warnings: u64,
-    /// How often a danger would have been raised, out of nothing or out of a warning.
+    /// Number of danger alarms that would have been raised, including those raised from warning.
     dangers: u64,
-    /// What would be raised after the latest record; none where nothing.
+    /// Severity after the latest record; none if nothing is raised.
     severity: Option<Severity>,
-    /// How often the alarm would have changed.
+    /// Number of changes of the alarm.
     changes_count: u64,
     /// The first 1000 changes.
     changes: Vec<TrialChange>,
@@ -60,18 +60,18 @@ pub(super) struct AlarmTrial {
 /// A change that a rule would have made.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct TrialChange {
-    /// The time of the record or of the maintenance.
+    /// The time of the record or maintenance event.
     time: Timestamp,
-    /// What is raised after it; none where nothing.
+    /// Severity after it; none if nothing is raised.
     severity: Option<Severity>,
-    /// The reading, in the unit of what is watched; none where maintenance made the change.
+    /// The reading in the unit of the watched quantity; none if maintenance caused the change.
     value: Option<f64>,
 }
 
 /// Try an alarm rule on the history
 ///
-/// Nothing is stored. The rule is folded over the records of a channel and the maintenance between them as
-/// alarms are; what people did to alarms does not count.
+/// Nothing is stored. The rule is evaluated over the records of a channel and the maintenance events between
+/// them, as for real alarms, but without operator actions.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/alarms/try",
@@ -90,9 +90,9 @@ pub(super) async fn try_rule(
     rule.validate().map_err(|error| Problem::content("rule", error, "a rule as in the asset's alarms"))?;
     let of_one_channel = match rule.quantity {
         AlarmQuantity::StaleS => {
-            Err("a quantity of records: time without one is told by the clock and cannot be tried")
+            Err("a quantity of records: time without a record depends on the clock and cannot be tried")
         }
-        AlarmQuantity::JointNovelty => Err("a quantity of one channel: all together cannot be tried"),
+        AlarmQuantity::JointNovelty => Err("a quantity of one channel: joint quantities cannot be tried"),
         _ => Ok(()),
     };
     of_one_channel.map_err(|expected| Problem::content("rule.quantity", &rule.quantity, expected))?;
@@ -111,12 +111,12 @@ pub(super) async fn try_rule(
     Ok(Json(fold(&app.service, &channel, rule, events).await?))
 }
 
-/// Where a trial stands between two pieces of a history.
+/// The state of a trial between two batches of records.
 struct Fold {
     rules: [AlarmRule; 1],
     panel: AlarmPanel,
     events: Arc<[MaintenanceEvent]>,
-    /// Events that have been taken.
+    /// Number of events consumed.
     taken: usize,
     trial: AlarmTrial,
 }
@@ -153,7 +153,7 @@ async fn fold(
 impl Fold {
     fn take(&mut self, results: &RecordResults) {
         let time = results.key.start_time;
-        // An event counts before a record of the same time.
+        // An event precedes a record of the same time.
         while let Some(event) = self.events.get(self.taken).filter(|event| event.time <= time) {
             self.taken += 1;
             for (_, change) in self.panel.maintenance(&self.rules, event) {

@@ -1,4 +1,4 @@
-//! `/v1/alarms`: what was raised, and what people do about it.
+//! `/v1/alarms`: alarms and operator actions on them.
 
 use axum::Json;
 use axum::body::Body;
@@ -16,13 +16,13 @@ use crate::estimate::{AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmS
 use crate::service::OperatorAction;
 use crate::store::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 
-/// Entries of a history that are shown.
+/// Maximum number of history entries returned.
 const MAX_ENTRIES: u32 = 1000;
 
-/// Longest comment in bytes.
+/// Maximum length of a comment in bytes.
 const MAX_COMMENT: usize = 2000;
 
-/// An alarm as it stands.
+/// The current state of an alarm.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = Alarm)]
 pub(super) struct AlarmView {
@@ -32,26 +32,26 @@ pub(super) struct AlarmView {
     asset_id: AssetId,
     /// The channel.
     channel: String,
-    /// What it watches.
+    /// The watched quantity.
     quantity: AlarmQuantity,
-    /// When it is raised and cleared; none where the asset has no such rule any more.
+    /// The rule that raises and clears it; none if the asset no longer has this rule.
     rule: Option<AlarmRule>,
-    /// Where it stands.
+    /// The alarm's state.
     state: AlarmState,
-    /// What is raised, shelved or not; none where nothing is.
+    /// The raised severity, even if shelved; none if not raised.
     severity: Option<Severity>,
-    /// Until when it is put aside; none where it is not.
+    /// End of shelving; none if not shelved.
     shelved_until: Option<Timestamp>,
-    /// Since when something is raised, by the records' times.
+    /// Since when it is raised, by record time.
     raised_at: Option<Timestamp>,
-    /// When it last changed.
+    /// Time of the last change.
     changed_at: Timestamp,
-    /// The reading of the latest change that a record made, in the unit of the quantity.
+    /// The reading at the last change caused by a record, in the unit of the quantity.
     value: Option<f64>,
 }
 
 impl AlarmView {
-    /// As it stands at a time.
+    /// The state of an alarm at time `now`.
     pub(super) fn new(stored: StoredAlarm, now: Timestamp) -> Self {
         let alarm = &stored.alarm;
         Self {
@@ -76,20 +76,20 @@ impl AlarmView {
 struct EntryView {
     #[serde(flatten)]
     change: AlarmChange,
-    /// Since when the records do not say so any more: some came late, or the history was computed again.
+    /// When the entry was withdrawn because late records or a recomputation contradict it.
     #[serde(skip_serializing_if = "Option::is_none")]
     withdrawn_at: Option<Timestamp>,
 }
 
-/// An alarm with what happened to it.
+/// An alarm with its history.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = AlarmWithHistory)]
 pub(super) struct WholeAlarm {
     #[serde(flatten)]
     alarm: AlarmView,
-    /// What happened, the earliest first; the latest 1000 entries.
+    /// History, oldest first; the latest 1000 entries.
     history: Vec<EntryView>,
-    /// How many entries there are.
+    /// Total number of entries.
     history_count: u64,
 }
 
@@ -97,26 +97,26 @@ pub(super) struct WholeAlarm {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ListParameters {
-    /// Only those of this asset.
+    /// Only alarms of this asset.
     #[param(value_type = Option<String>)]
     asset: Option<AssetId>,
-    /// Only those of this channel.
+    /// Only alarms of this channel.
     channel: Option<String>,
-    /// Only those in one of these states, with commas between them.
+    /// Only alarms in these states, comma-separated.
     #[param(example = "unacknowledged,returned_unacknowledged")]
     state: Option<String>,
-    /// Only those that are raised so: `warning` or `danger`.
+    /// Only alarms raised with this severity: `warning` or `danger`.
     severity: Option<String>,
-    /// Entries of the page: 1 to 1000, 100 where not given.
+    /// Page size: 1 to 1000, default 100.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
-/// Alarms
+/// List alarms
 ///
-/// All that have ever been raised, the one that changed last first.
+/// All alarms ever raised, most recently changed first.
 #[utoipa::path(
     get,
     path = "/v1/alarms",
@@ -124,31 +124,31 @@ pub(super) struct ListParameters {
     params(ListParameters),
     responses(
         (status = 200, body = Page<AlarmView>),
-        (status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"),
+        (status = 404, body = Details, content_type = "application/problem+json", description = "Asset not found"),
     ),
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<ListParameters>,
+    Parameters(params): Parameters<ListParameters>,
 ) -> Result<Json<Page<AlarmView>>, Problem> {
-    let limit = query::limit(asked.limit)?;
+    let limit = query::limit(params.limit)?;
     let unknown_state = |state: &str| {
         let expected = "normal, unacknowledged, acknowledged, returned_unacknowledged or shelved";
         Problem::query("state", state, expected)
     };
-    let states = asked.state.as_deref().unwrap_or_default().split(',').map(str::trim);
+    let states = params.state.as_deref().unwrap_or_default().split(',').map(str::trim);
     let states = states.filter(|state| !state.is_empty());
     let states = states.map(|state| AlarmState::from_name(state).ok_or_else(|| unknown_state(state)));
     let unknown_severity = |severity: &str| Problem::query("severity", severity, "warning or danger");
-    let severity = asked.severity.as_deref();
+    let severity = params.severity.as_deref();
     let filter = AlarmFilter {
         states: states.collect::<Result<_, _>>()?,
         severity: severity
             .map(|severity| Severity::from_name(severity).ok_or_else(|| unknown_severity(severity)))
             .transpose()?,
-        after: query::place_cursor(asked.cursor.as_deref())?,
-        asset: asked.asset,
-        channel: asked.channel,
+        after: query::place_cursor(params.cursor.as_deref())?,
+        asset: params.asset,
+        channel: params.channel,
     };
     let store = &app.service.store;
     if let Some(asset) = &filter.asset {
@@ -160,7 +160,7 @@ pub(super) async fn list(
     Ok(Json(page.map(|alarm| AlarmView::new(alarm, now))))
 }
 
-/// One alarm with its history
+/// Get an alarm with its history
 #[utoipa::path(
     get,
     path = "/v1/alarms/{alarm}",
@@ -177,30 +177,30 @@ pub(super) async fn show(
     whole(&app, alarm).await
 }
 
-/// Who acknowledges an alarm or takes it up again.
+/// Who acknowledges, unshelves or comments on an alarm.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SignedRemark {
-    /// Who does it: 1 to 200 bytes.
+    /// Name of the person: 1 to 200 bytes.
     #[schema(example = "Ada")]
     by: String,
-    /// What they say: at most 2000 bytes.
+    /// Comment: at most 2000 bytes.
     #[serde(default)]
     #[schema(example = "seen, oil sample taken")]
     comment: String,
 }
 
-/// Who puts an alarm aside, and until when.
+/// Who shelves an alarm, and until when.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Shelving {
-    /// Who does it: 1 to 200 bytes.
+    /// Name of the person: 1 to 200 bytes.
     #[schema(example = "Ada")]
     by: String,
-    /// Until when; later than now.
+    /// End of shelving; must be in the future.
     #[schema(example = "2200-01-01T00:00:00Z")]
     until: Timestamp,
-    /// What they say: at most 2000 bytes.
+    /// Comment: at most 2000 bytes.
     #[serde(default)]
     #[schema(example = "until the stop")]
     comment: String,
@@ -208,7 +208,7 @@ pub(super) struct Shelving {
 
 /// Acknowledge an alarm
 ///
-/// Somebody knows. An alarm that gets worse has to be acknowledged again.
+/// An alarm that gets worse has to be acknowledged again.
 #[utoipa::path(
     post,
     path = "/v1/alarms/{alarm}/acknowledge",
@@ -217,7 +217,7 @@ pub(super) struct Shelving {
     request_body(content = SignedRemark),
     responses(
         (status = 200, body = WholeAlarm),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "There is nothing to acknowledge"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "Nothing to acknowledge"),
     ),
 )]
 pub(super) async fn acknowledge(
@@ -232,7 +232,7 @@ pub(super) async fn acknowledge(
 
 /// Shelve an alarm
 ///
-/// It is put aside until a time, and then stands where its readings say.
+/// The alarm is suppressed until a given time; then its state follows its readings again.
 #[utoipa::path(
     post,
     path = "/v1/alarms/{alarm}/shelve",
@@ -254,7 +254,7 @@ pub(super) async fn shelve(
     act(&app, &id, AlarmAction::Shelve { until }, by, comment).await
 }
 
-/// Take a shelved alarm up again
+/// Unshelve an alarm
 #[utoipa::path(
     post,
     path = "/v1/alarms/{alarm}/unshelve",
@@ -263,7 +263,7 @@ pub(super) async fn shelve(
     request_body(content = SignedRemark),
     responses(
         (status = 200, body = WholeAlarm),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "It is not shelved"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The alarm is not shelved"),
     ),
 )]
 pub(super) async fn unshelve(
@@ -276,7 +276,7 @@ pub(super) async fn unshelve(
     act(&app, &id, AlarmAction::Unshelve, by, comment).await
 }
 
-/// Remark on an alarm
+/// Comment on an alarm
 #[utoipa::path(
     post,
     path = "/v1/alarms/{alarm}/comment",
@@ -293,7 +293,7 @@ pub(super) async fn comment(
 ) -> Result<Json<WholeAlarm>, Problem> {
     let SignedRemark { by, comment } = body::described(&app.limits, &headers, body).await?;
     if comment.trim().is_empty() {
-        return Err(Problem::content("comment", format!("{comment:?}"), "something said"));
+        return Err(Problem::content("comment", format!("{comment:?}"), "a comment"));
     }
     act(&app, &id, AlarmAction::Comment, by, comment).await
 }
@@ -310,7 +310,7 @@ async fn act(
     whole(app, alarm).await
 }
 
-/// Refuses names and comments that are none.
+/// Rejects invalid names and comments.
 pub(super) fn check_signature(by: &str, comment: &str) -> Result<(), Problem> {
     if by.trim().is_empty() || by.len() > 200 || by.chars().any(char::is_control) {
         return Err(Problem::content(

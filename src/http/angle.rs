@@ -1,4 +1,4 @@
-//! A segment over the angle of its shafts: its spectrum over orders and its average over one turn.
+//! A segment over the shaft angle: its order spectrum and its average over one turn.
 
 use axum::Json;
 use axum::extract::State;
@@ -13,17 +13,17 @@ use super::segments;
 use crate::asset::SegmentId;
 use crate::signal::{AngleSource, Gear, NotComputed, OrderSpectrum, TurnAverage, reduction};
 
-/// Points of a curve where the client does not say how many.
+/// Default number of points of a curve.
 const DEFAULT_POINTS: usize = 4000;
 
-/// Mesh harmonics whose amplitudes are told.
+/// Number of mesh harmonics whose amplitudes are returned.
 const MESH_HARMONICS: u32 = 10;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct OrderParameters {
-    /// Points at most, 10 to 200000.
+    /// Maximum number of points, 10 to 200000.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
     /// Lowest order shown.
@@ -39,29 +39,28 @@ pub(super) struct OrderParameters {
 pub(super) struct OrderView {
     /// The record.
     segment_id: SegmentId,
-    /// What the amplitudes are: `amplitude_peak`.
+    /// Kind of amplitude: `amplitude_peak`.
     quantity: &'static str,
     /// Unit of the amplitudes.
     unit: String,
-    /// Window that was applied.
+    /// Window function.
     window: &'static str,
     /// Equivalent noise bandwidth in orders.
     bandwidth_orders: f64,
-    /// Distance between bins in orders.
+    /// Bin spacing in orders.
     resolution_orders: f64,
-    /// Points were left out to keep to `max_points`.
+    /// Whether points were dropped to meet `max_points`.
     reduced: bool,
     /// Orders of the driving shaft.
     order: Vec<f64>,
     /// Peak amplitude at each order in `unit`.
     amplitude: Vec<f64>,
-    /// Peak amplitudes of the mesh harmonics in `unit`, the first at order `teeth[0]`, read at full
-    /// resolution.
+    /// Peak amplitudes of the mesh harmonics in `unit`, the first at order `teeth[0]`, at full resolution.
     mesh_amplitudes: Vec<f64>,
-    /// Tooth numbers, driving and driven; none of a machine without a mesh.
+    /// Tooth numbers, driving and driven; none for a machine without a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     teeth: Option<[u32; 2]>,
-    /// Where the shaft's angle came from, and how sure it is.
+    /// Source and accuracy of the shaft angle.
     angle: AngleSource,
 }
 
@@ -71,15 +70,15 @@ pub(super) struct OrderView {
     path = "/v1/segments/{segment}/orders",
     tag = "records",
     params(("segment" = String, Path, description = "The segment"), OrderParameters),
-    responses((status = 200, body = OrderView), (status = 422, body = Details, description = "The record has no such curve", content_type = "application/problem+json")),
+    responses((status = 200, body = OrderView), (status = 422, body = Details, description = "The curve is not available for this record", content_type = "application/problem+json")),
 )]
 pub(super) async fn orders(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<OrderParameters>,
+    Parameters(params): Parameters<OrderParameters>,
 ) -> Result<Json<OrderView>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let range = LineRange::new(["from_order", "to_order"], asked.from_order, asked.to_order)?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let range = LineRange::new(["from_order", "to_order"], params.from_order, params.to_order)?;
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.teeth();
     let _ticket = app.service.workers.admit_answer()?;
@@ -93,7 +92,7 @@ pub(super) async fn orders(
     let places = range.places(spectrum.amplitude.len(), resolution_orders);
     let mesh_amplitudes = teeth.map_or_else(Vec::new, |[driving, _]| mesh_amplitudes(&spectrum, driving));
     let (first, amplitude) = (places.start, &spectrum.amplitude[places]);
-    let kept = reduction::peaks(amplitude, most);
+    let indices = reduction::peaks(amplitude, max_points);
     Ok(Json(OrderView {
         segment_id: segment.id,
         quantity: "amplitude_peak",
@@ -101,17 +100,17 @@ pub(super) async fn orders(
         window: "hann",
         bandwidth_orders: spectrum.bandwidth_orders,
         resolution_orders,
-        reduced: kept.len() < amplitude.len(),
-        order: kept.iter().map(|n| (first + n) as f64 * resolution_orders).collect(),
-        amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
+        reduced: indices.len() < amplitude.len(),
+        order: indices.iter().map(|n| (first + n) as f64 * resolution_orders).collect(),
+        amplitude: indices.iter().map(|n| amplitude[*n]).collect(),
         mesh_amplitudes,
         teeth,
         angle: spectrum.angle,
     }))
 }
 
-/// Amplitudes of the first mesh harmonics, as far as the spectrum reaches. Each is the greatest of the line
-/// at its order and those beside it: the angle is followed, so it lies in no other.
+/// Amplitudes of the first mesh harmonics, as far as the spectrum reaches. Each is the maximum of the line at
+/// its order and its neighbours: the angle is tracked, so the energy is in no other line.
 fn mesh_amplitudes(spectrum: &OrderSpectrum, teeth: u32) -> Vec<f64> {
     let place = |harmonic: u32| (f64::from(harmonic * teeth) / spectrum.resolution_orders).round() as usize;
     let around = |place: usize| spectrum.amplitude.get(place.checked_sub(1)?..=place + 1);
@@ -123,34 +122,34 @@ fn mesh_amplitudes(spectrum: &OrderSpectrum, teeth: u32) -> Vec<f64> {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TurnParameters {
-    /// Whose turn: 1 the driving gear's, 2 the driven one's; 1 where not given.
+    /// The gear: 1 driving (default), 2 driven.
     #[param(minimum = 1, maximum = 2)]
     gear: Option<u32>,
 }
 
-/// The average over whole turns of a gear, and its parts.
+/// The average over whole turns of a gear, and its components.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct TurnView {
     /// The record.
     segment_id: SegmentId,
     /// Unit of the amplitudes.
     unit: String,
-    /// Whose turn it is: 1 the driving gear's, 2 the driven one's.
+    /// The gear: 1 driving, 2 driven.
     gear: u32,
-    /// Whole turns of the gear that were averaged.
+    /// Number of whole turns averaged.
     turns: usize,
     /// Tooth numbers, driving and driven.
     #[serde(skip_serializing_if = "Option::is_none")]
     teeth: Option<[u32; 2]>,
-    /// Where the shaft's angle came from, and how sure it is.
+    /// Source and accuracy of the shaft angle.
     angle: AngleSource,
     /// Angle of the gear in degrees.
     angle_deg: Vec<f64>,
-    /// The average at each angle in `unit`, its mean removed.
+    /// The average at each angle in `unit`, without its mean.
     average: Vec<f64>,
     /// The average without shaft orders 1 and 2 and the mesh harmonics.
     residual: Vec<f64>,
-    /// Envelope of the first mesh line, its mean removed.
+    /// Envelope of the first mesh line, without its mean.
     mesh_envelope: Vec<f64>,
 }
 
@@ -160,14 +159,14 @@ pub(super) struct TurnView {
     path = "/v1/segments/{segment}/turn",
     tag = "records",
     params(("segment" = String, Path, description = "The segment"), TurnParameters),
-    responses((status = 200, body = TurnView), (status = 422, body = Details, description = "The record has no such curve", content_type = "application/problem+json")),
+    responses((status = 200, body = TurnView), (status = 422, body = Details, description = "The curve is not available for this record", content_type = "application/problem+json")),
 )]
 pub(super) async fn turn(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<TurnParameters>,
+    Parameters(params): Parameters<TurnParameters>,
 ) -> Result<Json<TurnView>, Problem> {
-    let number = asked.gear.unwrap_or(1);
+    let number = params.gear.unwrap_or(1);
     let gear = match number {
         1 => Gear::Driving,
         2 => Gear::Driven,
@@ -203,7 +202,7 @@ pub(super) async fn turn(
     }))
 }
 
-/// The problem that a record has no such curve.
+/// The problem for a curve that is not available for this record.
 pub(super) fn absent(what: &str, absence: NotComputed) -> Problem {
     let reason = serde_json::to_value(absence).ok();
     let reason = reason.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('_', " ");

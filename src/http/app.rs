@@ -1,4 +1,4 @@
-//! What handlers work with.
+//! Shared state of the handlers.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use super::shares::Shares;
 use super::write_probe::WriteProbe;
 use crate::service::Service;
 
-/// The service and what the API keeps beside it; a clone is another handle.
+/// The service and the API's own state; a clone is another handle.
 #[derive(Clone)]
 pub(super) struct App {
     pub(super) service: Arc<Service>,

@@ -1,4 +1,4 @@
-//! What `GET /metrics/machines` shows of each asset.
+//! The metrics of each asset in `GET /metrics/machines`.
 
 use super::app::App;
 use super::metrics_text::MetricsText;
@@ -6,7 +6,7 @@ use super::problem::Problem;
 use crate::estimate::{AlarmState, Severity};
 use crate::store::{AlarmFilter, LatestRecord, StoredAlarm};
 
-/// Alarms that are shown, those that changed last.
+/// Maximum number of alarms shown, most recently changed first.
 const MAX_ALARMS: u32 = 10_000;
 
 /// The state of each alarm.
@@ -30,7 +30,7 @@ pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Prob
     };
     gauge(
         "flankwatch_alarm_severity",
-        "What is raised, shelved or not: 0 nothing, 1 warning, 2 danger.",
+        "Raised severity, shelved or not: 0 none, 1 warning, 2 danger.",
         &|stored| match stored.alarm.severity() {
             None => 0,
             Some(Severity::Warning) => 1,
@@ -39,13 +39,13 @@ pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Prob
     );
     gauge(
         "flankwatch_alarm_unacknowledged",
-        "Whether the alarm is to be acknowledged, also where it is over.",
+        "Whether the alarm needs to be acknowledged, even if it has cleared.",
         &|stored| {
             let state = stored.alarm.standing();
             u8::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged))
         },
     );
-    gauge("flankwatch_alarm_shelved", "Whether the alarm is put aside.", &|stored| {
+    gauge("flankwatch_alarm_shelved", "Whether the alarm is shelved.", &|stored| {
         u8::from(stored.alarm.state(now) == AlarmState::Shelved)
     });
     Ok(())
@@ -54,8 +54,7 @@ pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Prob
 /// Quantiles of the wear depth.
 const QUANTILES: [&str; 5] = ["0.05", "0.25", "0.5", "0.75", "0.95"];
 
-/// Wear, indicators and time of each channel's latest record; `wanted` are the indicators, all where not
-/// given.
+/// Wear, indicators and time of each channel's latest record; `wanted` selects indicators, all by default.
 pub(super) async fn assets(
     app: &App,
     wanted: Option<&[&str]>,

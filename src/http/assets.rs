@@ -24,27 +24,27 @@ use crate::service::{JointWear, SimulationProgress, SimulationStage};
 use crate::signal::BearingOrders;
 use crate::store::{Asset, ChannelSummary, StoredAlarm};
 
-/// An asset as it is shown.
+/// An asset as returned by the API.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = Asset)]
 pub(super) struct AssetView {
     #[serde(flatten)]
     spec: AssetSpec,
-    /// When it was made.
+    /// Creation time.
     created_at: Timestamp,
-    /// When its description last changed.
+    /// Time of the last change of the description.
     updated_at: Timestamp,
-    /// Its records and its latest wear.
+    /// Records and latest wear.
     summary: Summary,
 }
 
-/// What a list of assets shows of each.
+/// An asset's summary in lists.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = AssetSummary)]
 struct Summary {
     /// Number of records.
     segments: u64,
-    /// The channels that have records, the one seen first first.
+    /// Channels with records, in the order in which they were first seen.
     channels: Vec<String>,
     /// Start of the earliest record.
     first_start_time: Option<Timestamp>,
@@ -54,49 +54,47 @@ struct Summary {
     library_id: Option<String>,
     /// `none`, `building`, `ready` or `failed`.
     library_state: &'static str,
-    /// Why the library, or the pairs around it, could not be simulated. It is tried again when the
+    /// Why the simulation of the library, or of its pair variations, failed. It is retried when the
     /// description changes.
     #[serde(skip_serializing_if = "Option::is_none")]
     library_error: Option<String>,
-    /// How far the simulation of the library, or of the pairs around it, is; not given where nothing is
-    /// simulated.
+    /// Progress of the simulation of the library or its pair variations; missing if none is running.
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<SimulationView>,
-    /// The asset's one answer, from the latest records that are not excluded: of the channel that the
-    /// description names, else of all channels together.
+    /// The asset's estimate from the latest records that are not excluded: of the channel named in the
+    /// description, otherwise of all channels combined.
     wear: Option<WearEstimate>,
-    /// The channel that says most in it.
+    /// The channel that contributes most to it.
     wear_channel: Option<String>,
-    /// What each channel adds to it; left out where one speaks alone.
+    /// Contribution of each channel; missing if a single channel is used.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     wear_channels: Vec<ChannelContribution>,
-    /// What it needs, after NAMUR NE 107: what its alarms say, else its latest wear and the state of its
-    /// library.
+    /// Status after NAMUR NE 107: from its alarms, otherwise from its latest wear and its library's state.
     category: Category,
-    /// Its alarms in numbers.
+    /// Numbers of alarms.
     alarms: AlarmCounts,
-    /// The alarm rules in force: those of its description, or those that follow from its limits.
+    /// The alarm rules in force: from the description, or derived from its limits.
     alarm_rules: Vec<AlarmRule>,
-    /// Fault frequencies of its bearings by their names, over the rotational frequency of the shaft whose speed
-    /// is meant.
+    /// Fault frequencies of its bearings by name, relative to the rotational frequency of the monitored
+    /// shaft.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     bearing_orders: BTreeMap<String, BearingOrders>,
-    /// The limits between the zones A to D of `velocity_rms` in mm/s, where it has zones.
+    /// The limits between the zones A to D of `velocity_rms` in mm/s, if the asset has zones.
     #[serde(skip_serializing_if = "Option::is_none")]
     velocity_limits_mm_per_s: Option<[f64; 3]>,
-    /// Medians of its wear depth in µm at no more than 40 moments, evenly from its first record to its last.
+    /// Median wear depth in µm at up to 40 times, evenly spaced from the first to the last record.
     recent_wear_um: Vec<f64>,
 }
 
-/// How far a simulation is.
+/// Progress of a simulation.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = SimulationProgress)]
 struct SimulationView {
-    /// What is simulated.
+    /// The simulated item.
     stage: SimulationStage,
-    /// The part of it that is done, 0 to 1.
+    /// Fraction done, 0 to 1.
     fraction: f64,
-    /// How long it still takes in s at its speed so far; none before that is known.
+    /// Estimated remaining time in s; none until it is known.
     remaining_s: Option<f64>,
 }
 
@@ -110,9 +108,9 @@ impl From<SimulationProgress> for SimulationView {
     }
 }
 
-/// Assets
+/// List assets
 ///
-/// Every asset with a summary: records, latest wear, state of its library.
+/// All assets with a summary: records, latest wear, state of the library.
 #[utoipa::path(
     get,
     path = "/v1/assets",
@@ -122,10 +120,10 @@ impl From<SimulationProgress> for SimulationView {
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<AssetView>>, Problem> {
-    let limit = query::limit(asked.limit)?;
-    let assets = app.service.store.assets(asked.cursor.as_deref(), limit + 1).await?;
+    let limit = query::limit(params.limit)?;
+    let assets = app.service.store.assets(params.cursor.as_deref(), limit + 1).await?;
     let (assets, next_cursor) =
         Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
     let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
@@ -143,7 +141,7 @@ pub(super) async fn list(
     path = "/v1/assets",
     tag = "assets",
     request_body(content((AssetSpec = "application/json"), (String = "application/toml")), description = "The asset's description"),
-    responses((status = 201, body = AssetView, headers(("location" = String, description = "Its address"))), (status = 409, body = Details, content_type = "application/problem+json", description = "There is one of that id")),
+    responses((status = 201, body = AssetView, headers(("location" = String, description = "Its address"))), (status = 409, body = Details, content_type = "application/problem+json", description = "An asset with this id exists")),
 )]
 pub(super) async fn create(
     State(app): State<App>,
@@ -156,10 +154,10 @@ pub(super) async fn create(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], tagged(&app, asset, None).await?))
 }
 
-/// One asset
+/// Get an asset
 ///
-/// Its entity tag serves a change that is conditional on the description (`If-Match`), also after further
-/// records have come.
+/// Its entity tag can be used for a conditional change of the description (`If-Match`), even after further
+/// records arrived.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}",
@@ -176,13 +174,13 @@ pub(super) async fn show(
     tagged(&app, asset, Some(&headers)).await
 }
 
-/// An asset's answer with its entity tag; without the answer where the client that asks has it.
-async fn tagged(app: &App, asset: Asset, asked: Option<&HeaderMap>) -> Result<Response, Problem> {
+/// An asset's answer with its entity tag; without a body if the client has the current version.
+async fn tagged(app: &App, asset: Asset, headers: Option<&HeaderMap>) -> Result<Response, Problem> {
     let view = view(app, asset.clone()).await?;
     let json = serde_json::to_vec(&view)
         .map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
     let etag = etag::of_asset(&asset, &json)?;
-    if asked.is_some_and(|headers| etag::is_known(headers, &etag)) {
+    if headers.is_some_and(|headers| etag::is_known(headers, &etag)) {
         return Ok(etag::not_modified(etag));
     }
     Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json")), (header::ETAG, etag)], json)
@@ -191,19 +189,19 @@ async fn tagged(app: &App, asset: Asset, asked: Option<&HeaderMap>) -> Result<Re
 
 /// Replace an asset's description
 ///
-/// Its wear history is estimated anew in the background where it depends on what changed. What `GET` answers
-/// can be sent back: the fields beside the description are left out.
+/// The wear history is recomputed in the background if the change affects it. The answer of `GET` can be sent
+/// back: fields outside the description are ignored.
 #[utoipa::path(
     put,
     path = "/v1/assets/{asset}",
     tag = "assets",
     params(
         ("asset" = AssetId, Path, description = "The asset"),
-        ("if-match" = Option<String>, Header, description = "Entity tags one of which its description must have"),
-        ("if-none-match" = Option<String>, Header, description = "Entity tags of which its description must have none"),
+        ("if-match" = Option<String>, Header, description = "Required: the description has one of these entity tags"),
+        ("if-none-match" = Option<String>, Header, description = "Required: the description has none of these entity tags"),
     ),
     request_body(content((AssetSpec = "application/json"), (String = "application/toml")), description = "The asset's description"),
-    responses((status = 200, body = AssetView), (status = 412, body = Details, content_type = "application/problem+json", description = "Its description is another one")),
+    responses((status = 200, body = AssetView), (status = 412, body = Details, content_type = "application/problem+json", description = "The description has changed")),
 )]
 pub(super) async fn replace(
     State(app): State<App>,
@@ -221,18 +219,18 @@ pub(super) async fn replace(
 
 /// Delete an asset
 ///
-/// Its records and estimates go with it, its raw recordings into quarantine. One whose sensor others share
-/// cannot go before those.
+/// Deletes its records and estimates and moves its raw recordings to quarantine. Assets that share its sensor
+/// must be deleted first.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}",
     tag = "assets",
     params(
         ("asset" = AssetId, Path, description = "The asset"),
-        ("if-match" = Option<String>, Header, description = "Entity tags one of which its description must have"),
-        ("if-none-match" = Option<String>, Header, description = "Entity tags of which its description must have none"),
+        ("if-match" = Option<String>, Header, description = "Required: the description has one of these entity tags"),
+        ("if-none-match" = Option<String>, Header, description = "Required: the description has none of these entity tags"),
     ),
-    responses((status = 204, description = "Gone"), (status = 412, body = Details, content_type = "application/problem+json", description = "Its description is another one"), (status = 409, body = Details, content_type = "application/problem+json", description = "Others hear through its measuring points")),
+    responses((status = 204, description = "Deleted"), (status = 412, body = Details, content_type = "application/problem+json", description = "The description has changed"), (status = 409, body = Details, content_type = "application/problem+json", description = "Other assets share its sensor")),
 )]
 pub(super) async fn remove(
     State(app): State<App>,
@@ -244,10 +242,10 @@ pub(super) async fn remove(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// What an answer holds beside the description.
+/// Fields of an answer that are not part of the description.
 const ANSWERED: [&str; 3] = ["created_at", "updated_at", "summary"];
 
-/// The description in a body; its fields of these names are left out.
+/// Reads the description in a body; fields with the names in `ignored` are dropped.
 async fn description(
     app: &App,
     headers: &HeaderMap,
@@ -264,7 +262,7 @@ async fn description(
                 .map_or(0, |fields| left_out.iter().filter(|name| fields.remove(**name).is_some()).count());
             let bytes = if had > 0 { fields.to_string().into_bytes().into() } else { bytes };
             let spec: AssetSpec = body::from_json(&bytes)?;
-            // The pair's mesh is worked out, which takes some hundredths of a second.
+            // The check computes the pair's mesh, which takes some hundredths of a second.
             let check = move || spec.validate().map(|()| spec);
             Ok(app.service.workers.run("check a description", check).await??)
         }
@@ -286,7 +284,7 @@ async fn view(app: &App, asset: Asset) -> Result<AssetView, Problem> {
     view_with(app, asset, &alarms).await
 }
 
-/// `alarms` are those that are open, of this asset and perhaps of others.
+/// `alarms` are open alarms, of this asset and possibly of others.
 async fn view_with(app: &App, asset: Asset, alarms: &[StoredAlarm]) -> Result<AssetView, Problem> {
     let mine = alarms.iter().filter(|alarm| alarm.asset_id == asset.spec.id);
     let summary = summary(app, &asset, AlarmCounts::of(mine, app.service.now())).await?;
@@ -336,26 +334,26 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     })
 }
 
-/// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for
-/// the asset.
+/// Returns the asset of a request and its channel: the requested one, otherwise the one that represents the
+/// asset.
 ///
-/// None of a channel where the asset has no records; a problem where the channel asked for has none.
+/// The channel is `None` if the asset has no records. Fails if the requested channel has no records.
 pub(super) async fn asset_and_channel(
     app: &App,
     id: &AssetId,
-    asked: Option<&str>,
+    requested: Option<&str>,
 ) -> Result<(Asset, Option<ChannelSummary>), Problem> {
     let store = &app.service.store;
     let asset = store.asset(id).await?;
     let channels = store.channels(id).await?;
-    let channel = match asked {
-        Some(asked) => Some(channel_named(id, &channels, asked)?),
+    let channel = match requested {
+        Some(requested) => Some(channel_named(id, &channels, requested)?),
         None => asset.default_channel(&channels),
     };
     Ok((asset, channel.cloned()))
 }
 
-/// The channel of this name; a problem where it has no records.
+/// Returns the channel of this name, or a problem if it has no records.
 pub(super) fn channel_named<'a>(
     id: &AssetId,
     channels: &'a [ChannelSummary],

@@ -1,4 +1,4 @@
-//! `/v1/assets/{asset}/indicators/baseline`: how indicators scatter in the records of the healthy baseline.
+//! `/v1/assets/{asset}/indicators/baseline`: statistics of indicators in the records of the healthy baseline.
 
 use axum::Json;
 use axum::extract::State;
@@ -18,47 +18,46 @@ use crate::store::Trend;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct BaselineParameters {
-    /// Names of indicators with commas between them, 1 to 64.
+    /// Indicator names, comma-separated, 1 to 64.
     #[param(example = "rms,kurtosis")]
     names: String,
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
 }
 
-/// How indicators scatter in the baseline of a channel.
+/// Statistics of indicators in the baseline of a channel.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub(super) struct BaselineView {
-    /// The channel; none where the asset has no records.
+    /// The channel; none if the asset has no records.
     channel: Option<String>,
-    /// Records of the latest baseline; with fewer than 2 nothing is said of scatter.
+    /// Number of records of the latest baseline; statistics need at least 2.
     records: u64,
     /// Start of its first record.
     first_start_time: Option<Timestamp>,
     /// Start of its last record.
     last_start_time: Option<Timestamp>,
-    /// What is known of each name, in the order asked for.
+    /// The statistics of each requested name, in order.
     items: Vec<BaselineItem>,
 }
 
-/// How one indicator scatters.
+/// Statistics of one indicator.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct BaselineItem {
     /// The indicator.
     name: String,
-    /// Its unit; `1` for one without.
+    /// Its unit; `1` if dimensionless.
     unit: String,
-    /// Records with a value.
+    /// Number of records with a value.
     records: u64,
     /// Mean of the values.
     mean: Option<f64>,
-    /// Standard deviation of the values (of a sample, with n − 1).
+    /// Sample standard deviation of the values (n − 1).
     standard_deviation: Option<f64>,
 }
 
 /// Indicators over the baseline
 ///
-/// Mean and standard deviation over the records of the latest baseline of a channel, those that are excluded
-/// left out.
+/// Mean and standard deviation over the records of a channel's latest baseline, without excluded records.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/indicators/baseline",
@@ -69,16 +68,16 @@ pub(super) struct BaselineItem {
 pub(super) async fn show(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<BaselineParameters>,
+    Parameters(params): Parameters<BaselineParameters>,
 ) -> Result<Json<BaselineView>, Problem> {
-    let names: Vec<String> = asked.names.split(',').map(|name| name.trim().to_owned()).collect();
+    let names: Vec<String> = params.names.split(',').map(|name| name.trim().to_owned()).collect();
     if names.len() > 64 {
         return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
     }
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let store = &app.service.store;
     let (trend, since) = match &channel {
-        Some(channel) => (Some(store.trend(channel).await?), begun(&app, &asset.spec.id).await?),
+        Some(channel) => (Some(store.trend(channel).await?), baseline_start(&app, &asset.spec.id).await?),
         None => (None, None),
     };
     let none = Default::default();
@@ -109,14 +108,14 @@ pub(super) async fn show(
     }))
 }
 
-/// When the latest baseline began by what people told; none where they told of nothing.
-async fn begun(app: &App, asset: &AssetId) -> Result<Option<Timestamp>, Problem> {
+/// Start of the latest baseline from maintenance events; `None` without such events.
+async fn baseline_start(app: &App, asset: &AssetId) -> Result<Option<Timestamp>, Problem> {
     let events = app.service.store.maintenance(asset).await?;
     let begins = events.iter().rev().find(|event| event.kind != MaintenanceKind::Inspected);
     Ok(begins.map(|event| event.time))
 }
 
-/// Positions of the records from which the latest baseline was learnt, at `since` or later.
+/// Positions of the records of the latest baseline, at `since` or later.
 fn latest_baseline(trend: &Trend, since: Option<Timestamp>) -> Vec<usize> {
     use WearStatus::{CollectingBaseline, Estimated, NoLibrary, NotIdentifiable, OutsideLibrary};
     let all = trend.range(since, None);

@@ -1,4 +1,4 @@
-//! Reading bodies: bytes are counted as they come, and no more are taken than allowed.
+//! Reads request bodies: bytes are counted as they arrive and limited.
 
 use std::future::poll_fn;
 use std::path::{Path, PathBuf};
@@ -20,13 +20,13 @@ use super::problem::Problem;
 use crate::recording::Format;
 use crate::service::ServiceError;
 
-/// The media type of a body without its parameters, in lower case; none where the client does not say.
+/// The media type of a body in lower case, without parameters; `None` if the client does not send one.
 pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
     let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
     Some(value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
 }
 
-/// The problem of a body that is of none of the `expected` media types, or of a coding of its content.
+/// The problem for a body with none of the `expected` media types, or with an unsupported content encoding.
 pub(super) fn unsupported(found: Option<&str>, expected: &str) -> Problem {
     let found = found.unwrap_or("missing");
     Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, format!("content-type is {found}, expected {expected}"))
@@ -35,8 +35,8 @@ pub(super) fn unsupported(found: Option<&str>, expected: &str) -> Problem {
 /// Longer than any stream.
 const ENDLESS: Duration = Duration::from_secs(100 * 365 * 24 * 3600);
 
-/// The bytes of a request's body as they come: no more than allowed, none after the time that a body may
-/// take, and none that come too slowly, since a body holds a place in the queue.
+/// The bytes of a request's body as they arrive. Size, total time and minimum rate are limited, because a
+/// body occupies a place in the queue.
 pub(super) struct BodySource {
     body: Body,
     began: Instant,
@@ -48,7 +48,7 @@ pub(super) struct BodySource {
 }
 
 impl BodySource {
-    /// At most `max` bytes of a body.
+    /// Reads at most `max` bytes of a body.
     pub(super) fn new(body: Body, max: u64, limits: &HttpLimits) -> Self {
         let began = Instant::now();
         Self {
@@ -62,18 +62,18 @@ impl BodySource {
         }
     }
 
-    /// A body without an end: it may take as long as something comes.
+    /// Reads a body of unlimited length and duration, as long as bytes keep arriving.
     pub(super) fn endless(body: Body, limits: &HttpLimits) -> Self {
         let source = Self::new(body, u64::MAX, limits);
         Self { deadline: source.began + ENDLESS, bytes_per_s: 0, ..source }
     }
 
-    /// Bytes that have come already; none where there are none now.
+    /// Returns bytes that have already arrived; `None` if there are none now.
     pub(super) async fn next_now(&mut self) -> Result<Option<Bytes>, Problem> {
         next_piece(&mut self.body).now_or_never().unwrap_or(Ok(None))
     }
 
-    /// The next bytes; none at the end.
+    /// Returns the next bytes; `None` at the end.
     pub(super) async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
         let slow = |what: String| Problem::new(StatusCode::REQUEST_TIMEOUT, what);
         let until = self.deadline.min(Instant::now() + self.idle);
@@ -81,7 +81,7 @@ impl BodySource {
             return Err(slow(if until == self.deadline {
                 format!("the body took longer than {} s", (self.deadline - self.began).as_secs())
             } else {
-                format!("nothing of the body came for {} s", self.idle.as_secs())
+                format!("no bytes of the body arrived for {} s", self.idle.as_secs())
             }));
         };
         let Some(piece) = next? else { return Ok(None) };
@@ -91,25 +91,28 @@ impl BodySource {
         }
         let elapsed = self.began.elapsed();
         if elapsed > self.idle && self.bytes < elapsed.as_secs() * self.bytes_per_s {
-            return Err(slow(format!("the body came with less than {} bytes a second", self.bytes_per_s)));
+            return Err(slow(format!(
+                "the body arrived with less than {} bytes per second",
+                self.bytes_per_s
+            )));
         }
         Ok(Some(piece))
     }
 }
 
-/// A body without its content encoding; what comes out is counted too.
+/// A body without its content encoding; the decoded bytes are counted too.
 struct DecodedBody {
     source: BodySource,
-    /// None once the body is over.
+    /// `None` once the body has ended.
     encoding: Option<ContentEncoding>,
-    /// What came and is not decoded yet.
+    /// Bytes received but not yet decoded.
     piece: Bytes,
     bytes: u64,
     max: u64,
 }
 
 impl DecodedBody {
-    /// At most `max` decoded bytes.
+    /// Decodes at most `max` bytes.
     fn new(headers: &HeaderMap, body: Body, max: u64, limits: &HttpLimits) -> Result<Self, Problem> {
         if announced(headers).is_some_and(|length| length > max) {
             return Err(Problem::too_large(max));
@@ -123,7 +126,7 @@ impl DecodedBody {
         })
     }
 
-    /// The next decoded bytes, which may be none yet; nothing at the end.
+    /// Returns the next decoded bytes, possibly none yet; `None` at the end.
     async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
         let Some(encoding) = &mut self.encoding else {
             return Ok(None);
@@ -154,7 +157,8 @@ impl DecodedBody {
     }
 }
 
-/// The whole of a body, decoded, at most `max` bytes; `take` is told of all bytes before they are held.
+/// Reads a whole body, decoded, of at most `max` bytes; `take` reserves memory for the bytes before they are
+/// buffered.
 pub(super) async fn read(
     headers: &HeaderMap,
     body: Body,
@@ -172,7 +176,7 @@ pub(super) async fn read(
     Ok(Bytes::from(all))
 }
 
-/// The body of a description (JSON or TOML), at most as long as such a body may be.
+/// Reads the body of a description (JSON or TOML), limited to `description_bytes`.
 pub(super) async fn read_description(
     headers: &HeaderMap,
     body: Body,
@@ -181,7 +185,7 @@ pub(super) async fn read_description(
     read(headers, body, limits.description_bytes, limits, |_| Ok(())).await
 }
 
-/// What a JSON body describes, read whole within the limit on descriptions.
+/// Reads and parses a JSON body within the limit for descriptions.
 pub(super) async fn described<T: DeserializeOwned>(
     limits: &HttpLimits,
     headers: &HeaderMap,
@@ -194,27 +198,28 @@ pub(super) async fn described<T: DeserializeOwned>(
     from_json(&read_description(headers, body, limits).await?)
 }
 
-/// Bytes that say what a recording is.
-const BEGINNING: usize = 16;
+/// Number of bytes that identify a recording's format.
+const MAGIC_BYTES: usize = 16;
 
 fn check_mcap(beginning: &[u8]) -> Result<(), Problem> {
     match Format::detect(beginning).map_err(ServiceError::from)? {
         Format::Mcap => Ok(()),
         other => {
-            let detail = format!("the recording is {}, expected MCAP as content-type says", other.name());
+            let detail =
+                format!("the recording is {}, expected MCAP according to content-type", other.name());
             Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, detail))
         }
     }
 }
 
-/// A body in a file, removed when dropped.
+/// A body in a temporary file, which is removed on drop.
 pub(super) struct SpooledBody {
     path: PathBuf,
     sha256: Vec<u8>,
 }
 
 impl SpooledBody {
-    /// Writes the whole of a body that is to be MCAP, decoded, to a file in `folder`.
+    /// Writes a whole MCAP body, decoded, to a file in `folder`.
     pub(super) async fn receive(
         headers: &HeaderMap,
         body: Body,
@@ -232,10 +237,10 @@ impl SpooledBody {
         let mut hash = Sha256::new();
         let mut beginning = Some(Vec::new());
         while let Some(bytes) = body.next().await? {
-            // A small body that says to be another one must not become gigabytes before that is seen.
+            // A small compressed body of another format must not grow to gigabytes before it is recognised.
             if let Some(first) = beginning.as_mut() {
-                first.extend_from_slice(&bytes[..bytes.len().min(BEGINNING)]);
-                if first.len() >= BEGINNING {
+                first.extend_from_slice(&bytes[..bytes.len().min(MAGIC_BYTES)]);
+                if first.len() >= MAGIC_BYTES {
                     check_mcap(first)?;
                     beginning = None;
                 }
@@ -251,17 +256,17 @@ impl SpooledBody {
         Ok(spooled)
     }
 
-    /// A file that is there already.
+    /// Wraps an existing file.
     pub(super) fn at(path: PathBuf) -> Self {
         Self { path, sha256: Vec::new() }
     }
 
-    /// SHA-256 of what was received.
+    /// SHA-256 of the received bytes.
     pub(super) fn sha256(&self) -> &[u8] {
         &self.sha256
     }
 
-    /// Where it is.
+    /// The path of the file.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
@@ -275,7 +280,7 @@ impl Drop for SpooledBody {
     }
 }
 
-/// What JSON bytes say: 400 where they are not JSON, 422 where they are but do not fit.
+/// Parses JSON bytes: 400 if they are not JSON, 422 if they do not match the type.
 pub(super) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     serde_json::from_slice(bytes).map_err(|error| {
         let message = error.to_string();
@@ -283,11 +288,11 @@ pub(super) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem>
             serde_json::error::Category::Data => StatusCode::UNPROCESSABLE_ENTITY,
             _ => StatusCode::BAD_REQUEST,
         };
-        Problem::new(status, format!("the body cannot be used: {message}")).naming_field_in(&message)
+        Problem::new(status, format!("invalid body: {message}")).naming_field_in(&message)
     })
 }
 
-/// The length that a body says it has.
+/// The announced length of a body.
 fn announced(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
@@ -298,7 +303,7 @@ async fn next_piece(body: &mut Body) -> Result<Option<Bytes>, Problem> {
         match frame {
             None => return Ok(None),
             Some(Ok(frame)) => {
-                // Trailers carry nothing that is asked for.
+                // trailers are not used
                 if let Ok(piece) = frame.into_data() {
                     return Ok(Some(piece));
                 }

@@ -1,4 +1,4 @@
-//! An asset's category after NAMUR NE 107, and its open alarms in numbers.
+//! An asset's category after NAMUR NE 107, and its numbers of open alarms.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -7,39 +7,39 @@ use crate::asset::WearLimits;
 use crate::estimate::{AlarmState, Severity, WearEstimate, WearStatus};
 use crate::store::StoredAlarm;
 
-/// What an asset needs, after NAMUR NE 107.
+/// An asset's category after NAMUR NE 107.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Category {
-    /// Danger, or a sensor that does not say what it feels.
+    /// Danger, or a faulty sensor.
     Failure,
-    /// Maintenance is to be planned.
+    /// Plan maintenance.
     MaintenanceRequired,
-    /// Something is not as the estimate assumes: what is seen is not wear, or it cannot be told.
+    /// An assumption of the estimate is violated: the change is not wear, or wear cannot be identified.
     OutOfSpecification,
-    /// Not ready yet: the baseline is being collected or the library simulated.
+    /// Not ready yet: collecting the baseline or simulating the library.
     CheckFunction,
-    /// All is well.
+    /// No action needed.
     Normal,
-    /// There is nothing to judge by.
+    /// No data to judge.
     None,
 }
 
-/// An asset's alarms in numbers.
+/// An asset's numbers of alarms.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub(super) struct AlarmCounts {
     /// Raised as danger and not shelved.
     pub(super) danger: u32,
     /// Raised as warning and not shelved.
     pub(super) warning: u32,
-    /// To be acknowledged, also where they are over, and not shelved.
+    /// Unacknowledged, even if cleared, and not shelved.
     pub(super) unacknowledged: u32,
-    /// Put aside.
+    /// Shelved.
     pub(super) shelved: u32,
 }
 
 impl AlarmCounts {
-    /// Counts alarms as they stand at a time.
+    /// Counts alarms by their state at time `now`.
     pub(super) fn of<'a>(alarms: impl IntoIterator<Item = &'a StoredAlarm>, now: Timestamp) -> Self {
         let mut counts = Self::default();
         for StoredAlarm { alarm, .. } in alarms {
@@ -58,8 +58,8 @@ impl AlarmCounts {
 }
 
 impl Category {
-    /// Of an asset with these alarms, this latest wear and a library in this state. `limits` are to be those
-    /// that no alarm watches.
+    /// The category for these alarms, this latest wear and a library in this state. Pass only `limits` that
+    /// no alarm watches.
     pub(super) fn of(
         alarms: AlarmCounts,
         wear: Option<&WearEstimate>,
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn the_category_follows_the_alarms_before_the_status() {
+    fn alarms_take_precedence_over_the_status() {
         let raised = |danger, warning| AlarmCounts { danger, warning, ..AlarmCounts::default() };
         let limits = WearLimits { warning_um: Some(100.0), danger_um: Some(200.0) };
         let none = WearLimits::default();

@@ -12,38 +12,38 @@ use super::segments;
 use crate::asset::SegmentId;
 use crate::signal::reduction;
 
-/// Points of a curve where the client does not say how many.
+/// Default number of points of a curve.
 const DEFAULT_POINTS: usize = 4000;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CepstrumParameters {
-    /// Points at most, 10 to 200000.
+    /// Maximum number of points, 10 to 200000.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
-    /// Longest quefrency shown, in seconds.
+    /// Longest quefrency returned, in seconds.
     #[param(exclusive_minimum = 0.0)]
     max_s: Option<f64>,
 }
 
-/// The real cepstrum over quefrency; its values have no unit.
+/// The real cepstrum over quefrency; dimensionless.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct CepstrumView {
     /// The record.
     segment_id: SegmentId,
-    /// Distance of quefrencies in seconds: that of the samples.
+    /// Quefrency spacing in seconds, equal to the sample spacing.
     resolution_s: f64,
-    /// Points were left out to keep to `max_points`.
+    /// Whether points were dropped to meet `max_points`.
     reduced: bool,
     /// Quefrencies in seconds.
     quefrency_s: Vec<f64>,
-    /// The real cepstrum, without a unit.
+    /// The real cepstrum, dimensionless.
     value: Vec<f64>,
     /// Tooth numbers, driving and driven.
     #[serde(skip_serializing_if = "Option::is_none")]
     teeth: Option<[u32; 2]>,
-    /// Shaft speed in hertz, where it is known.
+    /// Shaft speed in hertz, if known.
     shaft_speed_hz: Option<f64>,
 }
 
@@ -53,15 +53,15 @@ pub(super) struct CepstrumView {
     path = "/v1/segments/{segment}/cepstrum",
     tag = "records",
     params(("segment" = String, Path, description = "The segment"), CepstrumParameters),
-    responses((status = 200, body = CepstrumView), (status = 422, body = Details, description = "The record has no such curve", content_type = "application/problem+json")),
+    responses((status = 200, body = CepstrumView), (status = 422, body = Details, description = "The curve is not available for this record", content_type = "application/problem+json")),
 )]
 pub(super) async fn cepstrum(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<CepstrumParameters>,
+    Parameters(params): Parameters<CepstrumParameters>,
 ) -> Result<Json<CepstrumView>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let max_s = match asked.max_s {
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let max_s = match params.max_s {
         None => f64::INFINITY,
         Some(seconds) if seconds > 0.0 => seconds,
         Some(seconds) => return Err(Problem::query("max_s", seconds, "seconds above 0")),
@@ -79,13 +79,13 @@ pub(super) async fn cepstrum(
     let first = 1.min(cepstrum.value.len());
     let end = ((max_s / resolution_s).floor() as usize).saturating_add(1).clamp(first, cepstrum.value.len());
     let value = &cepstrum.value[first..end];
-    let kept = reduction::extremes(&[value], value.len(), most);
+    let indices = reduction::extremes(&[value], value.len(), max_points);
     Ok(Json(CepstrumView {
         segment_id: segment.id,
         resolution_s,
-        reduced: kept.len() < value.len(),
-        quefrency_s: kept.iter().map(|n| (first + n) as f64 * resolution_s).collect(),
-        value: kept.iter().map(|n| value[*n]).collect(),
+        reduced: indices.len() < value.len(),
+        quefrency_s: indices.iter().map(|n| (first + n) as f64 * resolution_s).collect(),
+        value: indices.iter().map(|n| value[*n]).collect(),
         teeth,
         shaft_speed_hz: segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
     }))

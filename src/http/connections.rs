@@ -1,4 +1,4 @@
-//! Connections: how many at once, how long a client may take, and TLS.
+//! Connections: limits on number and time, and TLS.
 
 use std::convert::Infallible;
 use std::net::IpAddr;
@@ -28,29 +28,30 @@ use super::problem::Problem;
 use super::shares::{Client, PeerAddress, Shares};
 use super::start_error::StartError;
 
-/// Header fields of one request.
+/// Maximum number of header fields of a request.
 const MAX_HEADERS: usize = 100;
 
-/// Connections beyond the limit, each for one request: health is answered, everything else is refused.
+/// Connections beyond the limit, each for one request: health checks are answered, everything else is
+/// refused.
 const RESERVE: usize = 32;
 
-/// How long a client may take to send its request's head over a connection of the reserve.
+/// Time to send the request head on a reserve connection.
 const RESERVE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Wait after the system refused a connection, most often because it has no file descriptors left.
+/// Delay after the system refused a connection, usually for lack of file descriptors.
 const AFTER_REFUSAL: Duration = Duration::from_millis(100);
 
 /// Certificate and key of the service, as PEM files.
 #[derive(Debug, Clone)]
 pub struct TlsFiles {
-    /// The certificate and those that it rests on.
+    /// The certificate chain.
     pub certificate: PathBuf,
     /// Its private key.
     pub key: PathBuf,
 }
 
 impl TlsFiles {
-    /// Reads both files.
+    /// Loads both files.
     pub(super) fn load(&self) -> Result<TlsAcceptor, StartError> {
         let tls = |path: &Path, reason: String| StartError::Tls { path: path.to_path_buf(), reason };
         let certificates: Result<Vec<_>, _> =
@@ -68,7 +69,7 @@ impl TlsFiles {
     }
 }
 
-/// Takes connections until told to stop, then waits for the requests that are under way.
+/// Accepts connections until told to stop, then waits for running requests.
 pub(super) async fn serve(
     listener: TcpListener,
     router: Router,
@@ -76,11 +77,11 @@ pub(super) async fn serve(
     limits: Arc<HttpLimits>,
     mut stop: oneshot::Receiver<()>,
 ) {
-    // One client leaves a quarter to the others.
+    // a single client leaves a quarter to the others
     let places = Shares::new(limits.connections, limits.connections.saturating_mul(3) / 4);
-    // Those beyond it wait in the system's queue.
+    // further connections wait in the system's queue
     let reserve = Arc::new(Semaphore::new(RESERVE));
-    // Every connection holds a receiver until it ends, or is a WebSocket.
+    // Every connection holds a receiver until it ends or becomes a WebSocket.
     let is_ending = watch::Sender::new(false);
     loop {
         let accept = async {
@@ -88,7 +89,7 @@ pub(super) async fn serve(
             (reserved, listener.accept().await)
         };
         let (reserved, accepted) = tokio::select! {
-            // An error says that the handle is gone, which also ends the service.
+            // An error means that the handle was dropped, which also ends the service.
             _ = &mut stop => break,
             accepted = accept => accepted,
         };
@@ -104,16 +105,16 @@ pub(super) async fn serve(
             (router.clone(), tls.clone(), Arc::clone(&limits), is_ending.subscribe());
         let place = places.take(Client::Address(Some(from)));
         let peer = Peer { address: from, is_in_reserve: place.is_none() };
-        // A connection that has a place leaves the reserve to others.
+        // A regular connection does not use the reserve.
         let reserved = place.is_none().then_some(reserved);
         tokio::spawn(async move {
             let _held = (place, reserved);
             let _ = stream.set_nodelay(true);
             let Some(tls) = tls else {
-                return talk(stream, router, &limits, peer, ending).await;
+                return serve_connection(stream, router, &limits, peer, ending).await;
             };
             match tokio::time::timeout(peer.header_timeout(&limits), tls.accept(stream)).await {
-                Ok(Ok(stream)) => talk(stream, router, &limits, peer, ending).await,
+                Ok(Ok(stream)) => serve_connection(stream, router, &limits, peer, ending).await,
                 Ok(Err(error)) => tracing::debug!(%error, "TLS handshake failed"),
                 Err(_) => tracing::debug!("TLS handshake timed out"),
             }
@@ -124,11 +125,11 @@ pub(super) async fn serve(
     is_ending.closed().await;
 }
 
-/// Who is at the other end of a connection.
+/// The peer of a connection.
 #[derive(Debug, Clone, Copy)]
 struct Peer {
     address: IpAddr,
-    /// There was no place: one request is answered, and only about health.
+    /// No place was free: one request is answered, and only about health.
     is_in_reserve: bool,
 }
 
@@ -137,31 +138,29 @@ impl Peer {
         if self.is_in_reserve { limits.header_timeout.min(RESERVE_TIMEOUT) } else { limits.header_timeout }
     }
 
-    /// Why a request is not answered here.
+    /// Why a request is refused on this connection.
     fn refusal(self, path: &str) -> Option<Response> {
         let is_refused = self.is_in_reserve && !matches!(path, "/healthz" | "/readyz");
-        is_refused.then(|| {
-            Problem::busy("all connections that one client or all together may have are taken", 1)
-                .into_response()
-        })
+        is_refused
+            .then(|| Problem::busy("too many connections of this client or in total", 1).into_response())
     }
 }
 
-/// Has the connection end after an answer.
+/// Makes the connection close after an answer.
 pub(super) fn closing(mut response: Response) -> Response {
     response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     response
 }
 
 /// Serves the requests of one connection.
-async fn talk(
+async fn serve_connection(
     stream: impl AsyncRead + AsyncWrite + Send + 'static,
     router: Router,
     limits: &HttpLimits,
     peer: Peer,
     mut ending: watch::Receiver<bool>,
 ) {
-    // A client that does not read its answer gives its place free.
+    // a client that does not read its answer loses its place
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.write_timeout));
     let router = TowerToHyperService::new(router);
@@ -188,7 +187,7 @@ async fn talk(
     let mut connection = std::pin::pin!(connection);
     let ended = tokio::select! {
         ended = &mut connection => ended,
-        // The request that is under way is answered, and no other.
+        // finishes the running request and accepts no other
         () = async { drop(ending.wait_for(|is_ending| *is_ending).await) } => {
             connection.as_mut().graceful_shutdown();
             connection.await

@@ -1,5 +1,4 @@
-//! Content encodings of bodies: gzip and zstd, taken apart in small steps so that what comes out can be
-//! counted.
+//! Content encodings of bodies: gzip and zstd, decoded in small steps so that the output can be limited.
 
 use std::io::{self, Write};
 
@@ -9,25 +8,24 @@ use zstd::stream::raw::{Decoder as ZstdDecoder, Operation};
 
 use super::problem::Problem;
 
-/// Bytes taken at once: at the greatest ratio that the codings have (zstd: 32000) tens of megabytes come out.
+/// Bytes decoded per step: at the maximum ratio (zstd: 32000) this gives tens of megabytes.
 pub(super) const STEP: usize = 1024;
 
-/// Logarithm of the largest window that a zstd body may ask memory for: 8 MiB, what every decoder has to
-/// take.
+/// Logarithm of the largest zstd window accepted: 8 MiB, which every decoder has to support.
 const MAX_WINDOW_LOG: u32 = 23;
 
-/// How a body is coded.
+/// The encoding of a body.
 pub(super) enum ContentEncoding {
-    /// Not at all.
+    /// None.
     Identity,
     /// gzip.
     Gzip(Box<GzDecoder<Vec<u8>>>),
-    /// Zstandard, and whether it stands at the end of a frame.
+    /// Zstandard, and whether the decoder is at the end of a frame.
     Zstd(Box<ZstdDecoder<'static>>, bool),
 }
 
 impl ContentEncoding {
-    /// What the header fields say.
+    /// Reads the encoding from the header fields.
     pub(super) fn of(headers: &HeaderMap) -> Result<Self, Problem> {
         let Some(coding) = headers.get(header::CONTENT_ENCODING) else {
             return Ok(Self::Identity);
@@ -49,12 +47,12 @@ impl ContentEncoding {
         }
     }
 
-    /// Whether there is none.
+    /// Whether the body is not encoded.
     pub(super) fn is_identity(&self) -> bool {
         matches!(self, Self::Identity)
     }
 
-    /// What comes out of one step, at most [`STEP`] bytes unless there is no encoding.
+    /// Decodes one step of at most [`STEP`] bytes; without an encoding, any length.
     pub(super) fn decode(&mut self, step: &[u8], out: &mut Vec<u8>) -> Result<(), Problem> {
         match self {
             Self::Identity => out.extend_from_slice(step),
@@ -82,7 +80,7 @@ impl ContentEncoding {
         Ok(())
     }
 
-    /// What comes out at the end; an error where the body is not whole.
+    /// Returns the remaining output; fails if the body is incomplete.
     pub(super) fn finish(mut self, out: &mut Vec<u8>) -> Result<(), Problem> {
         match &mut self {
             Self::Identity => Ok(()),
@@ -98,7 +96,7 @@ impl ContentEncoding {
 }
 
 fn broken(error: io::Error) -> Problem {
-    Problem::new(StatusCode::BAD_REQUEST, format!("the body is not what content-encoding says: {error}"))
+    Problem::new(StatusCode::BAD_REQUEST, format!("the body does not match content-encoding: {error}"))
 }
 
 #[cfg(test)]
@@ -125,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_coded_comes_out_and_what_is_cut_off_is_refused() {
+    fn bodies_are_decoded_and_truncated_ones_refused() {
         let mut bytes: Vec<u8> = (0..300_000_u32).flat_map(|n| n.wrapping_mul(n).to_le_bytes()).collect();
         bytes.resize(bytes.len() + 500_000, 0);
         for (coding, coded) in [("gzip", gzip(&bytes)), ("zstd", zstd::bulk::compress(&bytes, 3).unwrap())] {

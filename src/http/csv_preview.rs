@@ -1,4 +1,4 @@
-//! `/v1/csv-preview`: what a CSV file holds, before it is uploaded.
+//! `/v1/csv-preview`: the contents of a CSV file before the upload.
 
 use axum::Json;
 use axum::body::Body;
@@ -14,44 +14,42 @@ use super::query::Parameters;
 use crate::recording::{ColumnRole, CsvLayout, CsvPreview};
 use crate::service::ServiceError;
 
-/// Most bytes of a file that are looked at.
+/// Maximum number of bytes read of a file.
 const MAX_BYTES: usize = 1 << 20;
 
-/// Most stretches of an envelope.
+/// Maximum number of envelope intervals.
 const STRETCHES: usize = 200;
 
-/// What is said of a CSV file's columns, in the query of an upload and of a preview.
+/// The CSV column layout in the query of an upload or preview.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CsvParameters {
-    /// Sampling rate in hertz, where the file does not say it.
+    /// Sampling rate in hertz, if the file does not contain it.
     #[param(example = 12800.0)]
     sample_rate_hz: Option<f64>,
-    /// Number of the column that holds the time, from 1; 0 where none does. Found by its name and its values
-    /// where not given.
+    /// Number of the time column, from 1; 0 for none. By default detected from names and values.
     #[param(example = 1, minimum = 0, maximum = 256)]
     time_column: Option<u16>,
-    /// Numbers of the columns that are channels, from 1, with commas between them; all that do not hold the
-    /// time where not given.
+    /// Numbers of the channel columns, from 1, comma-separated; by default all but the time column.
     #[param(example = "2,3")]
     columns: Option<String>,
 }
 
-/// A CSV file as it would be taken.
+/// A CSV file as an upload would read it.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = CsvPreview)]
 pub(super) struct CsvPreviewView {
     /// All columns of the file.
     columns: Vec<CsvColumnView>,
-    /// Sampling rate in hertz; none where nothing says it.
+    /// Sampling rate in hertz; none if unknown.
     sample_rate_hz: Option<f64>,
-    /// What says the rate.
+    /// Source of the sampling rate.
     rate_source: Option<CsvRateSource>,
-    /// Time of the first sample, where a column holds dates.
+    /// Time of the first sample, if a column contains dates.
     start_time: Option<Timestamp>,
-    /// Lines of samples.
+    /// Number of sample lines.
     lines: u64,
-    /// Why the file cannot be taken as it is.
+    /// Why the file would be rejected.
     fault: Option<String>,
 }
 
@@ -65,15 +63,15 @@ struct CsvColumnView {
     label: String,
     /// Name of the channel.
     name: String,
-    /// Unit that the header says.
+    /// Unit in the header.
     unit: Option<&'static str>,
-    /// What the column is.
+    /// Role of the column.
     role: CsvColumnRole,
-    /// Of a channel: lowest and highest sample of up to 200 stretches of the lines.
+    /// For a channel: minimum and maximum of up to 200 intervals of the lines.
     envelope: Vec<[f32; 2]>,
 }
 
-/// What a column is.
+/// Role of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 enum CsvColumnRole {
@@ -81,11 +79,11 @@ enum CsvColumnRole {
     Channel,
     /// The time of each line.
     Time,
-    /// Neither.
+    /// Ignored.
     LeftOut,
 }
 
-/// What says a sampling rate.
+/// Source of a sampling rate.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 enum CsvRateSource {
@@ -93,15 +91,15 @@ enum CsvRateSource {
     Given,
     /// A line before the header.
     Header,
-    /// The column of times.
+    /// The time column.
     Times,
 }
 
 /// Preview a CSV file
 ///
-/// Looks at a CSV file, or at the beginning of one: columns, sampling rate, start and the shape of each
-/// channel, as an upload with the same parameters would take them. The body is at most 1 MiB of whole lines.
-/// Nothing is stored.
+/// Inspects a CSV file or its beginning: columns, sampling rate, start and the shape of each channel, as an
+/// upload with the same parameters would read them. The body is at most 1 MiB of whole lines. Nothing is
+/// stored.
 #[utoipa::path(
     post,
     path = "/v1/csv-preview",
@@ -112,7 +110,7 @@ enum CsvRateSource {
 )]
 pub(super) async fn csv_preview(
     State(app): State<App>,
-    Parameters(asked): Parameters<CsvParameters>,
+    Parameters(params): Parameters<CsvParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<CsvPreviewView>, Problem> {
@@ -120,7 +118,7 @@ pub(super) async fn csv_preview(
     if media_type.as_deref() != Some("text/csv") {
         return Err(body::unsupported(media_type.as_deref(), "text/csv"));
     }
-    let layout = asked.layout()?;
+    let layout = params.layout()?;
     let _ticket = app.service.workers.admit_answer()?;
     let lines = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;
     let preview = move || CsvPreview::of(&lines, layout, STRETCHES);
@@ -138,7 +136,7 @@ impl CsvParameters {
         Self { sample_rate_hz, time_column, columns }
     }
 
-    /// What is said of the columns.
+    /// The requested column layout.
     pub(super) fn layout(&self) -> Result<CsvLayout, Problem> {
         let numbers = self.columns.iter().flat_map(|columns| columns.split(','));
         let number = |text: &str| {

@@ -15,7 +15,7 @@ use super::etag::{self, is_known};
 use super::plotly::plotly_js;
 use super::problem::Problem;
 
-/// A file as it is sent.
+/// A static file.
 struct StaticFile {
     name: &'static str,
     bytes: &'static [u8],
@@ -27,7 +27,7 @@ macro_rules! files {
     };
 }
 
-/// Every file of `dashboard/`; `index.html` is the page at `/`, the others are under `/static/`.
+/// All files of `dashboard/`; `index.html` is the page at `/`, the others are under `/static/`.
 const FILES: &[StaticFile] = files![
     "agreement.js",
     "alarm-bulk.js",
@@ -81,7 +81,6 @@ const FILES: &[StaticFile] = files![
     "gauge.js",
     "gear-choice.js",
     "gear-drawing.js",
-    "held-range.js",
     "hindsight.js",
     "icon.svg",
     "import-desk.js",
@@ -152,6 +151,7 @@ const FILES: &[StaticFile] = files![
     "spectrum-quantity.js",
     "spectrum-tools.js",
     "state.js",
+    "sticky-range.js",
     "stream-feed.js",
     "stream-page.js",
     "stream-plots.js",
@@ -173,7 +173,7 @@ const FILES: &[StaticFile] = files![
     "wear-plot.js",
 ];
 
-/// Plotly.js from the `plotly` crate, compressed once, at most when it is first asked for.
+/// Plotly.js from the `plotly` crate, compressed once on first use.
 static PLOTLY: LazyLock<Compressed> = LazyLock::new(|| Compressed::new(plotly_js().as_bytes()));
 
 const PLOTLY_NAME: &str = "plotly.js";
@@ -186,7 +186,7 @@ struct Compressed {
 impl Compressed {
     fn new(bytes: &[u8]) -> Self {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-        // Writing to a vector cannot fail; were it to, the file would be empty and the browser would say so.
+        // Writing to a vector cannot fail.
         let gzip = encoder.write_all(bytes).and_then(|()| encoder.finish()).unwrap_or_default();
         Self { gzip, etag: etag::of_bytes(&[bytes]) }
     }
@@ -204,26 +204,26 @@ impl Compressed {
 pub(super) async fn index(headers: HeaderMap) -> Response {
     match FILES.iter().find(|file| file.name == "index.html") {
         Some(file) => send(&headers, file),
-        None => Problem::not_found("there is no dashboard in this build").into_response(),
+        None => Problem::not_found("this build has no dashboard").into_response(),
     }
 }
 
 pub(super) async fn file(path: Result<Path<String>, PathRejection>, headers: HeaderMap) -> Response {
     let Ok(Path(name)) = path else {
-        return Problem::not_found("there is no such file").into_response();
+        return Problem::not_found("file not found").into_response();
     };
     if name == PLOTLY_NAME {
         return send_plotly(&headers).await;
     }
     match FILES.iter().find(|file| file.name == name && name != "index.html") {
         Some(file) => send(&headers, file),
-        None => Problem::not_found(format!("there is no file {name:?}")).into_response(),
+        None => Problem::not_found(format!("file {name:?} not found")).into_response(),
     }
 }
 
 fn send(headers: &HeaderMap, file: &'static StaticFile) -> Response {
     let etag = etag::of_bytes(&[file.bytes]);
-    // Revalidated each time: a new version of the program may bring a new file under the same name.
+    // Revalidated each time: a new version of the program may change a file under the same name.
     let caching = HeaderValue::from_static("no-cache");
     if is_known(headers, &etag) {
         return (StatusCode::NOT_MODIFIED, [(header::ETAG, etag), (header::CACHE_CONTROL, caching)])
@@ -239,7 +239,7 @@ fn send(headers: &HeaderMap, file: &'static StaticFile) -> Response {
 
 async fn send_plotly(headers: &HeaderMap) -> Response {
     let Ok(script) = tokio::task::spawn_blocking(|| &*PLOTLY).await else {
-        return Problem::not_found("the script cannot be had").into_response();
+        return Problem::not_found("the script is unavailable").into_response();
     };
     let caching = HeaderValue::from_static("public, max-age=86400");
     if is_known(headers, &script.etag) {
@@ -261,7 +261,7 @@ async fn send_plotly(headers: &HeaderMap) -> Response {
     } else {
         match tokio::task::spawn_blocking(|| PLOTLY.decompressed()).await {
             Ok(bytes) => (fields, bytes).into_response(),
-            Err(_) => Problem::not_found("the script cannot be had").into_response(),
+            Err(_) => Problem::not_found("the script is unavailable").into_response(),
         }
     }
 }
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_compressed_comes_out_again() {
+    fn compression_round_trips() {
         assert_eq!(Compressed::new(b"function f() {}").decompressed(), b"function f() {}");
     }
 }

@@ -1,6 +1,6 @@
-//! The rest of a rejected body is drained in the background, so the connection can be reused: hyper closes a
-//! connection whose request was not read to its end. A client that keeps connections would send its next
-//! request into the closed one, and one that is still sending would not read why it was refused.
+//! Drains the rest of a rejected body in the background, so that the connection can be reused: hyper closes a
+//! connection whose request was not fully read. A client that reuses connections would send its next request
+//! into the closed one, and a client that is still sending would not read the error.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -16,15 +16,15 @@ use axum::response::Response;
 use bytes::{Buf, Bytes};
 use hyper::body::{Frame, SizeHint};
 
-/// Bytes that are drained at most, and for how long; beyond, the connection is closed.
+/// Maximum number of drained bytes and maximum time; beyond, the connection is closed.
 const MAX_DRAINED: usize = 64 << 20;
 const MAX_TIME: Duration = Duration::from_secs(5);
 
-/// A request's body, whose rest is drained when it is dropped before its end.
+/// A request body whose rest is drained when it is dropped early.
 struct WholeBody {
     body: Body,
     is_begun: Arc<AtomicBool>,
-    /// The client sends nothing before it is told to go on.
+    /// The client sends the body only after a `100 Continue`.
     waits: bool,
 }
 
@@ -63,16 +63,16 @@ impl Drop for WholeBody {
 }
 
 async fn drain(mut rest: Body) {
-    let mut most = MAX_DRAINED;
-    while most > 0
+    let mut remaining = MAX_DRAINED;
+    while remaining > 0
         && let Some(Ok(frame)) = std::future::poll_fn(|context| Pin::new(&mut rest).poll_frame(context)).await
     {
-        most = most.saturating_sub(frame.data_ref().map_or(0, Buf::remaining));
+        remaining = remaining.saturating_sub(frame.data_ref().map_or(0, Buf::remaining));
     }
 }
 
-/// Drains what handlers leave of a body. Where the client was not told to send it, the answer says that the
-/// connection ends.
+/// Drains what handlers leave of a body. If the client was not told to continue, the answer closes the
+/// connection.
 pub(super) async fn layer(request: Request, next: Next) -> Response {
     if request.body().is_end_stream() {
         return next.run(request).await;

@@ -1,4 +1,4 @@
-//! `ETag` and `If-None-Match`: what a client has already is not sent again.
+//! `ETag` and `If-None-Match`: unchanged answers are not sent again.
 
 use axum::body::{Body, to_bytes};
 use axum::extract::Request;
@@ -22,8 +22,7 @@ pub(super) fn of_bytes(parts: &[&[u8]]) -> HeaderValue {
     HeaderValue::from_str(&format!("\"{text}\"")).unwrap_or_else(|_| HeaderValue::from_static("\"0\""))
 }
 
-/// The entity tag of an answer that follows from a channel's records, its asset's description and the
-/// address.
+/// The entity tag of an answer that depends on a channel's records, its asset's description and the address.
 pub(super) fn of_channel(
     asset: &Asset,
     channel: Option<&ChannelSummary>,
@@ -33,7 +32,7 @@ pub(super) fn of_channel(
     of_channels(asset, channel.as_slice(), uri, headers)
 }
 
-/// The entity tag of an answer that follows from the records of several channels, as that of one.
+/// The entity tag of an answer that depends on the records of several channels.
 pub(super) fn of_channels(
     asset: &Asset,
     channels: &[&ChannelSummary],
@@ -52,7 +51,7 @@ pub(super) fn of_channels(
     of_bytes(&[version, &versions, &updated_at, address.as_bytes(), accept])
 }
 
-/// The entity tag of an asset: that of its description, and behind it that of the whole answer.
+/// The entity tag of an asset: that of its description, followed by that of the whole answer.
 pub(super) fn of_asset(asset: &Asset, body: &[u8]) -> Result<HeaderValue, Problem> {
     let description = description_tag(asset)?;
     let whole = of_bytes(&[body]);
@@ -61,8 +60,8 @@ pub(super) fn of_asset(asset: &Asset, body: &[u8]) -> Result<HeaderValue, Proble
     tag.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))
 }
 
-/// What a change of an asset is conditional on. Only descriptions are compared: what else an answer holds
-/// changes with every record.
+/// The precondition of a change of an asset. Only descriptions are compared: the rest of the answer changes
+/// with every record.
 pub(super) fn precondition(headers: &HeaderMap) -> Precondition {
     let tags = |name: HeaderName| {
         let given: Vec<&str> = headers.get_all(name).iter().filter_map(|value| value.to_str().ok()).collect();
@@ -72,13 +71,13 @@ pub(super) fn precondition(headers: &HeaderMap) -> Precondition {
     Precondition { matches: tags(header::IF_MATCH), matches_none: tags(header::IF_NONE_MATCH) }
 }
 
-/// The part of an asset's tag that is its description's.
+/// The description's part of an asset's tag.
 fn description_in(tag: &str) -> String {
     let tag = tag.trim().trim_start_matches("W/").trim_matches('"');
     tag.split_once('-').map_or(tag, |(description, _)| description).to_owned()
 }
 
-/// Whether the client has what has this tag.
+/// Whether the client already has the version with this tag.
 pub(super) fn is_known(headers: &HeaderMap, etag: &HeaderValue) -> bool {
     let (Some(known), Ok(etag)) = (headers.get(header::IF_NONE_MATCH), etag.to_str()) else {
         return false;
@@ -89,16 +88,16 @@ pub(super) fn is_known(headers: &HeaderMap, etag: &HeaderValue) -> bool {
         .any(|one| one.trim() == "*" || one.trim().trim_start_matches("W/") == etag.trim_start_matches("W/"))
 }
 
-/// The answer to one who has it already.
+/// The answer for a client that has the current version.
 pub(super) fn not_modified(etag: HeaderValue) -> Response {
     (StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response()
 }
 
-/// Tags JSON answers that their handler has not tagged with the hash of their bytes, and omits those that the
+/// Tags JSON answers with the hash of their bytes unless the handler set a tag, and omits bodies that the
 /// client has.
 pub(super) async fn layer(request: Request, next: Next) -> Response {
     let is_get = request.method() == Method::GET;
-    let asked = request.headers().get(header::IF_NONE_MATCH).cloned();
+    let if_none_match = request.headers().get(header::IF_NONE_MATCH).cloned();
     let response = next.run(request).await;
     let is_json = response
         .headers()
@@ -113,13 +112,13 @@ pub(super) async fn layer(request: Request, next: Next) -> Response {
     if parts.headers.contains_key(header::ETAG) {
         return Response::from_parts(parts, body);
     }
-    // Such an answer is in memory as a whole already.
+    // such an answer is already completely in memory
     let Ok(bytes) = to_bytes(body, usize::MAX).await else {
-        return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the answer broke off").into_response();
+        return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the answer is incomplete").into_response();
     };
     let etag = of_bytes(&[&bytes]);
     let mut headers = HeaderMap::new();
-    headers.extend(asked.map(|asked| (header::IF_NONE_MATCH, asked)));
+    headers.extend(if_none_match.map(|if_none_match| (header::IF_NONE_MATCH, if_none_match)));
     if is_known(&headers, &etag) {
         return not_modified(etag);
     }

@@ -1,4 +1,4 @@
-//! The latest events in a ring, so that a client that lost its connection gets what it missed.
+//! A ring of the latest events, so that a client that lost its connection receives what it missed.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,30 +10,30 @@ use tokio::sync::{mpsc, watch};
 use crate::asset::AssetId;
 use crate::service::{History, LiveEvent, NumberedEvent};
 
-/// Events that another node may have shown before they came here.
-const AHEAD: u64 = 1000;
+/// Number of events that another node may have sent before they arrived here.
+const MAX_AHEAD: u64 = 1000;
 
-/// The events of all nodes of a cluster, in one order.
+/// The events of all nodes of a cluster in a common order.
 #[derive(Debug)]
 pub struct SharedEvents {
-    /// Tells this order from others in identifiers.
+    /// Identifies this order in event ids.
     pub run: String,
-    /// What happened before.
+    /// Past events.
     pub backlog: Vec<NumberedEvent>,
-    /// What happens from then on.
+    /// Future events.
     pub receiver: mpsc::Receiver<NumberedEvent>,
 }
 
 /// The latest events.
 #[derive(Debug)]
 pub(super) struct EventRing {
-    /// Tells this run of the service from others in identifiers.
+    /// Identifies this run of the service in event ids.
     run: String,
     capacity: usize,
-    /// EventRing that a client may have seen at another node before they came here.
+    /// Number of events that a client may have received from another node before they arrived here.
     ahead: u64,
     entries: Mutex<Entries>,
-    /// The number of the latest event; closed at the end of the service.
+    /// The number of the latest event; closed when the service ends.
     latest: watch::Sender<u64>,
     is_over: watch::Sender<bool>,
 }
@@ -45,7 +45,7 @@ struct Entries {
 }
 
 impl EventRing {
-    /// Follows what the service announces; `run` must differ between runs of the service.
+    /// Collects the events that the service announces; `run` must differ between runs of the service.
     pub(super) fn follow(mut announced: Receiver<LiveEvent>, run: String, capacity: usize) -> Arc<Self> {
         let events = Arc::new(Self {
             run,
@@ -68,26 +68,26 @@ impl EventRing {
         events
     }
 
-    /// Shows what all nodes show; `history` notes the recomputations of other processes.
+    /// Collects the events of all nodes; `history` is updated with the recomputations of other processes.
     pub(super) fn share(shared: SharedEvents, history: Arc<History>, capacity: usize) -> Arc<Self> {
         let SharedEvents { run, backlog, mut receiver } = shared;
         let events = Arc::new(Self {
             run,
             capacity: capacity.max(1),
-            ahead: AHEAD,
+            ahead: MAX_AHEAD,
             entries: Mutex::default(),
             latest: watch::Sender::new(0),
             is_over: watch::Sender::new(false),
         });
         for event in backlog {
             note(&history, &event.event);
-            events.keep(event);
+            events.push(event);
         }
         let followed = Arc::clone(&events);
         tokio::spawn(async move {
             while let Some(event) = receiver.recv().await {
                 note(&history, &event.event);
-                followed.keep(event);
+                followed.push(event);
             }
         });
         events
@@ -104,10 +104,10 @@ impl EventRing {
 
     fn add(&self, event: LiveEvent) {
         let number = self.lock().last_number + 1;
-        self.keep(NumberedEvent { number, event });
+        self.push(NumberedEvent { number, event });
     }
 
-    fn keep(&self, event: NumberedEvent) {
+    fn push(&self, event: NumberedEvent) {
         let mut entries = self.lock();
         if event.number <= entries.last_number {
             // Received twice.
@@ -121,8 +121,7 @@ impl EventRing {
         self.latest.send_replace(entries.last_number);
     }
 
-    /// The next event after `position` of that asset, and whether some before it are gone; none where there
-    /// is none yet.
+    /// Returns the next event of the asset after `position`, and whether earlier ones were dropped.
     pub(super) fn next(&self, position: &mut u64, asset: Option<&AssetId>) -> Next {
         let entries = self.lock();
         let oldest = entries.events.front().map_or(entries.last_number + 1, |event| event.number);
@@ -137,7 +136,7 @@ impl EventRing {
             asset.is_none() || of.is_none() || of == asset
         };
         let found = entries.events.iter().skip(from).find(is_wanted).cloned();
-        // A client may have seen more at another node than has come here yet.
+        // A client may have received more from another node than has arrived here.
         *position = found.as_ref().map_or(entries.last_number.max(*position), |event| event.number);
         found.map_or(Next::Nothing, Next::Event)
     }
@@ -146,32 +145,32 @@ impl EventRing {
         format!("{}-{number}", self.run)
     }
 
-    /// Where a client goes on that saw `last` last: its position, or none where that was before this run.
+    /// The position after event id `last`; `None` if it is from another run.
     pub(super) fn position(&self, last: &str) -> Option<u64> {
         let (run, number) = last.rsplit_once('-')?;
         let number = number.parse().ok()?;
         (run == self.run && number <= self.lock().last_number + self.ahead).then_some(number)
     }
 
-    /// The position behind the latest event.
+    /// The position after the latest event.
     pub(super) fn end_position(&self) -> u64 {
         self.lock().last_number
     }
 
-    /// What changes with each event, and what changes at the end of the service.
+    /// Signals for new events and for the end of the service.
     pub(super) fn subscribe(&self) -> (watch::Receiver<u64>, watch::Receiver<bool>) {
         (self.latest.subscribe(), self.is_over.subscribe())
     }
 }
 
-/// Notes what another process of the cluster did.
+/// Notes a recomputation of another process of the cluster.
 fn note(history: &History, event: &LiveEvent) {
     if let LiveEvent::RecomputationChanged(recomputation) = event {
         history.note_recomputation(recomputation.clone());
     }
 }
 
-/// What comes next in the ring.
+/// The next item in the ring.
 pub(super) enum Next {
     Event(Arc<NumberedEvent>),
     Lost(u64),
@@ -183,7 +182,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn the_ring_keeps_the_latest_and_counts_what_is_gone() {
+    async fn the_ring_keeps_the_latest_events_and_detects_dropped_ones() {
         let (_sender, receiver) = tokio::sync::broadcast::channel(1);
         let events = EventRing::follow(receiver, "r".into(), 3);
         let (a, b) = (AssetId::new("a").unwrap(), AssetId::new("b").unwrap());

@@ -1,7 +1,6 @@
-//! `GET /v1/events`: what happens, as server-sent events.
+//! `GET /v1/events`: events as they happen, as server-sent events.
 //!
-//! A client that lost its connection gets what it missed; one that missed more than is kept gets an event
-//! `lost`.
+//! A client that lost its connection receives what it missed, or an event `lost` if that is no longer kept.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -31,14 +30,14 @@ use crate::asset::AssetId;
 use crate::service::{LiveEvent, NumberedEvent, SegmentPlace};
 use crate::store::AlarmNotice;
 
-/// How often a quiet connection is kept from being taken for dead.
+/// Interval of keep-alive comments on a quiet connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
-/// How often is looked whether the token that opened a stream is still taken.
+/// Interval at which the token of a stream is checked.
 const TOKEN_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The name of an event, and its data.
-fn named(event: &LiveEvent) -> (&'static str, Value) {
+fn name_and_data(event: &LiveEvent) -> (&'static str, Value) {
     let of_segment = |place: &SegmentPlace, name: &str, value: Value| {
         let mut data = json!(place);
         data[name] = value;
@@ -71,19 +70,19 @@ fn named(event: &LiveEvent) -> (&'static str, Value) {
 }
 
 fn server_event(events: &EventRing, NumberedEvent { number, event }: &NumberedEvent) -> Event {
-    let (name, data) = named(event);
+    let (name, data) = name_and_data(event);
     Event::default().event(name).id(events.id(*number)).data(data.to_string())
 }
 
-/// One event as it comes over the stream.
+/// One server-sent event.
 #[derive(utoipa::ToSchema)]
 #[expect(dead_code, reason = "describes what axum writes")]
 struct ServerEvent {
-    /// What kind of event it is.
+    /// The kind of event.
     event: String,
-    /// What `Last-Event-ID` begins after.
+    /// The value for `Last-Event-ID`.
     id: String,
-    /// JSON: `asset_id` and what happened to it.
+    /// JSON: `asset_id` and the details.
     data: String,
 }
 
@@ -91,44 +90,44 @@ struct ServerEvent {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EventParameters {
-    /// Only what concerns this asset.
+    /// Only events of this asset.
     #[param(value_type = Option<String>)]
     asset: Option<AssetId>,
 }
 
-/// What happens, live
+/// Live events
 ///
 /// Events `indicators`, `wear`, `history`, `asset`, `recomputation`, `replay`, `alarm` and `maintenance` with
-/// JSON data; after `Last-Event-ID` first what was missed. An event `lost` says that some are not kept any
-/// more: then the lists have to be read again.
+/// JSON data. With `Last-Event-ID`, missed events come first. An event `lost` means that some were dropped:
+/// reload the lists.
 #[utoipa::path(
     get,
     path = "/v1/events",
     tag = "service",
     params(
         EventParameters,
-        ("last-event-id" = Option<String>, Header, description = "The id of the last event seen"),
+        ("last-event-id" = Option<String>, Header, description = "The id of the last event received"),
     ),
     responses(
         (status = 200, body = ServerEvent, content_type = "text/event-stream"),
-        (status = 503, body = Details, content_type = "application/problem+json", description = "Too many are open"),
+        (status = 503, body = Details, content_type = "application/problem+json", description = "Too many streams are open"),
     ),
 )]
 pub(super) async fn stream(
     State(app): State<App>,
-    Parameters(asked): Parameters<EventParameters>,
+    Parameters(params): Parameters<EventParameters>,
     client: Client,
     caller: Option<Extension<Caller>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    if let Some(asset) = &asked.asset {
+    if let Some(asset) = &params.asset {
         app.service.store.asset(asset).await?;
     }
     let Some(share) = app.event_streams.take(client) else {
         return Ok(too_many());
     };
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
-    let follower = Follower::new(app, asked.asset, caller.map(|Extension(caller)| caller), last, share);
+    let follower = Follower::new(app, params.asset, caller.map(|Extension(caller)| caller), last, share);
     let stream = unfold(follower, async |mut follower| {
         let event = follower.next().await?;
         Some((Ok::<_, Infallible>(event), follower))
@@ -136,21 +135,21 @@ pub(super) async fn stream(
     Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 
-/// The answer where no further event stream is taken: the connection would only wait, and others need its
+/// The answer when no further event stream is accepted: the connection would stay idle while others need its
 /// place.
 pub(super) fn too_many() -> Response {
-    let busy = Problem::busy("too many event streams are open, of this client or of all together", 30);
+    let busy = Problem::busy("too many event streams of this client or in total", 30);
     closing(busy.into_response())
 }
 
-/// Who follows what happens.
+/// A client of the event stream.
 struct Follower {
     app: App,
     asset: Option<AssetId>,
-    /// Whose token opened the stream; it ends when that is revoked.
+    /// The token that opened the stream, which ends when the token is revoked.
     caller: Option<Caller>,
     position: u64,
-    /// It had a position of another run, and is told that it missed something.
+    /// The client's position is of another run, so it receives `lost` first.
     is_restarted: bool,
     latest: watch::Receiver<u64>,
     over: watch::Receiver<bool>,
@@ -169,7 +168,7 @@ impl Follower {
         let (latest, over) = app.events.subscribe();
         let known = last.map(|last| app.events.position(last));
         Self {
-            // Without a position of this run it begins with what happens now.
+            // without a position of this run, the stream starts now
             position: known.flatten().unwrap_or_else(|| app.events.end_position()),
             is_restarted: matches!(known, Some(None)),
             app,
@@ -182,7 +181,7 @@ impl Follower {
         }
     }
 
-    /// What happens next; none at the end of the service, and where the token was revoked.
+    /// Returns the next event; `None` at the end of the service or when the token was revoked.
     async fn next(&mut self) -> Option<Event> {
         let events = Arc::clone(&self.app.events);
         if std::mem::take(&mut self.is_restarted) {
@@ -194,12 +193,12 @@ impl Follower {
             if self.token_seen_at.elapsed() >= TOKEN_INTERVAL {
                 self.token_seen_at = Instant::now();
                 if let Some(caller) = &self.caller
-                    && !self.app.access.still_takes(caller).await
+                    && !self.app.access.is_still_valid(caller).await
                 {
                     return None;
                 }
             }
-            // Seen before it is looked for, so that nothing slips in between.
+            // Subscribed before reading the ring, so that no event is missed in between.
             self.latest.mark_unchanged();
             match events.next(&mut self.position, self.asset.as_ref()) {
                 Next::Event(event) => return Some(server_event(&events, &event)),

@@ -1,4 +1,4 @@
-//! `…/exclude` and `…/include`: records that take no part in their histories, and do so again.
+//! `…/exclude` and `…/include`: removes records from their histories and adds them again.
 
 use axum::Json;
 use axum::extract::State;
@@ -10,24 +10,24 @@ use super::query::{AssetInPath, Parameters, SegmentInPath};
 use super::segments::{RangeParameters, find};
 use crate::asset::{AssetId, SegmentId};
 
-/// How many records were changed.
+/// The number of changed records.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Changed {
-    /// Records of the asset that were not so before.
+    /// Records of the asset that changed.
     changed: u64,
 }
 
 /// Exclude one segment
 ///
-/// It stays stored with its indicators, and takes no part in the baseline, the estimate and the alarms any
-/// more, also for the other assets of its sensor. The histories that it was part of are estimated anew in the
+/// The segment stays stored with its indicators, but is no longer used for the baseline, the estimate and
+/// alarms, including those of other assets with the same sensor. The affected histories are recomputed in the
 /// background.
 #[utoipa::path(
     post,
     path = "/v1/segments/{segment}/exclude",
     tag = "records",
     params(("segment" = String, Path, description = "The segment")),
-    responses((status = 200, body = Changed), (status = 409, body = Details, content_type = "application/problem+json", description = "It came for another asset, whose sensor this one shares")),
+    responses((status = 200, body = Changed), (status = 409, body = Details, content_type = "application/problem+json", description = "The record belongs to another asset with the same sensor")),
 )]
 pub(super) async fn exclude(
     State(app): State<App>,
@@ -38,13 +38,13 @@ pub(super) async fn exclude(
 
 /// Include one segment
 ///
-/// As if it had never been excluded.
+/// Reverses an exclusion.
 #[utoipa::path(
     post,
     path = "/v1/segments/{segment}/include",
     tag = "records",
     params(("segment" = String, Path, description = "The segment")),
-    responses((status = 200, body = Changed), (status = 409, body = Details, content_type = "application/problem+json", description = "It came for another asset, whose sensor this one shares")),
+    responses((status = 200, body = Changed), (status = 409, body = Details, content_type = "application/problem+json", description = "The record belongs to another asset with the same sensor")),
 )]
 pub(super) async fn include(
     State(app): State<App>,
@@ -53,40 +53,40 @@ pub(super) async fn include(
     set_one(&app, &id, false).await
 }
 
-/// Exclude the segments of a range of time, or those that are named
+/// Exclude segments by time range or id
 ///
-/// As each of them by itself. Records that come later are not excluded.
+/// Applies to each as `POST /v1/segments/{segment}/exclude`. Later records are not excluded.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/segments/exclude",
     tag = "records",
     params(("asset" = AssetId, Path, description = "The asset"), RangeParameters),
-    responses((status = 200, body = Changed), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "They come for another asset, whose sensor this one shares")),
+    responses((status = 200, body = Changed), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "The records belong to another asset with the same sensor")),
 )]
 pub(super) async fn exclude_range(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<RangeParameters>,
+    Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Changed>, Problem> {
-    set_range(&app, &asset, asked, true).await
+    set_range(&app, &asset, params, true).await
 }
 
-/// Include the segments of a range of time, or those that are named
+/// Include segments by time range or id
 ///
-/// As each of them by itself.
+/// Applies to each as `POST /v1/segments/{segment}/include`.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/segments/include",
     tag = "records",
     params(("asset" = AssetId, Path, description = "The asset"), RangeParameters),
-    responses((status = 200, body = Changed), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "They come for another asset, whose sensor this one shares")),
+    responses((status = 200, body = Changed), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "The records belong to another asset with the same sensor")),
 )]
 pub(super) async fn include_range(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<RangeParameters>,
+    Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Changed>, Problem> {
-    set_range(&app, &asset, asked, false).await
+    set_range(&app, &asset, params, false).await
 }
 
 async fn set_one(app: &App, id: &SegmentId, is_excluded: bool) -> Result<Json<Changed>, Problem> {
@@ -98,10 +98,10 @@ async fn set_one(app: &App, id: &SegmentId, is_excluded: bool) -> Result<Json<Ch
 async fn set_range(
     app: &App,
     asset: &AssetId,
-    asked: RangeParameters,
+    params: RangeParameters,
     is_excluded: bool,
 ) -> Result<Json<Changed>, Problem> {
-    let ranges = asked.ranges(app, asset, "a time here or in to, or ids").await?;
+    let ranges = params.ranges(app, asset, "a time here or in to, or ids").await?;
     let changed = app.service.exclusions.set_each(asset, &ranges, is_excluded).await?;
     Ok(Json(Changed { changed }))
 }

@@ -1,4 +1,4 @@
-//! `GET /v1/assets/{asset}/export`: everything that was computed, as one MCAP recording.
+//! `GET /v1/assets/{asset}/export`: all results of an asset as one MCAP recording.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -28,13 +28,13 @@ use crate::service::{Readiness, ServiceError};
 use crate::signal::{Record, reduction};
 use crate::store::{AlarmFilter, SegmentFilter, SegmentKey, StoredAlarmChange};
 
-/// Segments read at once: bounds memory.
+/// Segments read at once, to limit memory.
 const PAGE: u32 = 200;
 
-/// Points of an exported spectrum.
+/// Number of points of an exported spectrum.
 const SPECTRUM_POINTS: usize = 2000;
 
-/// Most spectra of one export: each is computed from its record's raw bytes.
+/// Maximum number of spectra per export: each is computed from its record's raw bytes.
 const MAX_SPECTRA: u64 = 10_000;
 
 /// Bytes read from the file at once.
@@ -52,22 +52,21 @@ pub(super) struct ExportParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Spectra of how many records, spread evenly over the history; 100 where not given, at most 10000.
+    /// Number of spectra, spread evenly over the history; default 100, at most 10000.
     #[param(maximum = 10000)]
     spectra: Option<u64>,
-    /// Whether the samples of the records are written too; they are not where not given.
+    /// Whether the samples of the records are included; default false.
     waveforms: Option<bool>,
 }
 
 /// Export an asset's history
 ///
-/// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on
-/// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`, with `waveforms=true` the records
-/// themselves on `…/waveform`, as uploads and `flankwatch replay` read them; metadata records `asset`,
-/// `sensor`, `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment
-/// `library.json`. Records whose raw recordings are not kept any more have no spectrum. Plot
-/// `wear.median_um`, `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against
-/// `spectrum.amplitude[:]`.
+/// Indicators, wear, spectra and alarm changes as `flankwatch.v1` protobuf messages in MCAP, on
+/// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`. With `waveforms=true` also the
+/// records on `…/waveform`, in the format that uploads and `flankwatch replay` read. Metadata records
+/// `asset`, `sensor`, `gear_pair` and `acquisition`; the manifest of the wear library is the attachment
+/// `library.json`. Records whose raw recordings are no longer kept have no spectrum. Plot `wear.median_um`,
+/// `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/export",
@@ -81,35 +80,35 @@ pub(super) struct ExportParameters {
 pub(super) async fn export(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<ExportParameters>,
+    Parameters(params): Parameters<ExportParameters>,
 ) -> Result<Response, Problem> {
-    let spectra = asked.spectra.unwrap_or(100);
+    let spectra = params.spectra.unwrap_or(100);
     if spectra > MAX_SPECTRA {
         return Err(Problem::query("spectra", spectra, "a number from 0 to 10000"));
     }
     app.service.store.asset(&asset).await?;
     let _ticket = app.service.workers.admit_answer()?;
-    match written(&app, &asset, &asked, spectra, &app.uploads).await {
-        // What is kept can be read also while there is no room beside it.
+    match write_export(&app, &asset, &params, spectra, &app.uploads).await {
+        // stored data can be exported even if the disk of the data folder is full
         Err(problem) if problem.is_no_room() => {
-            written(&app, &asset, &asked, spectra, &std::env::temp_dir()).await
+            write_export(&app, &asset, &params, spectra, &std::env::temp_dir()).await
         }
         answer => answer,
     }
 }
 
-/// The answer, by way of a file in `folder`.
-async fn written(
+/// Writes the export to a file in `folder` and answers with it.
+async fn write_export(
     app: &App,
     asset: &AssetId,
-    asked: &ExportParameters,
+    params: &ExportParameters,
     spectra: u64,
     folder: &Path,
 ) -> Result<Response, Problem> {
     let store = &app.service.store;
     let spec = store.asset(asset).await?.spec;
     let channels = store.channels(asset).await?;
-    let is_wanted = |name: &str| asked.channel.as_ref().is_none_or(|channel| channel == name);
+    let is_wanted = |name: &str| params.channel.as_ref().is_none_or(|channel| channel == name);
     let segments: u64 =
         channels.iter().filter(|channel| is_wanted(&channel.channel)).map(|channel| channel.segments).sum();
     let (file, spooled) = new_file(folder)?;
@@ -127,12 +126,12 @@ async fn written(
         attached.map_err(ServiceError::from)?;
     }
     let mut filter = SegmentFilter {
-        channel: asked.channel.clone(),
-        from: asked.from,
-        to: asked.to,
+        channel: params.channel.clone(),
+        from: params.from,
+        to: params.to,
         ..SegmentFilter::default()
     };
-    let with_waveforms = asked.waveforms.unwrap_or(false);
+    let with_waveforms = params.waveforms.unwrap_or(false);
     let at_once = if with_waveforms { 1 } else { PAGE };
     let mut number = 0;
     loop {
@@ -141,7 +140,7 @@ async fn written(
         filter.after = Some(SegmentKey { start_time: last.start_time, id: last.id.clone() });
         let mut with_spectra = Vec::with_capacity(page.len());
         for segment in page {
-            // Every k-th record, so that there are about as many as were asked for.
+            // every k-th record, to approach the requested number
             let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
             number += 1;
             let spectrum = if is_chosen { spectrum_of(app, &segment).await? } else { None };
@@ -156,7 +155,7 @@ async fn written(
         });
         writer = written.await?.map_err(ServiceError::from)?;
     }
-    let changes = alarm_changes(app, asset, asked).await?;
+    let changes = alarm_changes(app, asset, params).await?;
     let written = app.service.workers.run("write alarms", move || {
         changes.iter().try_for_each(|(base, message)| {
             let time = Timestamp::from_nanosecond(message.start_time_ns.into()).unwrap_or_default();
@@ -173,7 +172,7 @@ async fn written(
     Ok((fields, stream(spooled).await?).into_response())
 }
 
-/// The record itself; none where its raw bytes are not to be had any more.
+/// Reads the record; `None` if its raw bytes are no longer available.
 async fn record_of(app: &App, segment: &Segment) -> Result<Option<Record>, Problem> {
     match app.service.records.recall(segment).await {
         Err(error) if error.is_raw_unavailable() => Ok(None),
@@ -181,43 +180,43 @@ async fn record_of(app: &App, segment: &Segment) -> Result<Option<Record>, Probl
     }
 }
 
-/// The spectrum of a record; none where its raw bytes are not to be had any more.
+/// Computes the spectrum of a record; `None` if its raw bytes are no longer available.
 async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, Problem> {
     let spectrum = match app.service.records.spectrum(segment).await {
         Err(error) if error.is_raw_unavailable() => return Ok(None),
         spectrum => spectrum?.0,
     };
-    let kept = reduction::peaks(&spectrum.amplitude, SPECTRUM_POINTS);
+    let indices = reduction::peaks(&spectrum.amplitude, SPECTRUM_POINTS);
     Ok(Some(Spectrum {
         start_time_ns: nanoseconds(segment.start_time),
         quantity: spectrum.quantity.to_string(),
         unit: spectrum.unit,
         window: spectrum.window.to_string(),
         bandwidth_hz: spectrum.bandwidth_hz,
-        frequency_hz: kept.iter().map(|n| *n as f64 * spectrum.resolution_hz).collect(),
-        amplitude: kept.iter().map(|n| spectrum.amplitude[*n]).collect(),
+        frequency_hz: indices.iter().map(|n| *n as f64 * spectrum.resolution_hz).collect(),
+        amplitude: indices.iter().map(|n| spectrum.amplitude[*n]).collect(),
     }))
 }
 
-/// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What
-/// was withdrawn is left out.
+/// The asset's alarm changes in the requested time, in order, each with the start of its topic; without
+/// withdrawn ones.
 async fn alarm_changes(
     app: &App,
     asset: &AssetId,
-    asked: &ExportParameters,
+    params: &ExportParameters,
 ) -> Result<Vec<(String, AlarmState)>, Problem> {
     let store = &app.service.store;
     let filter =
-        AlarmFilter { asset: Some(asset.clone()), channel: asked.channel.clone(), ..AlarmFilter::default() };
+        AlarmFilter { asset: Some(asset.clone()), channel: params.channel.clone(), ..AlarmFilter::default() };
     let mut changes = Vec::new();
     for alarm in store.alarms(&filter, app.service.now(), u32::MAX).await? {
         let (history, _) = store.alarm_history(&alarm.id, u32::MAX).await?;
         let is_asked = |time: Timestamp| {
-            asked.from.is_none_or(|from| from <= time) && asked.to.is_none_or(|to| time < to)
+            params.from.is_none_or(|from| from <= time) && params.to.is_none_or(|to| time < to)
         };
-        let told =
+        let current =
             history.into_iter().filter(|entry| entry.withdrawn_at.is_none() && is_asked(entry.change.time));
-        changes.extend(told.map(|StoredAlarmChange { change, .. }| {
+        changes.extend(current.map(|StoredAlarmChange { change, .. }| {
             let message = AlarmState {
                 start_time_ns: nanoseconds(change.time),
                 name: alarm.quantity.to_string(),
@@ -274,8 +273,7 @@ fn nanoseconds(time: Timestamp) -> i64 {
     i64::try_from(time.as_nanosecond()).unwrap_or(i64::MAX)
 }
 
-/// A new file in a folder that others may write to as well: its name cannot be guessed, and nobody else reads
-/// it.
+/// Creates a file with an unguessable name in a folder that others may write to; only the owner can read it.
 fn new_file(folder: &Path) -> Result<(File, SpooledBody), ServiceError> {
     let failed =
         |source: std::io::Error| ServiceError::File { action: "write", path: folder.to_path_buf(), source };
@@ -290,7 +288,7 @@ fn new_file(folder: &Path) -> Result<(File, SpooledBody), ServiceError> {
     Ok((file, SpooledBody::at(path)))
 }
 
-/// The file piece by piece; it is removed when the last one is gone, or the client.
+/// Streams the file in pieces; it is removed after the last one or when the client disconnects.
 async fn stream(spooled: SpooledBody) -> Result<Body, Problem> {
     let opened = tokio::fs::File::open(spooled.path()).await;
     let file = opened.map_err(|source| ServiceError::File {
@@ -306,6 +304,6 @@ async fn stream(spooled: SpooledBody) -> Result<Body, Problem> {
             Err(error) => Some((Err(error), (file, spooled))),
         }
     });
-    // Compression asks once more after the end.
+    // compression polls once more after the end
     Ok(Body::from_stream(pieces.fuse()))
 }

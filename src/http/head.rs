@@ -1,4 +1,4 @@
-//! What the head of a request has to be, before anything is done for it.
+//! Checks the head of a request before anything else is done.
 
 use axum::extract::{Request, State};
 use axum::http::{StatusCode, Version, header};
@@ -8,7 +8,7 @@ use axum::response::{IntoResponse, Response};
 use super::app::App;
 use super::problem::Problem;
 
-/// Lets requests through whose head is no longer than allowed and names its host once.
+/// Accepts requests whose head is within the limit and that name exactly one host.
 pub(super) async fn layer(State(app): State<App>, request: Request, next: Next) -> Response {
     match check(&request, app.limits.header_bytes) {
         Ok(()) => next.run(request).await,
@@ -16,15 +16,15 @@ pub(super) async fn layer(State(app): State<App>, request: Request, next: Next) 
     }
 }
 
-fn check(request: &Request, most: usize) -> Result<(), Problem> {
-    // The connection refuses what does not fit into its buffer, which takes a last piece beyond the limit.
+fn check(request: &Request, max_bytes: usize) -> Result<(), Problem> {
+    // The connection refuses heads beyond its buffer, which may exceed the limit by one read.
     let bytes = head_bytes(request);
-    if bytes > most {
-        let detail = format!("the head of the request has {bytes} bytes, expected at most {most}");
+    if bytes > max_bytes {
+        let detail = format!("the head of the request has {bytes} bytes, expected at most {max_bytes}");
         return Err(Problem::new(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE, detail));
     }
-    // RFC 9112, 3.2: behind a proxy that takes another one of two hosts than this does, each would guard
-    // another name.
+    // RFC 9112, 3.2: if a proxy used another one of two hosts than this service, they would check different
+    // names.
     let hosts = request.headers().get_all(header::HOST).iter().count();
     let may_be_missing = request.version() < Version::HTTP_11;
     if hosts > 1 || (hosts == 0 && !may_be_missing) {
@@ -34,7 +34,7 @@ fn check(request: &Request, most: usize) -> Result<(), Problem> {
     Ok(())
 }
 
-/// The bytes of a request's line and its fields.
+/// Number of bytes of a request's line and fields.
 fn head_bytes(request: &Request) -> usize {
     let path = request.uri().path_and_query().map_or(1, |path| path.as_str().len());
     let line = request.method().as_str().len() + path + "  HTTP/1.1\r\n".len();
@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_names_its_host_once() {
+    fn a_request_names_exactly_one_host() {
         let (own, other) = (("host", "localhost"), ("host", "evil.example"));
         assert_eq!(status(Version::HTTP_11, &[own]), None);
         assert_eq!(status(Version::HTTP_10, &[]), None);
@@ -73,8 +73,8 @@ mod tests {
     }
 
     #[test]
-    fn a_head_has_a_greatest_length() {
-        // `GET /v1/assets HTTP/1.1`, the host, and what `x: ` and line ends take.
+    fn the_head_length_is_limited() {
+        // `GET /v1/assets HTTP/1.1`, the host, and the bytes of `x: ` and line ends
         let rest = 1000 - 25 - 17 - 5 - 2;
         let fields =
             |length: usize| status(Version::HTTP_11, &[("host", "localhost"), ("x", &"a".repeat(length))]);

@@ -1,4 +1,4 @@
-//! Whether the service lives, whether it can be read, and whether it can take records.
+//! Health checks: whether the service is alive, readable, and able to accept records.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -21,7 +21,7 @@ use super::start_error::StartError;
 use super::write_probe::{ANSWER_TIMEOUT, WriteProbe};
 use crate::service::Service;
 
-/// That the process lives.
+/// The process is alive.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Alive {
     /// `ok`.
@@ -30,13 +30,13 @@ pub(super) struct Alive {
     version: &'static str,
 }
 
-/// What the service is to be ready for.
+/// The purpose of a readiness check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 enum Purpose {
-    /// To show what is stored: the database answers.
+    /// Read stored data: the database answers.
     Reading,
-    /// To take records too: everything that keeps a part of one can be written, and the queue has room.
+    /// Accept records as well: everything that stores a part of one is writable, and the queue has room.
     #[default]
     Records,
 }
@@ -45,49 +45,48 @@ enum Purpose {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ReadyParameters {
-    /// For what: `reading` what is stored, or taking `records` too, which is what is meant where it is not
-    /// given.
+    /// What to check: `reading` stored data, or also accepting `records` (default).
     #[serde(default, rename = "for")]
     #[param(value_type = Option<Purpose>, example = "reading")]
     purpose: Purpose,
 }
 
-/// Whether the service is ready for what was asked.
+/// Whether the service is ready for the requested purpose.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Ready {
     /// `ok` or `unavailable`.
     status: &'static str,
-    /// What was asked for.
+    /// The requested purpose.
     #[serde(rename = "for")]
     purpose: Purpose,
-    /// `ok`, or why the database does not answer or takes nothing, or what is damaged of it.
+    /// `ok`, or why the database does not answer or cannot be written to, or its damage.
     database: String,
-    /// `ok`, or why nothing is removed from the raw recordings: the database does not know them.
+    /// `ok`, or why no raw recordings are removed: the database does not know them.
     raw_recordings: String,
-    /// Asked for records: `ok`, or why a record cannot be kept: the disk is full, for example.
+    /// For records: `ok`, or why a record cannot be stored, for example because the disk is full.
     #[serde(skip_serializing_if = "Option::is_none")]
     room: Option<String>,
     /// Records being processed or waiting.
     queue: Queue,
-    /// Asked for records, of a process of a cluster: `ok`, or why another part that it needs cannot be used.
+    /// For records in a cluster: `ok`, or why another required part is unavailable.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     parts: BTreeMap<&'static str, String>,
-    /// Connections over which records come besides requests; absent where there are none. Requests are taken
-    /// also while one is lost.
+    /// Message connections that deliver records; missing if there are none. HTTP requests are accepted even
+    /// if one is lost.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     feeds: Vec<FeedHealth>,
 }
 
-/// A connection over which records come.
+/// A message connection that delivers records.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct FeedHealth {
-    /// What it is, `mqtt`.
+    /// Its kind, `mqtt`.
     name: &'static str,
-    /// Whether the connection stands.
+    /// Whether it is connected.
     is_connected: bool,
-    /// Messages that cannot be taken now and wait, unacknowledged.
+    /// Messages that cannot be accepted now and wait unacknowledged.
     held: usize,
-    /// Why it is not connected, or why messages wait; absent where all is well.
+    /// Why it is not connected, or why messages wait; missing if all is well.
     #[serde(skip_serializing_if = "Option::is_none")]
     trouble: Option<String>,
 }
@@ -97,32 +96,32 @@ struct FeedHealth {
 struct Queue {
     /// Requests in it now.
     used: usize,
-    /// Beyond which further ones are refused.
+    /// Limit beyond which requests are refused.
     limit: usize,
 }
 
-/// Whether the process lives
+/// Liveness check
 #[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, body = Alive)))]
 pub(super) async fn alive() -> Json<Alive> {
     Json(Alive { status: "ok", version: env!("CARGO_PKG_VERSION") })
 }
 
-/// Whether the service can be read, or can take records
+/// Readiness check
 ///
-/// Taking records is found out by writing: to the database and, in a cluster, to the object store and the
+/// Acceptance of records is checked by writing to the database and, in a cluster, to the object store and the
 /// queue, at most every 2 s.
 #[utoipa::path(
     get,
     path = "/readyz",
     tag = "service",
     params(ReadyParameters),
-    responses((status = 200, body = Ready), (status = 503, body = Ready, description = "Not now")),
+    responses((status = 200, body = Ready), (status = 503, body = Ready, description = "Not ready")),
 )]
 pub(super) async fn ready(
     State(app): State<App>,
-    Parameters(asked): Parameters<ReadyParameters>,
+    Parameters(params): Parameters<ReadyParameters>,
 ) -> Response {
-    readiness(&app.service, &app.write_probe, asked.purpose).await
+    readiness(&app.service, &app.write_probe, params.purpose).await
 }
 
 async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose) -> Response {
@@ -161,15 +160,15 @@ async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose)
     response
 }
 
-/// Tells of a process that answers nothing else whether it lives and can work, and what it measures.
+/// A server for a process without the API: answers health checks and metrics.
 pub struct HealthServer {
     address: SocketAddr,
     task: tokio::task::JoinHandle<()>,
 }
 
-/// What is told about.
+/// The state that is reported.
 #[derive(Clone)]
-struct Watched {
+struct HealthState {
     service: Arc<Service>,
     write_probe: Arc<WriteProbe>,
     queue: Arc<QueueWatch>,
@@ -178,7 +177,7 @@ struct Watched {
 impl HealthServer {
     /// Answers `/healthz`, `/readyz` and `/metrics` on an address.
     ///
-    /// Error: it cannot be listened on.
+    /// Fails if it cannot listen there.
     pub async fn start(address: SocketAddr, service: Arc<Service>) -> Result<Self, StartError> {
         let failed = |source| StartError::Listen { address, source };
         let listener = TcpListener::bind(address).await.map_err(failed)?;
@@ -187,7 +186,7 @@ impl HealthServer {
             .route("/healthz", get(alive))
             .route("/readyz", get(ready_of_worker))
             .route("/metrics", get(metrics_of_worker))
-            .with_state(Watched { service, write_probe: Arc::default(), queue: Arc::default() });
+            .with_state(HealthState { service, write_probe: Arc::default(), queue: Arc::default() });
         let task = tokio::spawn(async move {
             if let Err(error) = axum::serve(listener, router).await {
                 tracing::error!(%error, "the health server stopped");
@@ -196,21 +195,21 @@ impl HealthServer {
         Ok(Self { address: bound, task })
     }
 
-    /// The address that it listens on.
+    /// The address it listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 }
 
 async fn ready_of_worker(
-    State(watched): State<Watched>,
-    Parameters(asked): Parameters<ReadyParameters>,
+    State(state): State<HealthState>,
+    Parameters(params): Parameters<ReadyParameters>,
 ) -> Response {
-    readiness(&watched.service, &watched.write_probe, asked.purpose).await
+    readiness(&state.service, &state.write_probe, params.purpose).await
 }
 
-async fn metrics_of_worker(State(watched): State<Watched>) -> Result<impl IntoResponse, Problem> {
-    metrics::of_worker(&watched.service, &watched.queue).await
+async fn metrics_of_worker(State(state): State<HealthState>) -> Result<impl IntoResponse, Problem> {
+    metrics::of_worker(&state.service, &state.queue).await
 }
 
 impl Drop for HealthServer {

@@ -1,4 +1,4 @@
-//! `/v1/assets/{asset}/wear/hindsight`: records looked back at from an inspection.
+//! `/v1/assets/{asset}/wear/hindsight`: records re-estimated with a later inspection.
 
 use axum::Json;
 use axum::extract::State;
@@ -17,17 +17,17 @@ use crate::asset::{AssetId, SegmentId};
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct HindsightParameters {
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
 }
 
-/// Wear before the last inspection, with what that has taught.
+/// Wear before the last inspection, re-estimated with its result.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 #[schema(as = WearHindsight)]
 pub(super) struct HindsightView {
-    /// The channel; none where the asset has no records.
+    /// The channel; none if the asset has no records.
     channel: Option<String>,
-    /// Records with a depth in the order of time; none without an inspection.
+    /// Records with a depth in order of time; empty without an inspection.
     items: Vec<HindsightRow>,
 }
 
@@ -46,26 +46,26 @@ struct HindsightRow {
     p95_um: f64,
 }
 
-/// Look back from an inspection
+/// Wear in hindsight of an inspection
 ///
-/// An inspection tells which of the simulated pairs are like the machine. With that the records before it are
-/// followed once more, which takes some milliseconds a record; at most 5000 are looked back at. The history
-/// itself stays what was told at the time.
+/// An inspection shows which of the simulated pairs match the machine. With that knowledge the earlier
+/// records are filtered again, which takes some milliseconds per record; at most 5000 are processed. The
+/// history itself stays unchanged.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/wear/hindsight",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), HindsightParameters),
-    responses((status = 200, body = HindsightView), (status = 304, description = "As the client has it")),
+    responses((status = 200, body = HindsightView), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn hindsight(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<HindsightParameters>,
+    Parameters(params): Parameters<HindsightParameters>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));

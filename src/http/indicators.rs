@@ -1,4 +1,4 @@
-//! `/v1/assets/{asset}/indicators`: trends as flat rows.
+//! `/v1/assets/{asset}/indicators`: indicator trends as flat rows.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::app::App;
-use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
+use super::selection::{self, Selection};
 use super::table::{self, Format, Table};
 use super::{assets, etag};
 use crate::asset::{AssetId, AssetSpec};
@@ -21,26 +21,26 @@ use crate::estimate::WearStatus;
 use crate::signal::{Indicators, VELOCITY_RMS, reduction};
 use crate::store::Trend;
 
-/// Points of a trend where the client does not say how many.
+/// Default number of points of a trend.
 const DEFAULT_POINTS: usize = 2000;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TrendParameters {
-    /// Names of indicators with commas between them, at most 64; all where not given.
+    /// Indicator names, comma-separated, at most 64; all by default.
     #[param(example = "rms,kurtosis")]
     names: Option<String>,
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
     /// Only records that start at this time or later.
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Only records in this one of the asset's operating bins.
+    /// Only records in this operating bin of the asset.
     operating_bin: Option<String>,
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest of every name stay. Two of each
-    /// name, the first and the last stay in any case.
+    /// Maximum number of points, 10 to 200000; the minimum and maximum of every name in each interval are
+    /// kept. At least two points of each name, the first and the last are returned.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
@@ -49,15 +49,15 @@ pub(super) struct TrendParameters {
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 #[schema(as = Trend)]
 pub(super) struct TrendView {
-    /// The channel; none where the asset has no records.
+    /// The channel; none if the asset has no records.
     channel: Option<String>,
-    /// Unit of each indicator; `1` for one without.
+    /// Unit of each indicator; `1` if dimensionless.
     units: BTreeMap<String, String>,
-    /// One flat row a record in the order of time: `start_time`, `segment_id`, `operating_bin` where it lies
-    /// in one, `excluded` where it is, each indicator by name (null where it has none), and beside
-    /// `velocity_rms` the `velocity_zone` where the asset has zones.
+    /// One flat row per record in order of time: `start_time`, `segment_id`, `operating_bin` if it is in one,
+    /// `excluded` if it is, each indicator by name (null if missing), and beside `velocity_rms` the
+    /// `velocity_zone` if the asset has zones.
     items: Vec<Map<String, Value>>,
-    /// Rows were left out to keep to `max_points`.
+    /// Whether rows were dropped to meet `max_points`.
     reduced: bool,
 }
 
@@ -67,23 +67,23 @@ pub(super) struct TrendView {
     path = "/v1/assets/{asset}/indicators",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), TrendParameters),
-    responses((status = 200, content((TrendView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "As the client has it")),
+    responses((status = 200, content((TrendView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn trend(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<TrendParameters>,
+    Parameters(params): Parameters<TrendParameters>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
     }
     let format = Format::accepted(&headers);
-    let names: Option<Vec<String>> = asked.names.as_deref().map(|names| {
+    let names: Option<Vec<String>> = params.names.as_deref().map(|names| {
         let names = names.split(',').map(str::trim).filter(|name| !name.is_empty());
         names.map(str::to_owned).collect()
     });
@@ -100,18 +100,17 @@ pub(super) async fn trend(
     let trend = app.service.store.trend(&channel).await?;
     check(&trend.indicators)?;
     let names = names.unwrap_or_else(|| trend.indicators.keys().cloned().collect());
-    let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
+    let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let render = move || {
-        let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
-        render(&trend, &asset.spec, &names, &chosen, most)
+        let selection = Selection::of(&trend, params.from, params.to, bin.as_ref());
+        render(&trend, &asset.spec, &names, &selection, max_points)
     };
     let mut view = app.service.workers.run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
     table::answer(tag, format, view, table_of)
 }
 
-/// A name that is no indicator's, and that no record has a value of from before a change of the bands, is a
-/// slip.
+/// Rejects names that are neither indicators nor have values from before a change of the bands.
 pub(super) fn check_names(
     names: &[String],
     recorded: &BTreeMap<String, Vec<f64>>,
@@ -141,28 +140,34 @@ fn table_of(view: &TrendView) -> Table {
     table
 }
 
-fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, most: usize) -> TrendView {
-    let unknown = vec![f64::NAN; chosen.len()];
+fn render(
+    trend: &Trend,
+    spec: &AssetSpec,
+    names: &[String],
+    selection: &Selection,
+    max_points: usize,
+) -> TrendView {
+    let unknown = vec![f64::NAN; selection.len()];
     let column = |name| match trend.indicators.get(name) {
-        Some(column) => chosen.column(column),
+        Some(column) => selection.column(column),
         None => Cow::Borrowed(&unknown[..]),
     };
     let columns: Vec<Cow<'_, [f64]>> = names.iter().map(column).collect();
     let columns: Vec<&[f64]> = columns.iter().map(|column| &**column).collect();
-    let kept = reduction::extremes(&columns, chosen.len(), most);
+    let indices = reduction::extremes(&columns, selection.len(), max_points);
     let row = |n: &usize| {
         let mut row = Map::with_capacity(3 + names.len());
-        let position = chosen.position(*n);
+        let position = selection.position(*n);
         row.insert("start_time".into(), trend.start_time[position].to_string().into());
         row.insert("segment_id".into(), trend.segment_id[position].0.clone().into());
-        if let Some(bin) = chosen::bin_of(&spec.operating_bins, trend, position) {
+        if let Some(bin) = selection::bin_of(&spec.operating_bins, trend, position) {
             row.insert("operating_bin".into(), bin.into());
         }
         if trend.wear[position].status == WearStatus::Excluded {
             row.insert("excluded".into(), true.into());
         }
         for (name, column) in names.iter().zip(&columns) {
-            // NaN, for no value, becomes null.
+            // NaN, which means no value, becomes null
             row.insert(name.clone(), column[*n].into());
             if name == VELOCITY_RMS
                 && let Some(zones) = spec.velocity_zones.filter(|_| column[*n].is_finite())
@@ -176,7 +181,7 @@ fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, mo
     TrendView {
         channel: None,
         units: names.iter().map(unit).collect(),
-        reduced: kept.len() < chosen.len(),
-        items: kept.iter().map(row).collect(),
+        reduced: indices.len() < selection.len(),
+        items: indices.iter().map(row).collect(),
     }
 }

@@ -1,5 +1,5 @@
-//! `/v1/tokens`: the tokens of the service, made and revoked from the dashboard. A secret is answered once,
-//! and neither listed nor logged.
+//! `/v1/tokens`: the tokens of the service, created and revoked from the dashboard. A secret is returned
+//! once, and neither listed nor logged.
 
 use axum::body::Body;
 use axum::extract::State;
@@ -18,23 +18,23 @@ use super::session::Caller;
 use super::token::{Scope, Token};
 use super::tokens::TokenError;
 
-/// Longest name in bytes.
+/// Maximum length of a name in bytes.
 const MAX_NAME: usize = 200;
 
-/// Tokens that a service may have: each request looks through all of them.
+/// Maximum number of tokens: each request searches all of them.
 const MAX_TOKENS: usize = 1000;
 
 /// A token without its secret.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = Token)]
 pub(super) struct TokenView {
-    /// Identifier, the part of the token that is no secret.
+    /// Identifier, the public part of the token.
     id: String,
-    /// What it is for.
+    /// Name.
     name: String,
-    /// How far it reaches.
+    /// Scope.
     scope: Scope,
-    /// When it was made.
+    /// Creation time.
     created_at: Timestamp,
 }
 
@@ -49,30 +49,30 @@ impl From<&Token> for TokenView {
     }
 }
 
-/// A new token. Not for logs: it holds the secret.
+/// A new token. Must not be logged: it contains the secret.
 #[derive(Serialize, utoipa::ToSchema)]
 pub(super) struct NewToken {
     #[serde(flatten)]
-    kept: TokenView,
-    /// The token itself, which cannot be had again.
+    stored: TokenView,
+    /// The token itself; it cannot be retrieved later.
     #[schema(example = "fwt_1f0c77aa_…")]
     token: String,
 }
 
-/// What a token is to be.
+/// A token to create.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TokenRequest {
-    /// What it is for: 1 to 200 bytes without control characters.
+    /// Name: 1 to 200 bytes without control characters.
     #[schema(example = "press line 3")]
     name: String,
-    /// How far it reaches.
+    /// Scope.
     scope: Scope,
 }
 
-/// The tokens, the oldest first
+/// List tokens
 ///
-/// Without their secrets. Needs the scope `admin`.
+/// Oldest first, without secrets. Needs the scope `admin`.
 #[utoipa::path(
     get,
     path = "/v1/tokens",
@@ -82,10 +82,10 @@ pub(super) struct TokenRequest {
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<TokenView>>, Problem> {
-    let limit = query::limit(asked.limit)?;
-    let after = query::place_cursor(asked.cursor.as_deref())?;
+    let limit = query::limit(params.limit)?;
+    let after = query::place_cursor(params.cursor.as_deref())?;
     let known = app.access.managed_tokens()?.list().await.map_err(|error| unreadable(&error))?;
     let mut tokens = known.map(|tokens| tokens.to_vec()).unwrap_or_default();
     tokens.sort_by(|a, b| place(a).cmp(&place(b)));
@@ -98,10 +98,10 @@ fn place(token: &Token) -> (Timestamp, &str) {
     (token.created_at, &token.id)
 }
 
-/// Make a token
+/// Create a token
 ///
-/// Its secret is in this answer and nowhere else. The first token of a service has to have the scope `admin`:
-/// from then on every request needs one. Needs the scope `admin`.
+/// The secret is only in this answer. The first token of a service must have the scope `admin`; from then on
+/// every request needs a token. Needs the scope `admin`.
 #[utoipa::path(
     post,
     path = "/v1/tokens",
@@ -109,7 +109,7 @@ fn place(token: &Token) -> (Timestamp, &str) {
     request_body(content = TokenRequest),
     responses(
         (status = 201, body = NewToken),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "There are as many tokens as there may be"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The maximum number of tokens exists"),
     ),
 )]
 pub(super) async fn create(
@@ -124,19 +124,19 @@ pub(super) async fn create(
     let known = place.list().await.map_err(|error| unreadable(&error))?;
     match &known {
         None if scope != Scope::Admin => {
-            let expected = "admin for the first token: from then on only a token of that scope makes others";
+            let expected = "admin for the first token: afterwards only an admin token can create others";
             return Err(Problem::content("scope", scope.name(), expected));
         }
-        // The first token was made while this request came in without one.
+        // The first token was created while this request, which has none, was being processed.
         Some(_) if caller.is_none() => {
             return Err(Problem::new(
                 StatusCode::UNAUTHORIZED,
-                "a token is needed: the first one was just made",
+                "a token is required: the first one was just created",
             ));
         }
         Some(tokens) if tokens.len() >= MAX_TOKENS => {
             let detail = format!(
-                "there are {} tokens, expected less than {MAX_TOKENS}: revoke some first",
+                "there are {} tokens, expected fewer than {MAX_TOKENS}: revoke some first",
                 tokens.len()
             );
             return Err(Problem::new(StatusCode::CONFLICT, detail));
@@ -144,24 +144,24 @@ pub(super) async fn create(
         _ => {}
     }
     let issued = place.issue(&name, scope, app.service.now()).await;
-    let (token, kept) = issued.map_err(|error| unreadable(&error))?;
-    tracing::info!(token = kept.id, scope = scope.name(), by = by(caller.as_deref()), "made a token");
-    let answer = NewToken { kept: TokenView::from(&kept), token };
+    let (token, stored) = issued.map_err(|error| unreadable(&error))?;
+    tracing::info!(token = stored.id, scope = scope.name(), by = by(caller.as_deref()), "created token");
+    let answer = NewToken { stored: TokenView::from(&stored), token };
     Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response())
 }
 
 /// Revoke a token
 ///
-/// It opens nothing from then on, nor do sessions that were begun with it. The last token of the scope
-/// `admin` can only be revoked with `flankwatch token revoke`. Needs the scope `admin`.
+/// The token and sessions started with it become invalid. The last token with the scope `admin` can only be
+/// revoked with `flankwatch token revoke`. Needs the scope `admin`.
 #[utoipa::path(
     delete,
     path = "/v1/tokens/{token}",
     tag = "service",
-    params(("token" = String, Path, description = "The token's identifier, not the token")),
+    params(("token" = String, Path, description = "The token's identifier, not the token itself")),
     responses(
         (status = 204, description = "Revoked"),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "It is the last one of the scope admin"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "It is the last token with the scope admin"),
     ),
 )]
 pub(super) async fn revoke(
@@ -172,12 +172,12 @@ pub(super) async fn revoke(
     let place = app.access.managed_tokens()?;
     let known = place.list().await.map_err(|error| unreadable(&error))?;
     let known = known.unwrap_or_default();
-    let unknown = || Problem::not_found(format!("there is no token {id:?}"));
+    let unknown = || Problem::not_found(format!("token {id:?} not found"));
     let found = known.iter().find(|token| token.id == id).ok_or_else(unknown)?;
     let admins = known.iter().filter(|token| token.scope == Scope::Admin).count();
     if found.scope == Scope::Admin && admins == 1 {
         let detail = format!(
-            "the token {id} is the last one of the scope admin: make another one first, or use `flankwatch token revoke`"
+            "the token {id} is the last one with scope admin: create another one first, or use `flankwatch token revoke`"
         );
         return Err(Problem::new(StatusCode::CONFLICT, detail));
     }
@@ -186,12 +186,12 @@ pub(super) async fn revoke(
         Err(TokenError::Unknown(_)) => return Err(unknown()),
         Err(error) => return Err(unreadable(&error)),
     }
-    tracing::info!(token = id, by = by(caller.as_deref()), "revoked a token");
+    tracing::info!(token = id, by = by(caller.as_deref()), "revoked token");
     Ok(StatusCode::NO_CONTENT)
 }
 
 fn by(caller: Option<&Caller>) -> &str {
-    caller.map_or("nobody asked", |caller| &caller.token.id)
+    caller.map_or("unauthenticated", |caller| &caller.token.id)
 }
 
 fn check_name(name: &str) -> Result<(), Problem> {

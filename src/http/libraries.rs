@@ -14,7 +14,7 @@ use crate::library::{FORMAT_VERSION, Library, Manifest};
 use crate::service::ServiceError;
 use crate::signal::{Features, Indicators};
 
-/// Libraries of simulated wear states
+/// List libraries of simulated wear states
 #[utoipa::path(
     get,
     path = "/v1/libraries",
@@ -24,40 +24,40 @@ use crate::signal::{Features, Indicators};
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<LibraryRow>>, Problem> {
-    let limit = query::limit(asked.limit)?;
+    let limit = query::limit(params.limit)?;
     let cache = app.service.simulations.cache();
     let mut all = blocking(move || cache.list()).await?;
     all.sort_by(|a, b| a.id.cmp(&b.id));
     let shown: Vec<LibraryRow> = all
         .iter()
-        .filter(|manifest| asked.cursor.as_ref().is_none_or(|cursor| manifest.id > *cursor))
+        .filter(|manifest| params.cursor.as_ref().is_none_or(|cursor| manifest.id > *cursor))
         .take(limit as usize + 1)
         .map(LibraryRow::from)
         .collect();
     Ok(Json(Page::new(shown, limit, |row| row.id.clone())))
 }
 
-/// What a library is, in one row.
+/// A library in a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = LibraryRow)]
 pub(super) struct LibraryRow {
-    /// Hash of everything it was made from.
+    /// Hash of all its inputs.
     id: String,
-    /// The gear pair's name for people.
+    /// Display name of the gear pair.
     pair_name: String,
     /// Number of wear states.
     states: usize,
-    /// Greatest wear depth in µm.
+    /// Maximum wear depth in µm.
     max_wear_um: f64,
-    /// Which pairs of teeth carry the load.
+    /// Contact rule: which pairs of teeth carry the load.
     contact: ContactRule,
     /// Version of the gear model.
     model_version: String,
-    /// Version of the library's file.
+    /// Version of the library file format.
     format_version: u32,
-    /// Identifier of the features' preprocessing.
+    /// Identifier of the feature preprocessing.
     preprocessing: String,
     /// Sampling rate of the simulated response in hertz.
     sample_rate_hz: f64,
@@ -82,7 +82,7 @@ impl From<&Manifest> for LibraryRow {
     }
 }
 
-/// A library with the gear pair that it was simulated for.
+/// A library with its gear pair.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = Library)]
 pub(super) struct LibraryView {
@@ -92,7 +92,7 @@ pub(super) struct LibraryView {
     pair: PairSpec,
 }
 
-/// What a library was made from
+/// Get a library with its gear pair
 #[utoipa::path(
     get,
     path = "/v1/libraries/{library}",
@@ -114,11 +114,11 @@ pub(super) async fn show(
 pub(super) struct StateView {
     /// The library.
     library_id: String,
-    /// Its number, from 0.
+    /// State number, from 0.
     index: usize,
     /// Greatest wear depth in µm.
     wear_um: f64,
-    /// Turns of the driving gear that this wear took, where Archard's law shaped it.
+    /// Turns of the driving gear to reach this wear, for Archard wear.
     #[serde(skip_serializing_if = "Option::is_none")]
     driving_turns: Option<f64>,
     #[serde(flatten)]
@@ -131,11 +131,11 @@ pub(super) struct StateView {
     stiffness_n_per_m: Vec<f64>,
     /// Unloaded static transmission error at each angle in rad.
     uste_rad: Vec<f64>,
-    /// Pairs of teeth in contact at each angle.
+    /// Number of tooth pairs in contact at each angle.
     pairs_in_contact: Vec<u32>,
 }
 
-/// One wear state of a library
+/// Get a wear state of a library
 #[utoipa::path(
     get,
     path = "/v1/libraries/{library}/states/{state}",
@@ -170,8 +170,8 @@ pub(super) async fn state(
 }
 
 pub(super) async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
-    let unknown = || Problem::not_found(format!("there is no library {id:?}"));
-    // It becomes a file's name.
+    let unknown = || Problem::not_found(format!("library {id:?} not found"));
+    // the id becomes a file name
     if !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_') {
         return Err(unknown());
     }

@@ -1,4 +1,4 @@
-//! The states of a library in a list, and the flanks at a wear depth.
+//! The states of a library as a list, and the flanks at a wear depth.
 
 use std::collections::BTreeMap;
 
@@ -13,23 +13,23 @@ use super::query::{NameInPath, Page, Parameters};
 use crate::gear::{Flank, FlankWear, Gear, GearError, PairSpec};
 use crate::library::LibraryState;
 
-/// Stretches that the active part of a flank is drawn with.
+/// Number of intervals of the drawn active flank.
 const FLANK_STRETCHES: usize = 60;
 
-/// One state in a list: its figures without the curves.
+/// One state in a list: its figures without curves.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct StateRow {
-    /// Its number, from 0.
+    /// State number, from 0.
     index: usize,
-    /// Wear depth in µm, the greatest over the flank.
+    /// Wear depth in µm, the maximum over the flank.
     wear_um: f64,
     /// Mesh stiffness, mean over the mesh period in N/m.
     stiffness_mean_n_per_m: f64,
-    /// Its least in N/m.
+    /// Minimum mesh stiffness in N/m.
     stiffness_min_n_per_m: f64,
-    /// Its greatest in N/m.
+    /// Maximum mesh stiffness in N/m.
     stiffness_max_n_per_m: f64,
-    /// Greatest less least transmission error over the mesh period.
+    /// Peak-to-peak transmission error over the mesh period.
     uste_peak_to_peak_rad: f64,
     #[serde(flatten)]
     indicators: BTreeMap<String, f64>,
@@ -58,7 +58,7 @@ fn extent(values: &[f64]) -> [f64; 2] {
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(*value), high.max(*value)])
 }
 
-/// Wear states of a library
+/// List wear states of a library
 #[utoipa::path(
     get,
     path = "/v1/libraries/{library}/states",
@@ -79,7 +79,7 @@ pub(super) async fn list(
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FlankParameters {
-    /// Wear depth in µm, from 0 to the library's greatest.
+    /// Wear depth in µm, from 0 to the library's maximum.
     #[param(minimum = 0.0)]
     wear_um: f64,
 }
@@ -87,14 +87,14 @@ pub(super) struct FlankParameters {
 /// Both gears' working flanks at a wear depth.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct FlankView {
-    /// Wear depth in µm, the greatest over the flank.
+    /// Wear depth in µm, the maximum over the flank.
     wear_um: f64,
     /// The driving and the driven gear.
     gears: Vec<FlankRow>,
 }
 
-/// One gear's flank from the start of its active profile to the tip, in the tooth's own coordinates: x along
-/// its centre line from the gear's centre, y half of its thickness before wear. The depth is taken along y.
+/// One gear's flank from the start of its active profile to the tip, in tooth coordinates: x along the centre
+/// line from the gear's centre, y half of the unworn thickness. The depth is along y.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct FlankRow {
     /// Tooth numbers, driving and driven.
@@ -128,18 +128,18 @@ struct FlankRow {
 pub(super) async fn flank(
     State(app): State<App>,
     NameInPath(id): NameInPath,
-    Parameters(asked): Parameters<FlankParameters>,
+    Parameters(params): Parameters<FlankParameters>,
 ) -> Result<Json<FlankView>, Problem> {
     let library = libraries::find(&app, &id).await?;
-    let (spec, wear_um) = (library.pair().clone(), asked.wear_um);
-    let most = library.max_wear_um();
-    if !(0.0..=most).contains(&wear_um) {
-        return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {most} µm")));
+    let (spec, wear_um) = (library.pair().clone(), params.wear_um);
+    let max_um = library.max_wear_um();
+    if !(0.0..=max_um).contains(&wear_um) {
+        return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {max_um} µm")));
     }
     let _ticket = app.service.workers.admit_answer()?;
     let gears = app.service.workers.run("work out flanks", move || flanks(&spec, wear_um)).await?;
     let gears = gears.map_err(|error| {
-        Problem::query("wear_um", wear_um, &format!("a depth that the teeth allow: {error}"))
+        Problem::query("wear_um", wear_um, &format!("a depth possible for these teeth: {error}"))
     })?;
     Ok(Json(FlankView { wear_um, gears }))
 }
@@ -171,8 +171,8 @@ mod tests {
 
     const PAIR: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 
-    /// Table 1's tip circle is at module × (teeth/2 + addendum), and the wear asked for is the greatest on
-    /// the flank.
+    /// Table 1's tip circle is at module × (teeth/2 + addendum), and the requested wear is the maximum on the
+    /// flank.
     #[test]
     fn flanks_end_at_the_tip_and_are_worn_as_deep_as_asked() {
         let rows = flanks(&PairSpec::from_toml(PAIR).unwrap(), 120.0).unwrap();

@@ -1,4 +1,4 @@
-//! What one request may cost: the one place where the API's limits stand.
+//! Limits of the API: the cost of a single request.
 
 use std::num::NonZeroU32;
 use std::time::Duration;
@@ -8,36 +8,35 @@ use std::time::Duration;
 pub struct HttpLimits {
     /// Bytes of a record's body.
     pub record_bytes: usize,
-    /// Bytes of a recording's body (many records; it is read from a file, not held in memory).
+    /// Bytes of a recording's body, which holds many records and is spooled to a file instead of memory.
     pub recording_bytes: u64,
-    /// Resumable uploads under way: begun, and neither read nor given up. In a cluster those of all nodes.
+    /// Unfinished resumable uploads; in a cluster of all nodes together.
     pub uploads_at_once: u32,
     /// Bytes of any other body.
     pub description_bytes: usize,
-    /// Connections at once; further ones wait in the system's queue.
+    /// Concurrent connections; further ones wait in the system's queue.
     pub connections: usize,
     /// Bytes of a request's line and header fields.
     pub header_bytes: usize,
-    /// How long a client may take to send its request's head, and may keep a connection without asking
-    /// anything.
+    /// Time to send a request's head, and time that a connection may stay idle.
     pub header_timeout: Duration,
-    /// How long a client may read nothing of its answer.
+    /// Time that a client may stop reading its answer.
     pub write_timeout: Duration,
-    /// Requests a second with one token.
+    /// Requests per second and token.
     pub requests_per_s: NonZeroU32,
-    /// Live streams that are sent at once.
+    /// Concurrent live streams.
     pub streams: usize,
-    /// Events that are kept for clients that lost their connection.
+    /// Events kept for clients that reconnect.
     pub events_kept: usize,
-    /// How long a body may take to arrive.
+    /// Time for a body to arrive.
     pub body_timeout: Duration,
-    /// How long nothing of a body may come.
+    /// Time without any bytes of a body.
     pub body_idle: Duration,
-    /// Bytes a second with which a body has to come once it takes longer than that.
+    /// Minimum rate of a body in bytes per second once it takes longer than `body_idle`.
     pub body_bytes_per_s: u64,
-    /// How long a request may take once its body is there.
+    /// Time to process a request once its body has arrived.
     pub request_timeout: Duration,
-    /// How long the service takes to end what it has begun when it is stopped.
+    /// Time to finish running work when the service is stopped.
     pub grace: Duration,
 }
 

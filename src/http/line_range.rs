@@ -1,10 +1,10 @@
-//! The part of a spectrum that a request asks for.
+//! The requested part of a spectrum.
 
 use std::ops::Range;
 
 use super::problem::Problem;
 
-/// A line that lies on an end of the range belongs to it, whatever the last digit of its place.
+/// Tolerance so that a line at an end of the range is included despite rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// A range of frequencies in hertz or of orders, both ends included.
@@ -15,7 +15,7 @@ pub(super) struct LineRange {
 }
 
 impl LineRange {
-    /// The range that the parameters of these names say; without them the whole spectrum.
+    /// The range from the parameters with these names; by default the whole spectrum.
     pub(super) fn new(names: [&str; 2], from: Option<f64>, to: Option<f64>) -> Result<Self, Problem> {
         let range = Self { from: from.unwrap_or(0.0), to: to.unwrap_or(f64::INFINITY) };
         if range.from >= 0.0 && range.from.is_finite() && range.to > range.from {
@@ -25,7 +25,7 @@ impl LineRange {
         Err(Problem::query(&names.join(", "), format!("{} to {}", range.from, range.to), &expected))
     }
 
-    /// Places of its lines among `lines` of them that stand `resolution` apart from 0 on.
+    /// Indices of its lines among `lines` lines spaced by `resolution` from 0.
     pub(super) fn places(self, lines: usize, resolution: f64) -> Range<usize> {
         let first = (self.from / resolution * (1.0 - ROUNDING)).ceil() as usize;
         let last = (self.to / resolution * (1.0 + ROUNDING)).floor() as usize;
@@ -43,7 +43,7 @@ mod tests {
     }
 
     #[test]
-    fn both_ends_belong_to_a_range() {
+    fn both_ends_are_included() {
         assert_eq!(places(None, None), 0..1001);
         assert_eq!(places(Some(0.3), Some(0.7)), 3..8);
         assert_eq!(places(Some(0.31), Some(0.69)), 4..7);
@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_range_is_refused() {
+    fn invalid_ranges_are_refused() {
         for (from, to) in [
             (-1.0, 5.0),
             (5.0, 5.0),

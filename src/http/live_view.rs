@@ -1,4 +1,4 @@
-//! `GET /v1/assets/{asset}/stream/live`: a live stream as it comes, as server-sent events.
+//! `GET /v1/assets/{asset}/stream/live`: a live stream as server-sent events.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -18,36 +18,36 @@ use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
 use super::session::Caller;
 use super::shares::{Client, Share};
-use super::streams::USUAL_NAME;
+use super::streams::DEFAULT_NAME;
 use crate::asset::AssetId;
 use crate::service::{LiveFrame, LiveUpdate, StreamViewer};
 
-/// How often a quiet connection is kept from being taken for dead.
+/// Interval of keep-alive comments on a quiet connection.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
-/// How often is looked whether the token that opened a view is still taken.
+/// Interval at which the token of a view is checked.
 const TOKEN_INTERVAL: Duration = Duration::from_secs(2);
 
-/// Which stream is looked at.
+/// The stream to watch.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LiveParameters {
-    /// The stream's name: `main` where not given.
+    /// The stream's name, default `main`.
     name: Option<String>,
 }
 
-/// One event of a live view as it comes over the connection.
+/// One server-sent event of a live view.
 #[derive(utoipa::ToSchema)]
 #[expect(dead_code, reason = "describes what axum writes")]
 struct LiveViewEvent {
     /// `frame` or `waiting`.
     event: String,
-    /// As JSON: the frame, or for how long no samples came.
+    /// JSON: the frame, or for how long no samples arrived.
     data: LiveViewData,
 }
 
-/// What an event of a live view says.
+/// The data of a live view event.
 #[derive(Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 #[expect(dead_code, reason = "describes what axum writes")]
@@ -56,19 +56,19 @@ enum LiveViewData {
     Waiting(LiveWaiting),
 }
 
-/// No samples come.
+/// No samples arrive.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct LiveWaiting {
-    /// For so many seconds.
+    /// Seconds without samples.
     seconds: u64,
 }
 
-/// Look at a live stream as it comes
+/// Watch a live stream
 ///
-/// Events `frame`, up to eight a second while samples come: a scope, a spectrum and the level of each channel
-/// over the last second, with the speed and the mesh frequency. Events `waiting` say each second that no
-/// samples come. A frame is made once however many look at it, and only while somebody does; who is slow gets
-/// fewer of them. The events end when the asset is removed, the token revoked or the service stopped.
+/// Events `frame`, up to eight per second while samples arrive: scope, spectrum and level of each channel
+/// over the last second, with speed and mesh frequency. Events `waiting`, once per second while no samples
+/// arrive. A frame is computed once for all viewers, and only if there are any; slow clients receive fewer
+/// frames. The events end when the asset is removed, the token is revoked or the service stops.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/stream/live",
@@ -76,18 +76,18 @@ struct LiveWaiting {
     params(("asset" = AssetId, Path, description = "The asset"), LiveParameters),
     responses(
         (status = 200, body = LiveViewEvent, content_type = "text/event-stream"),
-        (status = 501, body = Details, content_type = "application/problem+json", description = "A cluster takes no streams"),
-        (status = 503, body = Details, content_type = "application/problem+json", description = "Too many are open"),
+        (status = 501, body = Details, content_type = "application/problem+json", description = "Not supported in a cluster"),
+        (status = 503, body = Details, content_type = "application/problem+json", description = "Too many streams are open"),
     ),
 )]
 pub(super) async fn watch(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<LiveParameters>,
+    Parameters(params): Parameters<LiveParameters>,
     client: Client,
     caller: Option<Extension<Caller>>,
 ) -> Result<Response, Problem> {
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     let Some(share) = app.event_streams.take(client) else {
         return Ok(events::too_many());
     };
@@ -102,11 +102,11 @@ pub(super) async fn watch(
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 
-/// A connection over which a stream is looked at.
+/// A connection that watches a stream.
 struct View {
     app: App,
     viewer: StreamViewer,
-    /// Whose token opened it; it ends when that is revoked.
+    /// The token that opened the view, which ends when the token is revoked.
     caller: Option<Caller>,
     over: watch::Receiver<bool>,
     token_seen_at: Instant,
@@ -114,13 +114,13 @@ struct View {
 }
 
 impl View {
-    /// What is to be sent next; none at its end.
+    /// Returns the next event; `None` at the end.
     async fn next(&mut self) -> Option<Event> {
         loop {
             if self.token_seen_at.elapsed() >= TOKEN_INTERVAL {
                 self.token_seen_at = Instant::now();
                 if let Some(caller) = &self.caller
-                    && !self.app.access.still_takes(caller).await
+                    && !self.app.access.is_still_valid(caller).await
                 {
                     return None;
                 }
@@ -138,7 +138,7 @@ fn event(update: &LiveUpdate) -> Event {
     match update {
         LiveUpdate::Frame(frame) => Event::default().event("frame").data(frame),
         LiveUpdate::Waiting(seconds) => {
-            // A number: it always serialises.
+            // a structure of numbers and strings always serialises
             let waiting = serde_json::to_string(&LiveWaiting { seconds: *seconds }).unwrap_or_default();
             Event::default().event("waiting").data(waiting)
         }

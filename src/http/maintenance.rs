@@ -1,4 +1,4 @@
-//! `/v1/assets/{asset}/maintenance`: what was done to a machine.
+//! `/v1/assets/{asset}/maintenance`: maintenance events of a machine.
 
 use axum::Json;
 use axum::body::Body;
@@ -18,28 +18,28 @@ use crate::asset::AssetId;
 use crate::estimate::{Inspection, MaintenanceEvent, MaintenanceKind};
 use crate::store::StoredEvent;
 
-/// Something that was done.
+/// A maintenance event to add.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Done {
-    /// When; now where not given.
+    /// Time; default now.
     #[serde(default)]
     #[schema(example = "2026-03-01T08:00:00Z")]
     time: Option<Timestamp>,
-    /// What was done.
+    /// Kind of maintenance.
     #[schema(example = "gear_replaced")]
     kind: MaintenanceKind,
-    /// Who did it: 1 to 200 bytes.
+    /// Name of the person: 1 to 200 bytes.
     #[schema(example = "Ada")]
     by: String,
-    /// In their words: at most 2000 bytes.
+    /// Comment: at most 2000 bytes.
     #[serde(default)]
     #[schema(example = "new pair, same drawing")]
     comment: String,
-    /// What was measured, for the kind `inspected`.
+    /// The measurement, for the kind `inspected`.
     #[serde(default)]
     inspection: Option<Inspection>,
-    /// The first time after `time` that is no part of the baseline, for the kind `baseline_chosen`.
+    /// The end of the baseline (exclusive), for the kind `baseline_chosen`.
     #[serde(default)]
     until: Option<Timestamp>,
 }
@@ -64,10 +64,10 @@ impl EventView {
     }
 }
 
-/// Tell of maintenance
+/// Add a maintenance event
 ///
-/// It counts from the first record at its time or later. Where there are such records, the history is
-/// estimated again in the background. The same event again is answered as the first time.
+/// It takes effect from the first record at or after its time. If there are such records, the history is
+/// recomputed in the background. Sending the same event again returns the first answer.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/maintenance",
@@ -95,9 +95,9 @@ pub(super) async fn add(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)))
 }
 
-/// Maintenance of an asset
+/// List maintenance events of an asset
 ///
-/// What was done, the latest first.
+/// Newest first.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/maintenance",
@@ -108,10 +108,10 @@ pub(super) async fn add(
 pub(super) async fn list(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<EventView>>, Problem> {
-    let limit = query::limit(asked.limit)?;
-    let after = query::place_cursor(asked.cursor.as_deref())?;
+    let limit = query::limit(params.limit)?;
+    let after = query::place_cursor(params.cursor.as_deref())?;
     let store = &app.service.store;
     store.asset(&asset).await?;
     let events = store.latest_maintenance(&asset, after.as_ref(), limit + 1).await?;
@@ -120,9 +120,9 @@ pub(super) async fn list(
     Ok(Json(page.map(|stored| EventView::new(asset.clone(), stored))))
 }
 
-/// Take a maintenance event back
+/// Delete a maintenance event
 ///
-/// As if it had never been told of: the history is estimated again where it reaches the event.
+/// The history is recomputed without it.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}/maintenance/{event}",
@@ -153,13 +153,13 @@ impl<S: Send + Sync> FromRequestParts<S> for EventInPath {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let parsed = Path::<(String, String)>::from_request_parts(parts, state).await;
         let Path((asset, event)) = parsed.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
-        let asset = AssetId::new(asset)
-            .map_err(|error| Problem::not_found(format!("there is no such asset: {error}")))?;
+        let asset =
+            AssetId::new(asset).map_err(|error| Problem::not_found(format!("asset not found: {error}")))?;
         Ok(Self { asset, event })
     }
 }
 
-/// Refuses a choice of a baseline without its end, and an end of anything else.
+/// Rejects a chosen baseline without an end, and an end for any other kind.
 fn check_until(kind: MaintenanceKind, time: Timestamp, until: Option<Timestamp>) -> Result<(), Problem> {
     let refused = |detail: String| Err(Problem::new(StatusCode::BAD_REQUEST, detail));
     match (kind, until) {
@@ -176,7 +176,7 @@ fn check_until(kind: MaintenanceKind, time: Timestamp, until: Option<Timestamp>)
     }
 }
 
-/// Refuses an inspection without its numbers, and numbers without an inspection.
+/// Rejects an inspection without a measurement, and a measurement for any other kind.
 fn check_inspection(kind: MaintenanceKind, inspection: Option<&Inspection>) -> Result<(), Problem> {
     let refused = |detail: String| Err(Problem::new(StatusCode::BAD_REQUEST, detail));
     match (kind, inspection) {

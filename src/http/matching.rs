@@ -1,5 +1,5 @@
-//! `/v1/segments/{segment}/match`: what a record's features have become since the baseline, beside what the
-//! library expects of a wear depth.
+//! `/v1/segments/{segment}/match`: feature changes of a record since the baseline, with the library's
+//! prediction.
 
 use axum::Json;
 use axum::extract::State;
@@ -17,7 +17,7 @@ use crate::store::{Order, SegmentFilter};
 /// Decibels in one unit of a natural logarithm of an amplitude.
 const DB_PER_NEPER: f64 = 20.0 / std::f64::consts::LN_10;
 
-/// A line counts where its healthy amplitude stands above the noise beside it by this factor.
+/// Minimum ratio of a line's healthy amplitude to the noise beside it for the line to count.
 const MIN_LINE_TO_BACKGROUND: f64 = 2.0;
 
 /// Measured and expected changes since the baseline.
@@ -29,11 +29,11 @@ pub(super) struct MatchView {
     library_id: String,
     /// The state that explains the record best.
     state_index: usize,
-    /// Wear depth in µm, the greatest over the flank.
+    /// Wear depth in µm, the maximum over the flank.
     wear_um: f64,
     /// 5 % and 95 % quantile of wear depth in µm.
     interval_um: [f64; 2],
-    /// Records that the baseline was learnt from.
+    /// Number of baseline records.
     baseline_records: usize,
     /// The features by name.
     features: Vec<FeatureRow>,
@@ -50,9 +50,9 @@ struct FeatureRow {
     scatter_db: f64,
     /// The library's change at the median wear depth.
     expected_db: Option<f64>,
-    /// The least and the greatest change that it has within the interval of wear depths.
+    /// The minimum and maximum change within the interval of wear depths.
     expected_interval_db: Option<[f64; 2]>,
-    /// Whether it stood above the noise when healthy.
+    /// Whether the feature was above the noise when healthy.
     above_noise: bool,
 }
 
@@ -73,10 +73,7 @@ pub(super) async fn show(
     let (Some(library_id), Some(state), Some(median), Some(low), Some(high)) =
         (&wear.library_id, &wear.best_state, wear.median_um, wear.p05_um, wear.p95_um)
     else {
-        return Err(Problem::not_found(format!(
-            "there is nothing to match this record with: {}",
-            wear.reason
-        )));
+        return Err(Problem::not_found(format!("this record cannot be matched: {}", wear.reason)));
     };
     let library = libraries::find(&app, library_id).await?;
     let baseline = baseline(&app, &segment).await?;
@@ -91,8 +88,8 @@ pub(super) async fn show(
     }))
 }
 
-/// The records that the channel's baseline was learnt from: its first ones, or those after the latest
-/// maintenance before the record; fewer than it needs while it is being learnt.
+/// The records of the channel's baseline: its first ones, or those after the latest maintenance before the
+/// record; fewer than needed while the baseline is being collected.
 pub(super) async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
     let events = app.service.store.maintenance(&segment.asset_id).await?;
     let begins_baseline = |event: &&MaintenanceEvent| {
@@ -147,7 +144,7 @@ fn moments(values: &[f64]) -> (f64, f64) {
     (mean, (squares / values.len().saturating_sub(1).max(1) as f64).sqrt())
 }
 
-/// Linear between rising nodes, held at the ends.
+/// Linear interpolation between ascending nodes, constant beyond the ends.
 fn interpolate(nodes: &[f64], values: &[f64], x: f64) -> f64 {
     let upper = nodes.partition_point(|node| *node <= x).clamp(1, nodes.len().max(2) - 1);
     let part = (x - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]);
@@ -159,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn between_states_the_library_is_linear_and_beyond_them_held() {
+    fn interpolation_is_linear_between_states_and_constant_beyond() {
         let at = |x| interpolate(&[0.0, 5.0, 10.0], &[1.0, 2.0, 0.0], x);
         assert_eq!([-1.0, 0.0, 2.5, 5.0, 7.5, 10.0, 99.0].map(at), [1.0, 1.0, 1.5, 2.0, 1.0, 0.0, 0.0]);
     }

@@ -1,4 +1,4 @@
-//! What the API measures of itself.
+//! Request metrics of the API.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -11,31 +11,31 @@ use super::metrics_text::MetricsText;
 /// Upper bounds of the latency histogram in seconds.
 const BOUNDS_S: [f64; 12] = [0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0];
 
-/// Methods that are told apart.
+/// Methods with their own series.
 const KNOWN_METHODS: [Method; 7] =
     [Method::GET, Method::HEAD, Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::OPTIONS];
 
-/// What the API measures of itself, by method and route.
+/// Request metrics by method and route.
 #[derive(Debug, Default)]
 pub(super) struct Measurements {
     by_route: Mutex<BTreeMap<(String, String), RouteMeasurements>>,
 }
 
-/// What is measured of one route under one method.
+/// Metrics of one route and method.
 #[derive(Debug, Clone, Default)]
 struct RouteMeasurements {
-    /// Requests no longer than each bound and longer than the one before; the last counts the longer ones.
+    /// Number of requests per latency bucket, not cumulative; the last one counts requests beyond all bounds.
     latency: [u64; BOUNDS_S.len() + 1],
     latency_sum_s: f64,
-    /// Answers by the first digit of their status.
+    /// Answers by the first digit of the status.
     answers: BTreeMap<u16, u64>,
 }
 
 impl Measurements {
-    /// Counts a request and how long it took.
+    /// Counts a request and its duration.
     pub(super) fn request(&self, method: &Method, route: Option<&str>, took: Duration, status: StatusCode) {
         let took_s = took.as_secs_f64();
-        // A client may name any method and any path; each of those would be a series of its own for ever.
+        // Unknown methods and paths share a series: clients could otherwise create any number of them.
         let method = if KNOWN_METHODS.contains(method) { method.as_str() } else { "other" };
         let route = route.unwrap_or("unmatched");
         let mut by_route = self.by_route.lock().unwrap_or_else(PoisonError::into_inner);
@@ -45,14 +45,10 @@ impl Measurements {
         *measured.answers.entry(status.as_u16() / 100).or_default() += 1;
     }
 
-    /// Writes what was measured.
+    /// Writes the metrics.
     pub(super) fn write(&self, text: &mut MetricsText) {
         let by_route = &self.by_route.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        text.head(
-            "flankwatch_requests_total",
-            "counter",
-            "Requests answered, by the class of the answer's status.",
-        );
+        text.head("flankwatch_requests_total", "counter", "Requests answered, by status class.");
         for ((method, route), measured) in by_route {
             for (class, count) in &measured.answers {
                 let class = format!("{class}xx");
@@ -64,7 +60,7 @@ impl Measurements {
             }
         }
         let name = "flankwatch_request_duration_seconds";
-        text.head(name, "histogram", "Time from the head of a request to the head of its answer.");
+        text.head(name, "histogram", "Time from the request head to the response head.");
         for ((method, route), measured) in by_route {
             let labels = [("method", method.as_str()), ("route", route.as_str())];
             let mut count = 0;

@@ -1,7 +1,7 @@
 //! `GET /metrics` and `GET /metrics/machines` in Prometheus' text format.
 //!
-//! What a process measures of itself is its own and stays small. What is known of machines is the same on every
-//! node of a cluster and grows with the fleet, so it has an address of its own, which is asked once.
+//! The metrics of a process are its own and few. The metrics of machines are the same on every node of a
+//! cluster and grow with the fleet, so they have a separate address that is scraped on one node.
 
 use axum::extract::State;
 use axum::http::header;
@@ -21,13 +21,12 @@ use crate::service::{FeedCount, Service};
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct MetricsParameters {
-    /// Names of the indicators that are shown, with commas between them, for a fleet of which all would be
-    /// too many; all where not given, none where empty.
+    /// Names of the indicators shown, comma-separated, for large fleets; all by default, none if empty.
     #[param(example = "rms,kurtosis,novelty")]
     indicators: Option<String>,
 }
 
-/// Measurements of this process in Prometheus' text format
+/// Metrics of this process in Prometheus' text format
 #[utoipa::path(
     get,
     path = "/metrics",
@@ -44,7 +43,7 @@ pub(super) async fn show(State(app): State<App>) -> Result<impl IntoResponse, Pr
 
 /// Indicators, wear and alarms of each machine in Prometheus' text format
 ///
-/// The same on every node of a cluster: one of them is asked.
+/// The same on every node of a cluster: scrape one of them.
 #[utoipa::path(
     get,
     path = "/metrics/machines",
@@ -54,17 +53,17 @@ pub(super) async fn show(State(app): State<App>) -> Result<impl IntoResponse, Pr
 )]
 pub(super) async fn machines(
     State(app): State<App>,
-    Parameters(asked): Parameters<MetricsParameters>,
+    Parameters(params): Parameters<MetricsParameters>,
 ) -> Result<impl IntoResponse, Problem> {
     let wanted: Option<Vec<&str>> =
-        asked.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
+        params.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
     let mut text = MetricsText::default();
     assets(&app, wanted.as_deref(), &mut text).await?;
     alarms(&app, &mut text).await?;
     Ok(page(text))
 }
 
-/// What a worker measures.
+/// The metrics of a worker.
 pub(super) async fn of_worker(
     service: &Service,
     queue: &QueueWatch,
@@ -86,11 +85,7 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
     let segments = service.store.segment_count().await?;
     text.single("flankwatch_segments", "gauge", "Segments in the store.", segments);
     let tally = &service.tally;
-    text.head(
-        "flankwatch_records_total",
-        "counter",
-        "Records received since the start, by what became of them.",
-    );
+    text.head("flankwatch_records_total", "counter", "Records received since the start, by outcome.");
     let outcomes = [
         ("stored", tally.stored()),
         ("repeated", tally.repeated()),
@@ -100,13 +95,13 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
     for (outcome, count) in outcomes {
         text.line("flankwatch_records_total", &[("outcome", outcome)], count);
     }
-    let (used, most) = service.workers.queue();
+    let (used, capacity) = service.workers.queue();
     text.single("flankwatch_ingest_queue_used", "gauge", "Uploads being processed or waiting.", used);
     text.single(
         "flankwatch_ingest_queue_limit",
         "gauge",
-        "Uploads beyond which further ones are refused.",
-        most,
+        "Maximum number of uploads; further ones are refused.",
+        capacity,
     );
     feeds(service, text);
     notifications::metrics(service, text).await
@@ -120,7 +115,7 @@ fn feeds(service: &Service, text: &mut MetricsText) {
     text.head(
         "flankwatch_feed_messages_total",
         "counter",
-        "Messages of a feed since the start: received, and of these accepted, repeated (sent again) and refused.",
+        "Messages of a feed since the start: received, and of these accepted, repeated and refused.",
     );
     let outcomes = [
         ("received", FeedCount::Received),
@@ -134,19 +129,19 @@ fn feeds(service: &Service, text: &mut MetricsText) {
             text.line("flankwatch_feed_messages_total", &labels, feed.counted(count));
         }
     }
-    text.head("flankwatch_feed_reconnects_total", "counter", "Connections of a feed after its first.");
+    text.head("flankwatch_feed_reconnects_total", "counter", "Reconnections of a feed.");
     for feed in &feeds {
         let count = feed.counted(FeedCount::Reconnected);
         text.line("flankwatch_feed_reconnects_total", &[("feed", feed.name())], count);
     }
-    text.head("flankwatch_feed_connected", "gauge", "Whether a feed's connection stands.");
+    text.head("flankwatch_feed_connected", "gauge", "Whether a feed is connected.");
     for feed in &feeds {
         text.line("flankwatch_feed_connected", &[("feed", feed.name())], u8::from(feed.is_connected()));
     }
     text.head(
         "flankwatch_feed_messages_held",
         "gauge",
-        "Messages of a feed that cannot be taken now and wait, unacknowledged.",
+        "Messages of a feed that cannot be accepted now and wait unacknowledged.",
     );
     for feed in &feeds {
         text.line("flankwatch_feed_messages_held", &[("feed", feed.name())], feed.held());

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-/// Lines of the page.
+/// The lines of the page.
 #[derive(Default)]
 pub(super) struct MetricsText(String);
 

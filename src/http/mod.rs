@@ -1,7 +1,7 @@
 //! The HTTP API and the dashboard.
 //!
-//! Routes stand on one page (`router`), one file a resource; a handler extracts, calls and renders.
-//! Everything that goes wrong is answered as a problem (RFC 9457).
+//! All routes are in `router`, one file per resource; a handler extracts, calls and renders. Every error is
+//! answered as a problem (RFC 9457).
 
 mod access;
 mod alarm_trials;
@@ -14,7 +14,6 @@ mod baseline_statistics;
 mod body;
 mod category;
 mod cepstra;
-mod chosen;
 mod connections;
 mod content_encoding;
 mod csv_preview;
@@ -69,6 +68,7 @@ mod resumable;
 mod resumable_upload;
 mod router;
 mod segments;
+mod selection;
 mod server;
 mod session;
 mod shares;

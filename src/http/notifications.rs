@@ -1,4 +1,4 @@
-//! `/v1/notifications`: how those who are notified of alarms are reached.
+//! `/v1/notifications`: status of the alarm notifications per recipient.
 
 use axum::Json;
 use axum::extract::State;
@@ -11,29 +11,29 @@ use super::problem::Problem;
 use crate::service::Service;
 use crate::store::Notified;
 
-/// How the notifications of a recipient stand.
+/// Status of a recipient's notifications.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RecipientView {
     /// The recipient's name in the settings.
     name: String,
-    /// Notifications that are not sent yet.
+    /// Number of notifications not sent yet.
     waiting: u64,
-    /// When the oldest of them was noted; none where nothing waits.
+    /// Creation time of the oldest of them; none if nothing waits.
     oldest_at: Option<Timestamp>,
-    /// Those sent in the last 30 days.
+    /// Number sent in the last 30 days.
     sent: u64,
-    /// When the last of them was sent.
+    /// When the last one was sent.
     last_sent_at: Option<Timestamp>,
-    /// Those given up in the last 30 days.
+    /// Number that failed for good in the last 30 days.
     given_up: u64,
-    /// Why the latest of those that wait or are given up failed; none where none has failed.
+    /// Error of the latest waiting or failed notification; none if there was no error.
     error: Option<String>,
 }
 
-/// Those who are notified of alarms.
+/// Recipients of alarm notifications.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RecipientList {
-    /// One for each.
+    /// One entry per recipient.
     items: Vec<RecipientView>,
 }
 
@@ -44,9 +44,9 @@ impl From<Notified> for RecipientView {
     }
 }
 
-/// List those who are notified of alarms
+/// List recipients of alarm notifications
 ///
-/// The webhooks and e-mails of the settings file, with what waits for each and what was given up.
+/// The webhooks and e-mails of the settings file, with the waiting and failed notifications of each.
 #[utoipa::path(
     get,
     path = "/v1/notifications",
@@ -58,8 +58,8 @@ pub(super) async fn list(State(app): State<App>) -> Result<Json<RecipientList>, 
     Ok(Json(RecipientList { items: notified.into_iter().map(RecipientView::from).collect() }))
 }
 
-/// The same in Prometheus' text format; nothing where nobody is notified. Every process of a cluster shows
-/// the same numbers.
+/// The same in Prometheus' text format; nothing without recipients. Every process of a cluster shows the same
+/// numbers.
 pub(super) async fn metrics(service: &Service, text: &mut MetricsText) -> Result<(), Problem> {
     let all = service.store.notified().await?;
     if all.is_empty() {
@@ -72,24 +72,20 @@ pub(super) async fn metrics(service: &Service, text: &mut MetricsText) -> Result
             text.line(name, &[("recipient", &notified.recipient)], value(notified));
         }
     };
-    gauge(
-        "flankwatch_notifications_waiting",
-        "Notifications of alarms that are not sent yet.",
-        &|notified| notified.waiting as f64,
-    );
+    gauge("flankwatch_notifications_waiting", "Alarm notifications not sent yet.", &|notified| {
+        notified.waiting as f64
+    });
     gauge(
         "flankwatch_notifications_oldest_age_seconds",
-        "How long the oldest of these notifications has been waiting.",
+        "Age of the oldest waiting notification.",
         &|notified| notified.oldest_at.map_or(0.0, |at| now.duration_since(at).as_secs_f64().max(0.0)),
     );
-    gauge(
-        "flankwatch_notifications_sent",
-        "Notifications of alarms that were sent in the last 30 days.",
-        &|notified| notified.sent as f64,
-    );
+    gauge("flankwatch_notifications_sent", "Alarm notifications sent in the last 30 days.", &|notified| {
+        notified.sent as f64
+    });
     gauge(
         "flankwatch_notifications_given_up",
-        "Notifications of alarms that could not be sent and were given up in the last 30 days.",
+        "Alarm notifications that failed for good in the last 30 days.",
         &|notified| notified.given_up as f64,
     );
     Ok(())

@@ -1,4 +1,4 @@
-//! The description of the API (OpenAPI 3.1), generated from the handlers, and the page that shows it.
+//! The API description (OpenAPI 3.1), generated from the handlers, and the page that shows it.
 
 use axum::Router;
 use axum::http::{HeaderValue, header};
@@ -12,61 +12,60 @@ use utoipa::openapi::OpenApi;
 use super::problem::Details;
 use super::request_examples;
 
-/// Where the files of Swagger UI are found.
+/// Path of the Swagger UI files.
 const UI_FILES: &str = "/docs/ui";
 
-/// The page at `/docs`; its script is a file of its own because no script within a page may run.
+/// The page at `/docs`; its script is a separate file because inline scripts are blocked.
 const PAGE: &str = include_str!("openapi/docs.html");
 
 const SCRIPT: &str = include_str!("openapi/docs.js");
 
-/// What the description says of the whole.
-const ABOUT: &str = "Vibration records in, condition indicators and wear depth with an honest interval out. Times are RFC 3339 in UTC, and a \
-    record's time is that of its first sample. Wear depths are in micrometres, frequencies in hertz, amplitudes of spectra are peak \
-    amplitudes. Lists are paged by `cursor`. What goes wrong is answered as a problem after RFC 9457 that names the field, its value and \
-    what was expected; only 429, 502, 503 and 504 are worth repeating, after the time in `Retry-After`.";
+/// The description of the API as a whole.
+const DESCRIPTION: &str = "Takes vibration records; returns condition indicators and wear depth with its interval. Times are RFC 3339 in UTC; a record's \
+    time is that of its first sample. Wear depths are in micrometres, frequencies in hertz, and spectrum amplitudes are peak amplitudes. \
+    Lists are paged by `cursor`. Errors are RFC 9457 problems that name the field, its value and what was expected. Only 429, 502, 503 \
+    and 504 are worth retrying, after the time in `Retry-After`.";
 
-/// Problems that any operation can answer with, and those of operations with a body or with a name in the
-/// path.
-const ALWAYS: &[(&str, &str)] = &[
-    ("400", "A parameter cannot be used"),
-    ("401", "A token is needed"),
-    ("403", "The token's scope does not reach so far, or the request comes from a page of another host"),
+/// Problems that any operation can return, and those of operations with a name in the path or with a body.
+const COMMON: &[(&str, &str)] = &[
+    ("400", "Invalid parameter"),
+    ("401", "Token required"),
+    ("403", "Insufficient scope, or a request from a page of another host"),
     ("429", "Too many requests with this token"),
-    ("500", "A fault of the service"),
-    ("503", "Not now: the queue is full or the request took too long"),
+    ("500", "Internal error"),
+    ("503", "Temporarily unavailable: the queue is full or the request timed out"),
 ];
-const WITH_NAME: &[(&str, &str)] = &[("404", "There is no such thing")];
+const WITH_NAME: &[(&str, &str)] = &[("404", "Not found")];
 const WITH_BODY: &[(&str, &str)] = &[
-    ("408", "The body took too long to come"),
+    ("408", "Timeout while reading the body"),
     ("413", "The body is too large"),
-    ("415", "The media type or content coding is not taken"),
-    ("422", "The body does not say what is needed"),
-    ("507", "There is no room"),
+    ("415", "Unsupported media type or content encoding"),
+    ("422", "Invalid body"),
+    ("507", "Insufficient storage"),
 ];
 
-/// Of operations that read a record's raw bytes.
-const FROM_RAW: &[(&str, &str)] = &[("410", "The raw recording was given up for the quota")];
+/// For operations that read a record's raw bytes.
+const FROM_RAW: &[(&str, &str)] = &[("410", "The raw recording was deleted for the quota")];
 const READ_RAW: [&str; 7] = ["/raw", "/waveform", "/spectrum", "/envelope", "/orders", "/turn", "/cepstrum"];
 
-/// Of operations without a body that write a file.
-const WITH_FILE: &[(&str, &str)] = &[("507", "There is no room")];
+/// For operations without a body that write a file.
+const WITH_FILE: &[(&str, &str)] = &[("507", "Insufficient storage")];
 
-/// The finished description as JSON.
+/// The complete description as JSON.
 pub(super) fn document(generated: OpenApi) -> Value {
-    // A plain structure of strings, numbers and maps: it always serialises.
+    // a structure of strings, numbers and maps always serialises
     let mut document = serde_json::to_value(generated).unwrap_or_default();
     document["info"] = json!({
         "title": "flankwatch",
         "version": env!("CARGO_PKG_VERSION"),
-        "description": ABOUT,
+        "description": DESCRIPTION,
         "license": { "name": "Apache-2.0", "identifier": "Apache-2.0" },
     });
     document["servers"] = json!([{ "url": "/" }]);
     document["components"]["schemas"]["Problem"] = json!(Details::schema());
     document["components"]["securitySchemes"] = json!({ "token": {
         "type": "http", "scheme": "bearer",
-        "description": "A token made by `flankwatch token create`; none is needed where the service has none.",
+        "description": "A token created with `flankwatch token create`; not needed while no tokens exist.",
     }});
     document["security"] = json!([{}, { "token": [] }]);
     let schemas = document["components"]["schemas"].clone();
@@ -88,14 +87,14 @@ pub(super) fn document(generated: OpenApi) -> Value {
     document
 }
 
-/// What tells an operation from all others; the names of the handlers do so only in their own files.
+/// A unique operation id; handler names are unique only within their files.
 fn operation_id(method: &str, path: &str) -> String {
     let words = path.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     words.fold(method.to_owned(), |id, word| format!("{id}_{word}"))
 }
 
 fn add_problems(path: &str, operation: &mut Value) {
-    let mut problems = ALWAYS.to_vec();
+    let mut problems = COMMON.to_vec();
     if path.contains('{') {
         problems.extend(WITH_NAME);
     }
@@ -119,7 +118,7 @@ fn add_problems(path: &str, operation: &mut Value) {
     }
 }
 
-/// A schema that others take in whole cannot refuse their members: it is written out there without that rule.
+/// A schema that others flatten cannot refuse their members: it is written out there without that rule.
 fn open_what_is_flattened(part: &mut Value, schemas: &Value) {
     match part {
         Value::Array(parts) => parts.iter_mut().for_each(|part| open_what_is_flattened(part, schemas)),
@@ -149,7 +148,7 @@ fn write_out(part: &mut Value, schemas: &Value) {
     }
 }
 
-/// `/openapi.json`, `/docs` and the files that it shows itself with.
+/// `/openapi.json`, `/docs` and the files of the page.
 pub(super) fn routes<S: Clone + Send + Sync + 'static>(document: &Value) -> Router<S> {
     let text = Bytes::from(document.to_string());
     let ui = swagger_ui_dist::generate_routes::<&str>(swagger_ui_dist::ApiDefinition {

@@ -1,4 +1,4 @@
-//! `/v1/pair-presets`: described gear pairs to begin with.
+//! `/v1/pair-presets`: example gear pairs as a starting point.
 
 use axum::Json;
 use axum::http::StatusCode;
@@ -16,18 +16,18 @@ const PRESETS: [(&str, &str); 4] = [
     ("plastic-module-0.5", include_str!("../../fixtures/pairs/plastic-module-0.5.toml")),
 ];
 
-/// A described gear pair.
+/// An example gear pair.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct PairPreset {
     /// Its name.
     name: &'static str,
-    /// The pair, as `gear.pair` of an asset takes it.
+    /// The pair, in the form of an asset's `gear.pair`.
     pair: PairSpec,
 }
 
-/// Gear pairs to begin with
+/// List example gear pairs
 ///
-/// Pairs that are described in full, to start a description of one's own from.
+/// Complete pairs as a starting point for new descriptions.
 #[utoipa::path(
     get,
     path = "/v1/pair-presets",

@@ -1,4 +1,4 @@
-//! The pieces of an upload read as one file.
+//! Reads the pieces of an upload as one file.
 
 use std::collections::VecDeque;
 use std::io::{self, Cursor, Read};
@@ -8,10 +8,10 @@ use bytes::Bytes;
 
 use crate::store::{Store, StoreError, UploadPiece};
 
-/// Wait before a piece is asked for again where the store is away.
+/// Delay before retrying while the store is unavailable.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
-/// Reads pieces one after the other. Blocks on the disk or the network.
+/// Reads pieces one after the other. Blocks on disk or network.
 pub(super) struct PieceReader {
     store: Store,
     upload: String,

@@ -1,11 +1,11 @@
 //! Plotly.js from the `plotly` crate's embedded copy.
 
-/// The script without the HTML that the crate wraps it in; MathJax, which follows it there and is fetched
-/// from elsewhere, is left out.
+/// The script without the surrounding HTML, and without MathJax, which the crate appends and which is loaded
+/// from elsewhere.
 pub fn plotly_js() -> String {
     let sources = plotly::Plot::offline_js_sources();
     let begin = sources.find('>').map_or(0, |tag_end| tag_end + 1);
-    // The script itself has the end tag only within lines.
+    // The script itself contains the end tag only within lines.
     let end = sources.match_indices("</script>\n").next().map_or(sources.len(), |(at, _)| at);
     sources.get(begin..end).unwrap_or_default().to_owned()
 }

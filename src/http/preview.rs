@@ -1,4 +1,4 @@
-//! `/v1/preview`: what a described gear pair does, before there is an asset or a record.
+//! `/v1/preview`: the model's predictions for a gear pair, without an asset or a record.
 
 use axum::Json;
 use axum::body::Body;
@@ -15,55 +15,55 @@ use super::problem::Problem;
 use crate::asset::{AssetError, GearSpec};
 use crate::gear::PairSpec;
 
-/// What is to be previewed.
+/// A preview request.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[schema(as = PreviewRequest)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Request {
-    /// The mesh as an asset describes it.
+    /// The mesh as in an asset's description.
     gear: GearSpec,
-    /// Greatest wear depth in µm, from 0 to the answer's `max_wear_um`.
+    /// Maximum wear depth in µm, from 0 to the answer's `max_wear_um`.
     #[serde(default)]
     wear_um: f64,
-    /// Torque on the driving gear in N·m; that of the pair where not given.
+    /// Torque on the driving gear in N·m; by default the pair's.
     #[serde(default)]
     torque_nm: Option<f64>,
-    /// Rotational frequency of the driving shaft in hertz; that of the pair where not given.
+    /// Rotational frequency of the driving shaft in hertz; by default the pair's.
     #[serde(default)]
     shaft_speed_hz: Option<f64>,
 }
 
-/// What the model says of a gear pair.
+/// The model's predictions for a gear pair.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Preview {
-    /// Everything for which `POST /v1/assets` refuses these teeth, this speed and this pair, and what of the
-    /// wear and the operating point cannot be; empty where all can be.
+    /// All reasons for which `POST /v1/assets` would refuse these teeth, this speed and this pair, and
+    /// impossible wear or operating points; empty if everything is valid.
     refusals: Vec<Refusal>,
-    /// Geometry of the pair, also of one that cannot be; none without a pair, and where its numbers give no
+    /// Geometry of the pair, even of an impossible one; none without a pair or if its numbers define no
     /// geometry.
     #[serde(skip_serializing_if = "Option::is_none")]
     geometry: Option<GeometryView>,
-    /// Greatest wear depth in µm that is previewed.
+    /// Maximum wear depth in µm that can be previewed.
     #[serde(skip_serializing_if = "Option::is_none")]
     max_wear_um: Option<f64>,
-    /// Mesh and vibration, unworn and worn; none where something is refused.
+    /// Mesh and vibration, unworn and worn; none if something is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<ModelView>,
 }
 
 /// Preview a gear pair
 ///
-/// What the model says of a pair as it is described, without an asset or a library: geometry with its limits,
-/// and at a wear depth, a torque and a speed the flanks, mesh stiffness, transmission error and the expected
-/// vibration. A pair that cannot be is answered with everything that is wrong and with its geometry as far as
-/// there is one. The mesh is worked out at the coarse resolution (the first ten mesh harmonics are within 1 %
-/// of a library's), with the compliance of the unworn teeth, and the vibration over at most 256 mesh periods;
-/// wear after Archard in steps of 1/24 of the greatest depth.
+/// The model's predictions for a described pair, without an asset or a library: geometry with its limits, and
+/// at a wear depth, torque and speed the flanks, mesh stiffness, transmission error and expected vibration.
+/// For an impossible pair, the answer lists all errors and any geometry that can be computed. The mesh uses
+/// the coarse resolution (the first ten mesh harmonics are within 1 % of a library's) and the compliance of
+/// the unworn teeth; the vibration covers at most 256 mesh periods. Archard wear uses steps of 1/24 of the
+/// maximum depth.
 #[utoipa::path(
     post,
     path = "/v1/preview",
     tag = "libraries",
-    request_body(content = Request, description = "The mesh, how far it is worn, and how it runs"),
+    request_body(content = Request, description = "The mesh, its wear and its operating point"),
     responses((status = 200, body = Preview)),
 )]
 pub(super) async fn preview(
@@ -110,12 +110,12 @@ pub(super) async fn preview(
     Ok(Json(answer.await?))
 }
 
-/// Greatest wear depth in µm that is previewed: that of a library's grid.
+/// Maximum wear depth in µm of a preview: that of a library's grid.
 fn max_wear_um(pair: &PairSpec) -> f64 {
     pair.usual_wear_um()
 }
 
-/// What an asset with this mesh is refused for, its pair's own numbers apart.
+/// Reasons to refuse an asset with this mesh, besides the pair's own numbers.
 fn refusals_beside_pair(gear: &GearSpec) -> Vec<Refusal> {
     let refusal = |error| match error {
         AssetError::Field { field, value, expected } => Refusal::of_field(field, value, expected),

@@ -1,4 +1,4 @@
-//! A previewed pair's geometry: its measures, and what its teeth are drawn from.
+//! The geometry of a previewed pair: its measures and the data to draw its teeth.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use crate::gear::{Gear, GearPair, GeometryMeasure};
 /// Points of a fillet and of a flank.
 const POINTS: usize = 24;
 
-/// The geometry of a pair, which may be one that cannot be.
+/// The geometry of a pair, possibly of an impossible one.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = PreviewGeometry)]
 pub(super) struct GeometryView {
@@ -15,7 +15,7 @@ pub(super) struct GeometryView {
     centre_distance_mm: f64,
     /// Operating pressure angle in degrees.
     pressure_angle_deg: f64,
-    /// What decides whether the teeth can mesh.
+    /// The measures that decide whether the teeth can mesh.
     measures: Vec<GeometryMeasure>,
     /// The driving and the driven gear.
     gears: Vec<GearView>,
@@ -39,19 +39,19 @@ struct GearView {
     pitch_radius_mm: f64,
     /// Tip radius in mm.
     tip_radius_mm: f64,
-    /// Radius in mm of the start of the active profile, where the other gear's tip meets the flank.
+    /// Radius in mm of the start of the active profile, where the mating gear's tip contacts the flank.
     start_of_active_profile_mm: f64,
     /// Mass in kg.
     mass_kg: f64,
     /// Moment of inertia in kg·m².
     inertia_kg_m2: f64,
-    /// Half of an unworn tooth in mm, distance along its centre line from the gear's centre and half of the
-    /// thickness: from the middle of the space up fillet and flank to the tip.
+    /// Half of an unworn tooth in mm as distance along its centre line from the gear's centre and half
+    /// thickness: from the middle of the space along fillet and flank to the tip.
     profile_mm: Vec<[f32; 2]>,
 }
 
 impl GeometryView {
-    /// None where the numbers give no drawing: a tooth without a flank.
+    /// `None` if the numbers define no drawing, for example a tooth without a flank.
     pub(super) fn of(pair: &GearPair, measures: Vec<GeometryMeasure>) -> Option<Self> {
         let gears: Vec<GearView> = (0..2).map(|i| GearView::of(pair, i)).collect();
         let is_drawn =
@@ -95,7 +95,7 @@ mod tests {
     use crate::gear::PairSpec;
 
     #[test]
-    fn a_pair_that_cannot_be_has_a_drawing() {
+    fn an_impossible_pair_has_a_drawing() {
         let mut spec = PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap();
         spec.geometry.teeth = [9, 26];
         spec.geometry.centre_distance_mm = None;

@@ -1,4 +1,4 @@
-//! Mesh and vibration of a previewed pair, and what is kept of pairs between two steps of a slider.
+//! Mesh and vibration of a previewed pair, cached between slider steps.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -12,22 +12,22 @@ use crate::gear::{
     WearShape,
 };
 
-/// Pairs that are kept, the latest used last.
-const KEPT_PAIRS: usize = 12;
+/// Maximum number of cached pairs (least recently used first out).
+const MAX_PAIRS: usize = 12;
 
-/// Operating points of which a pair's unworn state is kept.
-const KEPT_POINTS: usize = 8;
+/// Maximum number of operating points with a cached unworn state per pair.
+const MAX_POINTS: usize = 8;
 
 /// Positions of the mesh period.
 const CYCLE_POINTS: usize = 200;
 
-/// Stretches of a flank.
+/// Intervals of a flank.
 const FLANK_STRETCHES: usize = 60;
 
-/// Steps of wear after Archard, which is followed from unworn flanks on.
+/// Steps of Archard wear, which accumulates from the unworn flanks.
 const ARCHARD_STEPS: usize = 24;
 
-/// How the pair runs and how far it is worn.
+/// Operating point and wear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Conditions {
     pub(super) wear_um: f64,
@@ -39,7 +39,7 @@ pub(super) struct Conditions {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = PreviewModel)]
 pub(super) struct ModelView {
-    /// Greatest wear depth in µm.
+    /// Maximum wear depth in µm.
     wear_um: f64,
     /// Torque on the driving gear in N·m.
     torque_nm: f64,
@@ -47,7 +47,7 @@ pub(super) struct ModelView {
     shaft_speed_hz: f64,
     /// Mesh frequency in hertz.
     mesh_hz: f64,
-    /// Which pairs of teeth carry the load.
+    /// Contact rule: which pairs of teeth carry the load.
     contact: ContactRule,
     /// Version of the gear model.
     model_version: &'static str,
@@ -63,8 +63,8 @@ pub(super) struct ModelView {
     harmonics: Vec<HarmonicView>,
 }
 
-/// A gear's working flank from the start of its active profile to the tip, in the tooth's own coordinates: x
-/// along its centre line from the gear's centre, y half of its thickness before wear.
+/// A gear's working flank from the start of its active profile to the tip, in tooth coordinates: x along the
+/// centre line from the gear's centre, y half of the unworn thickness.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = PreviewFlank)]
 struct FlankView {
@@ -76,19 +76,19 @@ struct FlankView {
     depth_um: Vec<f32>,
 }
 
-/// One mesh period, and the vibration that it makes.
+/// One mesh period and the resulting vibration.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = PreviewState)]
 struct StateView {
     /// Angle of the driving gear over one mesh period in rad.
     phi1_rad: Vec<f32>,
-    /// Angle of the driven gear's tooth in contact with it in rad, without load.
+    /// Angle of the driven gear's mating tooth in rad, without load.
     phi2_rad: Vec<f32>,
     /// Mesh stiffness at each angle in N/m.
     stiffness_n_per_m: Vec<f32>,
     /// Unloaded static transmission error at each angle in rad.
     uste_rad: Vec<f32>,
-    /// Pairs of teeth that carry at each angle.
+    /// Number of tooth pairs that carry load at each angle.
     pairs_in_contact: Vec<u32>,
     /// The expected acceleration.
     vibration: Vibration,
@@ -110,59 +110,59 @@ struct HarmonicView {
     change_db: f64,
 }
 
-/// What is kept of pairs, so that a step of a slider works out only what is worn.
+/// Cached pairs, so that a slider step only computes the worn state.
 #[derive(Debug, Default)]
 pub(super) struct PreviewModels {
-    kept: Mutex<VecDeque<(String, Arc<PairModel>)>>,
+    models: Mutex<VecDeque<(String, Arc<PairModel>)>>,
 }
 
-/// A pair with what does not depend on its wear.
+/// A pair with everything that does not depend on its wear.
 #[derive(Debug)]
 struct PairModel {
     spec: PairSpec,
     pair: GearPair,
     bodies: Option<ElasticBodies>,
-    /// Flanks worn after Archard, from none to the greatest depth.
+    /// Archard-worn flanks, from unworn to the maximum depth.
     course: OnceLock<Result<Vec<FlankWear>, Refusal>>,
     unworn: Mutex<VecDeque<([u64; 2], Arc<StateView>)>>,
 }
 
 impl PreviewModels {
-    /// What the model says of a pair under these conditions, or why it says nothing.
+    /// Computes the model's predictions under these conditions, or why there are none.
     pub(super) fn view(&self, spec: &PairSpec, conditions: &Conditions) -> Result<ModelView, Refusal> {
         self.of(spec)?.view(conditions)
     }
 
     fn of(&self, spec: &PairSpec) -> Result<Arc<PairModel>, Refusal> {
         let key = serde_json::to_string(spec).unwrap_or_default();
-        let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let lock = || self.models.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = latest(&mut lock(), &key) {
             return Ok(known);
         }
         let made = Arc::new(PairModel::new(spec).map_err(|error| Refusal::of_pair(&error))?);
-        keep(&mut lock(), key, Arc::clone(&made), KEPT_PAIRS);
+        insert(&mut lock(), key, Arc::clone(&made), MAX_PAIRS);
         Ok(made)
     }
 }
 
-/// What is kept under a key, which becomes the latest.
-fn latest<K: PartialEq, V: Clone>(kept: &mut VecDeque<(K, V)>, key: &K) -> Option<V> {
-    let place = kept.iter().position(|(known, _)| known == key)?;
-    let entry = kept.remove(place)?;
+/// Looks up a cached value and marks it as most recently used.
+fn latest<K: PartialEq, V: Clone>(entries: &mut VecDeque<(K, V)>, key: &K) -> Option<V> {
+    let place = entries.iter().position(|(known, _)| known == key)?;
+    let entry = entries.remove(place)?;
     let value = entry.1.clone();
-    kept.push_back(entry);
+    entries.push_back(entry);
     Some(value)
 }
 
-fn keep<K, V>(kept: &mut VecDeque<(K, V)>, key: K, value: V, most: usize) {
-    while kept.len() >= most {
-        kept.pop_front();
+fn insert<K, V>(entries: &mut VecDeque<(K, V)>, key: K, value: V, capacity: usize) {
+    while entries.len() >= capacity {
+        entries.pop_front();
     }
-    kept.push_back((key, value));
+    entries.push_back((key, value));
 }
 
 impl PairModel {
-    /// Checks the pair as an asset's is checked.
+    /// Checks the pair like an asset's pair.
     fn new(spec: &PairSpec) -> Result<Self, GearError> {
         let pair = spec.check()?;
         let loaded = spec.dynamics.contact == ContactRule::Loaded;
@@ -204,7 +204,7 @@ impl PairModel {
         })
     }
 
-    /// The flanks at a depth in µm, and the depth that they have.
+    /// The flanks at a depth in µm, and the depth actually reached.
     fn wear(&self, wear_um: f64) -> Result<(FlankWear, f64), Refusal> {
         if self.spec.wear.shape != WearShape::Archard {
             let wear = FlankWear::from_shape(&self.pair, wear_um * 1e-3)
@@ -241,7 +241,7 @@ impl PairModel {
             return Ok(known);
         }
         let made = Arc::new(self.state(pair, &FlankWear::none(), conditions)?);
-        keep(&mut lock(), key, Arc::clone(&made), KEPT_POINTS);
+        insert(&mut lock(), key, Arc::clone(&made), MAX_POINTS);
         Ok(made)
     }
 
@@ -277,7 +277,7 @@ impl FlankView {
     }
 }
 
-/// As many digits as a drawing shows.
+/// Rounds values to the precision of a drawing.
 fn short(values: &[f64]) -> Vec<f32> {
     values.iter().map(|value| *value as f32).collect()
 }

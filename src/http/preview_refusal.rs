@@ -1,22 +1,22 @@
-//! What of a previewed description cannot be, and at which field.
+//! Errors of a previewed description, with the field at fault.
 
 use serde::Serialize;
 
 use crate::gear::GearError;
 
-/// A field that cannot be used.
+/// An invalid field.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 #[schema(as = PreviewRefusal)]
 pub(super) struct Refusal {
-    /// What is wrong, in words.
+    /// What is wrong.
     detail: String,
-    /// The field's path, from `gear` on as in an asset; none where no single field is at fault.
+    /// The field's path, starting with `gear` as in an asset; none if no single field is at fault.
     #[serde(skip_serializing_if = "Option::is_none")]
     field: Option<String>,
     /// Its value.
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<String>,
-    /// What would have been right.
+    /// What was expected.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected: Option<String>,
 }
@@ -36,7 +36,7 @@ impl Refusal {
         }
     }
 
-    /// A refusal of the pair's own fields.
+    /// An error in the pair's own fields.
     pub(super) fn of_pair(error: &GearError) -> Self {
         match error {
             GearError::Field { field, value, expected } => {
@@ -46,7 +46,7 @@ impl Refusal {
         }
     }
 
-    /// A refusal of the conditions, whose torque and speed stand in the place of the pair's.
+    /// An error in the conditions, whose torque and speed replace the pair's.
     pub(super) fn of_conditions(error: &GearError) -> Self {
         match error {
             GearError::Field { field, value, expected } => {

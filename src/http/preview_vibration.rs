@@ -1,38 +1,38 @@
-//! The acceleration that a previewed pair makes, over few enough mesh periods for a step of a slider.
+//! The acceleration of a previewed pair, over few enough mesh periods for a slider step.
 
 use realfft::RealFftPlanner;
 use serde::Serialize;
 
 use crate::gear::{GearError, GearPair, MeshCycle, RunSettings, simulate};
 
-/// Samples of a mesh period: the response is flat to 25 mesh harmonics.
+/// Samples per mesh period: the response is flat up to 25 mesh harmonics.
 const SAMPLES_PER_PERIOD: usize = 64;
 
-/// Most mesh periods that are simulated once the start-up is over; whole turns where a turn has fewer.
+/// Maximum number of simulated mesh periods after the start-up; whole turns if a turn has fewer.
 const MAX_PERIODS: usize = 256;
 
-/// Most turns.
+/// Maximum number of turns.
 const MAX_TURNS: usize = 4;
 
-/// Mesh harmonics that are shown.
+/// Number of mesh harmonics returned.
 const HARMONICS: usize = 10;
 
-/// Most samples of the waveform that is shown: two turns, or as many whole mesh periods as are within it.
+/// Maximum number of returned waveform samples: two turns, or as many whole mesh periods as fit.
 const SHOWN_SAMPLES: usize = 4096;
 
 /// Expected acceleration of the pair's response coordinate.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = PreviewVibration)]
 pub(super) struct Vibration {
-    /// Samples a second.
+    /// Samples per second.
     sample_rate_hz: f64,
-    /// Its first turns or mesh periods in m/s².
+    /// The first turns or mesh periods in m/s².
     acceleration_m_per_s2: Vec<f32>,
     /// Root mean square of all simulated samples in m/s².
     rms_m_per_s2: f64,
-    /// Orders of the driving shaft between two values of the spectrum.
+    /// Spacing of the spectrum in orders of the driving shaft.
     order_step: f64,
-    /// Peak amplitudes in m/s² from order 0 up to a half beyond the tenth mesh harmonic.
+    /// Peak amplitudes in m/s² from order 0 to half a harmonic beyond the tenth mesh harmonic.
     spectrum_m_per_s2: Vec<f32>,
     #[serde(skip)]
     harmonics: Vec<f64>,
@@ -45,7 +45,7 @@ impl Vibration {
     }
 }
 
-/// How long is simulated, and how.
+/// The length and rate of a simulation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct VibrationPlan {
     periods: usize,
@@ -54,7 +54,7 @@ pub(super) struct VibrationPlan {
 }
 
 impl VibrationPlan {
-    /// Whole turns, or mesh periods of a gear with very many teeth.
+    /// Simulates whole turns, or whole mesh periods of a gear with very many teeth.
     pub(super) fn new(pair: &GearPair, torque_nm: f64, shaft_speed_hz: f64) -> Self {
         let teeth = pair.gears[0].teeth as usize;
         let periods = match (MAX_PERIODS / teeth).min(MAX_TURNS) {
@@ -72,7 +72,7 @@ impl VibrationPlan {
 
     pub(super) fn simulate(&self, pair: &GearPair, cycle: &MeshCycle) -> Result<Vibration, GearError> {
         let mut record = simulate(pair, cycle, &self.settings)?;
-        // Whole periods, so that lines need no window.
+        // whole periods, so that lines need no window
         record.resize(self.periods * SAMPLES_PER_PERIOD, 0.0);
         let shown = self.shown_samples();
         let acceleration_m_per_s2 = record[..shown].iter().map(|sample| *sample as f32).collect();
@@ -104,7 +104,7 @@ fn amplitudes(samples: &mut [f64]) -> Vec<f64> {
     let plan = RealFftPlanner::<f64>::new().plan_fft_forward(length);
     let mut bins = plan.make_output_vec();
     if let Err(error) = plan.process(samples, &mut bins) {
-        // The plan was made for this length.
+        // the plan was made for this length
         tracing::error!(%error, "failed to transform a previewed vibration");
     }
     let scale = 2.0 / length as f64;
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn work_is_bounded_whatever_the_teeth() {
+    fn the_work_is_bounded_for_any_teeth() {
         for (teeth, periods, shown) in
             [([24, 26], 96, 2 * 24 * 64), ([100, 30], 200, 4096), ([1000, 30], 256, 4096)]
         {

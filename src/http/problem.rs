@@ -1,4 +1,4 @@
-//! Everything that goes wrong, as RFC 9457 problem details.
+//! Errors as RFC 9457 problem details.
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -13,24 +13,24 @@ use crate::store::StoreError;
 /// The media type of problem details.
 const MEDIA_TYPE: &str = "application/problem+json";
 
-/// What went wrong with a request.
+/// A problem with a request.
 #[derive(Debug, Clone)]
 pub(super) struct Problem(Box<Details>);
 
-/// What went wrong with a request (RFC 9457).
+/// A problem with a request (RFC 9457).
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 #[schema(as = Problem)]
 pub(super) struct Details {
-    /// Kind of problem: `about:blank`, the status says it all.
+    /// Kind of problem: `about:blank`, which refers to the status.
     #[serde(rename = "type")]
     kind: &'static str,
-    /// The status in words.
+    /// The status as text.
     title: &'static str,
     /// The HTTP status.
     #[serde(serialize_with = "as_number")]
     #[schema(value_type = u16, example = 422)]
     status: StatusCode,
-    /// What is wrong, in words, with the value and what was expected.
+    /// What is wrong, with the value and what was expected.
     #[schema(example = "sample_rate_hz is -1, expected a number above 0")]
     detail: String,
     /// The parameter or field at fault.
@@ -39,7 +39,7 @@ pub(super) struct Details {
     /// Its value.
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<String>,
-    /// What would have been right.
+    /// What was expected.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected: Option<String>,
     #[serde(skip)]
@@ -48,7 +48,7 @@ pub(super) struct Details {
     damage: Option<String>,
 }
 
-/// Goes with an answer that the database's file is damaged.
+/// Marks an answer that reports damage to the database file.
 #[derive(Debug, Clone)]
 pub(super) struct DamageFound(pub(super) String);
 
@@ -56,7 +56,7 @@ fn as_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result
     serializer.serialize_u16(status.as_u16())
 }
 
-/// When to come again where there was no room: somebody has to make it.
+/// Retry delay when the disk is full, which has to be resolved manually.
 const NO_ROOM_RETRY_S: u32 = 60;
 
 impl Problem {
@@ -78,12 +78,12 @@ impl Problem {
         Self::new(StatusCode::NOT_FOUND, detail)
     }
 
-    /// A parameter of the address has a value that cannot be used.
+    /// A query parameter with an invalid value.
     pub(super) fn query(field: &str, value: impl ToString, expected: &str) -> Self {
         Self::new(StatusCode::BAD_REQUEST, "").with_field(field, value, expected)
     }
 
-    /// A field of the body has a value that cannot be used.
+    /// A body field with an invalid value.
     pub(super) fn content(field: &str, value: impl ToString, expected: &str) -> Self {
         Self::new(StatusCode::UNPROCESSABLE_ENTITY, "").with_field(field, value, expected)
     }
@@ -104,12 +104,12 @@ impl Problem {
         serde_json::to_vec(&self.0).unwrap_or_default()
     }
 
-    /// What is wrong, in words.
+    /// The description of the problem.
     pub(super) fn detail(&self) -> &str {
         &self.0.detail
     }
 
-    /// Whether the same request can succeed later without anything being changed in it.
+    /// Whether the same request can succeed later.
     pub(super) fn may_pass(&self) -> bool {
         self.0.status == StatusCode::SERVICE_UNAVAILABLE || self.is_no_room()
     }
@@ -119,7 +119,7 @@ impl Problem {
         self.0.status == StatusCode::INSUFFICIENT_STORAGE
     }
 
-    /// The same request can succeed after this time.
+    /// Sets the time after which the same request can succeed.
     pub(super) fn retry_after(mut self, seconds: u32) -> Self {
         self.0.retry_after_s = Some(seconds);
         self
@@ -136,14 +136,14 @@ impl Problem {
         self
     }
 
-    /// The same, naming the field that a decoder's message names in backticks, or with its value and what was
+    /// Adds the field that a decoder's message names in backticks, or a field with its value and what was
     /// expected.
     pub(super) fn naming_field_in(mut self, message: &str) -> Self {
         if let Some((field, rest)) = message.split_once(" is ")
             && field.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '_'))
             && let Some((value, expected)) = rest.split_once(", expected ")
         {
-            // Where it stands comes after it.
+            // the position follows the expectation
             let expected = expected.split(" at line ").next().unwrap_or(expected);
             return self.with_field(field, value, expected);
         }
@@ -155,7 +155,7 @@ impl Problem {
         self
     }
 
-    /// A fault of the program or the machine: the log has the whole of it, the client what concerns it.
+    /// An internal error: details go to the log, not to the client.
     fn internal(error: &dyn std::error::Error) -> Self {
         tracing::error!(error = %error, "request failed");
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string())
@@ -276,7 +276,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn streams_are_refused_in_a_cluster_with_where_they_are_taken() {
+    fn streams_are_refused_in_a_cluster_with_an_alternative() {
         let Problem(details) = ServiceError::StreamsShared.into();
         assert_eq!(details.status, StatusCode::NOT_IMPLEMENTED);
         for word in ["live streams", "cluster", "a service with a data folder of its own"] {

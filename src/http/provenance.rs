@@ -1,4 +1,4 @@
-//! What an export says of where its records come from: metadata and the library's manifest.
+//! Provenance of exported records: metadata and the library's manifest.
 
 use std::collections::BTreeMap;
 
@@ -10,8 +10,8 @@ use crate::asset::{AssetSpec, Segment};
 /// A metadata record: its name and its entries.
 pub(super) type Entries = (&'static str, BTreeMap<String, String>);
 
-/// `asset`, a `sensor` for each measuring point (one for the asset's own sensor where it describes none),
-/// `gear_pair` or `shaft`, a `bearing` for each that is described, and an `acquisition` for each of the latest records of the channels.
+/// `asset`, a `sensor` for each measuring point (one for the asset's own sensor if it has none), `gear_pair`
+/// or `shaft`, a `bearing` for each bearing, and an `acquisition` for the latest record of each channel.
 pub(super) fn metadata(spec: &AssetSpec, latest: &[Segment]) -> Vec<Entries> {
     let mut all = vec![(
         "asset",
@@ -39,8 +39,7 @@ pub(super) fn metadata(spec: &AssetSpec, latest: &[Segment]) -> Vec<Entries> {
     all
 }
 
-/// Every value in a structure under the names that lead to it, with dots between them; lists are written as
-/// JSON.
+/// Flattens a structure to dotted names; lists are written as JSON.
 fn flat(value: &impl Serialize) -> BTreeMap<String, String> {
     fn add(name: &str, value: &Value, entries: &mut BTreeMap<String, String>) {
         match value {
@@ -60,7 +59,7 @@ fn flat(value: &impl Serialize) -> BTreeMap<String, String> {
         }
     }
     let mut entries = BTreeMap::new();
-    // A plain structure of strings, numbers and maps: it always serialises.
+    // a structure of strings, numbers and maps always serialises
     add("", &serde_json::to_value(value).unwrap_or_default(), &mut entries);
     entries
 }

@@ -1,4 +1,4 @@
-//! What stands in an address: names, pages, numbers of points.
+//! Parts of an address: names, pages, numbers of points.
 
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{FromRequestParts, Path, Query};
@@ -12,16 +12,16 @@ use super::problem::Problem;
 use crate::asset::{AssetId, SegmentId};
 use crate::store::SegmentKey;
 
-/// Entries of a list where the client does not say how many.
+/// Default page size of a list.
 const DEFAULT_LIMIT: u32 = 100;
 
-/// Most entries of one page of a list.
+/// Maximum page size of a list.
 const MAX_LIMIT: u32 = 1000;
 
-/// Most points of a reduced curve.
+/// Maximum number of points of a reduced curve.
 const MAX_POINTS: usize = 200_000;
 
-/// Parameters after the question mark; unknown ones are refused.
+/// Query parameters; unknown ones are refused.
 pub(super) struct Parameters<T>(pub(super) T);
 
 impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Parameters<T> {
@@ -37,15 +37,15 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Parameters<T> 
     }
 }
 
-/// Which page of a list is asked for, where nothing else can be asked.
+/// The page of a list, for lists without other parameters.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PageParameters {
-    /// Entries of the page: 1 to 1000, 100 where not given.
+    /// Page size: 1 to 1000, default 100.
     #[param(minimum = 1, maximum = 1000)]
     pub(super) limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     pub(super) cursor: Option<String>,
 }
 
@@ -57,9 +57,7 @@ impl<S: Send + Sync> FromRequestParts<S> for AssetInPath {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let id = text_in_path(parts, state).await?;
-        AssetId::new(id)
-            .map(Self)
-            .map_err(|error| Problem::not_found(format!("there is no such asset: {error}")))
+        AssetId::new(id).map(Self).map_err(|error| Problem::not_found(format!("asset not found: {error}")))
     }
 }
 
@@ -96,13 +94,12 @@ async fn text_in_path<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<St
 pub(super) struct Page<T> {
     /// The entries.
     items: Vec<T>,
-    /// What to give as `cursor` for the next page; none on the last one.
+    /// The `cursor` of the next page; none on the last one.
     next_cursor: Option<String>,
 }
 
 impl<T> Page<T> {
-    /// A page of items of which there may be one more than `limit`, which then only says that there is a next
-    /// page.
+    /// Makes a page from up to `limit` + 1 items; the extra item only shows that there is a next page.
     pub(super) fn new(mut items: Vec<T>, limit: u32, cursor: impl Fn(&T) -> String) -> Self {
         let is_last = items.len() <= limit as usize;
         items.truncate(limit as usize);
@@ -125,44 +122,44 @@ impl<T> Page<T> {
     }
 }
 
-/// The number of entries asked for.
-pub(super) fn limit(asked: Option<u32>) -> Result<u32, Problem> {
-    match asked.unwrap_or(DEFAULT_LIMIT) {
+/// The requested page size.
+pub(super) fn limit(requested: Option<u32>) -> Result<u32, Problem> {
+    match requested.unwrap_or(DEFAULT_LIMIT) {
         limit @ 1..=MAX_LIMIT => Ok(limit),
         limit => Err(Problem::query("limit", limit, "a number from 1 to 1000")),
     }
 }
 
-/// The number of points asked for.
-pub(super) fn max_points(asked: Option<usize>, default: usize) -> Result<usize, Problem> {
-    match asked.unwrap_or(default) {
+/// The requested number of points.
+pub(super) fn max_points(requested: Option<usize>, default: usize) -> Result<usize, Problem> {
+    match requested.unwrap_or(default) {
         points @ 10..=MAX_POINTS => Ok(points),
         points => Err(Problem::query("max_points", points, "a number from 10 to 200000")),
     }
 }
 
-/// The place in a list in the order of time that a cursor stands for: a time and an identifier.
+/// Parses a cursor of a list in order of time: a time and an identifier.
 pub(super) fn place_cursor(cursor: Option<&str>) -> Result<Option<(Timestamp, String)>, Problem> {
     let Some(cursor) = cursor else { return Ok(None) };
     let place = cursor.split_once('.').and_then(|(nanoseconds, id)| {
         let nanoseconds: i64 = nanoseconds.parse().ok()?;
         Some((Timestamp::from_nanosecond(nanoseconds.into()).ok()?, id.to_string()))
     });
-    place.map(Some).ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))
+    place.map(Some).ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the previous page"))
 }
 
-/// The place in a list of segments that a cursor stands for.
+/// Parses a cursor of a list of segments.
 pub(super) fn segment_cursor(cursor: Option<&str>) -> Result<Option<SegmentKey>, Problem> {
     let place = place_cursor(cursor)?;
     Ok(place.map(|(start_time, id)| SegmentKey { start_time, id: SegmentId(id) }))
 }
 
-/// The cursor of a place in a list of segments.
+/// The cursor of a position in a list of segments.
 pub(super) fn cursor_of(key: &SegmentKey) -> String {
     cursor_at(key.start_time, &key.id.0)
 }
 
-/// The cursor of a place in a list in the order of time.
+/// The cursor of a position in a list in order of time.
 pub(super) fn cursor_at(time: Timestamp, id: &str) -> String {
     format!("{}.{id}", time.as_nanosecond())
 }

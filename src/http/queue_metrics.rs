@@ -1,7 +1,7 @@
 //! The queue between API nodes and workers in Prometheus' text format.
 //!
-//! Every process of a cluster shows the same numbers, which the queue's server knows once: an alert takes the
-//! greatest.
+//! Every process of a cluster shows the same numbers, which come from the queue's server: alerts use the
+//! maximum.
 
 use std::time::{Duration, Instant};
 
@@ -11,23 +11,23 @@ use tokio::sync::Mutex;
 use super::metrics_text::MetricsText;
 use crate::service::{QueueOverview, Service};
 
-/// How long what was found counts, however often somebody asks.
+/// Time for which a result is reused, however often it is requested.
 const KNOWN_FOR: Duration = Duration::from_secs(5);
 
-/// How long the queue's server has to answer.
+/// Timeout of the queue's server.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(4);
 
-/// What is known of the queue, asked for now and then.
+/// The latest overview of the queue.
 #[derive(Debug, Default)]
 pub(super) struct QueueWatch(Mutex<Option<(Instant, Option<QueueOverview>)>>);
 
 impl QueueWatch {
-    /// Writes what is known of the queue; nothing where there is none, or where it does not answer.
+    /// Writes the queue's metrics; nothing if there is no queue or it does not answer.
     pub(super) async fn write(&self, service: &Service, text: &mut MetricsText) {
         let Some(overview) = self.ask(service).await else {
             return;
         };
-        // Its times are those of the queue's server: this process's clock may be another.
+        // Its times are those of the queue's server, whose clock may differ from this process's.
         let now = service.store.now(service.now()).await.unwrap_or_else(|_| service.now());
         write(&overview, now, text);
     }
@@ -43,7 +43,7 @@ impl QueueWatch {
         let found = match tokio::time::timeout(ANSWER_TIMEOUT, queue.overview()).await {
             Ok(Ok(found)) => Some(found),
             Ok(Err(error)) => {
-                tracing::debug!(%error, "failed to look at the queue");
+                tracing::debug!(%error, "failed to read the queue status");
                 None
             }
             Err(_) => None,
@@ -65,32 +65,32 @@ fn write(overview: &QueueOverview, now: Timestamp, text: &mut MetricsText) {
     text.single(
         "flankwatch_queue_records",
         "gauge",
-        "Records of the cluster that wait for a worker or are worked on.",
+        "Records of the cluster that are waiting or being processed.",
         overview.records,
     );
     text.single(
         "flankwatch_queue_records_in_work",
         "gauge",
-        "Of these, records that a worker has and has not acknowledged.",
+        "Of these, records that a worker has not acknowledged yet.",
         overview.in_work,
     );
     text.single(
         "flankwatch_queue_oldest_age_seconds",
         "gauge",
-        "How long the oldest of these records has been in the queue.",
+        "Age of the oldest of these records.",
         oldest_age_s,
     );
     text.single(
         "flankwatch_queue_leftover_messages",
         "gauge",
-        "Messages that are acknowledged and that the queue's server still keeps.",
+        "Acknowledged messages that the queue's server still keeps.",
         overview.leftovers,
     );
     text.single(
         "flankwatch_dead_letters",
         "gauge",
-        "Records that could not be stored, kept until somebody retries or drops them.",
+        "Dead letters: records that could not be stored, kept until they are retried or dropped.",
         overview.dead_letters,
     );
-    text.single("flankwatch_workers_alive", "gauge", "Workers that answer.", overview.workers.len());
+    text.single("flankwatch_workers_alive", "gauge", "Responding workers.", overview.workers.len());
 }

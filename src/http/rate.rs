@@ -1,17 +1,17 @@
-//! How often somebody may ask: a second's worth at once, and from then on evenly.
+//! Rate limiting: a burst of one second's requests, then an even rate.
 
 use std::collections::HashMap;
 use std::num::NonZeroU32;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Requests that fit into this time may come at once.
+/// Requests within this time may come at once.
 const BURST: Duration = Duration::from_secs(1);
 
 /// The generic cell rate algorithm (ITU-T I.371) for each name.
 pub(super) struct RateLimiter {
     interval: Duration,
-    /// When the requests that were let through would have come at an even rate.
+    /// Theoretical arrival time of the next request of each name.
     due: Mutex<HashMap<String, Instant>>,
 }
 
@@ -22,7 +22,7 @@ impl RateLimiter {
 
     /// Counts a request at `now`.
     ///
-    /// Error: how long to wait until one would be let through; this one does not count.
+    /// On error, returns the time until a request would be accepted; this one does not count.
     pub(super) fn check(&self, name: &str, now: Instant) -> Result<(), Duration> {
         let mut due = self.due.lock().unwrap_or_else(PoisonError::into_inner);
         let next = due.get(name).map_or(now, |due| now.max(*due)) + self.interval;
@@ -49,7 +49,7 @@ mod tests {
         assert_eq!(limiter.check("a", at(200)), Err(Duration::from_millis(50)));
         assert_eq!(limiter.check("a", at(250)), Ok(()));
         assert!(limiter.check("a", at(260)).is_err());
-        // Others have a rate of their own, and who rests has a whole second's worth again.
+        // Other names have their own rate, and an idle one regains a full second's burst.
         assert_eq!(limiter.check("b", at(260)), Ok(()));
         assert_eq!([5000; 4].map(|ms| limiter.check("a", at(ms))), [Ok(()); 4]);
         assert!(limiter.check("a", at(5000)).is_err());

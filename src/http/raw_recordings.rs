@@ -1,4 +1,4 @@
-//! `/v1/segments/{segment}/raw`: the bytes as they came.
+//! `/v1/segments/{segment}/raw`: the bytes as received.
 
 use axum::extract::State;
 use axum::http::header::{self, HeaderValue};
@@ -12,13 +12,13 @@ use crate::asset::Segment;
 
 /// The raw recording of a segment
 ///
-/// The bytes as they came, for all channels that came in them.
+/// The bytes as received, with all channels of the upload.
 #[utoipa::path(
     get,
     path = "/v1/segments/{segment}/raw",
     tag = "records",
     params(("segment" = String, Path, description = "The segment")),
-    responses((status = 200, description = "The recording, of the media type that it came with", content(
+    responses((status = 200, description = "The recording, in its original media type", content(
         (Vec<u8> = "audio/wav"), (Vec<u8> = "application/x-protobuf"), (Vec<u8> = "application/octet-stream"), (Vec<u8> = "text/csv"), (Vec<u8> = "application/x-matlab-data"),
         (serde_json::Value = "application/json")
     ))),
@@ -39,8 +39,7 @@ pub(super) async fn download(
     Ok((fields, bytes).into_response())
 }
 
-/// The media type as it is answered, and how a file of it ends. What is kept with it of the layout is not for
-/// clients.
+/// The media type and file extension of an answer. The stored layout parameters are internal.
 fn form_of(media_type: &str) -> (&'static str, &'static str) {
     match media_type.split(';').next().unwrap_or_default().trim() {
         "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => ("audio/wav", "wav"),
@@ -52,7 +51,7 @@ fn form_of(media_type: &str) -> (&'static str, &'static str) {
     }
 }
 
-/// The asset, the channel and the time, in letters that every system takes in a file's name.
+/// Asset, channel and time, in characters that are valid in file names on every system.
 fn file_name(segment: &Segment) -> String {
     let name = format!("{}-{}-{}", segment.asset_id, segment.channel, segment.start_time);
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || ".-_".contains(letter);
@@ -64,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_kept_of_a_layout_or_unit_is_not_answered() {
+    fn stored_layout_and_unit_parameters_are_not_returned() {
         assert_eq!(form_of("audio/wav; unit=g"), ("audio/wav", "wav"));
         assert_eq!(form_of("application/octet-stream; sample=i16").1, "raw");
         assert_eq!(form_of("text/html"), ("application/octet-stream", "raw"));

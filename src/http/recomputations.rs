@@ -1,4 +1,4 @@
-//! `/v1/recomputations`: histories being computed again in the background.
+//! `/v1/recomputations`: histories being recomputed in the background.
 
 use axum::Json;
 use axum::extract::State;
@@ -14,20 +14,20 @@ use crate::service::Recomputation;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ListParameters {
-    /// Those of this asset only.
+    /// Only those of this asset.
     asset: Option<String>,
 }
 
 /// The last recomputation of each channel since the start.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RecomputationList {
-    /// One for each channel.
+    /// One entry per channel.
     items: Vec<Recomputation>,
 }
 
 /// List recomputations
 ///
-/// Histories that are computed again in the background after a change; the last one of each channel.
+/// Histories recomputed in the background after a change; the latest one of each channel.
 #[utoipa::path(
     get,
     path = "/v1/recomputations",
@@ -35,15 +35,15 @@ pub(super) struct RecomputationList {
     params(ListParameters),
     responses(
         (status = 200, body = RecomputationList),
-        (status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"),
-        (status = 422, body = Details, content_type = "application/problem+json", description = "That is no asset's name"),
+        (status = 404, body = Details, content_type = "application/problem+json", description = "Asset not found"),
+        (status = 422, body = Details, content_type = "application/problem+json", description = "Invalid asset id"),
     ),
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<ListParameters>,
+    Parameters(params): Parameters<ListParameters>,
 ) -> Result<Json<RecomputationList>, Problem> {
-    let asset = match asked.asset {
+    let asset = match params.asset {
         Some(id) => Some(app.service.store.asset(&AssetId::new(id)?).await?.spec.id),
         None => None,
     };

@@ -1,4 +1,4 @@
-//! Which of an asset's records: by operating bin and status, or by name; and how many they are.
+//! Selects and counts an asset's records by operating bin and status, or by id.
 
 use std::collections::HashMap;
 
@@ -9,45 +9,45 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::app::App;
-use super::chosen::{self, Chosen};
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
+use super::selection::{self, Selection};
 use crate::asset::{AssetId, OperatingBin, Segment, SegmentId};
 use crate::estimate::WearStatus;
 use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreError, Trend};
 
-/// Most records that one request names.
+/// Maximum number of ids per request.
 const MAX_NAMED: usize = 200;
 
 const STATUSES: &str = "collecting_baseline, no_library, no_mesh, awaiting_library, provisional, library_failed, \
     no_features, speed_in_doubt, not_comparable, not_identifiable, outside_library, sensor_fault, estimated, \
     recomputing or excluded";
 
-/// What records are chosen by besides channel and time.
+/// Filters of records besides channel and time.
 #[derive(Debug, Default)]
 pub(super) struct RecordChoice {
-    /// Only those of this bin.
+    /// Only records in this bin.
     pub(super) bin: Option<OperatingBin>,
-    /// Only those of these statuses; all where there is none.
+    /// Only records with these statuses; all if empty.
     pub(super) statuses: Vec<WearStatus>,
 }
 
 impl RecordChoice {
-    /// Whether nothing is left out.
+    /// Whether nothing is filtered.
     pub(super) fn is_all(&self) -> bool {
         self.bin.is_none() && self.statuses.is_empty()
     }
 
-    /// The positions in a trend.
-    fn of(&self, trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>) -> Chosen {
-        let chosen = Chosen::of(trend, from, to, self.bin.as_ref());
+    /// The matching positions in a trend.
+    fn of(&self, trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>) -> Selection {
+        let selection = Selection::of(trend, from, to, self.bin.as_ref());
         match self.statuses.is_empty() {
-            true => chosen,
-            false => chosen.only(|n| self.statuses.contains(&trend.wear[n].status)),
+            true => selection,
+            false => selection.only(|n| self.statuses.contains(&trend.wear[n].status)),
         }
     }
 
-    /// Up to `limit` segments, found in the histories of the asset's channels.
+    /// Returns up to `limit` segments, found in the histories of the asset's channels.
     pub(super) async fn segments(
         &self,
         store: &Store,
@@ -61,12 +61,12 @@ impl RecordChoice {
                 continue;
             }
             let trend = store.trend(&channel).await?;
-            let chosen = self.of(&trend, filter.from, filter.to);
+            let selection = self.of(&trend, filter.from, filter.to);
             let key = |n: usize| SegmentKey {
-                start_time: trend.start_time[chosen.position(n)],
-                id: trend.segment_id[chosen.position(n)].clone(),
+                start_time: trend.start_time[selection.position(n)],
+                id: trend.segment_id[selection.position(n)].clone(),
             };
-            let all = 0..chosen.len();
+            let all = 0..selection.len();
             let is_after = |key: &SegmentKey| match (&filter.after, filter.order) {
                 (None, _) => true,
                 (Some(after), Order::Asc) => key > after,
@@ -90,16 +90,16 @@ impl RecordChoice {
     }
 }
 
-/// The statuses that a client asks for.
-pub(super) fn asked_statuses(asked: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
-    let names = asked.unwrap_or_default().split(',').map(str::trim).filter(|name| !name.is_empty());
+/// The requested statuses.
+pub(super) fn parse_statuses(requested: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
+    let names = requested.unwrap_or_default().split(',').map(str::trim).filter(|name| !name.is_empty());
     let status = |name: &str| {
         serde_json::from_value(Value::from(name)).map_err(|_| Problem::query("status", name, STATUSES))
     };
     names.map(status).collect()
 }
 
-/// One range for each record of an asset that `ids` names.
+/// One range for each record of an asset named in `ids`.
 pub(super) async fn named(store: &Store, asset: &AssetId, ids: &str) -> Result<Vec<RecordRange>, Problem> {
     store.asset(asset).await?;
     let ids: Vec<SegmentId> = ids.split(',').map(|id| SegmentId(id.trim().to_owned())).collect();
@@ -124,14 +124,14 @@ pub(super) struct CountParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Only records in this one of the asset's operating bins.
+    /// Only records in this operating bin of the asset.
     operating_bin: Option<String>,
-    /// Only records whose estimate has one of these statuses, with commas between them.
+    /// Only records whose estimate has one of these statuses, comma-separated.
     #[param(example = "estimated,excluded")]
     status: Option<String>,
 }
 
-/// How many records there are.
+/// A number of records.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub(super) struct RecordCount {
     /// Records.
@@ -142,7 +142,7 @@ pub(super) struct RecordCount {
     last_start_time: Option<Timestamp>,
 }
 
-/// How many segments of an asset there are
+/// Count the segments of an asset
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/segments/count",
@@ -153,26 +153,27 @@ pub(super) struct RecordCount {
 pub(super) async fn count(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<CountParameters>,
+    Parameters(params): Parameters<CountParameters>,
 ) -> Result<Json<RecordCount>, Problem> {
     let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;
     let choice = RecordChoice {
-        bin: chosen::asked_bin(&spec, asked.operating_bin.as_deref())?,
-        statuses: asked_statuses(asked.status.as_deref())?,
+        bin: selection::requested_bin(&spec, params.operating_bin.as_deref())?,
+        statuses: parse_statuses(params.status.as_deref())?,
     };
     let mut count = RecordCount::default();
     for channel in store.channels(&asset).await? {
-        if asked.channel.as_ref().is_some_and(|name| *name != channel.channel) {
+        if params.channel.as_ref().is_some_and(|name| *name != channel.channel) {
             continue;
         }
         let trend = store.trend(&channel).await?;
-        let chosen = choice.of(&trend, asked.from, asked.to);
-        let Some(last) = chosen.len().checked_sub(1) else {
+        let selection = choice.of(&trend, params.from, params.to);
+        let Some(last) = selection.len().checked_sub(1) else {
             continue;
         };
-        let (first, last) = (trend.start_time[chosen.position(0)], trend.start_time[chosen.position(last)]);
-        count.records += chosen.len() as u64;
+        let (first, last) =
+            (trend.start_time[selection.position(0)], trend.start_time[selection.position(last)]);
+        count.records += selection.len() as u64;
         count.first_start_time = Some(count.first_start_time.map_or(first, |earliest| earliest.min(first)));
         count.last_start_time = count.last_start_time.max(Some(last));
     }

@@ -1,4 +1,4 @@
-//! `/v1/recording-preview`: what a recording that is no plain table holds, before it is uploaded.
+//! `/v1/recording-preview`: the contents of a MATLAB, protobuf or MCAP recording before the upload.
 
 use std::io::Cursor;
 
@@ -16,37 +16,37 @@ use super::query::Parameters;
 use crate::recording::{BlockEncoding, McapReader, RecordDefaults, RecordingError, decode_block, decode_mat};
 use crate::signal::Record;
 
-/// Most bytes of a file that are looked at.
+/// Maximum number of bytes read of a file.
 const MAX_BYTES: usize = 16 << 20;
 
-/// Most records that are told of an MCAP recording, each of another channel.
+/// Maximum number of channels returned for an MCAP recording.
 const MAX_CHANNELS: usize = 16;
 
-/// Records of an MCAP recording that are looked through for channels.
+/// Maximum number of MCAP records searched for channels.
 const MAX_RECORDS: usize = 64;
 
-/// Most stretches of an envelope.
+/// Maximum number of envelope intervals.
 const STRETCHES: usize = 200;
 
 const EXPECTED: &str = "application/x-matlab-data, application/x-protobuf or application/mcap";
 
-/// What the sender says of the recording.
+/// Parameters for data missing in the recording.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RecordingParameters {
-    /// Sampling rate in hertz of a MATLAB file that does not say it.
+    /// Sampling rate in hertz of a MATLAB file that does not contain it.
     #[param(example = 12800.0)]
     sample_rate_hz: Option<f64>,
 }
 
-/// A recording as it would be taken.
+/// A recording as an upload would read it.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = RecordingPreview)]
 pub(super) struct RecordingPreviewView {
-    /// The record of each channel; of an MCAP recording the first one of each of up to 16 channels.
+    /// The record of each channel; of an MCAP recording the first record of each of up to 16 channels.
     channels: Vec<RecordedChannel>,
-    /// Why no record can be taken of it.
+    /// Why no record can be read from it.
     fault: Option<String>,
 }
 
@@ -55,22 +55,22 @@ pub(super) struct RecordingPreviewView {
 struct RecordedChannel {
     /// Name of the channel.
     channel: String,
-    /// Unit that the recording says; none where it says none.
+    /// Unit in the recording; none if it has none.
     unit: Option<String>,
     /// Sampling rate in hertz.
     sample_rate_hz: f64,
-    /// Samples of the record.
+    /// Number of samples.
     samples: usize,
-    /// Time of the first sample, where the recording says it.
+    /// Time of the first sample, if the recording contains it.
     start_time: Option<Timestamp>,
-    /// Lowest and highest sample of up to 200 stretches of the record.
+    /// Minimum and maximum of up to 200 intervals of the record.
     envelope: Vec<[f32; 2]>,
 }
 
 /// Preview a MATLAB file, a protobuf block or an MCAP recording
 ///
-/// Looks at a recording, of MCAP at a recording's beginning: the channels with their names, units, rates,
-/// starts and shapes, as an upload would take them. The body is at most 16 MiB. Nothing is stored.
+/// Inspects a recording, or the beginning of an MCAP recording: channels with names, units, rates, start
+/// times and shapes, as an upload would read them. The body is at most 16 MiB. Nothing is stored.
 #[utoipa::path(
     post,
     path = "/v1/recording-preview",
@@ -85,7 +85,7 @@ struct RecordedChannel {
 )]
 pub(super) async fn recording_preview(
     State(app): State<App>,
-    Parameters(asked): Parameters<RecordingParameters>,
+    Parameters(params): Parameters<RecordingParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<RecordingPreviewView>, Problem> {
@@ -96,14 +96,14 @@ pub(super) async fn recording_preview(
         Some("application/mcap") => of_mcap,
         other => return Err(body::unsupported(other, EXPECTED)),
     };
-    if let Some(rate) = asked.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
+    if let Some(rate) = params.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
         return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
     }
     let _ticket = app.service.workers.admit_answer()?;
     let bytes = body::read(&headers, body, MAX_BYTES, &app.limits, |_| Ok(())).await?;
     let defaults = RecordDefaults {
         start_time: Timestamp::UNIX_EPOCH,
-        sample_rate_hz: asked.sample_rate_hz,
+        sample_rate_hz: params.sample_rate_hz,
         ..RecordDefaults::default()
     };
     let preview = move || look(bytes.to_vec(), defaults);
@@ -120,7 +120,7 @@ fn of_block(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
     )
 }
 
-/// The first record of each channel; what comes after the beginning may be missing.
+/// The first record of each channel; the recording may be truncated.
 fn of_mcap(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
     let mut records: Vec<Record> = Vec::new();
     for recorded in McapReader::with_defaults(Cursor::new(bytes), defaults).take(MAX_RECORDS) {
@@ -161,7 +161,7 @@ impl RecordedChannel {
     }
 }
 
-/// Lowest and highest sample of each stretch.
+/// Minimum and maximum of each interval.
 fn envelope(samples: &[f32]) -> Vec<[f32; 2]> {
     let extremes = |stretch: &[f32]| {
         stretch.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &x| [low.min(x), high.max(x)])

@@ -17,13 +17,13 @@ use crate::service::{Replay, ReplayFile, ReplayRequest};
 
 /// Start a replay
 ///
-/// Of a recording in the configured folder.
+/// Replays a recording from the configured folder.
 #[utoipa::path(
     post,
     path = "/v1/replays",
     tag = "replays",
     request_body(content = ReplayRequest),
-    responses((status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"), (status = 409, body = Details, content_type = "application/problem+json", description = "Its records come with those of another asset"), (status = 202, body = Replay, headers(("location" = String, description = "Its address")))),
+    responses((status = 404, body = Details, content_type = "application/problem+json", description = "Asset not found"), (status = 409, body = Details, content_type = "application/problem+json", description = "The asset uses the sensor of another asset"), (status = 202, body = Replay, headers(("location" = String, description = "Its address")))),
 )]
 pub(super) async fn start(
     State(app): State<App>,
@@ -36,16 +36,16 @@ pub(super) async fn start(
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
 }
 
-/// Recordings that may be replayed
+/// Recordings that can be replayed
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ReplayFiles {
-    /// The latest first, at most 1000.
+    /// Newest first, at most 1000.
     items: Vec<ReplayFile>,
 }
 
-/// Recordings that may be replayed
+/// List recordings that can be replayed
 ///
-/// MCAP files of the configured folder and of those within it. A node of a cluster has no such folder.
+/// MCAP files in the configured folder and its subfolders. A node of a cluster has no such folder.
 #[utoipa::path(
     get,
     path = "/v1/replay-files",
@@ -56,9 +56,9 @@ pub(super) async fn files(State(app): State<App>) -> Result<Json<ReplayFiles>, P
     Ok(Json(ReplayFiles { items: app.service.replays.files().await? }))
 }
 
-/// Replays
+/// List replays
 ///
-/// Since the service started, the latest first.
+/// Since the service started, newest first.
 #[utoipa::path(
     get,
     path = "/v1/replays",
@@ -68,16 +68,16 @@ pub(super) async fn files(State(app): State<App>) -> Result<Json<ReplayFiles>, P
 )]
 pub(super) async fn list(
     State(app): State<App>,
-    Parameters(asked): Parameters<PageParameters>,
+    Parameters(params): Parameters<PageParameters>,
 ) -> Result<Json<Page<Replay>>, Problem> {
-    let limit = query::limit(asked.limit)?;
+    let limit = query::limit(params.limit)?;
     let all = app.service.replays.list();
-    let start = match &asked.cursor {
+    let start = match &params.cursor {
         None => 0,
         Some(cursor) => {
             let position = all.iter().position(|replay| replay.id == *cursor);
             1 + position
-                .ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))?
+                .ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the previous page"))?
         }
     };
     let shown: Vec<Replay> =
@@ -85,7 +85,7 @@ pub(super) async fn list(
     Ok(Json(Page::new(shown, limit, |replay| replay.id.clone())))
 }
 
-/// Progress of a replay
+/// Get the progress of a replay
 #[utoipa::path(
     get,
     path = "/v1/replays/{replay}",

@@ -1,4 +1,4 @@
-//! `GET /v1/assets/{asset}/report`: the asset's report, for a browser or a printer.
+//! `GET /v1/assets/{asset}/report`: the asset's report as a printable page.
 
 use std::collections::HashMap;
 
@@ -15,13 +15,13 @@ use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
 use crate::report::{Contents, Cover, Form, INDICATORS, Report, ReportedAlarm, ReportedRecord};
 use crate::store::AlarmFilter;
 
-/// Records that a report draws; of more, some evenly over the life.
+/// Maximum number of records drawn; of longer histories an even selection.
 const MAX_RECORDS: usize = 600;
 
-/// Records at the end that are given in any case.
+/// Number of latest records that are always included.
 const LATEST_RECORDS: usize = 100;
 
-/// Alarms of a channel in a report, and entries of each one's history.
+/// Maximum number of alarms of a channel, and of history entries of each.
 const MAX_ALARMS: u32 = 64;
 const LATEST_ENTRIES: u32 = 200;
 
@@ -29,29 +29,29 @@ const LATEST_ENTRIES: u32 = 200;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ReportParameters {
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
-    /// Whom the report is for.
+    /// Recipient of the report.
     prepared_for: Option<String>,
-    /// Who has written it: the report ends with a line for the signature then.
+    /// Author; adds a signature line at the end.
     prepared_by: Option<String>,
-    /// What should be done; empty lines separate paragraphs.
+    /// Recommended actions; empty lines separate paragraphs.
     recommendation: Option<String>,
-    /// Whether wear over time is drawn; it is where not given.
+    /// Whether wear over time is drawn; default true.
     wear: Option<bool>,
-    /// Names of the indicators that are drawn over time, with commas between them: `rms`, `kurtosis`, `omx`,
-    /// `omx_tracked`, `fm0`, `fm4`, `na4`; all of them where not given, none where empty.
+    /// Names of the indicators drawn over time, comma-separated: `rms`, `kurtosis`, `omx`, `omx_tracked`,
+    /// `fm0`, `fm4`, `na4`; all by default, none if empty.
     #[param(example = "rms,omx")]
     indicators: Option<String>,
-    /// Whether the spectrum of the last record is drawn; it is where not given.
+    /// Whether the spectrum of the last record is drawn; default true.
     spectrum: Option<bool>,
-    /// Whether alarms and maintenance are listed; they are where not given.
+    /// Whether alarms and maintenance are listed; default true.
     events: Option<bool>,
-    /// Whether the latest records are listed; they are where not given.
+    /// Whether the latest records are listed; default true.
     records: Option<bool>,
 }
 
-/// Longest text that a sender says in a report, in characters.
+/// Maximum length of a text in a report, in characters.
 const MAX_TEXT: usize = 4000;
 
 impl ReportParameters {
@@ -110,16 +110,16 @@ impl ReportParameters {
 pub(super) async fn show(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
-    Parameters(asked): Parameters<ReportParameters>,
+    Parameters(params): Parameters<ReportParameters>,
 ) -> Result<Html<String>, Problem> {
-    let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &id, params.channel.as_deref()).await?;
     let mut report = Report {
         asset: Some(asset.spec.name_or_id().to_string()),
         facts: facts(&asset.spec),
         limits: asset.spec.limits,
-        cover: asked.cover()?,
-        contents: asked.contents()?,
-        form: Some(Form { channel: asked.channel.clone() }),
+        cover: params.cover()?,
+        contents: params.contents()?,
+        form: Some(Form { channel: params.channel.clone() }),
         ..Report::default()
     };
     report.maintenance = app.service.store.maintenance(&id).await?;
@@ -128,9 +128,9 @@ pub(super) async fn show(
         let trend = app.service.store.trend(&channel).await?;
         let all = trend.segment_id.len();
         let early = all.saturating_sub(LATEST_RECORDS);
-        let mut chosen = evenly(early, MAX_RECORDS - LATEST_RECORDS);
-        chosen.extend(early..all);
-        let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[*n].clone()).collect();
+        let mut positions = evenly(early, MAX_RECORDS - LATEST_RECORDS);
+        positions.extend(early..all);
+        let ids: Vec<SegmentId> = positions.iter().map(|n| trend.segment_id[*n].clone()).collect();
         let segments = app.service.store.segments_by_id(&ids).await?;
         let mut segments: HashMap<SegmentId, Segment> =
             segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
@@ -166,7 +166,7 @@ async fn alarms(app: &App, asset: &AssetId, channel: &str) -> Result<Vec<Reporte
             rule: stored.rule,
             state: stored.alarm.state(now),
             severity: stored.alarm.severity(),
-            // What the records do not say any more is of no use on paper.
+            // withdrawn entries are omitted on paper
             history: history
                 .into_iter()
                 .filter(|entry| entry.withdrawn_at.is_none())

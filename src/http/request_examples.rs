@@ -1,4 +1,4 @@
-//! Examples of request bodies in the API's description. They run as they stand: a test sends each one.
+//! Examples of request bodies in the API's description. A test sends each one.
 
 use serde_json::{Value, json};
 

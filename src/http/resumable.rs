@@ -1,9 +1,8 @@
-//! Resumable uploads: pieces in the object store and a row that counts them, so that any process of a store
-//! goes on with what another began, and reads what another left unread.
+//! Resumable uploads: pieces in the object store and a row that counts them, so that any process with the
+//! same store can continue an upload that another started, and process one that another left behind.
 //!
-//! A piece is stored before it counts, so that a process that is killed leaves nothing that is said to be
-//! there and is not. Two that bring the bytes of one place at the same time: the second finds that the upload
-//! has gone on.
+//! A piece is stored before it is counted, so that a killed process never leaves a piece that is counted but
+//! missing. If two requests send the bytes of the same offset, the second finds that the upload has advanced.
 
 use std::time::Duration;
 
@@ -22,47 +21,47 @@ use crate::asset::AssetId;
 use crate::service::{ServiceError, blocking, detached};
 use crate::store::{NewUpload, UploadPiece};
 
-/// How long an upload that does not go on is kept, and how long it is known what became of one.
-const KEPT: SignedDuration = SignedDuration::from_hours(24);
+/// How long an inactive upload is kept, and how long the result of a finished one.
+const RETENTION: SignedDuration = SignedDuration::from_hours(24);
 
-/// Bytes of one piece; what a process that is killed may lose of an upload.
+/// Bytes per piece; the most that a killed process can lose of an upload.
 const PIECE_BYTES: usize = 4 << 20;
 
-/// How often uploads are looked for that are whole and that nobody reads, or that nobody went on with.
-const LOOK_INTERVAL: Duration = Duration::from_secs(5);
+/// Interval of the search for complete unprocessed uploads and for expired ones.
+const POLL_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Uploads taken on after one look.
-const MAX_TAKEN_ON: u32 = 4;
+/// Maximum number of uploads taken over per search.
+const MAX_TAKEN_OVER: u32 = 4;
 
-/// How often a process that reads an upload says that it is alive.
+/// Interval of the heartbeat of a process that processes an upload.
 const ALIVE_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Wait before an upload is read again that could not be read now.
+/// Delay before retrying an upload that could not be processed.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
-/// Where the disk is full, each wait is twice the one before, up to this: the recording is read from its
-/// beginning each time.
+/// While the disk is full, the delay doubles up to this limit: each retry reads the recording from the
+/// beginning.
 const MAX_WAIT: Duration = Duration::from_secs(60);
 
-/// Goes on with what an earlier process has left, and looks after uploads in the background.
+/// Continues uploads that an earlier process left behind, and looks after uploads in the background.
 pub(super) async fn start(app: &App) -> Result<(), ServiceError> {
     if app.service.store.damage().is_some() {
         return Ok(());
     }
     if !app.service.store.is_shared() {
-        app.service.store.resume_resumable(kept_until(app).await?).await?;
+        app.service.store.resume_resumable(expiry(app).await?).await?;
         app.service.uploads.remove_forgotten().await?;
     }
     tokio::spawn(watch(app.clone()));
     Ok(())
 }
 
-/// When an upload goes that does not go on from now, by the clock of the store.
-async fn kept_until(app: &App) -> Result<Timestamp, ServiceError> {
-    Ok(app.service.store.now(app.service.now()).await? + KEPT)
+/// When an upload that stays inactive from now on expires, by the clock of the store.
+async fn expiry(app: &App) -> Result<Timestamp, ServiceError> {
+    Ok(app.service.store.now(app.service.now()).await? + RETENTION)
 }
 
-/// Begins an upload for an asset that is there.
+/// Starts an upload for an existing asset.
 pub(super) async fn begin(
     app: &App,
     client: &Client,
@@ -77,27 +76,27 @@ pub(super) async fn begin(
         id: format!("{}{}", client.mark(), hex::encode(random)),
         asset,
         length,
-        expires_at: kept_until(app).await?,
+        expires_at: expiry(app).await?,
     };
-    // One client leaves a quarter to the others.
-    let most = app.limits.uploads_at_once;
-    if app.service.store.begin_resumable(&new, most, most - most / 4).await? {
+    // a single client leaves a quarter to the others
+    let max = app.limits.uploads_at_once;
+    if app.service.store.begin_resumable(&new, max, max - max / 4).await? {
         find(app, &new.id).await
     } else {
-        Err(Problem::busy("too many uploads are under way, of this client or of all together", 60))
+        Err(Problem::busy("too many uploads in progress, of this client or in total", 60))
     }
 }
 
-/// An upload as it is.
+/// The current state of an upload.
 pub(super) async fn find(app: &App, id: &str) -> Result<ResumableUpload, Problem> {
     let found = app.service.store.resumable(id, app.service.now()).await?;
     let stored = found.ok_or_else(|| unknown(id))?;
     Ok(ResumableUpload::new(stored, app.reading_waits.get(id)))
 }
 
-/// Takes the bytes behind the first `at`, and has the upload read when it is whole.
-pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
-    // Where the client goes away, what it has sent is still kept.
+/// Appends bytes at offset `at`, and starts processing when the upload is complete.
+pub(super) async fn append(app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
+    // if the client disconnects, the received bytes are still stored
     let (app, id) = (app.clone(), id.to_owned());
     let receive = async move {
         let upload = find(&app, &id).await?;
@@ -111,17 +110,17 @@ pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<Re
     detached("store an upload", receive).await?
 }
 
-/// Removes an upload. One that waits to be read may go: it may be what fills the disk.
-pub(super) async fn give_up(app: &App, id: &str) -> Result<(), Problem> {
+/// Removes an upload. One that waits to be processed may be removed, as it may be what fills the disk.
+pub(super) async fn cancel(app: &App, id: &str) -> Result<(), Problem> {
     find(app, id).await?;
-    let waits = app.reading_waits.give_up(id);
+    let waits = app.reading_waits.cancel(id);
     match app.service.store.give_up_resumable(id, waits, app.service.now()).await {
         Ok(true) => {}
         Ok(false) => {
-            return Err(Problem::new(StatusCode::CONFLICT, "the upload is being written to or read"));
+            return Err(Problem::new(StatusCode::CONFLICT, "the upload is being written or processed"));
         }
         Err(error) if error.is_full() => {
-            // There is room once its pieces are gone.
+            // its pieces free disk space
             app.service.uploads.remove(vec![id.to_owned()]).await?;
             app.service.store.give_up_resumable(id, waits, app.service.now()).await?;
         }
@@ -130,32 +129,32 @@ pub(super) async fn give_up(app: &App, id: &str) -> Result<(), Problem> {
     Ok(app.service.uploads.remove(vec![id.to_owned()]).await?)
 }
 
-/// Takes on what other processes, or an earlier one, have left unread, and removes what nobody went on with,
-/// until the store is closed.
+/// Takes over unprocessed uploads of other processes or an earlier one, and removes expired ones, until the
+/// store is closed.
 async fn watch(app: App) {
     while !app.service.store.is_closed() {
         let look = async {
             app.service.uploads.expire().await?;
-            for id in app.service.store.unread_uploads(app.service.now(), MAX_TAKEN_ON).await? {
-                take_on(&app, &id).await?;
+            for id in app.service.store.unread_uploads(app.service.now(), MAX_TAKEN_OVER).await? {
+                take_over(&app, &id).await?;
             }
             Ok::<_, Problem>(())
         };
         if let Err(problem) = look.await {
             tracing::debug!(
                 problem = problem.detail(),
-                "failed to look for unread uploads: trying again later"
+                "failed to look for unprocessed uploads: retrying later"
             );
         }
-        tokio::time::sleep(LOOK_INTERVAL).await;
+        tokio::time::sleep(POLL_INTERVAL).await;
     }
 }
 
 fn unknown(id: &str) -> Problem {
-    Problem::not_found(format!("there is no upload {id:?}"))
+    Problem::not_found(format!("upload {id:?} not found"))
 }
 
-/// Takes what comes, piece by piece.
+/// Receives a body piece by piece.
 async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<ResumableUpload, Problem> {
     let mut source = BodySource::new(body, upload.length - upload.offset, &app.limits);
     let mut piece = Vec::new();
@@ -169,22 +168,22 @@ async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<R
             store_piece(app, &mut upload, std::mem::take(&mut piece)).await?;
         }
     };
-    // What has come is kept, also where the rest did not.
+    // the received part is kept even if the rest is lost
     if !piece.is_empty() {
         store_piece(app, &mut upload, piece).await?;
     }
     if upload.offset == upload.length {
-        take_on(app, &upload.id).await?;
+        take_over(app, &upload.id).await?;
     }
     received?;
     Ok(upload)
 }
 
-/// Stores a piece, and counts it.
+/// Stores and counts a piece.
 async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) -> Result<(), Problem> {
     let (store, id, count) = (app.service.store.clone(), upload.id.clone(), bytes.len() as u64);
     let object = blocking("store an upload", move || store.objects().put_piece(&id, bytes.into())).await??;
-    let (store, expires_at) = (&app.service.store, kept_until(app).await?);
+    let (store, expires_at) = (&app.service.store, expiry(app).await?);
     let piece = UploadPiece { bytes: count, object };
     if store.add_piece(&upload.id, upload.offset, &piece, expires_at).await? {
         upload.offset += count;
@@ -192,15 +191,15 @@ async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) ->
         return Ok(());
     }
     if store.resumable(&upload.id, app.service.now()).await?.is_none() {
-        // It was given up meanwhile, and nobody else removes what came after that.
+        // The upload was cancelled in the meantime, and nobody else removes pieces stored after that.
         app.service.uploads.remove(vec![upload.id.clone()]).await?;
         return Err(unknown(&upload.id));
     }
-    Err(Problem::new(StatusCode::CONFLICT, "the upload was gone on with by another request"))
+    Err(Problem::new(StatusCode::CONFLICT, "another request has continued the upload"))
 }
 
-/// Reads an upload that is whole in the background, where nobody else does.
-async fn take_on(app: &App, id: &str) -> Result<(), Problem> {
+/// Starts processing a complete upload in the background, unless another process does so.
+async fn take_over(app: &App, id: &str) -> Result<(), Problem> {
     if app.service.store.begin_reading(id, app.service.now()).await? {
         app.reading_waits.begin(id);
         let upload = find(app, id).await?;
@@ -209,13 +208,13 @@ async fn take_on(app: &App, id: &str) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Reads an upload that is whole, and says from time to time that it is being read.
+/// Processes a complete upload with a heartbeat.
 async fn read_and_end(app: App, upload: ResumableUpload) {
     let alive = async {
         loop {
             tokio::time::sleep(ALIVE_INTERVAL).await;
             if let Err(error) = app.service.store.renew_reading(&upload.id, app.service.now()).await {
-                tracing::debug!(upload = upload.id, %error, "failed to say that an upload is being read");
+                tracing::debug!(upload = upload.id, %error, "failed to write the heartbeat of an upload");
             }
         }
     };
@@ -227,7 +226,7 @@ async fn read_and_end(app: App, upload: ResumableUpload) {
             tracing::warn!(
                 upload = upload.id,
                 problem = problem.detail(),
-                "failed to store the end of an upload: trying again"
+                "failed to store the result of an upload: retrying"
             );
             if app.service.store.is_closed() || !problem.may_pass() {
                 break;
@@ -242,9 +241,9 @@ async fn read_and_end(app: App, upload: ResumableUpload) {
     app.reading_waits.end(&upload.id);
 }
 
-/// Reads an upload that is whole, waiting for its turn; what may pass is waited for, as long as the upload is
-/// kept. None where it was given up while it waited, or where the store is closed: then it is read by whoever
-/// opens the store next.
+/// Processes a complete upload when its turn comes; transient errors are retried as long as the upload is
+/// kept. `None` if it was cancelled while waiting, or if the store is closed: then the next process that
+/// opens the store takes it over.
 async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer, Problem>> {
     let mut wait = RETRY_AFTER;
     while app.reading_waits.set(&upload.id, None) {
@@ -257,7 +256,7 @@ async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer
                 tracing::debug!(
                     upload = upload.id,
                     problem = problem.detail(),
-                    "failed to read an upload: trying again later"
+                    "failed to process an upload: retrying later"
                 );
                 app.reading_waits.set(&upload.id, Some(problem.detail()));
                 wait = if problem.is_no_room() { wait } else { RETRY_AFTER };
@@ -270,7 +269,7 @@ async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer
     None
 }
 
-/// Whether an upload is still kept; while nobody can say, it is.
+/// Whether an upload is still kept; assumed so if that cannot be determined.
 async fn is_kept(app: &App, upload: &ResumableUpload) -> bool {
     let now = app.service.store.now(app.service.now()).await;
     now.map_or(true, |now| now < upload.expires_at)
@@ -288,7 +287,7 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
     uploads::take_recording(app, &upload.asset, move || Ok(reader)).await
 }
 
-/// Stores what became of an upload; its pieces go.
+/// Stores the result of an upload and removes its pieces.
 async fn end(
     app: &App,
     upload: &ResumableUpload,
@@ -297,13 +296,13 @@ async fn end(
     let text = taken.as_ref().map(serde_json::to_string);
     let result = match &text {
         Ok(Ok(text)) => Ok(text.as_str()),
-        Ok(Err(_)) => Err("its result cannot be written down"),
+        Ok(Err(_)) => Err("its result cannot be serialised"),
         Err(problem) => Err(problem.detail()),
     };
-    let expires_at = kept_until(app).await?;
+    let expires_at = expiry(app).await?;
     match app.service.store.finish_reading(&upload.id, result, expires_at).await {
         Err(error) if error.is_full() => {
-            // There is room once its pieces are gone: all of it is read.
+            // The upload is complete, and removing its pieces frees space.
             app.service.uploads.remove(vec![upload.id.clone()]).await?;
             app.service.store.finish_reading(&upload.id, result, expires_at).await?;
         }

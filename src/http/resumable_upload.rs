@@ -1,4 +1,4 @@
-//! A resumable upload as clients see it.
+//! A resumable upload as returned by the API.
 
 use axum::http::StatusCode;
 use jiff::Timestamp;
@@ -8,17 +8,17 @@ use super::problem::Problem;
 use crate::asset::AssetId;
 use crate::store::{StoredUpload, UploadProgress};
 
-/// What an upload is doing.
+/// The state of an upload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum UploadState {
     /// Bytes are missing.
     Receiving,
-    /// All bytes are there and are being read.
+    /// All bytes have arrived and are being processed.
     Reading,
     /// Its records are stored.
     Finished,
-    /// It could not be read.
+    /// It could not be processed.
     Failed,
 }
 
@@ -31,16 +31,16 @@ pub(super) struct ResumableUpload {
     pub(super) asset: AssetId,
     /// Its length in bytes.
     pub(super) length: u64,
-    /// Bytes that are there.
+    /// Bytes received.
     pub(super) offset: u64,
-    /// What it is doing.
+    /// Its state.
     pub(super) state: UploadState,
-    /// When it goes if nothing more comes.
+    /// When it expires without further bytes.
     pub(super) expires_at: Timestamp,
-    /// Why it cannot be read now and is read again later: its turn has not come, or the disk is full. In a
-    /// cluster only the node that reads it says so.
+    /// Why processing is delayed: waiting for its turn, or the disk is full. In a cluster, only the node that
+    /// processes the upload reports it.
     pub(super) waits_for: Option<String>,
-    /// What became of its records, once it is finished.
+    /// The result of its records, once finished.
     #[schema(value_type = Option<Object>)]
     pub(super) result: Option<serde_json::Value>,
     /// Why it failed.
@@ -48,7 +48,7 @@ pub(super) struct ResumableUpload {
 }
 
 impl ResumableUpload {
-    /// One as it is stored; `waits_for` is what its reading waits for in this process.
+    /// Converts a stored upload; `waits_for` is what its processing in this process waits for.
     pub(super) fn new(stored: StoredUpload, waits_for: Option<String>) -> Self {
         Self {
             id: stored.id,
@@ -68,7 +68,7 @@ impl ResumableUpload {
         }
     }
 
-    /// Refuses bytes for another place than the one that comes next.
+    /// Rejects bytes at any offset but the next one.
     pub(super) fn check_offset(&self, at: u64) -> Result<(), Problem> {
         if self.state == UploadState::Receiving && self.offset == at {
             return Ok(());

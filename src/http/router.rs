@@ -22,11 +22,11 @@ use super::{
     reports, segments, session, stream_campaigns, streams, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
-/// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
+/// Scripts and data come only from this origin; Plotly sets inline styles and saves pictures as blobs.
 const CONTENT_SECURITY_POLICY: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
     object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
 
-/// The operations of the API with their description.
+/// The operations of the API and their description.
 fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(assets::list, assets::create))
@@ -65,7 +65,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(alarms::comment))
         .routes(routes!(notifications::list))
         .routes(routes!(tus::create, tus::options))
-        .routes(routes!(tus::offset, tus::show, tus::go_on, tus::give_up))
+        .routes(routes!(tus::offset, tus::show, tus::append, tus::cancel))
         .routes(routes!(replays::start, replays::list))
         .routes(routes!(replays::files))
         .routes(routes!(replays::show, replays::stop))
@@ -95,7 +95,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(metrics::machines))
 }
 
-/// The whole service.
+/// The router of the whole service.
 pub(super) fn router(app: App) -> Router {
     let (api, description) = operations().split_for_parts();
     let description = openapi::document(description);
@@ -135,6 +135,6 @@ async fn no_such_path(uri: Uri) -> Problem {
 async fn no_such_method(method: Method, uri: Uri) -> Problem {
     Problem::new(
         StatusCode::METHOD_NOT_ALLOWED,
-        format!("{} does not take {method}, the allow header says what it takes", uri.path()),
+        format!("{} does not support {method}; the allow header lists the supported methods", uri.path()),
     )
 }

@@ -8,10 +8,10 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::chosen;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
 use super::record_choice::{self, RecordChoice};
+use super::selection;
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId, VelocityZone};
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Indicators, OperatingPoint, ShaftSpeed};
@@ -27,23 +27,23 @@ pub(super) struct ListParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Only records in this one of the asset's operating bins.
+    /// Only records in this operating bin of the asset.
     operating_bin: Option<String>,
-    /// Only records whose estimate has one of these statuses, with commas between them.
+    /// Only records whose estimate has one of these statuses, comma-separated.
     #[param(example = "estimated,excluded")]
     status: Option<String>,
-    /// Entries of the page: 1 to 1000, 100 where not given.
+    /// Page size: 1 to 1000, default 100.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
-    /// `asc`: the earliest first; `desc`: the latest first.
+    /// `asc`: oldest first; `desc`: newest first.
     #[serde(default)]
     #[param(inline, required = false)]
     order: Order,
 }
 
-/// A segment as lists show it: without features and posterior.
+/// A segment in lists: without features and posterior.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SegmentRow {
     /// Identifier.
@@ -54,7 +54,7 @@ pub(super) struct SegmentRow {
     channel: String,
     /// Time of the first sample.
     start_time: Timestamp,
-    /// When the service took it.
+    /// When the service received it.
     received_at: Timestamp,
     /// Sampling rate in hertz.
     sample_rate_hz: f64,
@@ -62,22 +62,22 @@ pub(super) struct SegmentRow {
     samples: u64,
     /// Unit of the samples.
     unit: String,
-    /// Operating point as given with the record.
+    /// Operating point supplied with the record.
     operating_point: OperatingPoint,
-    /// Shaft speed that was used, and where it came from.
+    /// Shaft speed that was used, and its source.
     shaft_speed: Option<ShaftSpeed>,
-    /// Wear depth in µm known from elsewhere.
+    /// Wear depth in µm known from another source.
     #[serde(skip_serializing_if = "Option::is_none")]
     reference_wear_um: Option<f64>,
-    /// Where the raw bytes are.
+    /// Location of the raw bytes.
     raw: RawReference,
-    /// People excluded it: it takes no part in the baseline, the estimate and the alarms.
+    /// Whether it is excluded from the baseline, the estimate and alarms.
     excluded: bool,
     #[serde(flatten)]
     basis: Basis,
     #[serde(flatten)]
     indicators: Indicators,
-    /// The zone of ISO 20816 that `velocity_rms` lies in, where the asset has zones.
+    /// The ISO 20816 zone of `velocity_rms`, if the asset has zones.
     #[serde(skip_serializing_if = "Option::is_none")]
     velocity_zone: Option<VelocityZone>,
     /// The wear estimate after this record, without its posterior.
@@ -108,7 +108,7 @@ impl SegmentRow {
     }
 }
 
-/// Segments of an asset in the order of time
+/// List segments of an asset in order of time
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/segments",
@@ -119,21 +119,21 @@ impl SegmentRow {
 pub(super) async fn list(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<ListParameters>,
+    Parameters(params): Parameters<ListParameters>,
 ) -> Result<impl IntoResponse, Problem> {
-    let limit = query::limit(asked.limit)?;
+    let limit = query::limit(params.limit)?;
     let filter = SegmentFilter {
-        channel: asked.channel,
-        from: asked.from,
-        to: asked.to,
-        after: query::segment_cursor(asked.cursor.as_deref())?,
-        order: asked.order,
+        channel: params.channel,
+        from: params.from,
+        to: params.to,
+        after: query::segment_cursor(params.cursor.as_deref())?,
+        order: params.order,
     };
     let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;
     let choice = RecordChoice {
-        bin: chosen::asked_bin(&spec, asked.operating_bin.as_deref())?,
-        statuses: record_choice::asked_statuses(asked.status.as_deref())?,
+        bin: selection::requested_bin(&spec, params.operating_bin.as_deref())?,
+        statuses: record_choice::parse_statuses(params.status.as_deref())?,
     };
     let segments = match choice.is_all() {
         true => store.segments(&asset, &filter, limit + 1).await?,
@@ -145,17 +145,17 @@ pub(super) async fn list(
     Ok(Json(page.map(|segment| SegmentRow::of(segment, &spec))))
 }
 
-/// A segment, whole, and what the asset's description says of it.
+/// A complete segment.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SegmentView {
     #[serde(flatten)]
     segment: Segment,
-    /// The zone of ISO 20816 that `velocity_rms` lies in, where the asset has zones.
+    /// The ISO 20816 zone of `velocity_rms`, if the asset has zones.
     #[serde(skip_serializing_if = "Option::is_none")]
     velocity_zone: Option<VelocityZone>,
 }
 
-/// One segment, whole
+/// Get a complete segment
 #[utoipa::path(
     get,
     path = "/v1/segments/{segment}",
@@ -175,15 +175,15 @@ pub(super) async fn show(
 
 /// Delete one segment
 ///
-/// It is as if its record had never come, also for the other assets of its sensor: the histories that it was
-/// part of are estimated anew in the background. Its raw recording goes into quarantine. Sent again it is
-/// stored again.
+/// Also for other assets with the same sensor: the affected histories are recomputed in the background as if
+/// the record had never been received. Its raw recording is moved to quarantine. Uploading it again stores it
+/// again.
 #[utoipa::path(
     delete,
     path = "/v1/segments/{segment}",
     tag = "records",
     params(("segment" = String, Path, description = "The segment")),
-    responses((status = 204, description = "Gone"), (status = 409, body = Details, content_type = "application/problem+json", description = "It came for another asset, whose sensor this one shares")),
+    responses((status = 204, description = "Deleted"), (status = 409, body = Details, content_type = "application/problem+json", description = "The record belongs to another asset with the same sensor")),
 )]
 pub(super) async fn remove(
     State(app): State<App>,
@@ -194,7 +194,7 @@ pub(super) async fn remove(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Which records; `ids`, or at least one of `from` and `to`, is needed.
+/// The selected records; needs `ids`, or at least one of `from` and `to`.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
@@ -205,13 +205,13 @@ pub(super) struct RangeParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// These records in place of a range: identifiers with commas between them, at most 200.
+    /// These records instead of a range: comma-separated ids, at most 200.
     ids: Option<String>,
 }
 
 impl RangeParameters {
-    /// The range, or one for each of the records that are named; `all` says what to do in place of a range
-    /// without bounds.
+    /// The range, or one range per named record; `all` tells how to select everything, for the error about a
+    /// missing range.
     pub(super) async fn ranges(
         self,
         app: &App,
@@ -231,36 +231,36 @@ impl RangeParameters {
     }
 }
 
-/// How many records were deleted.
+/// The number of deleted records.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Deleted {
-    /// Records of the asset.
+    /// Deleted records of the asset.
     deleted: u64,
 }
 
-/// Delete the segments of a range of time, or those that are named
+/// Delete segments by time range or id
 ///
-/// As each of them by itself.
+/// Applies to each as `DELETE /v1/segments/{segment}`.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}/segments",
     tag = "records",
     params(("asset" = AssetId, Path, description = "The asset"), RangeParameters),
-    responses((status = 200, body = Deleted), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "They come for another asset, whose sensor this one shares")),
+    responses((status = 200, body = Deleted), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "The records belong to another asset with the same sensor")),
 )]
 pub(super) async fn remove_range(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<RangeParameters>,
+    Parameters(params): Parameters<RangeParameters>,
 ) -> Result<Json<Deleted>, Problem> {
     let all = "a time here or in to, or ids: delete the asset to delete all";
-    let ranges = asked.ranges(&app, &asset, all).await?;
+    let ranges = params.ranges(&app, &asset, all).await?;
     let deleted = app.service.removals.remove_each(&asset, &ranges).await?;
     Ok(Json(Deleted { deleted }))
 }
 
-/// The segment, or the problem that there is none.
+/// Returns the segment, or a problem if it does not exist.
 pub(super) async fn find(app: &App, id: &SegmentId) -> Result<Segment, Problem> {
     let segment = app.service.store.segment(id).await?;
-    segment.ok_or_else(|| Problem::not_found(format!("there is no segment {id}")))
+    segment.ok_or_else(|| Problem::not_found(format!("segment {id} not found")))
 }

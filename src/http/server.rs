@@ -1,4 +1,4 @@
-//! The service as a whole: its parts put together, started and stopped.
+//! The complete service: assembly, start and stop.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -23,34 +23,34 @@ use crate::library::GridSettings;
 use crate::service::{Clock, Role, Service, ServiceFolders, WorkLimits, WorkQueue};
 use crate::store::{Recipients, Store, StoreSettings};
 
-/// How long the database may take to close after everything else has ended.
+/// Time for the database to close after everything else has ended.
 const CLOSING: std::time::Duration = std::time::Duration::from_secs(2);
 
-/// What the service is started with.
+/// Configuration of the service.
 #[derive(Debug, Clone)]
 pub struct ServiceConfig {
-    /// Address to listen on; port 0 takes a free one.
+    /// Address to listen on; port 0 selects a free port.
     pub listen: SocketAddr,
     /// Certificate and key; without them the service speaks plain HTTP.
     pub tls: Option<TlsFiles>,
-    /// Nobody is asked for a token, on whatever address.
+    /// Accept requests without a token on any address.
     pub insecure_no_tokens: bool,
-    /// Names by which others know the service, where it listens on this machine alone, asks nobody for a
-    /// token and another server passes on what is for it.
+    /// Additional host names of the service when it listens on this machine only, requires no token and is
+    /// behind a reverse proxy.
     pub host_names: Vec<String>,
-    /// Where everything is kept.
+    /// The data folder.
     pub data_dir: PathBuf,
-    /// The store, where it is not in the data folder.
+    /// The store, if it is not in the data folder.
     pub store: Option<StoreSettings>,
-    /// Recordings that may be replayed; `recordings` in the data folder where not given.
+    /// Folder of recordings that can be replayed; default `recordings` in the data folder.
     pub replay_dir: Option<PathBuf>,
     /// Limits on requests.
     pub http: HttpLimits,
     /// Limits on work.
     pub work: WorkLimits,
-    /// Who is notified of alarms.
+    /// Recipients of alarm notifications.
     pub recipients: Recipients,
-    /// How libraries are simulated, with depths for module 6 mm, which go with a pair's module.
+    /// Settings for simulating libraries, with depths for module 6 mm, which scale with a pair's module.
     pub grid: GridSettings,
 }
 
@@ -84,27 +84,25 @@ pub struct RunningService {
     server: JoinHandle<()>,
 }
 
-/// What joins a service with others on the same store.
+/// Connects a service with others on the same store.
 pub struct Node {
     /// The store.
     pub store: Store,
-    /// The queue that records go into.
+    /// The queue for records.
     pub queue: Arc<dyn WorkQueue>,
-    /// What all nodes show.
+    /// Events of all nodes.
     pub events: SharedEvents,
 }
 
 /// Starts the service; it runs until [`RunningService::stop`].
-///
-/// Errors: the data folder is not writable, in use or of a later version; the address is taken.
+/// Fails if the data folder is not writable, in use or of a later version, or if the address is taken.
 pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<RunningService, StartError> {
     start_as(config, None, clock).await
 }
 
-/// Starts one of several services on the same store. Its data folder holds nothing that is not somewhere else
-/// too.
+/// Starts one of several services on the same store. Its data folder holds only replaceable data.
 ///
-/// Errors: as those of [`start`].
+/// Fails as [`start`] does.
 pub async fn start_node(
     config: ServiceConfig,
     node: Node,
@@ -199,7 +197,7 @@ async fn start_as(
 }
 
 impl RunningService {
-    /// The address that it listens on.
+    /// The address it listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -210,13 +208,13 @@ impl RunningService {
         format!("{scheme}://{}", self.address)
     }
 
-    /// The parts of the service, for what works inside the process.
+    /// The parts of the service, for code in the same process.
     pub fn service(&self) -> &Arc<Service> {
         &self.service
     }
 
-    /// Stops taking requests, ends within the time of grace what was begun, and closes the store within 2 s
-    /// more.
+    /// Stops accepting requests, finishes running work within the grace period, and closes the store within 2
+    /// s more.
     pub async fn stop(self) -> Result<(), StartError> {
         let _ = self.stop.send(());
         self.events.end();
@@ -225,7 +223,7 @@ impl RunningService {
         let end = async {
             self.service.replays.stop_all().await;
             let ended = (&mut server).await;
-            // What goes on by itself after its client has gone.
+            // work that continues after its client has disconnected
             while self.service.workers.queue().0 > 0 {
                 tokio::time::sleep(std::time::Duration::from_millis(5)).await;
             }
@@ -236,14 +234,13 @@ impl RunningService {
             Ok(Ok(())) => Ok(()),
             Ok(Err(error)) => Err(StartError::Stopped(error.to_string())),
             Err(_) => {
-                tracing::warn!("failed to end all requests within the time of grace");
+                tracing::warn!("failed to finish all requests within the grace period");
                 server.abort();
                 Ok(())
             }
         };
         self.service.streams.close().await;
-        // A connection that works on something long is not waited for: the database repairs itself at the
-        // next start.
+        // A connection with a long-running statement is not awaited: the database recovers at the next start.
         if tokio::time::timeout(CLOSING, self.service.store.close()).await.is_err() {
             tracing::warn!("failed to close the database in time");
         }

@@ -1,4 +1,4 @@
-//! Sessions of browsers: the token in a cookie that no script reads. Links and downloads then carry it like
+//! Browser sessions: the token in a cookie that scripts cannot read. Links and downloads then carry it like
 //! every other request.
 
 use axum::http::header::{self, InvalidHeaderValue};
@@ -12,28 +12,28 @@ use super::token::{Scope, Token};
 
 const COOKIE: &str = "flankwatch_session";
 
-/// Never sent with what another site's page asks for, and not to be read by scripts. Without an age it ends
-/// with the browser.
+/// Never sent with requests from another site's pages, and not readable by scripts. Without a lifetime it
+/// ends with the browser.
 const ATTRIBUTES: &str = "Path=/; HttpOnly; SameSite=Strict";
 
-/// Who makes a request, where tokens are asked for.
+/// The authenticated caller of a request.
 #[derive(Clone)]
 pub(super) struct Caller {
     pub(super) token: Token,
-    /// The token as it was shown, with its secret.
+    /// The presented token, with its secret.
     pub(super) presented: String,
 }
 
-/// The token of a session's cookie.
+/// The token in the session cookie.
 pub(super) fn token_in_cookie(headers: &HeaderMap) -> Option<&str> {
     let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut pairs = cookies.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
     pairs.find(|(name, _)| *name == COOKIE).map(|(_, value)| value)
 }
 
-/// A browser sends the cookie by itself, so what changes something has to come from a page of this service.
-/// Browsers say it in `sec-fetch-site`, or, where the page came without TLS, in `origin`, which is the
-/// service's own where a request has come so far.
+/// Browsers send the cookie automatically, so changes must come from a page of this service. Browsers report
+/// that in `sec-fetch-site` or, for pages without TLS, in `origin`, which has already been checked to be the
+/// service's own.
 pub(super) fn refuse_unless_own_page(headers: &HeaderMap) -> Result<(), Problem> {
     let is_own = match headers.get("sec-fetch-site") {
         Some(site) => site == "same-origin",
@@ -42,14 +42,14 @@ pub(super) fn refuse_unless_own_page(headers: &HeaderMap) -> Result<(), Problem>
     if is_own {
         return Ok(());
     }
-    let detail = "with a session's cookie only a page of this service changes something; programs show their token in the authorization header";
+    let detail = "with a session cookie only a page of this service may change something; programs must send their token in the authorization header";
     Err(Problem::new(StatusCode::FORBIDDEN, detail))
 }
 
-/// What a session may do.
+/// A session's permissions.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SessionView {
-    /// The token that was shown; none where nobody is asked for one.
+    /// The token of the session; none if no token is required.
     token: Option<SessionToken>,
 }
 
@@ -58,9 +58,9 @@ pub(super) struct SessionView {
 struct SessionToken {
     /// Its identifier.
     id: String,
-    /// What it is for.
+    /// Its name.
     name: String,
-    /// How far it reaches.
+    /// Its scope.
     #[schema(value_type = String)]
     scope: Scope,
 }
@@ -76,16 +76,16 @@ impl SessionView {
     }
 }
 
-/// Whose session it is
+/// Get the current session
 #[utoipa::path(get, path = "/v1/session", tag = "service", responses((status = 200, body = SessionView)))]
 pub(super) async fn show(caller: Option<Extension<Caller>>) -> Json<SessionView> {
     Json(SessionView::of(caller.as_deref()))
 }
 
-/// Begins a session of a browser
+/// Start a browser session
 ///
-/// The token of the `authorization` header is kept in a cookie until the browser is closed. It reaches as far
-/// there as everywhere, and opens nothing any more once it is revoked.
+/// The token of the `authorization` header is stored in a cookie until the browser is closed. The session has
+/// the token's scope and ends when the token is revoked.
 #[utoipa::path(post, path = "/v1/session", tag = "service", responses((status = 200, body = SessionView)))]
 pub(super) async fn begin(
     caller: Option<Extension<Caller>>,
@@ -95,7 +95,7 @@ pub(super) async fn begin(
     let Some(Extension(caller)) = caller else {
         return Ok(Json(view).into_response());
     };
-    // As the browser sees the service, also behind a proxy that ends TLS.
+    // the scheme as seen by the browser, even behind a proxy that terminates TLS
     let is_secure =
         headers.get(header::ORIGIN).is_some_and(|origin| origin.as_bytes().starts_with(b"https://"));
     let cookie = cookie(&caller.presented, is_secure, "")
@@ -103,8 +103,8 @@ pub(super) async fn begin(
     Ok(([(header::SET_COOKIE, cookie)], Json(view)).into_response())
 }
 
-/// Ends a session of a browser
-#[utoipa::path(delete, path = "/v1/session", tag = "service", responses((status = 204, description = "The browser forgets the token")))]
+/// End a browser session
+#[utoipa::path(delete, path = "/v1/session", tag = "service", responses((status = 204, description = "The cookie is deleted")))]
 pub(super) async fn end() -> Response {
     match cookie("", false, "; Max-Age=0") {
         Ok(cookie) => (StatusCode::NO_CONTENT, [(header::SET_COOKIE, cookie)]).into_response(),
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_page_of_the_service_changes_something_with_a_cookie() {
+    fn with_a_cookie_only_own_pages_may_change_something() {
         let is_refused = |fields: &[_]| refuse_unless_own_page(&headers(fields)).is_err();
         assert!(!is_refused(&[("sec-fetch-site", "same-origin")]));
         assert!(!is_refused(&[("origin", "http://wear.example")]));
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cookie_is_for_no_script_and_no_other_site() {
+    fn the_cookie_is_hidden_from_scripts_and_other_sites() {
         let text = |secure| cookie("fwt_1_2", secure, "").unwrap().to_str().unwrap().to_owned();
         assert_eq!(text(false), "flankwatch_session=fwt_1_2; Path=/; HttpOnly; SameSite=Strict");
         assert!(text(true).ends_with("; Secure"));

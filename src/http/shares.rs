@@ -1,4 +1,4 @@
-//! What one client may have of what there is once for all: connections, event streams.
+//! Fair shares of limited resources per client: connections, event streams.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -11,21 +11,21 @@ use sha2::{Digest, Sha256};
 
 use super::session::Caller;
 
-/// Who asks: the bearer of a token or, where nobody is asked for one, an address.
+/// A client: the bearer of a token or, without tokens, an address.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) enum Client {
-    /// By the identifier of the token.
+    /// Identified by the token's id.
     Token(String),
-    /// By where the connection comes from: that of a proxy, where there is one.
+    /// Identified by the peer address: that of the proxy if there is one.
     Address(Option<IpAddr>),
 }
 
-/// Where a connection comes from.
+/// The peer address of a connection.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PeerAddress(pub(super) IpAddr);
 
 impl Client {
-    /// Eight hexadecimal digits that are the same for one client and seldom for two.
+    /// Eight hexadecimal digits that are stable for a client and rarely equal for two.
     pub(super) fn mark(&self) -> String {
         let text = match self {
             Self::Token(id) => format!("token {id}"),
@@ -46,61 +46,61 @@ impl<S: Sync> FromRequestParts<S> for Client {
     }
 }
 
-/// Places of which one client may have some.
+/// A number of places with a limit per client.
 #[derive(Debug, Clone)]
 pub(super) struct Shares {
-    most: usize,
-    most_of_client: usize,
-    taken: Arc<Mutex<Taken>>,
+    max: usize,
+    max_per_client: usize,
+    occupied: Arc<Mutex<Occupied>>,
 }
 
 #[derive(Debug, Default)]
-struct Taken {
+struct Occupied {
     all: usize,
     by_client: HashMap<Client, usize>,
 }
 
-/// A place, until it is dropped.
+/// An occupied place, freed on drop.
 #[derive(Debug)]
 pub(super) struct Share {
     client: Client,
-    taken: Arc<Mutex<Taken>>,
+    occupied: Arc<Mutex<Occupied>>,
 }
 
 impl Shares {
-    pub(super) fn new(most: usize, most_of_client: usize) -> Self {
-        Self { most: most.max(1), most_of_client: most_of_client.max(1), taken: Arc::default() }
+    pub(super) fn new(max: usize, max_per_client: usize) -> Self {
+        Self { max: max.max(1), max_per_client: max_per_client.max(1), occupied: Arc::default() }
     }
 
-    /// A place for a client; none where all are taken, or its own are.
+    /// Takes a place for a client; `None` if all places or its own share are taken.
     pub(super) fn take(&self, client: Client) -> Option<Share> {
-        let mut taken = lock(&self.taken);
-        let of_client = taken.by_client.get(&client).copied().unwrap_or_default();
-        if taken.all >= self.most || of_client >= self.most_of_client {
+        let mut occupied = lock(&self.occupied);
+        let of_client = occupied.by_client.get(&client).copied().unwrap_or_default();
+        if occupied.all >= self.max || of_client >= self.max_per_client {
             return None;
         }
-        taken.all += 1;
-        taken.by_client.insert(client.clone(), of_client + 1);
-        let taken = Arc::clone(&self.taken);
-        Some(Share { client, taken })
+        occupied.all += 1;
+        occupied.by_client.insert(client.clone(), of_client + 1);
+        let occupied = Arc::clone(&self.occupied);
+        Some(Share { client, occupied })
     }
 }
 
 impl Drop for Share {
     fn drop(&mut self) {
-        let mut taken = lock(&self.taken);
-        taken.all -= 1;
-        if let Some(of_client) = taken.by_client.get_mut(&self.client) {
+        let mut occupied = lock(&self.occupied);
+        occupied.all -= 1;
+        if let Some(of_client) = occupied.by_client.get_mut(&self.client) {
             *of_client -= 1;
             if *of_client == 0 {
-                taken.by_client.remove(&self.client);
+                occupied.by_client.remove(&self.client);
             }
         }
     }
 }
 
-fn lock(taken: &Mutex<Taken>) -> MutexGuard<'_, Taken> {
-    taken.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(occupied: &Mutex<Occupied>) -> MutexGuard<'_, Occupied> {
+    occupied.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -112,13 +112,13 @@ mod tests {
         let shares = Shares::new(3, 2);
         let (one, other) = (Client::Token("one".to_owned()), Client::Address(None));
         let mut held = vec![shares.take(one.clone()).unwrap(), shares.take(one.clone()).unwrap()];
-        assert!(shares.take(one.clone()).is_none(), "its own are taken");
+        assert!(shares.take(one.clone()).is_none(), "its own are occupied");
         held.push(shares.take(other.clone()).unwrap());
-        assert!(shares.take(other.clone()).is_none(), "all are taken");
+        assert!(shares.take(other.clone()).is_none(), "all are occupied");
         held.remove(0);
         held.push(shares.take(other.clone()).unwrap());
         drop(held);
-        assert!(lock(&shares.taken).by_client.is_empty());
+        assert!(lock(&shares.occupied).by_client.is_empty());
         assert_ne!(one.mark(), other.mark());
     }
 }

@@ -1,4 +1,4 @@
-//! Why the service does not run.
+//! Why the service could not start or stopped.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use super::tokens::TokenError;
 use crate::service::ServiceError;
 use crate::store::StoreError;
 
-/// Why the service does not run.
+/// Why the service could not start or stopped.
 #[derive(Debug, Error)]
 pub enum StartError {
     /// The data folder, or the store that it points to, cannot be used.
@@ -23,15 +23,15 @@ pub enum StartError {
     /// A part could not be started.
     #[error(transparent)]
     Service(#[from] ServiceError),
-    /// The address cannot be listened on.
+    /// Cannot listen on the address.
     #[error("cannot listen on {address}: {source}{hint}", hint = if source.kind() == std::io::ErrorKind::AddrInUse { "; is another flankwatch running? --listen takes another address" } else { "" })]
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// Everyone could do everything from elsewhere.
+    /// Anyone could access everything from other machines.
     #[error(
         "listening on {0} needs tokens, and there are none: make one with `flankwatch token create`, listen on 127.0.0.1, or say \
          --insecure-no-tokens where everyone who reaches the address may do everything"
@@ -40,7 +40,7 @@ pub enum StartError {
     /// The tokens cannot be read.
     #[error(transparent)]
     Tokens(#[from] TokenError),
-    /// Certificate or key cannot be used.
+    /// Certificate or key is invalid.
     #[error("cannot use {path} for TLS: {reason}", path = path.display())]
     Tls {
         /// The file.
@@ -48,17 +48,17 @@ pub enum StartError {
         /// Why not.
         reason: String,
     },
-    /// A setting does not go with another.
+    /// A setting conflicts with another.
     #[error("{field} is {value}, expected {expected}")]
     Setting {
-        /// Which setting.
+        /// The setting.
         field: &'static str,
         /// Its value.
         value: String,
-        /// What would have been right.
+        /// What was expected.
         expected: String,
     },
-    /// The server ended by itself.
+    /// The server stopped unexpectedly.
     #[error("the server stopped: {0}")]
     Stopped(String),
 }

@@ -1,4 +1,4 @@
-//! Measuring campaigns of live streams: everything is kept for a time.
+//! Measuring campaigns of live streams: all samples become records for a limited time.
 
 use axum::Json;
 use axum::extract::State;
@@ -9,48 +9,48 @@ use serde::{Deserialize, Serialize};
 use super::app::App;
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
-use super::streams::USUAL_NAME;
+use super::streams::DEFAULT_NAME;
 use crate::asset::AssetId;
 use crate::service::CampaignStatus;
 
-/// The longest campaign: a day.
+/// The maximum duration of a campaign: one day.
 const MAX_S: f64 = 86_400.0;
 
-/// What a campaign is of.
+/// A campaign to start.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CampaignParameters {
-    /// The stream's name: `main` where not given.
+    /// The stream's name, default `main`.
     name: Option<String>,
-    /// For how many seconds, at most 86400: 60 where not given.
+    /// Duration in seconds, at most 86400, default 60.
     #[param(minimum = 1, maximum = 86400)]
     seconds: Option<f64>,
 }
 
-/// Which stream's campaign is ended.
+/// The campaign to end.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CampaignEndParameters {
-    /// The stream's name: `main` where not given.
+    /// The stream's name, default `main`.
     name: Option<String>,
 }
 
 /// A measuring campaign.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct CampaignView {
-    /// It goes on.
+    /// Whether it is running.
     is_running: bool,
     /// Index of the first sample.
     first: u64,
-    /// Index after the last one.
+    /// Index after the last sample.
     end: u64,
     /// The time of the first sample: `from` of an export of its records.
     start_time: Timestamp,
     /// The time at which it ends or ended: `to` of an export of its records.
     end_time: Option<Timestamp>,
-    /// Records cut for it, those of all channels counted as one.
+    /// Records made by it; those of all channels count as one.
     records: u64,
 }
 
@@ -61,10 +61,10 @@ impl From<CampaignStatus> for CampaignView {
     }
 }
 
-/// Keep everything of a live stream for a time
+/// Start a measuring campaign
 ///
-/// All samples from now on become records, back to back, whatever the asset's description says of records. A
-/// campaign that runs ends then instead.
+/// All samples from now on become back-to-back records, regardless of the asset's stream settings. A running
+/// campaign is replaced.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/stream/campaign",
@@ -72,38 +72,38 @@ impl From<CampaignStatus> for CampaignView {
     params(("asset" = AssetId, Path, description = "The asset"), CampaignParameters),
     responses(
         (status = 200, body = CampaignView),
-        (status = 501, body = Details, content_type = "application/problem+json", description = "A cluster takes no streams"),
+        (status = 501, body = Details, content_type = "application/problem+json", description = "Not supported in a cluster"),
     ),
 )]
 pub(super) async fn begin(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<CampaignParameters>,
+    Parameters(params): Parameters<CampaignParameters>,
 ) -> Result<Json<CampaignView>, Problem> {
-    let seconds = asked.seconds.unwrap_or(60.0);
+    let seconds = params.seconds.unwrap_or(60.0);
     if !(1.0..=MAX_S).contains(&seconds) {
         return Err(Problem::query("seconds", seconds, "a number from 1 to 86400"));
     }
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     Ok(Json(app.service.streams.begin_campaign(&asset, name, seconds).await?.into()))
 }
 
-/// End the campaign of a live stream
+/// End a measuring campaign
 ///
-/// What has come is its last record. Nothing happens where none runs.
+/// The samples received so far become its last record. Does nothing if no campaign is running.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}/stream/campaign",
     tag = "streams",
     params(("asset" = AssetId, Path, description = "The asset"), CampaignEndParameters),
-    responses((status = 204, description = "None runs any more")),
+    responses((status = 204, description = "No campaign is running")),
 )]
 pub(super) async fn end(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<CampaignEndParameters>,
+    Parameters(params): Parameters<CampaignEndParameters>,
 ) -> Result<StatusCode, Problem> {
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     app.service.streams.end_campaign(&asset, name).await?;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -1,4 +1,4 @@
-//! A live stream over a WebSocket.
+//! Live streams over a WebSocket.
 
 use std::time::{Duration, Instant};
 
@@ -18,38 +18,38 @@ use crate::service::{ServiceError, StreamGap, StreamProgress, StreamSender};
 use crate::signal::OperatingPoint;
 use crate::store::StoreError;
 
-/// Bytes of one message.
+/// Maximum size of one message in bytes.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
 
-/// Bytes that are taken together: one wait for the disk serves them all.
+/// Maximum number of bytes stored together: one disk sync serves them all.
 const MAX_BATCH_BYTES: usize = 4 << 20;
 
-/// Index and time in front of the samples of a message.
+/// Size of the index and time before the samples of a message.
 const HEAD_BYTES: usize = 16;
 
-/// How long a sender may be silent before it is asked whether it is there, and before it counts as gone.
-const ASK_AFTER: Duration = Duration::from_secs(15);
+/// Silence after which the sender is pinged, and after which it counts as gone.
+const PING_AFTER: Duration = Duration::from_secs(15);
 const GONE_AFTER: Duration = Duration::from_secs(45);
 
-/// How often is looked whether the token and the asset are still there.
-const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+/// Interval at which the token and the asset are checked.
+const CHECK_INTERVAL: Duration = Duration::from_secs(2);
 
-/// What a sender says besides samples.
+/// A control message of a sender.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-enum Said {
-    /// Nothing before this index comes any more.
+enum ClientMessage {
+    /// No samples before this index will follow.
     Gap { next: u64 },
-    /// What the machine does from now on.
+    /// The machine's operating point from now on.
     Operating { shaft_speed_hz: Option<f64>, torque_nm: Option<f64>, temperature_c: Option<f64> },
-    /// Pulses of the tachometer among samples to come, so many samples after an index.
+    /// Tachometer pulses within future samples, as offsets from an index.
     Tachometer {
         from: u64,
         pulses: Vec<f64>,
         #[serde(default = "one")]
         pulses_per_revolution: u32,
     },
-    /// The stream is over for now.
+    /// The stream ends for now.
     End,
 }
 
@@ -57,19 +57,19 @@ fn one() -> u32 {
     1
 }
 
-/// What a sender is told.
+/// A message to a sender.
 #[derive(Debug, Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
-enum Told {
-    /// Where to go on.
+enum ServerMessage {
+    /// The index to continue with.
     Stream { next: Option<u64> },
-    /// Everything before this index is kept.
+    /// Everything before this index is stored.
     Ack { next: Option<u64> },
-    /// Samples never came.
+    /// Missing samples.
     Gap { first: u64, samples: u64 },
 }
 
-/// Why a connection is closed, with the code that says so.
+/// The reason and code for closing a connection.
 struct Closing {
     code: u16,
     reason: String,
@@ -81,7 +81,7 @@ impl Closing {
     }
 
     fn end() -> Self {
-        Self::new(1000, "the stream is ended")
+        Self::new(1000, "the stream has ended")
     }
 }
 
@@ -95,7 +95,7 @@ impl From<ServiceError> for Closing {
             ServiceError::Busy { .. } => 4503,
             ServiceError::Store(error) if error.is_unavailable() => 4503,
             _ => {
-                tracing::error!(%error, "a stream failed");
+                tracing::error!(%error, "stream failed");
                 1011
             }
         };
@@ -103,7 +103,7 @@ impl From<ServiceError> for Closing {
     }
 }
 
-/// Answers a request that begins a stream.
+/// Answers a request that starts a stream.
 pub(super) fn answer(
     upgrade: WebSocketUpgrade,
     app: App,
@@ -114,7 +114,7 @@ pub(super) fn answer(
     upgrade.on_upgrade(async move |socket| {
         let over = app.service.streams.follow_end();
         let OpenStream { sender, share: _share } = stream;
-        let connection = Connection { app, sender, caller, over, looked_at: Instant::now() };
+        let connection = Connection { app, sender, caller, over, checked_at: Instant::now() };
         connection.run(socket).await;
     })
 }
@@ -124,22 +124,22 @@ struct Connection {
     sender: StreamSender,
     caller: Option<Caller>,
     over: watch::Receiver<bool>,
-    looked_at: Instant,
+    checked_at: Instant,
 }
 
 impl Connection {
     async fn run(mut self, mut socket: WebSocket) {
         let Err(closing) = self.serve(&mut socket).await else { return };
-        tracing::debug!(code = closing.code, reason = closing.reason, "a stream is closed");
+        tracing::debug!(code = closing.code, reason = closing.reason, "stream closed");
         let mut reason = closing.reason;
-        // The most that fits into the frame.
+        // the maximum that fits into the frame
         while reason.len() > 123 {
             reason.pop();
         }
         let frame = CloseFrame { code: closing.code, reason: reason.into() };
         let farewell = async {
             let _ = socket.send(Message::Close(Some(frame))).await;
-            // The client answers, so that it has read the reason before the connection goes.
+            // wait for the client's answer, which shows that it has read the reason
             while let Some(Ok(message)) = socket.recv().await {
                 if matches!(message, Message::Close(_)) {
                     break;
@@ -149,39 +149,39 @@ impl Connection {
         let _ = tokio::time::timeout(Duration::from_secs(5), farewell).await;
     }
 
-    /// Takes messages until the connection ends by itself (`Ok`) or is to be closed.
+    /// Receives messages until the connection ends (`Ok`) or must be closed.
     async fn serve(&mut self, socket: &mut WebSocket) -> Result<(), Closing> {
-        if !tell(socket, &Told::Stream { next: self.sender.next() }).await {
+        if !send_message(socket, &ServerMessage::Stream { next: self.sender.next() }).await {
             return Ok(());
         }
-        let (mut heard_at, mut is_asked) = (Instant::now(), false);
+        let (mut received_at, mut is_pinged) = (Instant::now(), false);
         loop {
             let received = tokio::select! {
                 _ = self.over.wait_for(|over| *over) => {
-                    return Err(Closing::new(1001, "the service ends: go on when it is back"));
+                    return Err(Closing::new(1001, "the service is stopping: continue when it is back"));
                 }
                 () = self.sender.taken_over() => return Err(ServiceError::StreamTaken.into()),
-                received = tokio::time::timeout(LOOK_INTERVAL, socket.recv()) => received,
+                received = tokio::time::timeout(CHECK_INTERVAL, socket.recv()) => received,
             };
-            if self.looked_at.elapsed() >= LOOK_INTERVAL {
-                self.look().await?;
+            if self.checked_at.elapsed() >= CHECK_INTERVAL {
+                self.check().await?;
             }
             match received {
                 Ok(Some(Ok(message))) => {
-                    (heard_at, is_asked) = (Instant::now(), false);
-                    if !self.take(socket, message).await? {
+                    (received_at, is_pinged) = (Instant::now(), false);
+                    if !self.handle(socket, message).await? {
                         return Ok(());
                     }
                 }
                 Ok(Some(Err(error))) => {
-                    return Err(Closing::new(1002, format!("the message cannot be read: {error}")));
+                    return Err(Closing::new(1002, format!("failed to read the message: {error}")));
                 }
                 Ok(None) => return Ok(()),
-                Err(_) if heard_at.elapsed() >= GONE_AFTER => {
-                    return Err(Closing::new(4408, "nothing came for 45 s, not even a pong"));
+                Err(_) if received_at.elapsed() >= GONE_AFTER => {
+                    return Err(Closing::new(4408, "nothing received for 45 s, not even a pong"));
                 }
-                Err(_) if heard_at.elapsed() >= ASK_AFTER && !is_asked => {
-                    is_asked = true;
+                Err(_) if received_at.elapsed() >= PING_AFTER && !is_pinged => {
+                    is_pinged = true;
                     if socket.send(Message::Ping(Bytes::new())).await.is_err() {
                         return Ok(());
                     }
@@ -191,23 +191,23 @@ impl Connection {
         }
     }
 
-    /// Looks whether the stream may still be sent, and how it is to be cut.
-    async fn look(&mut self) -> Result<(), Closing> {
-        self.looked_at = Instant::now();
+    /// Checks whether the stream may continue, and reloads its record settings.
+    async fn check(&mut self) -> Result<(), Closing> {
+        self.checked_at = Instant::now();
         if let Some(caller) = &self.caller
-            && !self.app.access.still_takes(caller).await
+            && !self.app.access.is_still_valid(caller).await
         {
             return Err(Closing::new(4401, "the token was revoked"));
         }
         match self.sender.refresh().await {
             Err(error @ ServiceError::Store(StoreError::AssetUnknown(_))) => Err(error.into()),
-            // The database may be back the next time; nothing here waits for it.
+            // the database may be back at the next check; the stream does not wait for it
             _ => Ok(()),
         }
     }
 
-    /// Takes a message with those behind it that have come already; false where the connection is over.
-    async fn take(&mut self, socket: &mut WebSocket, message: Message) -> Result<bool, Closing> {
+    /// Handles a message together with further ones already received; false if the connection has ended.
+    async fn handle(&mut self, socket: &mut WebSocket, message: Message) -> Result<bool, Closing> {
         let mut next = Some(message);
         let (mut chunks, mut bytes) = (Vec::new(), 0);
         let mut ended = None;
@@ -221,18 +221,18 @@ impl Connection {
                     }
                 }
                 Message::Text(text) => {
-                    // What came before it is meant to be before it.
-                    if !self.keep(socket, std::mem::take(&mut chunks)).await? {
+                    // samples received before a control message precede it
+                    if !self.store(socket, std::mem::take(&mut chunks)).await? {
                         return Ok(false);
                     }
-                    match self.hear(socket, text.as_str()).await {
+                    match self.handle_control(socket, text.as_str()).await {
                         Ok(true) => {}
                         Ok(false) => return Ok(false),
                         Err(closing) => ended = Some(closing),
                     }
                 }
                 Message::Close(_) => {
-                    self.keep(socket, chunks).await?;
+                    self.store(socket, chunks).await?;
                     return Ok(false);
                 }
                 Message::Ping(_) | Message::Pong(_) => {}
@@ -240,51 +240,51 @@ impl Connection {
             if ended.is_some() || bytes >= MAX_BATCH_BYTES {
                 break;
             }
-            // Errors come again at the next call.
+            // errors are reported again by the next call
             if let Some(Some(Ok(message))) = socket.recv().now_or_never() {
                 next = Some(message);
             }
         }
-        let is_open = self.keep(socket, chunks).await?;
+        let is_open = self.store(socket, chunks).await?;
         ended.map_or(Ok(is_open), Err)
     }
 
-    /// Keeps chunks and acknowledges them; false where nobody is told any more.
-    async fn keep(&mut self, socket: &mut WebSocket, chunks: Vec<Chunk>) -> Result<bool, Closing> {
+    /// Stores chunks and acknowledges them; false if the connection has ended.
+    async fn store(&mut self, socket: &mut WebSocket, chunks: Vec<Chunk>) -> Result<bool, Closing> {
         if chunks.is_empty() {
             return Ok(true);
         }
         let StreamProgress { next, gaps } = self.sender.take(chunks).await?;
-        Ok(tell_gaps(socket, &gaps).await && tell(socket, &Told::Ack { next }).await)
+        Ok(send_gaps(socket, &gaps).await && send_message(socket, &ServerMessage::Ack { next }).await)
     }
 
-    async fn hear(&mut self, socket: &mut WebSocket, text: &str) -> Result<bool, Closing> {
-        let said = serde_json::from_str(text);
-        match said.map_err(|error| Closing::new(4400, format!("the message cannot be used: {error}")))? {
-            Said::Gap { next } => {
+    async fn handle_control(&mut self, socket: &mut WebSocket, text: &str) -> Result<bool, Closing> {
+        let message = serde_json::from_str(text);
+        match message.map_err(|error| Closing::new(4400, format!("invalid message: {error}")))? {
+            ClientMessage::Gap { next } => {
                 let StreamProgress { next, gaps } = self.sender.give_up_before(next).await?;
-                Ok(tell_gaps(socket, &gaps).await && tell(socket, &Told::Ack { next }).await)
+                Ok(send_gaps(socket, &gaps).await && send_message(socket, &ServerMessage::Ack { next }).await)
             }
-            Said::Operating { shaft_speed_hz, torque_nm, temperature_c } => {
+            ClientMessage::Operating { shaft_speed_hz, torque_nm, temperature_c } => {
                 let point = OperatingPoint { shaft_speed_hz, torque_nm, temperature_c };
                 self.sender.set_operating_point(point).await?;
                 Ok(true)
             }
-            Said::Tachometer { from, pulses, pulses_per_revolution } => {
+            ClientMessage::Tachometer { from, pulses, pulses_per_revolution } => {
                 let pulses = Pulses::new(from, &pulses, pulses_per_revolution)?;
                 self.sender.take_pulses(pulses).await?;
                 Ok(true)
             }
-            Said::End => Err(Closing::end()),
+            ClientMessage::End => Err(Closing::end()),
         }
     }
 
-    /// The samples of a message.
+    /// Parses the samples of a message.
     fn chunk(&self, mut message: Bytes) -> Result<Chunk, Closing> {
         let (head, _) = message.as_chunks::<8>();
         let [first, time_ns, ..] = head else {
             let reason =
-                format!("a message of {} bytes, expected an index, a time and samples", message.len());
+                format!("the message has {} bytes, expected an index, a time and samples", message.len());
             return Err(Closing::new(4400, reason));
         };
         let (first, time_ns) = (u64::from_le_bytes(*first), i64::from_le_bytes(*time_ns));
@@ -297,18 +297,18 @@ impl Connection {
     }
 }
 
-async fn tell_gaps(socket: &mut WebSocket, gaps: &[StreamGap]) -> bool {
+async fn send_gaps(socket: &mut WebSocket, gaps: &[StreamGap]) -> bool {
     for gap in gaps {
-        if !tell(socket, &Told::Gap { first: gap.first, samples: gap.samples }).await {
+        if !send_message(socket, &ServerMessage::Gap { first: gap.first, samples: gap.samples }).await {
             return false;
         }
     }
     true
 }
 
-/// Whether the sender was told.
-async fn tell(socket: &mut WebSocket, told: &Told) -> bool {
-    // Numbers and names: it always serialises.
-    let text = serde_json::to_string(told).unwrap_or_default();
+/// Sends a message; false if the connection has ended.
+async fn send_message(socket: &mut WebSocket, message: &ServerMessage) -> bool {
+    // a structure of numbers and names always serialises
+    let text = serde_json::to_string(message).unwrap_or_default();
     socket.send(Message::Text(text.into())).await.is_ok()
 }

@@ -1,4 +1,4 @@
-//! What is answered of live streams.
+//! Views of live streams.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -6,59 +6,59 @@ use serde::Serialize;
 use super::stream_campaigns::CampaignView;
 use crate::service::StreamStatus;
 
-/// How a stream stands.
+/// The status of a stream.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct StreamView {
     /// Its name.
     name: String,
-    /// How a sample is written.
+    /// Sample format.
     sample: &'static str,
-    /// Sampling rate in hertz, as the sender says it.
+    /// Sampling rate in hertz, as specified by the sender.
     sample_rate_hz: f64,
     /// Number of channels.
     channels: usize,
-    /// Unit of the samples, where the sender says it.
+    /// Unit of the samples, if specified by the sender.
     unit: Option<String>,
-    /// Index of the sample that is to come next: all before it are kept or known to be missing.
+    /// Index of the next expected sample: all earlier ones are stored or known to be missing.
     pub(super) next: Option<u64>,
     /// The time of that sample.
     next_time: Option<Timestamp>,
-    /// By how much samples come faster than `sample_rate_hz` says, in parts per million; none in the first
-    /// minute.
+    /// Deviation of the actual rate from `sample_rate_hz` in parts per million; positive means faster. None
+    /// in the first minute.
     drift_ppm: Option<f64>,
-    /// How often the sender's clock jumped by more than half a second, or samples were late for long.
+    /// Number of times the sender's clock jumped by more than half a second, or samples stayed late.
     clock_jumps: u64,
-    /// Gaps in it.
+    /// Number of gaps.
     pub(super) gaps: u64,
-    /// Samples of each channel that are missing in them.
+    /// Missing samples of each channel.
     gap_samples: u64,
-    /// Records made of it, those of all channels counted as one.
+    /// Records made from it; those of all channels count as one.
     records: u64,
-    /// Records that were refused; the log says why.
+    /// Records that were refused; see the log.
     records_refused: u64,
-    /// Records that are cut and not stored yet.
+    /// Records cut but not stored yet.
     records_waiting: u64,
-    /// Bytes of its samples on the disk, without those of records.
+    /// Bytes of its samples on disk, without records.
     journal_bytes: u64,
-    /// The measuring campaign that runs, or else the last one.
+    /// The running measuring campaign, or the last one.
     campaign: Option<CampaignView>,
 }
 
-/// What became of samples.
+/// The result of sending samples.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct StreamAnswer {
-    /// Index of the sample that is to come next: all before it are kept or known to be missing.
+    /// Index of the next expected sample: all earlier ones are stored or known to be missing.
     pub(super) next: Option<u64>,
-    /// Gaps that were found.
+    /// Gaps that were detected.
     pub(super) gaps: Vec<GapView>,
 }
 
-/// Samples that never came.
+/// Missing samples.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub(super) struct GapView {
-    /// Index of the first one.
+    /// Index of the first missing sample.
     pub(super) first: u64,
-    /// How many of each channel.
+    /// Number of missing samples per channel.
     pub(super) samples: u64,
 }
 
@@ -69,33 +69,33 @@ pub(super) struct StreamList {
     pub(super) items: Vec<StreamView>,
 }
 
-/// The levels of a stream, one entry a second.
+/// The levels of a stream, one entry per second.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct LevelView {
     /// Time of the first sample.
     pub(super) time: Timestamp,
     /// Index of the first sample.
     pub(super) first: u64,
-    /// Samples of each channel that came: fewer than the rate says where there is a gap.
+    /// Samples received per channel: fewer than the rate implies if there is a gap.
     pub(super) samples: u64,
-    /// Root mean square of each channel in the stream's unit, with the mean in it; null where no sample is a
+    /// Root mean square of each channel in the stream's unit, including the mean; null if no sample is a
     /// number.
     pub(super) rms: Vec<Option<f64>>,
-    /// Greatest magnitude of each channel in the stream's unit.
+    /// Maximum magnitude of each channel in the stream's unit.
     pub(super) peak: Vec<Option<f64>>,
 }
 
 /// Levels of a stream.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct LevelList {
-    /// The seconds in their order, the first 100 000.
+    /// The seconds in order, at most 100 000.
     pub(super) items: Vec<LevelView>,
 }
 
 /// A record made of the last samples.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct KeptView {
-    /// When it begins.
+    /// Start time.
     pub(super) start_time: Timestamp,
     /// Samples of each channel.
     pub(super) samples: u64,

@@ -1,4 +1,4 @@
-//! Live streams: their chunks in the body of a request, how they stand, and their levels.
+//! Live streams: chunks in request bodies, status, and levels.
 
 use axum::Extension;
 use axum::Json;
@@ -27,88 +27,87 @@ use crate::recording::RawSample;
 use crate::recording::stream::{Chunk, StreamFormat};
 use crate::service::{ServiceError, StreamProgress, StreamSender};
 
-const BARE: &str = "application/octet-stream";
+const RAW: &str = "application/octet-stream";
 
-/// The name of a stream that is not given one.
-pub(super) const USUAL_NAME: &str = "main";
+/// The default name of a stream.
+pub(super) const DEFAULT_NAME: &str = "main";
 
-/// Bytes of a body that are taken at a time.
+/// Bytes of a body processed at a time.
 const CHUNK_BYTES: usize = 1 << 20;
 
-/// Seconds of levels that one answer has at most.
+/// Maximum number of seconds of levels per answer.
 const MAX_LEVELS: usize = 100_000;
 
-/// What a sender says of a stream in its address.
+/// Stream parameters in the address.
 #[derive(Debug, Clone, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StreamParameters {
-    /// The stream's name among those of the asset: `main` where not given.
+    /// The stream's name within the asset, default `main`.
     name: Option<String>,
-    /// How a sample is written, `f32` or `i16`, little-endian, channels interleaved. Not to be left out by
-    /// who sends.
+    /// Sample format, `f32` or `i16`, little-endian, channels interleaved. Required for sending.
     #[param(example = "f32")]
     sample: Option<String>,
-    /// Sampling rate in hertz. Not to be left out by who sends.
+    /// Sampling rate in hertz. Required for sending.
     #[param(example = 25600.0)]
     sample_rate_hz: Option<f64>,
-    /// Number of channels, 1 where not given.
+    /// Number of channels, default 1.
     channels: Option<u16>,
-    /// Value of one count in `unit`; 1 for `f32`, 1/32768 for `i16` where not given.
+    /// Value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`.
     scale: Option<f64>,
-    /// Unit of the samples; that of the asset where not given.
+    /// Unit of the samples; by default the asset's.
     #[param(example = "m/s2")]
     unit: Option<String>,
-    /// Names of the channels in their order, with commas between them.
+    /// Names of the channels in order, comma-separated.
     channel_names: Option<String>,
-    /// Index of the first sample in the body; the next one where not given. Of a new stream that is sent over
-    /// a WebSocket: the index that it begins with.
+    /// Index of the first sample in the body; by default the next one. For a new stream over a WebSocket: its
+    /// first index.
     #[serde(default, deserialize_with = "sample_index")]
     first_index: Option<u64>,
     /// When the first sample in the body was measured.
     start_time: Option<Timestamp>,
-    /// Nothing before `first_index` comes any more: what is missing is a gap at once.
+    /// No samples before `first_index` will follow: missing ones are a gap at once.
     #[serde(default)]
     after_gap: bool,
 }
 
-/// An index that a signed number of 64 bits holds, as it is kept and described.
+/// Parses an index that fits into a signed 64-bit integer, in which it is stored.
 fn sample_index<'de, D: Deserializer<'de>>(given: D) -> Result<Option<u64>, D::Error> {
     let index = Option::<u64>::deserialize(given)?;
     match index.filter(|index| i64::try_from(*index).is_err()) {
-        Some(index) => Err(D::Error::custom(format!("the index {index}, expected one below 2^63"))),
+        Some(index) => Err(D::Error::custom(format!("the index is {index}, expected a number below 2^63"))),
         None => Ok(index),
     }
 }
 
-/// Which levels are asked for.
+/// The requested levels.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LevelParameters {
-    /// The stream's name: `main` where not given.
+    /// The stream's name, default `main`.
     name: Option<String>,
-    /// From this time on.
+    /// Start of the time range.
     from: Option<Timestamp>,
-    /// Up to this time.
+    /// End of the time range.
     to: Option<Timestamp>,
 }
 
-/// What is to be kept.
+/// The samples to store as a record.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct KeepParameters {
-    /// The stream's name: `main` where not given.
+    /// The stream's name, default `main`.
     name: Option<String>,
-    /// How many of the last seconds, at most 60: 10 where not given.
+    /// Number of seconds, at most 60, default 10.
     #[param(minimum = 0.1, maximum = 60)]
     seconds: Option<f64>,
 }
 
 impl StreamParameters {
     fn format(&self) -> Result<StreamFormat, Problem> {
-        let missing = |field| Problem::query(field, "missing", "its value: samples do not say it themselves");
+        let missing = |field| Problem::query(field, "missing", "a value, as raw samples do not contain it");
         let sample: RawSample = self
             .sample
             .as_deref()
@@ -124,11 +123,11 @@ impl StreamParameters {
     }
 
     fn name(&self) -> &str {
-        self.name.as_deref().unwrap_or(USUAL_NAME)
+        self.name.as_deref().unwrap_or(DEFAULT_NAME)
     }
 }
 
-/// A stream that is open, with its place among those of all clients.
+/// An open stream, with its place in the limit on streams.
 pub(super) struct OpenStream {
     pub(super) sender: StreamSender,
     pub(super) share: Share,
@@ -137,24 +136,24 @@ pub(super) struct OpenStream {
 async fn open(
     app: &App,
     asset: &AssetId,
-    asked: &StreamParameters,
+    params: &StreamParameters,
     client: Client,
 ) -> Result<OpenStream, Problem> {
     if let Some(what) = app.service.store.damage() {
-        return Err(Problem::busy(format!("the database is damaged: {what}; nothing is written to it"), 60));
+        return Err(Problem::busy(format!("the database is damaged: {what}; writing is disabled"), 60));
     }
-    let format = asked.format()?;
-    let too_many = || Problem::busy("too many streams are sent, by this client or by all together", 30);
+    let format = params.format()?;
+    let too_many = || Problem::busy("too many live streams of this client or in total", 30);
     let share = app.streams.take(client).ok_or_else(too_many)?;
-    let sender = app.service.streams.open(asset, asked.name(), format, asked.first_index).await?;
+    let sender = app.service.streams.open(asset, params.name(), format, params.first_index).await?;
     Ok(OpenStream { sender, share })
 }
 
-/// Send a live stream, or look at it
+/// Send a live stream, or get its status
 ///
-/// With `Upgrade: websocket` the request begins to send the stream: samples in binary messages, kept ones
-/// acknowledged by their index (`docs/streams.md`). That needs a token of the scope `write`. Without it, it
-/// answers how the stream stands.
+/// With `Upgrade: websocket`, the request starts sending the stream: samples in binary messages, acknowledged
+/// by index once stored (`docs/streams.md`). That needs a token with the scope `write`. Without the upgrade,
+/// the answer is the stream's status.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/stream",
@@ -164,25 +163,25 @@ async fn open(
         (status = 200, body = StreamView),
         (status = 101, description = "Messages of `docs/streams.md` follow"),
         (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format"),
-        (status = 422, body = Details, content_type = "application/problem+json", description = "The format cannot be used"),
-        (status = 501, body = Details, content_type = "application/problem+json", description = "A cluster takes no streams"),
+        (status = 422, body = Details, content_type = "application/problem+json", description = "Invalid format"),
+        (status = 501, body = Details, content_type = "application/problem+json", description = "Not supported in a cluster"),
     ),
 )]
 pub(super) async fn connect(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<StreamParameters>,
+    Parameters(params): Parameters<StreamParameters>,
     client: Client,
     caller: Option<Extension<Caller>>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
     let Ok(upgrade) = upgrade else {
-        let status = app.service.streams.status(&asset, asked.name()).await?;
+        let status = app.service.streams.status(&asset, params.name()).await?;
         return Ok(Json(StreamView::from(status)).into_response());
     };
-    let stream = match open(&app, &asset, &asked, client).await {
+    let stream = match open(&app, &asset, &params, client).await {
         Ok(stream) => stream,
-        // The connection would only wait; others need its place.
+        // the connection would stay idle while others need its place
         Err(problem) => return Ok(closing(problem.into_response())),
     };
     let caller = caller.map(|Extension(caller)| caller);
@@ -191,10 +190,9 @@ pub(super) async fn connect(
 
 /// Send a part of a live stream
 ///
-/// The body is bare samples of any length that follow on each other; it may come in chunks, without an end
-/// that is known before. It is kept as it comes, and answered at its end: `next` says up to where it is. What
-/// is kept already is not kept again. A body that breaks off is kept as far as it came: the stream says its
-/// `next`, and the client goes on from there.
+/// The body is raw samples of any length; it may be chunked and of unknown length. It is stored as it arrives
+/// and answered at its end with the `next` index. Samples that are already stored are skipped. If the body
+/// breaks off, the received part is kept: get `next` from the stream's status and continue from there.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/stream",
@@ -203,28 +201,28 @@ pub(super) async fn connect(
     request_body(content((Vec<u8> = "application/octet-stream")), description = "Samples"),
     responses(
         (status = 200, body = StreamAnswer),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format, or another connection sends it now"),
-        (status = 501, body = Details, content_type = "application/problem+json", description = "A cluster takes no streams"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The stream has another format, or another connection is sending it"),
+        (status = 501, body = Details, content_type = "application/problem+json", description = "Not supported in a cluster"),
     ),
 )]
 pub(super) async fn send(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<StreamParameters>,
+    Parameters(params): Parameters<StreamParameters>,
     client: Client,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Json<StreamAnswer>, Problem> {
     let media_type = body::media_type(&headers);
-    if media_type.as_deref() != Some(BARE) {
-        return Err(body::unsupported(media_type.as_deref(), BARE));
+    if media_type.as_deref() != Some(RAW) {
+        return Err(body::unsupported(media_type.as_deref(), RAW));
     }
-    let OpenStream { mut sender, share: _share } = open(&app, &asset, &asked, client).await?;
+    let OpenStream { mut sender, share: _share } = open(&app, &asset, &params, client).await?;
     let mut gaps = Vec::new();
-    if asked.after_gap {
-        let first = asked.first_index.ok_or_else(|| {
-            Problem::query("first_index", "missing", "an index: after_gap says that nothing before it comes")
-        })?;
+    if params.after_gap {
+        let first = params
+            .first_index
+            .ok_or_else(|| Problem::query("first_index", "missing", "an index, required with after_gap"))?;
         let progress = sender.give_up_before(first).await?;
         gaps.extend(views(&progress));
     }
@@ -233,12 +231,12 @@ pub(super) async fn send(
         frame_bytes: sender.format().frame_bytes(),
         rest: BytesMut::new(),
     };
-    let mut first = asked.first_index.or(sender.next()).unwrap_or(0);
-    let mut start_time = asked.start_time;
+    let mut first = params.first_index.or(sender.next()).unwrap_or(0);
+    let mut start_time = params.start_time;
     let mut over = app.service.streams.follow_end();
     loop {
         let bytes = tokio::select! {
-            _ = over.wait_for(|over| *over) => return Err(Problem::busy("the service ends", 1)),
+            _ = over.wait_for(|over| *over) => return Err(Problem::busy("the service is stopping", 1)),
             bytes = body.next() => bytes?,
         };
         let Some(bytes) = bytes else { break };
@@ -246,8 +244,8 @@ pub(super) async fn send(
         let mut chunk: Chunk = sender.received_now(first, bytes);
         if let Some(time) = start_time.take() {
             chunk.time_ns = i64::try_from(time.as_nanosecond()).ok();
-        } else if asked.start_time.is_some() {
-            // The sender's clock is the one that counts.
+        } else if params.start_time.is_some() {
+            // the sender's clock determines the time
             chunk.time_ns = None;
         }
         let progress = sender.take(vec![chunk]).await?;
@@ -261,28 +259,28 @@ fn views(progress: &StreamProgress) -> impl Iterator<Item = GapView> + '_ {
     progress.gaps.iter().map(|gap| GapView { first: gap.first, samples: gap.samples })
 }
 
-/// A body in pieces of whole frames.
+/// A body in chunks of whole frames.
 struct BodyChunks {
     source: BodySource,
     frame_bytes: usize,
-    /// What came and is not passed on.
+    /// Bytes received but not returned yet.
     rest: BytesMut,
 }
 
 impl BodyChunks {
-    /// The next whole frames; none at the end.
+    /// Returns the next whole frames; `None` at the end.
     async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
         while self.rest.len() < self.frame_bytes {
             match self.source.next().await? {
                 Some(piece) => self.rest.extend_from_slice(&piece),
                 None if self.rest.is_empty() => return Ok(None),
                 None => {
-                    let expected = "a multiple of the bytes of one sample of every channel";
+                    let expected = "a multiple of the frame size, one sample of every channel";
                     return Err(Problem::content("the body's length", "not whole", expected));
                 }
             }
         }
-        // What is there already costs no further write.
+        // bytes that have already arrived cost no further write
         while self.rest.len() < CHUNK_BYTES
             && let Some(piece) = self.source.next_now().await?
         {
@@ -293,7 +291,7 @@ impl BodyChunks {
     }
 }
 
-/// The live streams of an asset
+/// List the live streams of an asset
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/streams",
@@ -311,7 +309,7 @@ pub(super) async fn list(
 
 /// Levels of a live stream
 ///
-/// RMS and peak of each second, also of those that are in no record: days to weeks, then the oldest go.
+/// RMS and peak of each second, including those without records; kept for days to weeks.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/stream/levels",
@@ -322,13 +320,13 @@ pub(super) async fn list(
 pub(super) async fn levels(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<LevelParameters>,
+    Parameters(params): Parameters<LevelParameters>,
 ) -> Result<Json<LevelList>, Problem> {
     let nanoseconds = |time: Option<Timestamp>, otherwise: i64| {
         time.map_or(otherwise, |time| i64::try_from(time.as_nanosecond()).unwrap_or(otherwise))
     };
-    let (from_ns, to_ns) = (nanoseconds(asked.from, i64::MIN), nanoseconds(asked.to, i64::MAX));
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let (from_ns, to_ns) = (nanoseconds(params.from, i64::MIN), nanoseconds(params.to, i64::MAX));
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     let levels = app.service.streams.levels(&asset, name, from_ns, to_ns).await?;
     let number = |value: f32| value.is_finite().then(|| f64::from(value));
     let items = levels.into_iter().take(MAX_LEVELS).filter_map(|row| {
@@ -343,31 +341,31 @@ pub(super) async fn levels(
     Ok(Json(LevelList { items: items.collect() }))
 }
 
-/// Keep the last seconds of a live stream
+/// Store the last seconds of a live stream as a record
 ///
-/// They become a record, whatever the asset's description says of records; less where there is a gap.
+/// Regardless of the asset's stream settings; shorter if there is a gap.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/stream/keep",
     tag = "streams",
     params(("asset" = AssetId, Path, description = "The asset"), KeepParameters),
-    responses((status = 200, body = KeptView), (status = 422, body = Details, content_type = "application/problem+json", description = "So many seconds cannot be kept")),
+    responses((status = 200, body = KeptView), (status = 422, body = Details, content_type = "application/problem+json", description = "The requested seconds are not available")),
 )]
 pub(super) async fn keep(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<KeepParameters>,
+    Parameters(params): Parameters<KeepParameters>,
 ) -> Result<Json<KeptView>, Problem> {
-    let seconds = asked.seconds.unwrap_or(10.0);
+    let seconds = params.seconds.unwrap_or(10.0);
     if !(0.1..=60.0).contains(&seconds) {
         return Err(Problem::query("seconds", seconds, "a number from 0.1 to 60"));
     }
-    let name = asked.name.as_deref().unwrap_or(USUAL_NAME);
+    let name = params.name.as_deref().unwrap_or(DEFAULT_NAME);
     let (start_time, samples) = app.service.streams.keep_last(&asset, name, seconds).await?;
     Ok(Json(KeptView { start_time, samples }))
 }
 
-/// Whether a request goes on as long as the client likes.
+/// Whether a request may last as long as the client likes.
 pub(super) fn is_endless(method: &Method, route: Option<&str>) -> bool {
     *method == Method::POST && route == Some("/v1/assets/{asset}/stream")
 }

@@ -1,4 +1,4 @@
-//! Rows as JSON or, for those who ask for it, as a table in CSV or Parquet.
+//! Rows as JSON or, on request, as a CSV or Parquet table.
 
 mod parquet;
 
@@ -13,7 +13,7 @@ use super::problem::Problem;
 /// Media type of Parquet files.
 const PARQUET: &str = "application/vnd.apache.parquet";
 
-/// How rows are written.
+/// The format of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Format {
     Json,
@@ -22,7 +22,7 @@ pub(super) enum Format {
 }
 
 impl Format {
-    /// What the client asks for before all else; JSON where it is as good.
+    /// The client's preferred format; JSON if equally preferred.
     pub(super) fn accepted(headers: &HeaderMap) -> Self {
         let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
         let quality = |wanted: &str| {
@@ -63,7 +63,7 @@ struct Column {
 enum Values {
     Times(Vec<Timestamp>),
     Words(Vec<String>),
-    /// NaN where there is none.
+    /// NaN for missing values.
     Numbers(Vec<f64>),
 }
 
@@ -109,7 +109,7 @@ impl Table {
     }
 }
 
-/// The answer as it was asked for, with its mark.
+/// Answers in the requested format, with an entity tag.
 pub(super) fn answer<T: Serialize>(
     mark: HeaderValue,
     format: Format,
@@ -118,7 +118,7 @@ pub(super) fn answer<T: Serialize>(
 ) -> Result<Response, Problem> {
     let fields = [(header::ETAG, mark), (header::VARY, HeaderValue::from_static("accept"))];
     let fault = |error: String| {
-        Problem::new(StatusCode::INTERNAL_SERVER_ERROR, format!("the table cannot be written: {error}"))
+        Problem::new(StatusCode::INTERNAL_SERVER_ERROR, format!("failed to write the table: {error}"))
     };
     let (media_type, bytes) = match format {
         Format::Json => return Ok((fields, Json(view)).into_response()),
@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_table_goes_to_those_who_prefer_it() {
+    fn the_preferred_format_is_selected() {
         for (accept, expected) in [
             ("", Format::Json),
             ("*/*", Format::Json),

@@ -1,4 +1,4 @@
-//! A bearer token: what is given out, what is kept of it, and how far it reaches.
+//! Bearer tokens: their format, their stored hash and their scope.
 
 use std::str::FromStr;
 
@@ -10,18 +10,18 @@ use subtle::ConstantTimeEq;
 use super::tokens::TokenError;
 use crate::store::StoredToken;
 
-/// Begins every token, so that one is recognised where it should not be.
+/// Prefix of every token, so that leaked tokens can be recognised.
 const PREFIX: &str = "fwt";
 
-/// How far a token reaches; each scope holds those before it.
+/// The scope of a token; each scope includes the previous ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {
-    /// Look at everything.
+    /// Read everything.
     Read,
     /// Send records, start replays, acknowledge alarms.
     Write,
-    /// Make, change and delete assets.
+    /// Create, change and delete assets.
     Admin,
 }
 
@@ -47,39 +47,38 @@ impl FromStr for Scope {
     }
 }
 
-/// What is kept of a token: not the token.
+/// The stored part of a token, without the secret.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Token {
-    /// Identifier, the part of the token that is no secret.
+    /// Identifier, the public part of the token.
     pub id: String,
-    /// What it is for.
+    /// Name.
     pub name: String,
-    /// How far it reaches.
+    /// Scope.
     pub scope: Scope,
-    /// When it was made.
+    /// Creation time.
     pub created_at: Timestamp,
-    /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so that a slow hash would add
-    /// nothing.
+    /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so a slow hash would add nothing.
     sha256: String,
 }
 
-/// A new token: what is given out, and what is kept of it.
+/// Creates a token: returns the token itself and its stored part.
 pub(super) fn mint(name: &str, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
     let mut random = [0; 36];
     getrandom::fill(&mut random).map_err(|error| TokenError::Random(error.to_string()))?;
     let (id, secret) = random.split_at(4);
     let (id, secret) = (hex::encode(id), hex::encode(secret));
-    let kept = Token {
+    let stored = Token {
         id: id.clone(),
         name: name.to_owned(),
         scope,
         created_at: now,
         sha256: hex::encode(Sha256::digest(&secret)),
     };
-    Ok((format!("{PREFIX}_{id}_{secret}"), kept))
+    Ok((format!("{PREFIX}_{id}_{secret}"), stored))
 }
 
-/// The token among `tokens` that was presented; none where it is not one of them.
+/// Finds the presented token among `tokens`.
 pub(super) fn find<'a>(tokens: &'a [Token], presented: &str) -> Option<&'a Token> {
     let mut parts = presented.splitn(3, '_');
     let (prefix, id, secret) = (parts.next()?, parts.next()?, parts.next()?);

@@ -1,4 +1,4 @@
-//! What happens to every request around its handler.
+//! Processing of every request around its handler.
 
 use std::time::Instant;
 
@@ -11,7 +11,7 @@ use super::app::App;
 use super::problem::Problem;
 use super::streams;
 
-/// Writes a line to the log for every request.
+/// Logs every request.
 pub(super) async fn trace(request: Request, next: Next) -> Response {
     let began = Instant::now();
     let method = request.method().clone();
@@ -27,7 +27,8 @@ pub(super) async fn trace(request: Request, next: Next) -> Response {
     response
 }
 
-/// Ends a request that takes too long. What an upload has begun goes on by itself and is found by its repeat.
+/// Ends a request that takes too long. An upload that has started continues and is found by a repeated
+/// request.
 pub(super) async fn time_out(
     State(app): State<App>,
     path: Option<MatchedPath>,
@@ -37,26 +38,25 @@ pub(super) async fn time_out(
     if streams::is_endless(request.method(), path.as_ref().map(MatchedPath::as_str)) {
         return next.run(request).await;
     }
-    let mut most = app.limits.request_timeout;
+    let mut limit = app.limits.request_timeout;
     if matches!(*request.method(), Method::POST | Method::PATCH) {
-        most += app.limits.body_timeout;
+        limit += app.limits.body_timeout;
     }
-    match tokio::time::timeout(most, next.run(request)).await {
+    match tokio::time::timeout(limit, next.run(request)).await {
         Ok(response) => response,
         Err(_) => {
-            Problem::busy(format!("the request took longer than {} s", most.as_secs()), 5).into_response()
+            Problem::busy(format!("the request took longer than {} s", limit.as_secs()), 5).into_response()
         }
     }
 }
 
-/// Answers for a handler that panicked: a fault of the program.
+/// Answers for a handler that panicked.
 pub(super) fn panicked(_: Box<dyn std::any::Any + Send>) -> Response {
-    // The panic's own message has gone to standard error.
-    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the service made a mistake; its log says where")
-        .into_response()
+    // the panic message itself goes to standard error
+    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error; see the log").into_response()
 }
 
-/// Measures how long a request takes, from its head to the head of its answer, whoever answers it.
+/// Measures the time from a request's head to the head of its answer.
 pub(super) async fn measure(
     State(app): State<App>,
     path: Option<MatchedPath>,

@@ -1,8 +1,7 @@
 //! Resumable uploads after tus 1.0 (<https://tus.io/protocols/resumable-upload>): core, creation,
 //! termination, expiration.
 //!
-//! Here is the protocol; where an upload is kept until its last byte is there, and how it is read then, is in
-//! `resumable`.
+//! This module implements the protocol; storing and processing of uploads is in `resumable`.
 
 use axum::Json;
 use axum::body::Body;
@@ -34,7 +33,7 @@ fn number(headers: &HeaderMap, name: &HeaderName) -> Result<u64, Problem> {
         .ok_or_else(|| Problem::query(name.as_str(), text_of(given), "a number of bytes"))
 }
 
-/// The value of a header field, or that it is missing.
+/// The value of a header field, or `missing`.
 fn text_of(value: Option<&HeaderValue>) -> String {
     value.map_or_else(|| "missing".to_owned(), |value| format!("{value:?}"))
 }
@@ -78,7 +77,7 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
 
 fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, String)]) -> Response {
     let mut response = status.into_response();
-    // RFC 9110's date, as the protocol asks.
+    // date format of RFC 9110, as the protocol requires
     let expires = upload.expires_at.strftime("%a, %d %b %Y %H:%M:%S GMT").to_string();
     let fields = [(RESUMABLE, VERSION.to_string()), (OFFSET, upload.offset.to_string()), (EXPIRES, expires)];
     for (name, value) in fields.iter().chain(more) {
@@ -89,9 +88,10 @@ fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, Str
     response
 }
 
-/// Begin a resumable upload (tus 1.0)
+/// Start a resumable upload (tus 1.0)
 ///
-/// `Upload-Metadata` names the `asset` in base64. The recording is MCAP. `OPTIONS` says what of tus is there.
+/// `Upload-Metadata` contains the `asset` in base64. The recording is MCAP. `OPTIONS` lists the supported tus
+/// features.
 #[utoipa::path(
     post,
     path = "/v1/uploads",
@@ -102,11 +102,11 @@ fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, Str
         ("upload-metadata" = String, Header, description = "`asset` and its name in base64"),
     ),
     responses(
-        (status = 201, description = "Begun", headers(("location" = String, description = "Its address"))),
-        (status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"),
-        (status = 412, body = Details, content_type = "application/problem+json", description = "Another version of tus"),
-        (status = 413, body = Details, content_type = "application/problem+json", description = "Longer than allowed"),
-        (status = 507, body = Details, content_type = "application/problem+json", description = "There is no room"),
+        (status = 201, description = "Created", headers(("location" = String, description = "Its address"))),
+        (status = 404, body = Details, content_type = "application/problem+json", description = "Asset not found"),
+        (status = 412, body = Details, content_type = "application/problem+json", description = "Unsupported tus version"),
+        (status = 413, body = Details, content_type = "application/problem+json", description = "Too long"),
+        (status = 507, body = Details, content_type = "application/problem+json", description = "Insufficient storage"),
     ),
 )]
 pub(super) async fn create(
@@ -116,9 +116,9 @@ pub(super) async fn create(
 ) -> Result<Response, Problem> {
     check_version(&headers)?;
     let length = number(&headers, &LENGTH)?;
-    let most = app.limits.recording_bytes;
-    if length > most {
-        return Err(Problem::too_large(most));
+    let max_bytes = app.limits.recording_bytes;
+    if length > max_bytes {
+        return Err(Problem::too_large(max_bytes));
     }
     let name = metadata(&headers, "asset");
     let asset = name.clone().and_then(|name| AssetId::new(name).ok());
@@ -135,8 +135,8 @@ pub(super) async fn create(
     Ok(answer(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))
 }
 
-/// What of tus is there
-#[utoipa::path(options, path = "/v1/uploads", tag = "resumable uploads", responses((status = 204, description = "Its header fields say")))]
+/// Supported tus features
+#[utoipa::path(options, path = "/v1/uploads", tag = "resumable uploads", responses((status = 204, description = "See the header fields")))]
 pub(super) async fn options(State(app): State<App>) -> Response {
     let fields = [
         (RESUMABLE, VERSION.to_string()),
@@ -147,13 +147,13 @@ pub(super) async fn options(State(app): State<App>) -> Response {
     (StatusCode::NO_CONTENT, fields.map(|(name, value)| (name, value))).into_response()
 }
 
-/// How far a resumable upload is
+/// Get the offset of a resumable upload
 #[utoipa::path(
     head,
     path = "/v1/uploads/{upload}",
     tag = "resumable uploads",
     params(("upload" = String, Path, description = "The upload")),
-    responses((status = 200, description = "`upload-offset` says how many bytes are there")),
+    responses((status = 200, description = "`upload-offset` is the number of bytes received")),
 )]
 pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
     let upload = resumable::find(&app, &id).await?;
@@ -161,7 +161,7 @@ pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -
     Ok(answer(StatusCode::OK, &upload, &more))
 }
 
-/// What became of a resumable upload
+/// Get the result of a resumable upload
 #[utoipa::path(
     get,
     path = "/v1/uploads/{upload}",
@@ -176,9 +176,9 @@ pub(super) async fn show(
     Ok(Json(resumable::find(&app, &id).await?))
 }
 
-/// Go on with a resumable upload
+/// Continue a resumable upload
 ///
-/// Bytes that come before the connection is lost are kept; `HEAD` says how many they are.
+/// Bytes that arrive before the connection is lost are kept; `HEAD` returns their number.
 #[utoipa::path(
     patch,
     path = "/v1/uploads/{upload}",
@@ -186,16 +186,16 @@ pub(super) async fn show(
     params(
         ("upload" = String, Path, description = "The upload"),
         ("tus-resumable" = String, Header, description = "`1.0.0`"),
-        ("upload-offset" = u64, Header, description = "Bytes that are there already"),
+        ("upload-offset" = u64, Header, description = "Bytes received already"),
     ),
     request_body(content = Vec<u8>, content_type = "application/offset+octet-stream"),
     responses(
-        (status = 204, description = "Kept; `upload-offset` says how many bytes are there"),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "Another offset, or nothing is missing"),
-        (status = 412, body = Details, content_type = "application/problem+json", description = "Another version of tus"),
+        (status = 204, description = "Stored; `upload-offset` is the number of bytes received"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "Wrong offset, or the upload is complete"),
+        (status = 412, body = Details, content_type = "application/problem+json", description = "Unsupported tus version"),
     ),
 )]
-pub(super) async fn go_on(
+pub(super) async fn append(
     State(app): State<App>,
     NameInPath(id): NameInPath,
     headers: HeaderMap,
@@ -207,20 +207,20 @@ pub(super) async fn go_on(
         return Err(body::unsupported(media_type.as_deref(), OFFSET_TYPE));
     }
     let at = number(&headers, &OFFSET)?;
-    let upload = resumable::go_on(&app, &id, at, body).await?;
+    let upload = resumable::append(&app, &id, at, body).await?;
     Ok(answer(StatusCode::NO_CONTENT, &upload, &[]))
 }
 
-/// Give a resumable upload up
+/// Cancel a resumable upload
 #[utoipa::path(
     delete,
     path = "/v1/uploads/{upload}",
     tag = "resumable uploads",
     params(("upload" = String, Path, description = "The upload")),
-    responses((status = 204, description = "Gone"), (status = 409, body = Details, content_type = "application/problem+json", description = "It is being written to or read")),
+    responses((status = 204, description = "Deleted"), (status = 409, body = Details, content_type = "application/problem+json", description = "The upload is being written or processed")),
 )]
-pub(super) async fn give_up(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
-    resumable::give_up(&app, &id).await?;
+pub(super) async fn cancel(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
+    resumable::cancel(&app, &id).await?;
     Ok((StatusCode::NO_CONTENT, [(RESUMABLE, VERSION)]).into_response())
 }
 

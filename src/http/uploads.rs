@@ -1,4 +1,4 @@
-//! Uploads: one recording in a body, and keys that make repeats safe.
+//! Uploads: one recording per body, and keys that make repeats safe.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -27,18 +27,18 @@ use crate::signal::OperatingPoint;
 use crate::store::KeyedUpload;
 
 const MCAP: &str = "application/mcap";
-const BARE: &str = "application/octet-stream";
+const RAW: &str = "application/octet-stream";
 const EXPECTED: &str = "audio/wav, text/csv, application/x-matlab-data, application/x-protobuf, application/json, application/mcap or application/octet-stream";
 
-/// Longest Idempotency-Key in bytes.
+/// Maximum length of an Idempotency-Key in bytes.
 const MAX_KEY_BYTES: usize = 255;
 
-/// What an upload says of the record in its address.
+/// Record metadata in the address of an upload.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct UploadParameters {
-    /// Time of the first sample where the recording does not say; the time of receipt where nothing does.
+    /// Time of the first sample if the recording does not contain it; by default the time of receipt.
     #[serde(skip_serializing_if = "Option::is_none")]
     start_time: Option<Timestamp>,
     /// Rotational frequency of the driving shaft in hertz.
@@ -52,66 +52,61 @@ pub(super) struct UploadParameters {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 62.5)]
     temperature_c: Option<f64>,
-    /// The channel's name, where the recording has none.
+    /// The channel's name, if the recording has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     channel: Option<String>,
-    /// Names of the measuring points of a recording of several channels, in their order, with commas between
-    /// them.
+    /// Names of the channels of a multi-channel recording, in order, comma-separated.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "input,output")]
     channel_names: Option<String>,
-    /// Unit of the samples where the recording does not say.
+    /// Unit of the samples if the recording does not contain it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "m/s2")]
     unit: Option<String>,
-    /// Units of the channels that `channel_names` names, in their order, with commas between them; `unit` of
-    /// those for which nothing stands there.
+    /// Units of the channels named in `channel_names`, in order, comma-separated; empty entries use `unit`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "g,m/s2")]
     channel_units: Option<String>,
-    /// Wear depth in µm known from an inspection: shown beside the estimate, never used by it.
+    /// Wear depth in µm from an inspection: shown beside the estimate, never used by it.
     #[serde(skip_serializing_if = "Option::is_none")]
     reference_wear_um: Option<f64>,
-    /// For `application/octet-stream`: how a sample is written, `f32` or `i16`, little-endian, channels
-    /// interleaved.
+    /// For `application/octet-stream`: sample format, `f32` or `i16`, little-endian, channels interleaved.
     #[serde(skip_serializing_if = "Option::is_none")]
     sample: Option<String>,
-    /// For `application/octet-stream`, and for `text/csv` and `application/x-matlab-data` that do not say it:
-    /// sampling rate in hertz.
+    /// Sampling rate in hertz: for `application/octet-stream`, and for `text/csv` and
+    /// `application/x-matlab-data` that do not contain it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 12800.0)]
     sample_rate_hz: Option<f64>,
-    /// For `text/csv`: number of the column that holds the time, from 1; 0 where none does. Found by its name
-    /// and its values where not given.
+    /// For `text/csv`: number of the time column, from 1; 0 for none. By default detected from names and
+    /// values.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(minimum = 0, maximum = 256)]
     time_column: Option<u16>,
-    /// For `text/csv`: numbers of the columns that are channels, from 1, with commas between them; all that
-    /// do not hold the time where not given.
+    /// For `text/csv`: numbers of the channel columns, from 1, comma-separated; by default all but the time
+    /// column.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "2,3")]
     columns: Option<String>,
-    /// For `application/octet-stream`: number of channels, 1 where not given.
+    /// For `application/octet-stream`: number of channels, default 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     channels: Option<u32>,
-    /// For `application/octet-stream`: value of one count in `unit`; 1 for `f32`, 1/32768 for `i16` where not
-    /// given.
+    /// For `application/octet-stream`: value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`.
     #[serde(skip_serializing_if = "Option::is_none")]
     scale: Option<f64>,
 }
 
-/// What became of one channel's record.
+/// The result of one channel's record.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub(super) enum TakenRecord {
-    /// The segment that it became.
+    /// The stored segment.
     Stored(Box<Segment>),
-    /// What it was handed over as, where others analyse it after the answer: the segment has this `id` once
-    /// it is there.
+    /// The accepted record, if it is analysed after the answer: the segment will have this `id`.
     Queued(Box<HandedOver>),
 }
 
-/// A record that is kept and will be analysed.
+/// A record that is accepted and will be analysed.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct HandedOver {
     /// `queued`.
@@ -131,27 +126,27 @@ impl From<Accepted> for TakenRecord {
     }
 }
 
-/// What an upload made.
+/// The result of an upload.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub(super) enum UploadAnswer {
-    /// One segment, for a recording of one channel.
+    /// One segment, for a single-channel recording.
     One(TakenRecord),
-    /// A segment for each channel.
+    /// One segment per channel.
     Several {
-        /// The segments in the order of the channels.
+        /// The segments in channel order.
         segments: Vec<TakenRecord>,
     },
-    /// What became of the records of an MCAP recording.
+    /// The results of an MCAP recording's records.
     Recording(Box<RecordingAnswer>),
 }
 
-/// The answer to a recording of many records.
+/// The result of a recording with many records.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RecordingAnswer {
     #[serde(flatten)]
     summary: BatchSummary,
-    /// The segments that its records are now, the first 10 000; without those that were stored before.
+    /// The segments of its records, the first 10 000; without those that were already stored.
     segments: Vec<SegmentId>,
     /// The asset's wear after the latest record.
     wear: Option<WearEstimate>,
@@ -159,11 +154,11 @@ pub(super) struct RecordingAnswer {
 
 /// Upload a recording
 ///
-/// Answered when it is on the disk and in the database; in a cluster when its bytes are kept and it is in the
-/// workers' queue, with the `state` `queued` and the `id` of the segment that it becomes. The same bytes for
-/// the same asset, channel and time are one segment: a repeat is answered with that segment as it is now.
-/// With an `Idempotency-Key` a repeat has the first answer itself, with `Idempotency-Replayed: true`, and a
-/// recording that does not say when it began is of the time of its first receipt.
+/// Answered when the record is on disk and in the database; in a cluster, when its bytes are stored and it is
+/// in the workers' queue, with the `state` `queued` and the `id` of the future segment. The same bytes for
+/// the same asset, channel and time are one segment: a repeat returns that segment in its current state. With
+/// an `Idempotency-Key`, a repeat returns the first answer, with `Idempotency-Replayed: true`, and a
+/// recording without a start time has the time of its first receipt.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/segments",
@@ -171,7 +166,7 @@ pub(super) struct RecordingAnswer {
     params(
         ("asset" = AssetId, Path, description = "The asset"),
         UploadParameters,
-        ("idempotency-key" = Option<String>, Header, description = "Name of this upload, at most 255 visible characters, kept for 7 days"),
+        ("idempotency-key" = Option<String>, Header, description = "Key of this upload, at most 255 visible characters, kept for 7 days"),
         ("content-encoding" = Option<String>, Header, description = "`gzip` or `zstd`"),
     ),
     request_body(
@@ -188,38 +183,38 @@ pub(super) struct RecordingAnswer {
     ),
     responses(
         (status = 201, body = UploadAnswer),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "The key was used for something else, or the records of the asset come with those of another one"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The key was used for another upload, or the asset uses the sensor of another one"),
     ),
 )]
 pub(super) async fn upload(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<UploadParameters>,
+    Parameters(params): Parameters<UploadParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    // Before the body is read: an upload to nowhere, or to a full queue, costs nothing.
+    // before reading the body, so that an upload to an unknown asset or a full queue costs nothing
     app.service.store.asset(&asset).await?;
     let key = key(&headers)?;
     let media_type = body::media_type(&headers);
-    let upload = Upload { app: &app, asset: &asset, asked, key };
+    let upload = Upload { app: &app, asset: &asset, params, key };
     upload.answer(media_type.as_deref(), &headers, body).await
 }
 
 struct Upload<'a> {
     app: &'a App,
     asset: &'a AssetId,
-    asked: UploadParameters,
+    params: UploadParameters,
     key: Option<String>,
 }
 
-/// What is answered.
+/// An answer and its origin.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Answered {
-    /// For the first time, or from what is stored.
+    /// A new answer.
     Now(UploadAnswer),
-    /// As it was before.
+    /// The stored answer of an earlier upload with the same key.
     Before(serde_json::Value),
 }
 
@@ -275,17 +270,17 @@ impl Upload<'_> {
                 }
             })
         };
-        self.keep_answer(work).await
+        self.store_answer(work).await
     }
 
-    /// Does an upload's work and keeps its answer for repeats under the same key, in a task of its own: a
-    /// client that hangs up must not leave half of it.
-    async fn keep_answer(
+    /// Processes an upload and stores its answer for repeats with the same key, in a task of its own, so that
+    /// a disconnected client does not interrupt it.
+    async fn store_answer(
         &self,
         work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static,
     ) -> Result<Answered, Problem> {
         let (service, asset, key) = (self.app.service.clone(), self.asset.clone(), self.key.clone());
-        let kept = async move {
+        let work = async move {
             let answer = work.await?;
             if let Some(key) = key
                 && let Ok(text) = serde_json::to_string(&answer)
@@ -296,17 +291,13 @@ impl Upload<'_> {
             }
             Ok(Answered::Now(answer))
         };
-        detached("take an upload", kept).await?
+        detached("store an upload", work).await?
     }
 
     async fn take_mcap(&self, headers: &HeaderMap, body: Body) -> Result<Answered, Problem> {
         let app = self.app;
-        if let Some(name) = self.asked.first_given() {
-            return Err(Problem::query(
-                &name,
-                "given",
-                "nothing: an MCAP file says it for each of its records",
-            ));
+        if let Some(name) = self.params.first_given() {
+            return Err(Problem::query(&name, "given", "no value: an MCAP file contains it for each record"));
         }
         let ticket = app.service.workers.admit()?;
         let spooled = SpooledBody::receive(headers, body, &app.uploads, &app.limits).await?;
@@ -322,15 +313,15 @@ impl Upload<'_> {
             drop((spooled, ticket));
             answer
         };
-        self.keep_answer(work).await
+        self.store_answer(work).await
     }
 
-    /// What is known of this upload's key, which is taken where nobody has.
+    /// Returns the state of this upload's key, and claims the key if it is new.
     async fn begin(&self, media_type: &str, content: &[u8]) -> Result<KeyedUpload, Problem> {
         let key = self.key.as_deref().unwrap_or_default();
         let mut hash = Sha256::new();
         hash.update(media_type);
-        hash.update(serde_json::to_vec(&self.asked).unwrap_or_default());
+        hash.update(serde_json::to_vec(&self.params).unwrap_or_default());
         hash.update(content);
         let digest: String = hex::encode(hash.finalize());
         let first = &self.app.service.store;
@@ -343,53 +334,52 @@ impl Upload<'_> {
     }
 
     fn format(&self, media_type: Option<&str>) -> Result<RecordFormat, Problem> {
-        let asked = &self.asked;
-        if media_type != Some(BARE) {
+        let params = &self.params;
+        if media_type != Some(RAW) {
             let format = media_type.and_then(RecordFormat::from_media_type);
             return match format {
                 Some(RecordFormat::Csv(_)) => {
-                    let columns = asked.columns.clone();
-                    let said = CsvParameters::new(asked.sample_rate_hz, asked.time_column, columns);
-                    Ok(RecordFormat::Csv(said.layout()?))
+                    let columns = params.columns.clone();
+                    let layout = CsvParameters::new(params.sample_rate_hz, params.time_column, columns);
+                    Ok(RecordFormat::Csv(layout.layout()?))
                 }
-                Some(RecordFormat::Mat(_)) => Ok(RecordFormat::Mat(asked.sample_rate_hz)),
+                Some(RecordFormat::Mat(_)) => Ok(RecordFormat::Mat(params.sample_rate_hz)),
                 Some(format) => Ok(format),
                 None => Err(body::unsupported(media_type, EXPECTED)),
             };
         }
-        let missing =
-            |field| Problem::query(field, "missing", "its value: bare samples do not say it themselves");
-        let sample = asked.sample.as_deref().ok_or_else(|| missing("sample"))?;
-        let rate = asked.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
+        let missing = |field| Problem::query(field, "missing", "a value, as raw samples do not contain it");
+        let sample = params.sample.as_deref().ok_or_else(|| missing("sample"))?;
+        let rate = params.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
         let layout = sample
             .parse()
-            .and_then(|sample| RawLayout::new(sample, rate, asked.channels.unwrap_or(1), asked.scale));
+            .and_then(|sample| RawLayout::new(sample, rate, params.channels.unwrap_or(1), params.scale));
         Ok(RecordFormat::Raw(layout.map_err(ServiceError::from)?))
     }
 
     fn metadata(&self) -> Result<UploadMetadata, Problem> {
-        let asked = &self.asked;
+        let params = &self.params;
         let listed = |list: &Option<String>| {
             let list = list.as_deref();
             list.map(|list| list.split(',').map(|each| each.trim().to_string()).collect()).unwrap_or_default()
         };
         Ok(UploadMetadata {
-            start_time: asked.start_time,
-            channel: asked.channel.clone(),
-            channel_names: listed(&asked.channel_names),
-            unit: asked.unit.clone(),
-            channel_units: listed(&asked.channel_units),
+            start_time: params.start_time,
+            channel: params.channel.clone(),
+            channel_names: listed(&params.channel_names),
+            unit: params.unit.clone(),
+            channel_units: listed(&params.channel_units),
             operating_point: OperatingPoint {
-                shaft_speed_hz: asked.shaft_speed_hz,
-                torque_nm: asked.torque_nm,
-                temperature_c: asked.temperature_c,
+                shaft_speed_hz: params.shaft_speed_hz,
+                torque_nm: params.torque_nm,
+                temperature_c: params.temperature_c,
             },
-            reference_wear_um: asked.reference_wear_um,
+            reference_wear_um: params.reference_wear_um,
         })
     }
 }
 
-/// What was answered to an upload before.
+/// The stored answer of an earlier upload.
 fn answer_before(first: &KeyedUpload) -> Option<Answered> {
     serde_json::from_str(first.answer.as_deref()?).ok().map(Answered::Before)
 }

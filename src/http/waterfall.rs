@@ -17,36 +17,36 @@ use crate::asset::{Segment, SegmentId};
 use crate::service::ServiceError;
 use crate::signal::Spectrum;
 
-/// Records and cells where the client does not say how many, and the most.
+/// Default and maximum number of records and cells.
 const RECORDS: (usize, usize) = (200, 600);
 const CELLS: (usize, usize) = (400, 2000);
 
-/// Spectra that are worked out at the same time: each holds a whole record.
+/// Number of spectra computed at the same time: each holds a whole record.
 const AT_ONCE: usize = 4;
 
-/// Below this level, in dB of one unit, there is only what a converter's steps leave.
+/// Lowest level in dB of one unit; below it there is only quantisation noise.
 const LOWEST_DB: f64 = -200.0;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WaterfallParameters {
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
-    /// Records from here on.
+    /// Only records that start at this time or later.
     from: Option<Timestamp>,
-    /// Records before this.
+    /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// What the cells are laid out over.
+    /// Axis of the cells.
     #[serde(default)]
     axis: Axis,
-    /// Records at most, 2 to 600, evenly over the life.
+    /// Maximum number of records, 2 to 600, evenly spaced over the life.
     #[param(minimum = 2, maximum = 600)]
     max_records: Option<usize>,
-    /// Cells of each spectrum, 2 to 2000.
+    /// Number of cells per spectrum, 2 to 2000.
     #[param(minimum = 2, maximum = 2000)]
     cells: Option<usize>,
-    /// Where the last cell ends, in the axis's unit.
+    /// End of the last cell, in the unit of the axis.
     #[param(exclusive_minimum = 0.0)]
     max: Option<f64>,
 }
@@ -54,37 +54,37 @@ pub(super) struct WaterfallParameters {
 /// Spectra in the order of time.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct WaterfallView {
-    /// The channel; null without records.
+    /// The channel; null if there are no records.
     channel: Option<String>,
-    /// What the cells are laid out over.
+    /// Axis of the cells.
     axis: Axis,
-    /// What the amplitudes are: `amplitude_peak`.
+    /// Kind of amplitude: `amplitude_peak`.
     quantity: &'static str,
     /// Unit of the amplitudes.
     unit: String,
-    /// Window that was applied.
+    /// Window function.
     window: &'static str,
-    /// The middles of the cells.
+    /// Centres of the cells.
     position: Vec<f64>,
-    /// Where the mesh frequency lies, in the unit of the axis.
+    /// Position of the mesh frequency, in the unit of the axis.
     mesh_position: Option<f64>,
     /// The records in time order.
     items: Vec<WaterfallRow>,
-    /// Points were left out to keep to `max_points`.
+    /// Whether records were dropped to meet the limit.
     reduced: bool,
 }
 
-/// One record's spectrum: the greatest amplitude (peak) in each cell in dB of one unit.
+/// One record's spectrum: the maximum peak amplitude in each cell in dB of one unit.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct WaterfallRow {
     /// The record.
     segment_id: SegmentId,
     /// Time of the first sample.
     start_time: Timestamp,
-    /// Shaft speed in hertz, where it is known.
+    /// Shaft speed in hertz, if known.
     shaft_speed_hz: Option<f64>,
-    /// Level of each cell in dB of one unit; null where the axis is orders and the speed
-    /// unknown, and where the raw recording is not kept any more.
+    /// Level of each cell in dB of one unit; null if the axis is orders and the speed is unknown, or if the
+    /// raw recording is no longer kept.
     #[serde(serialize_with = "as_list")]
     #[schema(value_type = Option<Vec<f32>>)]
     level_db: Option<Line>,
@@ -105,17 +105,17 @@ fn as_list<S: serde::Serializer>(line: &Option<Line>, serializer: S) -> Result<S
 pub(super) async fn show(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
-    Parameters(asked): Parameters<WaterfallParameters>,
+    Parameters(params): Parameters<WaterfallParameters>,
 ) -> Result<Json<WaterfallView>, Problem> {
-    let records = within("max_records", asked.max_records, RECORDS)?;
-    let cells = within("cells", asked.cells, CELLS)?;
-    if let Some(max) = asked.max.filter(|max| !(*max > 0.0 && max.is_finite())) {
+    let records = within("max_records", params.max_records, RECORDS)?;
+    let cells = within("cells", params.cells, CELLS)?;
+    if let Some(max) = params.max.filter(|max| !(*max > 0.0 && max.is_finite())) {
         return Err(Problem::query("max", max, "a number above 0"));
     }
-    let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &id, params.channel.as_deref()).await?;
     let mut view = WaterfallView {
         channel: None,
-        axis: asked.axis,
+        axis: params.axis,
         quantity: "amplitude_peak",
         unit: String::new(),
         window: "hann",
@@ -128,10 +128,10 @@ pub(super) async fn show(
         return Ok(Json(view));
     };
     let trend = app.service.store.trend(&channel).await?;
-    let range = trend.range(asked.from, asked.to);
-    let chosen = evenly(range.len(), records);
-    view.reduced = chosen.len() < range.len();
-    let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
+    let range = trend.range(params.from, params.to);
+    let positions = evenly(range.len(), records);
+    view.reduced = positions.len() < range.len();
+    let ids: Vec<SegmentId> = positions.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
     view.unit = trend.unit.clone();
     view.channel = Some(channel.channel);
     let segments = app.service.store.segments_by_id(&ids).await?;
@@ -143,14 +143,16 @@ pub(super) async fn show(
     };
     let latest_speed = segments.iter().rev().find_map(|segment| segment.shaft_speed);
     let speed_hz = asset.spec.nominal_speed_hz().or(latest_speed.map(|speed| speed.shaft_speed_hz));
-    let highest = match (asked.axis, speed_hz) {
+    let highest = match (params.axis, speed_hz) {
         (Axis::Hz, _) => first.sample_rate_hz / 2.0,
         (Axis::Orders, Some(speed_hz)) => first.sample_rate_hz / 2.0 / speed_hz,
-        (Axis::Orders, None) => return Err(Problem::query("axis", "orders", "hz: no shaft speed is known")),
+        (Axis::Orders, None) => {
+            return Err(Problem::query("axis", "orders", "hz, as the shaft speed is unknown"));
+        }
     };
-    let end = asked.max.unwrap_or(highest);
-    let grid = Grid { axis: asked.axis, cells, end_bits: end.to_bits() };
-    view.mesh_position = match asked.axis {
+    let end = params.max.unwrap_or(highest);
+    let grid = Grid { axis: params.axis, cells, end_bits: end.to_bits() };
+    view.mesh_position = match params.axis {
         Axis::Orders => asset.spec.teeth().map(|[driving, _]| f64::from(driving)),
         Axis::Hz => latest_speed.map(|speed| speed.mesh_frequency_hz).filter(|mesh_hz| *mesh_hz > 0.0),
     };
@@ -170,23 +172,23 @@ pub(super) async fn show(
     Ok(Json(view))
 }
 
-fn within(field: &str, asked: Option<usize>, (usual, most): (usize, usize)) -> Result<usize, Problem> {
-    match asked.unwrap_or(usual) {
-        number if (2..=most).contains(&number) => Ok(number),
-        number => Err(Problem::query(field, number, &format!("a number from 2 to {most}"))),
+fn within(field: &str, requested: Option<usize>, (default, max): (usize, usize)) -> Result<usize, Problem> {
+    match requested.unwrap_or(default) {
+        number if (2..=max).contains(&number) => Ok(number),
+        number => Err(Problem::query(field, number, &format!("a number from 2 to {max}"))),
     }
 }
 
-/// Positions evenly over a list, the first and the last among them.
-pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
-    if length <= most {
+/// Evenly spaced positions in a list, including the first and the last.
+pub(super) fn evenly(length: usize, max: usize) -> Vec<usize> {
+    if length <= max {
         return (0..length).collect();
     }
-    (0..most).map(|n| n * (length - 1) / (most - 1)).collect()
+    (0..max).map(|n| n * (length - 1) / (max - 1)).collect()
 }
 
-/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or
-/// the raw bytes are not to be had any more.
+/// The reduced spectra of segments in order; `None` if the axis is orders and the speed is unknown, or if the
+/// raw bytes are no longer available.
 async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
     let mut lines: Vec<Option<Line>> =
         segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
@@ -220,15 +222,15 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
                 Err(error) if error.is_raw_unavailable() => continue,
                 line => line?.into(),
             };
-            app.lines.keep(segments[n].id.clone(), grid, line.clone());
+            app.lines.insert(segments[n].id.clone(), grid, line.clone());
             lines[n] = Some(line);
         }
     }
     Ok(lines)
 }
 
-/// The greatest of the amplitudes, `resolution` of the grid's axis apart, in each cell in dB; a cell narrower
-/// than that has the nearest one.
+/// The maximum amplitude in each cell in dB, for amplitudes spaced by `resolution`; cells narrower than that
+/// take the nearest line.
 fn levels(amplitude: &[f64], resolution: f64, grid: Grid) -> Vec<f32> {
     let bins_per_cell = grid.end() / grid.cells as f64 / resolution;
     let last = amplitude.len().saturating_sub(1);
@@ -240,7 +242,7 @@ fn levels(amplitude: &[f64], resolution: f64, grid: Grid) -> Vec<f32> {
         }
         let cell = &amplitude[low..high.clamp(low + 1, last + 1)];
         let greatest = cell.iter().copied().fold(0.0, f64::max);
-        // One decimal is finer than any colour scale shows, and a third of the digits to send.
+        // one decimal is finer than any colour scale, and needs a third of the digits
         ((20.0 * greatest.log10()).max(LOWEST_DB) * 10.0).round() as f32 / 10.0
     };
     (0..grid.cells).map(level).collect()

@@ -14,31 +14,31 @@ use crate::asset::{Segment, SegmentId};
 use crate::service::{BandChoice, ServiceError};
 use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Motion, Spectrum, reduction};
 
-/// Points of a curve where the client does not say how many.
+/// Default number of points of a curve.
 const DEFAULT_POINTS: usize = 4000;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WaveformParameters {
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
+    /// Maximum number of points, 10 to 200000; the minimum and maximum of each interval are kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
-    /// Where the part begins, in seconds from the first sample.
+    /// Start of the range, in seconds from the first sample.
     #[param(minimum = 0.0)]
     from_s: Option<f64>,
-    /// Where it ends.
+    /// End of the range.
     #[param(exclusive_minimum = 0.0)]
     to_s: Option<f64>,
-    /// Quantity to give the samples in; as they were measured where not given.
+    /// Quantity of the samples; by default as measured.
     #[param(inline)]
     quantity: Option<Motion>,
-    /// Frequency in hertz below which nothing is integrated, 10 where not given.
+    /// Cut-off frequency of the integration in hertz, default 10.
     #[param(exclusive_minimum = 0.0)]
     cut_hz: Option<f64>,
 }
 
-/// Where velocity and displacement begin, as in ISO 20816.
+/// Default cut-off frequency for velocity and displacement, as in ISO 20816.
 const CUT_HZ: f64 = 10.0;
 
 /// Samples over time.
@@ -54,7 +54,7 @@ pub(super) struct Waveform {
     sample_rate_hz: f64,
     /// Unit of `value`.
     unit: String,
-    /// Samples were left out to keep to `max_points`.
+    /// Whether samples were dropped to meet `max_points`.
     reduced: bool,
     /// Time since the first sample in seconds.
     time_s: Vec<f64>,
@@ -73,37 +73,38 @@ pub(super) struct Waveform {
 pub(super) async fn waveform(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<WaveformParameters>,
+    Parameters(params): Parameters<WaveformParameters>,
 ) -> Result<Json<Waveform>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let (from_s, to_s) = (asked.from_s.unwrap_or(0.0), asked.to_s.unwrap_or(f64::INFINITY));
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let (from_s, to_s) = (params.from_s.unwrap_or(0.0), params.to_s.unwrap_or(f64::INFINITY));
     if !(from_s >= 0.0 && from_s < to_s) {
         let expected = "seconds from the first sample, from_s at least 0 and below to_s";
         return Err(Problem::query("from_s, to_s", format!("{from_s} to {to_s}"), expected));
     }
-    let cut_hz = asked.cut_hz.unwrap_or(CUT_HZ);
+    let cut_hz = params.cut_hz.unwrap_or(CUT_HZ);
     if !(cut_hz > 0.0 && cut_hz.is_finite()) {
         return Err(Problem::query("cut_hz", cut_hz, "a frequency above 0 Hz"));
     }
     let segment = segments::find(&app, &id).await?;
-    if asked.quantity.is_some() && Motion::of_unit(&segment.unit).is_none() {
-        let expected = format!("none: the samples are in {:?}, which is no unit of motion", segment.unit);
+    if params.quantity.is_some() && Motion::of_unit(&segment.unit).is_none() {
+        let expected =
+            format!("none, as the samples are in {:?}, which is not a unit of motion", segment.unit);
         return Err(Problem::query("quantity", "given", &expected));
     }
     let _ticket = app.service.workers.admit_answer()?;
     let record = app.service.records.recall(&segment).await?;
     let reduce = move || {
         let rate_hz = record.sample_rate_hz();
-        let converted = asked.quantity.and_then(|quantity| quantity.of_record(&record, cut_hz));
+        let converted = params.quantity.and_then(|quantity| quantity.of_record(&record, cut_hz));
         let all = converted.as_deref().unwrap_or(record.samples());
-        // One sample more on either side, so that the curve goes on to the edges of what is shown.
+        // one more sample on either side, so that the curve reaches the edges of the view
         let low = ((from_s * rate_hz).floor() as usize).min(all.len());
         let high = ((to_s * rate_hz).ceil() as usize).saturating_add(1).clamp(low, all.len());
         let samples: Vec<f64> = all[low..high].iter().map(|sample| f64::from(*sample)).collect();
-        let kept = reduction::extremes(&[&samples], samples.len(), most);
-        let time_s = kept.iter().map(|n| (low + n) as f64 / rate_hz).collect();
-        let value = kept.iter().map(|n| all[low + *n]).collect();
-        (kept.len() < samples.len(), time_s, value)
+        let indices = reduction::extremes(&[&samples], samples.len(), max_points);
+        let time_s = indices.iter().map(|n| (low + n) as f64 / rate_hz).collect();
+        let value = indices.iter().map(|n| all[low + *n]).collect();
+        (indices.len() < samples.len(), time_s, value)
     };
     let (reduced, time_s, value) = app.service.workers.run("reduce a waveform", reduce).await?;
     Ok(Json(Waveform {
@@ -111,7 +112,7 @@ pub(super) async fn waveform(
         channel: segment.channel,
         start_time: segment.start_time,
         sample_rate_hz: segment.sample_rate_hz,
-        unit: asked.quantity.map_or(segment.unit, |quantity| quantity.unit().to_owned()),
+        unit: params.quantity.map_or(segment.unit, |quantity| quantity.unit().to_owned()),
         reduced,
         time_s,
         value,
@@ -122,13 +123,13 @@ pub(super) async fn waveform(
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SpectrumParameters {
-    /// Points at most, 10 to 200000; of each stretch the greatest stays.
+    /// Maximum number of points, 10 to 200000; the maximum of each interval is kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
-    /// Lowest frequency shown, in hertz.
+    /// Lowest frequency returned, in hertz.
     #[param(minimum = 0.0)]
     from_hz: Option<f64>,
-    /// Highest frequency shown, in hertz.
+    /// Highest frequency returned, in hertz.
     #[param(exclusive_minimum = 0.0)]
     to_hz: Option<f64>,
 }
@@ -139,36 +140,36 @@ pub(super) struct SpectrumParameters {
 pub(super) struct SpectrumView {
     /// The record.
     segment_id: SegmentId,
-    /// What `amplitude` is: `amplitude_peak`.
+    /// Kind of `amplitude`: `amplitude_peak`.
     quantity: &'static str,
     /// Unit of `amplitude`.
     unit: String,
-    /// Window that was applied.
+    /// Window function.
     window: &'static str,
     /// Equivalent noise bandwidth in hertz.
     bandwidth_hz: f64,
-    /// Distance between bins in hertz.
+    /// Bin spacing in hertz.
     resolution_hz: f64,
-    /// Bins were left out to keep to `max_points`.
+    /// Whether bins were dropped to meet `max_points`.
     reduced: bool,
     /// Frequencies in hertz.
     frequency_hz: Vec<f64>,
     /// Peak amplitudes in `unit`.
     amplitude: Vec<f64>,
-    /// Shaft speed in hertz; none where none was found.
+    /// Shaft speed in hertz; none if unknown.
     shaft_speed_hz: Option<f64>,
     /// Mesh frequency in hertz.
     mesh_frequency_hz: Option<f64>,
-    /// The mesh harmonics of the whole record, whatever range is asked for.
+    /// The mesh harmonics of the whole record, regardless of the requested range.
     mesh_harmonics: Vec<MeshHarmonic>,
 }
 
-/// One mesh harmonic, read at full resolution.
+/// One mesh harmonic, at full resolution.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct MeshHarmonic {
     #[serde(flatten)]
     line: MeshLine,
-    /// Geometric mean of its amplitudes in the records of the baseline; left out where there is none.
+    /// Geometric mean of its amplitudes in the baseline records; missing without a baseline.
     #[serde(skip_serializing_if = "Option::is_none")]
     baseline_amplitude: Option<f64>,
 }
@@ -184,18 +185,18 @@ struct MeshHarmonic {
 pub(super) async fn spectrum(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<SpectrumParameters>,
+    Parameters(params): Parameters<SpectrumParameters>,
 ) -> Result<Json<SpectrumView>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let range = LineRange::new(["from_hz", "to_hz"], asked.from_hz, asked.to_hz)?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let range = LineRange::new(["from_hz", "to_hz"], params.from_hz, params.to_hz)?;
     let segment = segments::find(&app, &id).await?;
     let _ticket = app.service.workers.admit_answer()?;
     let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
     let mut baseline = matching::baseline(&app, &segment).await?;
     if baseline.len() < segment.wear.baseline.need as usize {
-        baseline.clear(); // it is still being learnt
+        baseline.clear(); // the baseline is still being collected
     }
-    let mut view = view(segment, spectrum, lines, most, range);
+    let mut view = view(segment, spectrum, lines, max_points, range);
     for harmonic in &mut view.mesh_harmonics {
         harmonic.baseline_amplitude = baseline_amplitude(&baseline, harmonic.line.order, &view.unit);
     }
@@ -206,19 +207,19 @@ pub(super) async fn spectrum(
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EnvelopeParameters {
-    /// How the band is looked for, where not its ends are given.
+    /// Selection of the band, unless its ends are given.
     band: Option<EnvelopeSearch>,
-    /// Lower end of the band in hertz; goes with `band_high_hz`.
+    /// Lower end of the band in hertz; requires `band_high_hz`.
     band_low_hz: Option<f64>,
     /// Upper end of the band in hertz.
     band_high_hz: Option<f64>,
-    /// Points at most, 10 to 200000; of each stretch the greatest stays.
+    /// Maximum number of points, 10 to 200000; the maximum of each interval is kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
-    /// Lowest frequency shown, in hertz.
+    /// Lowest frequency returned, in hertz.
     #[param(minimum = 0.0)]
     from_hz: Option<f64>,
-    /// Highest frequency shown, in hertz.
+    /// Highest frequency returned, in hertz.
     #[param(exclusive_minimum = 0.0)]
     to_hz: Option<f64>,
 }
@@ -235,7 +236,7 @@ pub(super) struct EnvelopeView {
 
 /// Envelope spectrum of a segment
 ///
-/// Empty where the record is too short for any band, and none was asked for.
+/// Empty if the record is too short for any band and none was requested.
 #[utoipa::path(
     get,
     path = "/v1/segments/{segment}/envelope",
@@ -246,17 +247,21 @@ pub(super) struct EnvelopeView {
 pub(super) async fn envelope(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
-    Parameters(asked): Parameters<EnvelopeParameters>,
+    Parameters(params): Parameters<EnvelopeParameters>,
 ) -> Result<Json<EnvelopeView>, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let range = LineRange::new(["from_hz", "to_hz"], asked.from_hz, asked.to_hz)?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let range = LineRange::new(["from_hz", "to_hz"], params.from_hz, params.to_hz)?;
     let segment = segments::find(&app, &id).await?;
     let half_rate_hz = segment.sample_rate_hz / 2.0;
-    let band = match (asked.band, asked.band_low_hz, asked.band_high_hz) {
+    let band = match (params.band, params.band_low_hz, params.band_high_hz) {
         (None, None, None) => BandChoice::OfAsset,
         (Some(search), None, None) => BandChoice::Search(search),
         (Some(_), _, _) => {
-            return Err(Problem::query("band", "given", "nothing beside band_low_hz and band_high_hz"));
+            return Err(Problem::query(
+                "band",
+                "given",
+                "no value together with band_low_hz and band_high_hz",
+            ));
         }
         (None, Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => {
             BandChoice::Hertz([low, high])
@@ -271,20 +276,20 @@ pub(super) async fn envelope(
     let _ticket = app.service.workers.admit_answer()?;
     let computed = app.service.records.envelope(&segment, band).await;
     let envelope = computed.map_err(|error| match error {
-        // A band that the record does not resolve, and that the address asked for.
+        // The requested band is finer than the record's resolution.
         ServiceError::Field { value, expected, .. } if band != BandChoice::OfAsset => {
             Problem::query("band_low_hz, band_high_hz", value, expected)
         }
         error => error.into(),
     })?;
     Ok(Json(EnvelopeView {
-        spectrum: view(segment, envelope.spectrum, envelope.mesh_lines, most, range),
+        spectrum: view(segment, envelope.spectrum, envelope.mesh_lines, max_points, range),
         band: envelope.band,
     }))
 }
 
-/// The geometric mean of a mesh harmonic's amplitudes in the records of a baseline; none where one of them
-/// lacks it.
+/// The geometric mean of a mesh harmonic's amplitudes in the baseline records; `None` if one of them lacks
+/// it.
 fn baseline_amplitude(baseline: &[Segment], order: u32, unit: &str) -> Option<f64> {
     let name = format!("mesh_{order}");
     let logarithm = |record: &Segment| {
@@ -299,13 +304,13 @@ fn view(
     segment: Segment,
     spectrum: Spectrum,
     lines: Vec<MeshLine>,
-    most: usize,
+    max_points: usize,
     range: LineRange,
 ) -> SpectrumView {
     let resolution_hz = spectrum.resolution_hz;
     let places = range.places(spectrum.amplitude.len(), resolution_hz);
     let (first, amplitude) = (places.start, &spectrum.amplitude[places]);
-    let kept = reduction::peaks(amplitude, most);
+    let indices = reduction::peaks(amplitude, max_points);
     SpectrumView {
         segment_id: segment.id,
         quantity: spectrum.quantity,
@@ -313,9 +318,9 @@ fn view(
         window: spectrum.window,
         bandwidth_hz: spectrum.bandwidth_hz,
         resolution_hz,
-        reduced: kept.len() < amplitude.len(),
-        frequency_hz: kept.iter().map(|n| (first + n) as f64 * resolution_hz).collect(),
-        amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
+        reduced: indices.len() < amplitude.len(),
+        frequency_hz: indices.iter().map(|n| (first + n) as f64 * resolution_hz).collect(),
+        amplitude: indices.iter().map(|n| amplitude[*n]).collect(),
         shaft_speed_hz: segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
         mesh_frequency_hz: segment.shaft_speed.map(|speed| speed.mesh_frequency_hz),
         mesh_harmonics: lines

@@ -8,9 +8,9 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
+use super::selection::{self, Selection};
 use super::table::{self, Format, Table};
 use super::{assets, etag};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
@@ -19,14 +19,14 @@ use crate::service::JointWear;
 use crate::signal::{ShaftSpeed, reduction};
 use crate::store::Trend;
 
-/// Points of a history where the client does not say how many.
+/// Default number of points of a history.
 const DEFAULT_POINTS: usize = 2000;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WearParameters {
-    /// The channel; where not given, the one that the description names, else all together.
+    /// The channel; by default the one named in the description, otherwise all channels combined.
     channel: Option<String>,
 }
 
@@ -36,16 +36,16 @@ pub(super) struct WearParameters {
 pub(super) struct WearView {
     /// The asset.
     asset_id: AssetId,
-    /// The channel, of several the one that says most; none where the asset has no records.
+    /// The channel, of several the one that contributes most; none if the asset has no records.
     channel: Option<String>,
-    /// What each channel adds where several speak together.
+    /// Contribution of each channel if several are combined.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     channels: Vec<ChannelContribution>,
     /// Its latest record that is not excluded.
     segment_id: Option<SegmentId>,
     /// Time of its first sample.
     start_time: Option<Timestamp>,
-    /// Shaft speed in it.
+    /// Its shaft speed.
     shaft_speed: Option<ShaftSpeed>,
     /// The asset's limits in µm.
     limits: WearLimits,
@@ -59,19 +59,19 @@ pub(super) struct WearView {
     path = "/v1/assets/{asset}/wear",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), WearParameters),
-    responses((status = 200, body = WearView), (status = 304, description = "As the client has it")),
+    responses((status = 200, body = WearView), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn latest(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
-    Parameters(asked): Parameters<WearParameters>,
+    Parameters(params): Parameters<WearParameters>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let asset = app.service.store.asset(&id).await?;
     let channels = app.service.store.channels(&id).await?;
-    let speakers = match asked.channel.as_deref() {
-        Some(asked) => vec![assets::channel_named(&id, &channels, asked)?],
+    let speakers = match params.channel.as_deref() {
+        Some(requested) => vec![assets::channel_named(&id, &channels, requested)?],
         None => JointWear::speakers(&asset, &channels),
     };
     let tag = etag::of_channels(&asset, &speakers, &uri, &headers);
@@ -115,16 +115,16 @@ fn nothing_yet(spec: &AssetSpec) -> WearEstimate {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct HistoryParameters {
-    /// The channel; the one that speaks for the asset where not given.
+    /// The channel; by default the one that represents the asset.
     channel: Option<String>,
     /// Only records that start at this time or later.
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
-    /// Only records in this one of the asset's operating bins.
+    /// Only records in this operating bin of the asset.
     operating_bin: Option<String>,
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest median, 5 and 95 % quantile and
-    /// known depth stay.
+    /// Maximum number of points, 10 to 200000; the minimum and maximum of median, 5 and 95 % quantile and
+    /// reference depth in each interval are kept.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
@@ -133,11 +133,11 @@ pub(super) struct HistoryParameters {
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 #[schema(as = WearHistory)]
 pub(super) struct HistoryView {
-    /// The channel; none where the asset has no records.
+    /// The channel; none if the asset has no records.
     channel: Option<String>,
-    /// One flat row a record in the order of time.
+    /// One flat row per record in order of time.
     items: Vec<HistoryRow>,
-    /// Rows were left out to keep to `max_points`.
+    /// Whether rows were dropped to meet `max_points`.
     reduced: bool,
 }
 
@@ -148,12 +148,12 @@ struct HistoryRow {
     start_time: Timestamp,
     /// The record.
     segment_id: SegmentId,
-    /// The operating bin that it lies in, where it lies in one.
+    /// The operating bin of the record, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     operating_bin: Option<String>,
-    /// What kind of answer it is.
+    /// Status of the estimate.
     status: WearStatus,
-    /// The same in words.
+    /// Reason of the status.
     reason: String,
     /// Median wear depth in µm.
     median_um: Option<f64>,
@@ -167,7 +167,7 @@ struct HistoryRow {
     p75_um: Option<f64>,
     /// 95 % quantile of wear depth in µm.
     p95_um: Option<f64>,
-    /// Wear depth in µm known from elsewhere.
+    /// Wear depth in µm known from another source.
     reference_wear_um: Option<f64>,
     /// Natural logarithm of the record's evidence under the library.
     log_evidence: Option<f64>,
@@ -179,17 +179,17 @@ struct HistoryRow {
     path = "/v1/assets/{asset}/wear/history",
     tag = "trends",
     params(("asset" = AssetId, Path, description = "The asset"), HistoryParameters),
-    responses((status = 200, content((HistoryView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "As the client has it")),
+    responses((status = 200, content((HistoryView = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))), (status = 304, description = "Not modified")),
 )]
 pub(super) async fn history(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<HistoryParameters>,
+    Parameters(params): Parameters<HistoryParameters>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, params.channel.as_deref()).await?;
     let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
@@ -199,17 +199,17 @@ pub(super) async fn history(
         return table::answer(tag, format, HistoryView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
-    let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
+    let bin = selection::requested_bin(&asset.spec, params.operating_bin.as_deref())?;
     let render = move || {
-        let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
-        render(&trend, &asset.spec.operating_bins, &chosen, most)
+        let selection = Selection::of(&trend, params.from, params.to, bin.as_ref());
+        render(&trend, &asset.spec.operating_bins, &selection, max_points)
     };
     let mut view = app.service.workers.run("reduce a history", render).await?;
     view.channel = Some(channel.channel);
     table::answer(tag, format, view, table_of)
 }
 
-/// The name of a status as answers have it.
+/// The serialised name of a status.
 pub(super) fn status_name(status: WearStatus) -> String {
     serde_json::to_value(status).ok().and_then(|name| Some(name.as_str()?.to_owned())).unwrap_or_default()
 }
@@ -232,9 +232,9 @@ fn table_of(view: &HistoryView) -> Table {
     table
 }
 
-fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) -> HistoryView {
+fn render(trend: &Trend, bins: &[OperatingBin], selection: &Selection, max_points: usize) -> HistoryView {
     let column = |value: fn(&crate::store::WearPoint) -> Option<f64>| -> Vec<f64> {
-        let values = (0..chosen.len()).map(|n| value(&trend.wear[chosen.position(n)]));
+        let values = (0..selection.len()).map(|n| value(&trend.wear[selection.position(n)]));
         values.map(|value| value.unwrap_or(f64::NAN)).collect()
     };
     let columns = [
@@ -244,14 +244,14 @@ fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) ->
         column(|point| point.reference_wear_um),
     ];
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-    let kept = reduction::extremes(&columns, chosen.len(), most);
+    let indices = reduction::extremes(&columns, selection.len(), max_points);
     let row = |n: &usize| {
-        let position = chosen.position(*n);
+        let position = selection.position(*n);
         let point = &trend.wear[position];
         HistoryRow {
             start_time: trend.start_time[position],
             segment_id: trend.segment_id[position].clone(),
-            operating_bin: chosen::bin_of(bins, trend, position).map(str::to_owned),
+            operating_bin: selection::bin_of(bins, trend, position).map(str::to_owned),
             status: point.status,
             reason: point.reason.to_string(),
             median_um: point.median_um,
@@ -264,5 +264,9 @@ fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) ->
             log_evidence: point.log_evidence,
         }
     };
-    HistoryView { channel: None, reduced: kept.len() < chosen.len(), items: kept.iter().map(row).collect() }
+    HistoryView {
+        channel: None,
+        reduced: indices.len() < selection.len(),
+        items: indices.iter().map(row).collect(),
+    }
 }

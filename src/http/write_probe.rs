@@ -1,5 +1,4 @@
-//! Whether a record could be kept now, found out by writing something small to everything that keeps a part
-//! of it.
+//! Checks whether a record could be stored, by writing a small item to every part that stores a piece of one.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -9,24 +8,24 @@ use tokio::sync::Mutex;
 use crate::service::{PartHealth, Service};
 use crate::store::StoreError;
 
-/// How long each part has to answer before it counts as away.
+/// Timeout after which a part counts as unavailable.
 pub(super) const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// How long a finding counts: however often somebody asks, no more is written.
+/// Time for which a result is reused, however often it is requested.
 const KNOWN_FOR: Duration = Duration::from_secs(2);
 
-/// What was found.
+/// The result of a check.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Writability {
-    /// Why the database takes nothing; none where it does.
+    /// Why the database cannot be written to; `None` if it can.
     pub(super) database: Option<String>,
-    /// Why a record has no room on the disk; none where it has.
+    /// Why a record does not fit on the disk; `None` if it does.
     pub(super) room: Option<String>,
-    /// The parts that processes share.
+    /// The parts shared by processes.
     pub(super) parts: Vec<PartHealth>,
 }
 
-/// Writes and keeps in mind what came of it.
+/// Writes, and caches the result.
 #[derive(Debug, Default)]
 pub(super) struct WriteProbe(Mutex<Option<(Instant, Writability)>>);
 
@@ -37,7 +36,7 @@ impl Writability {
 }
 
 impl WriteProbe {
-    /// What was found just now, or a moment ago. Who asks meanwhile waits for the same finding.
+    /// Returns the current or a recent result. Concurrent callers wait for the same check.
     pub(super) async fn ask(&self, service: &Arc<Service>) -> Writability {
         let mut last = self.0.lock().await;
         if let Some((found_at, found)) = last.as_ref()
@@ -72,9 +71,9 @@ async fn database(service: &Service) -> Option<String> {
     }
 }
 
-/// Why a record has no room on this machine's disk.
+/// Why a record does not fit on this machine's disk.
 async fn room(service: &Service) -> Option<String> {
-    // What is damaged is not written to, and is told by itself.
+    // a damaged database is not written to, and reported separately
     if service.store.damage().is_some() {
         return None;
     }
@@ -82,7 +81,7 @@ async fn room(service: &Service) -> Option<String> {
     on_objects(move || store.objects().check_free_space()).await
 }
 
-/// Of processes that share a store: whether the objects can be written.
+/// For processes that share a store: whether the object store can be written to.
 async fn object_store(service: &Service) -> Option<PartHealth> {
     if !service.store.is_shared() {
         return None;

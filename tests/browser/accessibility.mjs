@@ -1,4 +1,4 @@
-// Keyboard alone, and axe-core on every page, light and dark.
+// Keyboard operation, and axe-core on every page, light and dark.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -18,7 +18,7 @@ const PAGES = {
   records: [`#/assets/${asset}/records`, (page) => page.locator(".record-table tbody tr").first().waitFor()],
   import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
   "alarm levels": [`#/assets/${asset}?trend=rms&levels=rms`, (page) => drawn(page, "trends")],
-  tokens: ["#/tokens", (page) => page.getByText("Make the token").waitFor()],
+  tokens: ["#/tokens", (page) => page.getByText("Create token").waitFor()],
   "new asset": [
     "#/new",
     async (page) => {
@@ -53,13 +53,13 @@ const PAGES = {
     },
     (page) => drawn(page, "turn"),
   ],
-  "empty bench": ["#/bench", (page) => page.getByText("No record is on the bench yet").waitFor()],
-  "no such asset": ["#/assets/no-such-asset", (page) => page.getByText("There is no asset").waitFor()],
-  "no such page": ["#/nowhere", (page) => page.getByText("This address leads nowhere").waitFor()],
+  "empty bench": ["#/bench", (page) => page.getByText("No records on the bench yet").waitFor()],
+  "no such asset": ["#/assets/no-such-asset", (page) => page.getByText("not found on this server").waitFor()],
+  "no such page": ["#/nowhere", (page) => page.getByText("There is no page at this address").waitFor()],
   libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
 };
 
-/** Serious and critical findings, each with the first places it was found at. */
+/** Serious and critical findings, each with the first places where it was found. */
 export async function findings(page) {
   await page.evaluate(axe);
   const { violations } = await page.evaluate(() =>
@@ -89,7 +89,7 @@ const checks = Object.entries(PAGES).map(([key, [address, ready]]) => [
   },
 ]);
 
-/** What has the keyboard: its accessible words. */
+/** The accessible text of the focused element. */
 const focused = (page) =>
   page.evaluate(() =>
     (document.activeElement.getAttribute("aria-label") ?? document.activeElement.textContent ?? "")
@@ -100,7 +100,7 @@ const focused = (page) =>
 export const CHECKS = {
   ...Object.fromEntries(checks),
 
-  "axe finds nothing serious in the dialogs, with a refused file": async () => {
+  "axe finds no serious issue in the dialogs, with a rejected file": async () => {
     for (const colorScheme of ["light", "dark"]) {
       const { page } = await open(`#/assets/${asset}`, { colorScheme });
       await page.getByRole("button", { name: "Add records" }).click();
@@ -111,58 +111,52 @@ export const CHECKS = {
       });
       await page.getByLabel("Start of broken.wav, UTC").waitFor();
       assert.deepEqual(await findings(page), [], `files to send, ${colorScheme}`);
-      await page.getByRole("button", { name: "Send the file" }).click();
+      await page.getByRole("button", { name: "Upload file" }).click();
       await page.locator('.results .result[data-kind="bad"]').waitFor();
       assert.deepEqual(await findings(page), [], `records, ${colorScheme}`);
       await page.keyboard.press("Escape");
-      await page.getByRole("button", { name: "Enter maintenance" }).click();
+      await page.getByRole("button", { name: "Add maintenance" }).click();
       assert.deepEqual(await findings(page), [], `maintenance, ${colorScheme}`);
       await page.getByLabel("Wear measured").check();
-      await page.getByLabel("Its standard error (µm)").fill("0");
+      await page.getByLabel("Standard error (µm)").fill("0");
       await page.getByLabel("Measured depth (µm)").focus();
-      await page.getByText("Expected a number above 0").waitFor();
+      await page.getByText("Enter a number above 0").waitFor();
       assert.deepEqual(await findings(page), [], `inspection, ${colorScheme}`);
       await page.context().close();
     }
   },
 
-  "axe finds nothing serious while there is nothing yet, the connection is lost, or a token is asked for":
-    async () => {
-      const empty = JSON.stringify({ items: [], next_cursor: null });
-      const answered = (status, body) => (page) =>
-        page.route(/\/v1\/assets\?/, (route) =>
-          route.fulfill({ status, contentType: "application/json", body }),
-        );
-      const id = await createAsset("waiting", {});
-      for (const colorScheme of ["light", "dark"]) {
-        const states = [
-          ["first steps", "", answered(200, empty), "No assets yet"],
-          ["waiting for a record", `#/assets/${id}`, async () => {}, "Waiting for the first record"],
-          ["no record to match", `#/assets/${id}/match`, async () => {}, "No records yet"],
-          [
-            "connection lost",
-            "",
-            (page) => page.route("**/v1/**", (route) => route.abort()),
-            "Connection lost since",
-          ],
-          [
-            "token wanted",
-            "",
-            answered(401, JSON.stringify({ title: "a token is needed" })),
-            "A token is needed",
-          ],
-        ];
-        for (const [state, address, before, words] of states) {
-          const { page } = await open(address, { colorScheme }, before);
-          await page.getByText(words).first().waitFor();
-          assert.deepEqual(await findings(page), [], `${state}, ${colorScheme}`);
-          await page.context().close();
-        }
+  "axe finds no serious issue on empty pages, offline, and in the token dialog": async () => {
+    const empty = JSON.stringify({ items: [], next_cursor: null });
+    const answered = (status, body) => (page) =>
+      page.route(/\/v1\/assets\?/, (route) =>
+        route.fulfill({ status, contentType: "application/json", body }),
+      );
+    const id = await createAsset("waiting", {});
+    for (const colorScheme of ["light", "dark"]) {
+      const states = [
+        ["first steps", "", answered(200, empty), "No assets yet"],
+        ["waiting for a record", `#/assets/${id}`, async () => {}, "Waiting for the first record"],
+        ["no record to match", `#/assets/${id}/match`, async () => {}, "No records yet"],
+        [
+          "connection lost",
+          "",
+          (page) => page.route("**/v1/**", (route) => route.abort()),
+          "Connection lost since",
+        ],
+        ["token wanted", "", answered(401, JSON.stringify({ title: "a token is needed" })), "Token required"],
+      ];
+      for (const [state, address, before, words] of states) {
+        const { page } = await open(address, { colorScheme }, before);
+        await page.getByText(words).first().waitFor();
+        assert.deepEqual(await findings(page), [], `${state}, ${colorScheme}`);
+        await page.context().close();
       }
-      await removeAsset(id);
-    },
+    }
+    await removeAsset(id);
+  },
 
-  "axe finds nothing serious on a phone": async () => {
+  "axe finds no serious issue on a phone": async () => {
     for (const key of ["fleet", "asset", "alarms", "match"]) {
       const [address, ready] = PAGES[key];
       const { page } = await open(typeof address === "string" ? address : await address(), PHONE);
@@ -172,7 +166,7 @@ export const CHECKS = {
     }
   },
 
-  "the keyboard alone leads from the fleet to a record and back": async (name) => {
+  "a record is reached from the fleet and left again by keyboard": async (name) => {
     const opened = await open("");
     const { page } = opened;
     await page.locator(`[data-asset="${asset}"]`).waitFor();

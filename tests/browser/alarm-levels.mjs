@@ -1,4 +1,4 @@
-// An alarm rule made on the plots of trends and of wear, and several alarms acknowledged at once.
+// Alarm rules edited on the trend and wear plots, and several alarms acknowledged at once.
 
 import assert from "node:assert/strict";
 import { asset, close, createAsset, drawn, json, open, removeAsset, sendNoise, shoot } from "./page.mjs";
@@ -19,7 +19,7 @@ async function heard(more) {
 const trial = (page, words) => page.locator(".rule-trial", { hasText: words }).waitFor();
 
 export const CHECKS = {
-  "a level is dragged on the trend, tried on the history, taken from the baseline, and saved": async (
+  "a level is dragged on the trend, tried on the history, suggested from the baseline, and saved": async (
     name,
   ) => {
     const id = await heard({ alarms: [RULE, { quantity: "novelty", warning: 1000 }] });
@@ -27,7 +27,7 @@ export const CHECKS = {
     const { page } = opened;
     await drawn(page, "trends");
     await page.getByRole("button", { name: "Alarm levels…" }).click();
-    await trial(page, "On the 12 records of channel a1, this rule would have raised nothing.");
+    await trial(page, "On the 12 records of channel a1, this rule would have raised no alarm.");
     const level = page.getByRole("slider", { name: "Warning above, RMS" });
     await level.waitFor();
     await level.scrollIntoViewIfNeeded();
@@ -53,14 +53,14 @@ export const CHECKS = {
       "the focus stays on the level",
     );
 
-    await page.getByRole("button", { name: "Suggest from the baseline" }).click();
+    await page.getByRole("button", { name: "Suggest from baseline" }).click();
     await page.getByText("Baseline of 8 records: mean").waitFor();
     await trial(page, "this rule would have raised 2 alarms: 0 warnings and 2 dangers");
     await shoot(page, `${name} tried`);
     const suggested = Number(await field.inputValue());
     const known = (await json(`assets/${id}/indicators/baseline?names=rms`)).items[0];
     assert.ok(Math.abs(suggested / (known.mean + 4 * known.standard_deviation) - 1) < 0.01, `${suggested}`);
-    await page.getByRole("button", { name: "Save the rule" }).click();
+    await page.getByRole("button", { name: "Save rule" }).click();
     await page.locator(".rule-panel .result", { hasText: "Saved." }).waitFor();
     const { alarms } = await json(`assets/${id}`);
     assert.equal(alarms.length, 2, "the other rule stays");
@@ -94,7 +94,7 @@ export const CHECKS = {
     assert.ok(dragged > 0 && dragged < warning, `${dragged}`);
     await card.getByText(`warning alarm above ${Math.round(dragged)} µm`).waitFor();
     assert.equal(
-      await card.getByRole("button", { name: "Suggest from the baseline" }).isVisible(),
+      await card.getByRole("button", { name: "Suggest from baseline" }).isVisible(),
       false,
       "a depth has no baseline of its own",
     );
@@ -116,10 +116,10 @@ export const CHECKS = {
     ];
     const opened = await open("#/alarms");
     const { page } = opened;
-    const pick = (id) => page.getByLabel(`Choose the alarm RMS of ${id}, channel a1`);
+    const pick = (id) => page.getByLabel(`Select the alarm RMS of ${id}, channel a1`);
     for (const id of ids) await pick(id).check();
     assert.equal(new URL(page.url()).hash, "#/alarms", "choosing opens nothing");
-    await page.getByText("2 alarms chosen").waitFor();
+    await page.getByText("2 alarms selected").waitFor();
     await page.locator("#alarms-by").fill("Ada");
     await page.locator("#alarms-comment").fill("looked at both");
     await shoot(page, `${name} chosen`);

@@ -1,5 +1,4 @@
-// Alarms: they show up by themselves, are acknowledged, shelved and commented; maintenance is entered and
-// taken back.
+// Alarms appear automatically and are acknowledged, shelved and commented; maintenance is added and deleted.
 
 import assert from "node:assert/strict";
 import {
@@ -25,7 +24,7 @@ const RULE = {
   settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 },
 };
 
-/** An asset whose alarm on RMS the given amplitudes of noise have raised. */
+/** An asset with an RMS alarm raised by noise of the given amplitudes. */
 async function alarmed(amplitudes) {
   const id = await createAsset("alarmed", { alarms: [RULE] });
   for (const [minute, amplitude] of amplitudes.entries()) await sendNoise(id, minute, amplitude);
@@ -36,7 +35,7 @@ const alarmOf = async (id) => (await json(`alarms?asset=${id}`)).items[0];
 const row = (page, id) => page.locator(".alarms tbody tr", { hasText: id });
 
 export const CHECKS = {
-  "an alarm shows up by itself, with the count of those nobody has acknowledged": async (name) => {
+  "an alarm appears automatically, with the number of unacknowledged alarms": async (name) => {
     const opened = await open("#/alarms");
     const { page } = opened;
     await page.locator(".table-card").waitFor();
@@ -50,15 +49,15 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "an alarm is acknowledged with a comment, shelved, and taken up again": async (name) => {
+  "an alarm is acknowledged with a comment, shelved, and unshelved": async (name) => {
     const id = await alarmed([1, 20, 100]);
     const opened = await open(`#/alarms?asset=${id}`);
     const { page } = opened;
     await row(page, id).getByRole("link", { name: "RMS" }).click();
-    const detail = page.getByRole("region", { name: "Chosen alarm" });
+    const detail = page.getByRole("region", { name: "Selected alarm" });
     await detail.getByText("danger raised at").waitFor();
     await detail.getByRole("button", { name: "Acknowledge" }).click();
-    await detail.getByText("Your name is empty").waitFor();
+    await detail.getByText("Enter your name").waitFor();
     await detail.getByLabel("Your name").fill("Ada");
     await detail.getByLabel("Comment", { exact: true }).fill("looked at the flanks");
     await detail.getByRole("button", { name: "Acknowledge" }).click();
@@ -72,7 +71,7 @@ export const CHECKS = {
     await row(page, id).waitFor();
     const restored = await open(new URL(page.url()).hash);
     await restored.page
-      .getByRole("region", { name: "Chosen alarm" })
+      .getByRole("region", { name: "Selected alarm" })
       .getByText("looked at the flanks")
       .waitFor();
     assert.equal(parameters(restored.page).get("alarm"), alarm);
@@ -100,7 +99,7 @@ export const CHECKS = {
     const opened = await open(`#/assets/${id}?trend=rms`);
     const { page } = opened;
     await drawn(page, "trends");
-    for (const words of ["warning alarm raised", "alarm over"])
+    for (const words of ["warning alarm raised", "alarm cleared"])
       await page.locator('[data-plot="trends"] .legend', { hasText: words }).waitFor();
     assert.equal(
       await page.locator('[data-plot="trends"] .shapelayer path').count(),
@@ -111,21 +110,21 @@ export const CHECKS = {
       .getByRole("region", { name: "Alarms and maintenance" })
       .getByRole("link", { name: "RMS" })
       .click();
-    await page.getByRole("region", { name: "Chosen alarm" }).getByText("back to normal").waitFor();
+    await page.getByRole("region", { name: "Selected alarm" }).getByText("back to normal").waitFor();
     await close(opened, name);
     await removeAsset(id);
   },
 
-  "maintenance is entered and taken back": async (name) => {
+  "maintenance is added and deleted": async (name) => {
     const id = await createAsset("maintained", {});
     for (let minute = 0; minute < 4; minute++) await sendNoise(id, minute, 1);
     const opened = await open(`#/assets/${id}?trend=rms`);
     const { page } = opened;
     await drawn(page, "trends");
-    await page.getByRole("button", { name: "Enter maintenance" }).click();
+    await page.getByRole("button", { name: "Add maintenance" }).click();
     await page.getByLabel("Sensor replaced").check();
-    await page.getByLabel("When, UTC").fill("2026-03-01T08:02:00");
-    await page.getByLabel("By whom").fill("Grace");
+    await page.getByLabel("Time, UTC").fill("2026-03-01T08:02:00");
+    await page.getByLabel("Your name").fill("Grace");
     await page.locator("#maintenance-comment").fill("100 mV/g");
     await page.getByRole("button", { name: "Save", exact: true }).click();
     const events = page.getByRole("region", { name: "Alarms and maintenance" });
@@ -134,49 +133,49 @@ export const CHECKS = {
     const { items } = await json(`assets/${id}/maintenance`);
     assert.deepEqual([items[0].kind, items[0].by], ["sensor_replaced", "Grace"]);
     page.on("dialog", (dialog) => dialog.accept());
-    await events.getByRole("button", { name: "Take back: Sensor replaced" }).click();
-    await events.getByText("no maintenance was entered").waitFor();
+    await events.getByRole("button", { name: "Delete entry: Sensor replaced" }).click();
+    await events.getByText("no maintenance entries").waitFor();
     assert.equal((await json(`assets/${id}/maintenance`)).items.length, 0);
     await close(opened, name);
     await removeAsset(id);
   },
 
-  "an inspection is entered, listed, and drawn on the wear": async (name) => {
+  "an inspection is added, listed, and drawn on the wear plot": async (name) => {
     const { items: records } = await json(`assets/${asset}/segments?limit=100`);
     const time = records.map(({ start_time: start }) => start).sort()[40]; // with an error that leaves the estimates of other checks alone
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await drawn(page, "wear");
-    await page.getByRole("button", { name: "Enter maintenance" }).click();
+    await page.getByRole("button", { name: "Add maintenance" }).click();
     const depth = page.getByLabel("Measured depth (µm)");
     assert.ok(!(await depth.isVisible()), "asked for only where something was measured");
     await page.getByLabel("Wear measured").check();
-    await page.getByLabel("When, UTC").fill(time.slice(0, 19));
-    await page.getByLabel("By whom").fill("Grace");
+    await page.getByLabel("Time, UTC").fill(time.slice(0, 19));
+    await page.getByLabel("Your name").fill("Grace");
     const save = page.getByRole("button", { name: "Save", exact: true });
     await save.click();
-    await page.getByText("Expected a depth from 0 to 100000 µm.").waitFor();
+    await page.getByText("Enter a depth from 0 to 100000 µm.").waitFor();
     assert.equal(await depth.getAttribute("aria-invalid"), "true");
     assert.ok(
       await depth.evaluate((input) => input === document.activeElement),
       "the field to mend has the focus",
     );
     await depth.fill("30");
-    await page.getByText("Expected a depth").waitFor({ state: "detached" });
-    assert.equal(await page.getByLabel("Its standard error (µm)").inputValue(), "5");
-    await page.getByLabel("Its standard error (µm)").fill("0");
+    await page.getByText("Enter a depth").waitFor({ state: "detached" });
+    assert.equal(await page.getByLabel("Standard error (µm)").inputValue(), "5");
+    await page.getByLabel("Standard error (µm)").fill("0");
     await save.click();
-    await page.getByText("Expected a number above 0 and up to 10000 µm.").waitFor();
-    await page.getByLabel("Its standard error (µm)").fill("40");
-    await page.getByLabel("On which gear").selectOption("Driven gear");
-    await page.getByLabel("Where on the flank").selectOption("At the root");
+    await page.getByText("Enter a number above 0 and up to 10000 µm.").waitFor();
+    await page.getByLabel("Standard error (µm)").fill("40");
+    await page.getByLabel("Measured gear").selectOption("Driven gear");
+    await page.getByLabel("Place on the flank").selectOption("At the root");
     assert.equal((await json(`assets/${asset}/maintenance`)).items.length, 0, "nothing wrong was sent");
     await save.click();
     const events = page.getByRole("region", { name: "Alarms and maintenance" });
     await events
       .getByText(`30 ± 40 µm, driven gear, at the root, ${shownTime(time)}, entered by Grace`)
       .waitFor();
-    await page.locator('[data-plot="wear"] .legend', { hasText: "± its standard error" }).waitFor();
+    await page.locator('[data-plot="wear"] .legend', { hasText: "± standard error" }).waitFor();
     assert.equal(await page.locator('[data-plot="wear"] .errorbar').count(), 1);
     await page.locator('[data-plot="wear"] .annotation-text', { hasText: "30 ± 40 µm" }).waitFor();
     const { items } = await json(`assets/${asset}/maintenance`);
@@ -186,7 +185,7 @@ export const CHECKS = {
     );
     await shoot(page, `${name} shown`);
     page.on("dialog", (dialog) => dialog.accept());
-    await events.getByRole("button", { name: "Take back: Wear measured" }).click();
+    await events.getByRole("button", { name: "Delete entry: Wear measured" }).click();
     await page.locator('[data-plot="wear"] .errorbar').waitFor({ state: "detached" });
     await close(opened, name);
   },
@@ -195,7 +194,10 @@ export const CHECKS = {
     const id = await alarmed([1, 20]);
     const { id: alarm } = await alarmOf(id);
     const opened = await open(`#/alarms?alarm=${alarm}`, PHONE);
-    await opened.page.getByRole("region", { name: "Chosen alarm" }).getByText("warning raised at").waitFor();
+    await opened.page
+      .getByRole("region", { name: "Selected alarm" })
+      .getByText("warning raised at")
+      .waitFor();
     await row(opened.page, id).waitFor();
     await noSidewaysScrolling(opened.page);
     await close(opened, name);

@@ -1,4 +1,4 @@
-// The bench: records over one another, quantities, bearings, the list of largest lines, sound, links.
+// The bench: overlaid records, quantities, bearings, the list of largest lines, audio, links.
 
 import assert from "node:assert/strict";
 import {
@@ -17,7 +17,7 @@ import {
 
 const base = process.env.FLANKWATCH_URL.replace(/\/$/, "");
 
-/** So many records of the asset, evenly over its history. */
+/** A number of records of the asset, evenly spaced over its history. */
 async function records(count) {
   const { items } = await json(`assets/${asset}/segments?limit=1000&order=asc`);
   return Array.from(
@@ -66,7 +66,7 @@ async function sendTones(id, minute, unit = "m/s2", scale = 1) {
   return JSON.parse(text);
 }
 
-/** The height of a curve at a place. */
+/** The value of a curve at a position. */
 function heightAt({ x, y }, place) {
   const nearest = x.reduce(
     (best, value, n) => (Math.abs(value - place) < Math.abs(x[best] - place) ? n : best),
@@ -83,7 +83,7 @@ async function tones(unit, scale) {
 }
 
 export const CHECKS = {
-  "two records lie over one another in every way to look at them": async (name) => {
+  "two records are overlaid in every view": async (name) => {
     const chosen = await records(2);
     const opened = await open(address(chosen, "show=waveform,spectrum,envelope,turn,cepstrum"));
     const { page } = opened;
@@ -96,7 +96,7 @@ export const CHECKS = {
       for (const { start_time: start, channel } of chosen)
         await legend.getByText(`${channel} · ${shownTime(start)}`).waitFor();
     }
-    // the second one is drawn first, below: what is drawn is what the server says
+    // the second record is drawn first, below; the drawing matches the server's data
     const [second] = await curves(page, "cepstrum");
     const { value } = await json(`segments/${chosen[1].id}/cepstrum?max_points=4000&max_s=0.2`);
     assert.deepEqual(second.y, value);
@@ -111,7 +111,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "records are put on the bench from their page, the table and the bench": async (name) => {
+  "records are added to the bench from their page, the table and the bench": async (name) => {
     const chosen = await records(3);
     const opened = await open(`#/assets/${asset}?segment=${chosen[1].id}`);
     const { page } = opened;
@@ -159,7 +159,7 @@ export const CHECKS = {
         line.x.every((hz, n) => hz >= 10 || line.y[n] === null),
         "nothing below the cut-off",
       );
-      // from 2 Hz the tone of 5 Hz is there
+      // with a cut-off of 2 Hz, the 5 Hz tone is present
       await page.getByRole("combobox", { name: "From", exact: true }).selectOption("2");
       await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "from 2 Hz" }).waitFor();
       const order = quantity === "velocity" ? 1 : 2;
@@ -177,7 +177,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "a level in dB is over 1 µm/s², and against the first record the change": async (name) => {
+  "levels are in dB re 1 µm/s² or relative to the first record": async (name) => {
     const id = await createAsset("levels");
     await sendTones(id, "10");
     await sendTones(id, "20", "m/s2", 4);
@@ -190,7 +190,9 @@ export const CHECKS = {
     assert.ok(Math.abs(heightAt(first, 100) - 120) < 0.05, `${heightAt(first, 100)} dB`);
     assert.ok(Math.abs(heightAt(louder, 100) - 132.04) < 0.05, `${heightAt(louder, 100)} dB`);
     await page.getByRole("combobox", { name: "Amplitude", exact: true }).selectOption("change");
-    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "0 dB is the first record" }).waitFor();
+    await page
+      .locator('[data-plot="spectrum"] .plot-sub', { hasText: "relative to the first record" })
+      .waitFor();
     const [changed, none] = await curves(page, "spectrum");
     assert.ok(Math.abs(heightAt(changed, 100) - 12.04) < 0.05, `${heightAt(changed, 100)} dB`);
     assert.ok(none.y.every((level) => level === null || level === 0));
@@ -244,14 +246,14 @@ export const CHECKS = {
     // another geometry
     await page.getByRole("combobox", { name: "Bearing", exact: true }).selectOption("g");
     await page.getByLabel("Rolling elements").fill("16");
-    await page.getByLabel("Their diameter, mm").fill("8.407");
+    await page.getByLabel("Roller diameter, mm").fill("8.407");
     await page.getByLabel("Pitch diameter, mm").fill("71.501");
     await page.getByLabel("Contact angle, °").fill("15.17");
     await page.getByLabel("Contact angle, °").press("Enter");
     await page.locator(".bench-bearing", { hasText: "BPFO 7.092" }).waitFor();
     await page.getByLabel("Rolling elements").fill("1.5");
     await page.getByLabel("Rolling elements").press("Enter");
-    await page.getByText("expected a whole number from 2 to 1000").waitFor();
+    await page.getByText("enter a whole number from 2 to 1000").waitFor();
     await close(opened, name);
   },
 
@@ -272,7 +274,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "the average is that of the gear that is chosen": async (name) => {
+  "the average is that of the selected gear": async (name) => {
     const chosen = await records(2);
     const opened = await open(address(chosen, "show=turn"));
     const { page } = opened;
@@ -283,7 +285,7 @@ export const CHECKS = {
     const ofDriven = page.locator('[data-plot="turn"] .infolayer', { hasText: "Angle of the driven gear" });
     await ofDriven.waitFor();
     const expected = await Promise.all(chosen.map(({ id }) => json(`segments/${id}/turn?gear=2`)));
-    // the first record is drawn last, over the other
+    // the first record is drawn last, on top
     const [second, first] = await curves(page, "turn");
     assert.deepEqual([first.y, second.y], [expected[0].average, expected[1].average]);
     await page.getByText(`One tooth is ${Number((360 / gear.teeth[1]).toPrecision(4))}°`).waitFor();
@@ -351,7 +353,7 @@ export const CHECKS = {
     const opened = await open(address(chosen));
     const { page } = opened;
     await drawn(page, "spectrum");
-    await page.getByLabel("Axis of spectra").selectOption("orders");
+    await page.getByLabel("Spectrum axis").selectOption("orders");
     await page.getByRole("combobox", { name: "Quantity", exact: true }).selectOption("velocity");
     await page.getByRole("combobox", { name: "Amplitude", exact: true }).selectOption("db");
     await page.getByRole("combobox", { name: "Bearing", exact: true }).selectOption("ZA2115");
@@ -365,7 +367,7 @@ export const CHECKS = {
     for (const kind of ["spectrum", "envelope"])
       assert.deepEqual(await curves(restored.page, kind), await curves(page, kind), kind);
     for (const [label, value] of [
-      ["Axis of spectra", "orders"],
+      ["Spectrum axis", "orders"],
       ["Quantity", "velocity"],
       ["Amplitude", "db"],
       ["Bearing", "ZA2115"],
@@ -395,7 +397,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "a record is heard, and falls silent": async (name) => {
+  "a record is played and stopped": async (name) => {
     const chosen = await records(2);
     const opened = await open(address(chosen));
     const { page } = opened;
@@ -424,7 +426,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "a picture of the bench is on white, in the dark too": async (name) => {
+  "a picture of the bench is on white, even in the dark theme": async (name) => {
     const chosen = await records(2);
     const opened = await open(address(chosen), { colorScheme: "dark" });
     const { page } = opened;
@@ -453,7 +455,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "what cannot be drawn is said": async (name) => {
+  "a record that cannot be drawn is reported": async (name) => {
     const [record] = await records(1);
     const opened = await open(`#/bench?records=${record.id},no-such-record`);
     const { page } = opened;

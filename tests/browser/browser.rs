@@ -49,7 +49,7 @@ fn the_dashboard_works_in_a_browser() {
     println!("{said}");
 }
 
-/// Records of a short run to failure as WAV files whose names say when they began.
+/// Records of a short run to failure as WAV files with start times in their names.
 fn write_run(pair: &PairSpec, folder: &Path) {
     let run =
         Run::new(RunPlan { wear_exponent: 3.0, records: 30, interval_s: 3600.0, ..plan(pair) }).unwrap();
@@ -66,7 +66,7 @@ fn write_run(pair: &PairSpec, folder: &Path) {
     }
 }
 
-/// A run to failure that begins slowly enough for a healthy baseline.
+/// A run to failure that starts slowly enough for a healthy baseline.
 fn plan(pair: &PairSpec) -> RunPlan {
     RunPlan {
         pair: pair.clone(),
@@ -85,7 +85,7 @@ fn plan(pair: &PairSpec) -> RunPlan {
     }
 }
 
-/// A service that asks for a token, with an asset of its own.
+/// A service that requires a token, with an asset of its own.
 fn guarded() -> (Service, String) {
     let service = Service::start();
     service.plain_asset("pump");

@@ -1,11 +1,13 @@
-// What the page does while the server is away: between the browser and the server stands a gate that can be
-// closed.
+// The page while the server is unavailable, simulated by a proxy that can be closed.
 
 import assert from "node:assert/strict";
 import { createServer, request } from "node:http";
 import { asset, base, browser, createAsset, drawn, removeAsset, sendNoise } from "./page.mjs";
 
-/** Passes requests on to the server; `streams` says whether that of the events is let through, `close()` and `open()` are for all. */
+/**
+ * Forwards requests to the server; `streams` says whether the event stream is forwarded, `close()` and
+ * `open()` affect all requests.
+ */
 async function gate() {
   const target = new URL(base);
   const streams = new Set();
@@ -47,11 +49,11 @@ async function gate() {
 }
 
 const told = (page, words, timeout = 20_000) => page.locator(`#live[title*="${words}"]`).waitFor({ timeout });
-const TOLD = "tells of every change";
-const ASKS = "asks the server";
+const PUSHED = "Live updates from the server";
+const POLLED = "Polling the server";
 
 export const CHECKS = {
-  "events end, polling goes on, the server goes and comes back": async () => {
+  "polling replaces a lost event stream, and the server goes away and comes back": async () => {
     const passage = await gate();
     const id = await createAsset("gated", {});
     await sendNoise(id, 0);
@@ -61,10 +63,10 @@ export const CHECKS = {
     page.on("pageerror", (error) => exceptions.push(error.stack));
     await page.goto(`${passage.url}/#/assets/${id}?trend=rms`);
     await drawn(page, "trends");
-    await told(page, TOLD);
+    await told(page, PUSHED);
 
     passage.stopStreams();
-    await told(page, ASKS);
+    await told(page, POLLED);
     await sendNoise(id, 1);
     await page.getByText("2 records").waitFor();
     assert.ok(await page.locator("#banner").isHidden(), "polling is no loss");
@@ -72,7 +74,7 @@ export const CHECKS = {
     passage.close();
     await page.getByText("Connection lost since").waitFor({ timeout: 20_000 });
     assert.equal(await page.locator("#live").getAttribute("data-state"), "lost");
-    await page.locator("#banner-wait", { hasText: /Trying again/ }).waitFor();
+    await page.locator("#banner-wait", { hasText: /Retrying/ }).waitFor();
     assert.ok(await page.locator('[data-plot="trends"] .plot').isVisible(), "what was there stays");
     await sendNoise(id, 2);
 
@@ -80,7 +82,7 @@ export const CHECKS = {
     await page.locator("#banner").waitFor({ state: "hidden", timeout: 25_000 });
     await page.getByText("3 records").waitFor();
     assert.equal(await page.locator("#live").getAttribute("data-state"), "live");
-    await told(page, TOLD, 25_000);
+    await told(page, PUSHED, 25_000);
     await sendNoise(id, 3);
     await page.getByText("4 records").waitFor();
     assert.deepEqual(exceptions, []);
@@ -89,7 +91,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "a page that is gone to while the server is away comes with the server": async () => {
+  "a page opened while the server is unavailable loads when it is back": async () => {
     const passage = await gate();
     const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
     const page = await context.newPage();
@@ -109,7 +111,7 @@ export const CHECKS = {
     passage.close();
   },
 
-  "a page whose code cannot be fetched says so and comes with the server": async () => {
+  "a page whose code cannot be loaded says so and loads when the server is back": async () => {
     const passage = await gate();
     const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
     const page = await context.newPage();

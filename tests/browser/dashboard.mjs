@@ -1,12 +1,15 @@
 // The dashboard in a real browser, against a running server.
 //
-//   FLANKWATCH_URL       where it is served, for example http://127.0.0.1:8600 FLANKWATCH_ASSET     an asset
-//   with a library and at least a few estimated records FLANKWATCH_CHROMIUM  the browser (default
-//   /usr/bin/chromium) FLANKWATCH_GUARDED_URL, FLANKWATCH_TOKEN  one that asks for this token of scope admin,
-//   with an asset “pump” FLANKWATCH_EMPTY_URL, FLANKWATCH_RECORDS  one without assets, and a folder of WAV
-//   files of a run to failure of the preset “shen2022” FLANKWATCH_PAGES     a folder of pages to show instead
-//   of those that are built into the server FLANKWATCH_SHOTS     a folder for screenshots (none are taken
-//   where it is not set) FLANKWATCH_ONLY      run only checks whose name contains this
+// FLANKWATCH_URL: the service, for example http://127.0.0.1:8600
+// FLANKWATCH_ASSET: an asset with a library and at least a few estimated records
+// FLANKWATCH_CHROMIUM: the browser (default /usr/bin/chromium)
+// FLANKWATCH_GUARDED_URL, FLANKWATCH_TOKEN: a service that requires this token with scope admin, with an
+// asset “pump”
+// FLANKWATCH_EMPTY_URL, FLANKWATCH_RECORDS: a service without assets, and a folder of WAV files of a run to
+// failure of the preset “shen2022”
+// FLANKWATCH_PAGES: a folder of pages to use instead of those built into the server
+// FLANKWATCH_SHOTS: a folder for screenshots (optional)
+// FLANKWATCH_ONLY: run only checks whose name contains this
 
 import { mkdir } from "node:fs/promises";
 import { browser, shots } from "./page.mjs";

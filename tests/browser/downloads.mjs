@@ -1,5 +1,5 @@
-// What is drawn can be taken along: the numbers of every plot as CSV, its picture as PNG, which is dark on white
-// whatever the theme and says whose it is and of which time.
+// Downloads of plots: their data as CSV, and pictures as PNG, dark on white in either theme, with asset and
+// time.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, json, open, shownTime } from "./page.mjs";
@@ -30,7 +30,7 @@ const PAGES = {
 
 const NAME = "Gearbox in a test";
 
-/** What the pictures of a page say they are of. */
+/** The expected captions of a page's pictures. */
 const SUBJECTS = {
   asset: async (kind) => {
     const at = async (order) =>
@@ -40,14 +40,14 @@ const SUBJECTS = {
       : await at("desc");
     return `${NAME} · gearbox/x · ${time}`;
   },
-  bench: async () => "2 records over one another",
+  bench: async () => "2 records overlaid",
   waterfall: () => SUBJECTS.asset("wear"),
   match: () => SUBJECTS.asset("posterior"),
   library: async () => `library ${(await json("libraries")).items[0].id}`,
   preview: async () => `${NAME} · Simulated: `,
 };
 
-/** Keeps what is written into pictures. */
+/** Records the text drawn into pictures. */
 const listening = (page) =>
   page.addInitScript(() => {
     const { fillText } = CanvasRenderingContext2D.prototype;
@@ -58,7 +58,10 @@ const listening = (page) =>
     };
   });
 
-/** How much of a picture is white, and of the plot at its foot the number of points of the light theme's ink. */
+/**
+ * The white fraction of a picture, and the number of pixels in the light theme's ink in the plot at its
+ * bottom.
+ */
 const colours = (page, bytes) =>
   page.evaluate(async (data) => {
     const image = new Image();
@@ -83,14 +86,14 @@ async function bytesOf(download) {
   return Buffer.concat(chunks);
 }
 
-/** The file that a button of a plot saves, and the name that it gets. */
+/** The file saved by a plot's button, and its name. */
 async function saved(page, kind, words) {
   const button = page.locator(`[data-plot="${kind}"] .save`, { hasText: words });
   const [download] = await Promise.all([page.waitForEvent("download"), button.click()]);
   return { name: download.suggestedFilename(), bytes: await bytesOf(download) };
 }
 
-/** A browser lets a page save about ten files before it asks: so many plots of one page. */
+/** Browsers let a page save about ten files before asking: plots per page. */
 const PLOTS_A_PAGE = 4;
 
 const chunks = Object.entries(PAGES).flatMap(([key, [address, kinds]]) =>
@@ -123,7 +126,7 @@ const checks = chunks.map(([key, address, kinds]) => [
       assert.ok(png.bytes.readUInt32BE(16) > 600, `${kind}: ${png.bytes.readUInt32BE(16)} px wide`);
       const { white, ink, corner } = await colours(opened.page, png.bytes);
       assert.deepEqual(corner, [255, 255, 255, 255], kind);
-      // a waterfall is colours all over
+      // a waterfall is coloured throughout
       assert.ok(white > (kind === "waterfall" ? 0.1 : 0.5), `${kind}: ${white} of the picture is white`);
       assert.ok(ink > 100, `${kind}: ${ink} points of ink in its lower half`);
       const words = (await opened.page.evaluate("globalThis.written.splice(0)")).join(" ");

@@ -1,5 +1,5 @@
-// A fleet of 500 assets: it is quick, and sorted, filtered and grouped. The server's answer is made up from
-// its own for one asset.
+// A fleet of 500 assets: speed, sorting, filtering and grouping. The server's answer is derived from that for
+// one asset.
 
 import assert from "node:assert/strict";
 import { asset, close, json, noSidewaysScrolling, open, PHONE, say, shoot, timed } from "./page.mjs";
@@ -7,7 +7,7 @@ import { asset, close, json, noSidewaysScrolling, open, PHONE, say, shoot, timed
 const COUNT = 500;
 const WANTED_MS = 200;
 
-/** 500 assets of all states after the server's own one. */
+/** 500 assets in all states after the server's own one. */
 async function many(nameOf) {
   const { items } = await json("assets");
   const one = items.find(({ id }) => id === asset);
@@ -87,7 +87,7 @@ export const CHECKS = {
       depths.length > 300 && depths.every((depth, n) => n === 0 || depth <= depths[n - 1]),
       "the deepest first",
     );
-    await page.getByPlaceholder("Name, id or place").fill("line 3,");
+    await page.getByPlaceholder("Name, id or location").fill("line 3,");
     await page.getByText(`of ${COUNT} assets`).waitFor();
     assert.equal(
       await total(page),
@@ -127,7 +127,7 @@ export const CHECKS = {
     await page.context().close();
   },
 
-  "assets are grouped by the place in their name": async (name) => {
+  "assets are grouped by the location in their name": async (name) => {
     const opened = await fleet({}, (n) => `Plant ${"AB"[n % 2]} / line ${n % 3} / gearbox ${n}`);
     const { page } = opened;
     assert.equal(await total(page), COUNT + 6, "a heading for each place");
@@ -137,13 +137,13 @@ export const CHECKS = {
     await page.waitForFunction(() => location.hash.includes("closed="));
     assert.equal(await button.getAttribute("aria-expanded"), "false");
     assert.ok((await total(page)) < COUNT);
-    await page.getByLabel("By place").uncheck();
+    await page.getByLabel("Group by location").uncheck();
     await page.waitForFunction(() => location.hash.includes("flat=1"));
     assert.equal(await page.locator("tbody .group").count(), 0);
     await close(opened, name);
   },
 
-  "30 of many assets are on one screen": async (name) => {
+  "30 assets fit on one screen in compact rows": async (name) => {
     for (const colorScheme of ["light", "dark"]) {
       const opened = await fleet({ viewport: { width: 1440, height: 900 }, colorScheme });
       const { page } = opened;
@@ -156,17 +156,17 @@ export const CHECKS = {
             }).length,
         );
       assert.ok((await onScreen()) >= 30, `${await onScreen()} rows`);
-      // each says all that a high one says
+      // compact rows contain the same information as comfortable ones
       const row = page.locator('tr[data-asset="gearbox-057"]');
-      await page.getByPlaceholder("Name, id or place").fill("gearbox 57");
+      await page.getByPlaceholder("Name, id or location").fill("gearbox 57");
       await row.getByText("1 alarm, 1 unacknowledged").waitFor();
       assert.match(
         (await row.locator(".wear-number").textContent()).replaceAll(/\s+/g, " "),
         /39 µm ?14 to 69/,
       );
-      await page.getByPlaceholder("Name, id or place").fill("");
+      await page.getByPlaceholder("Name, id or location").fill("");
       await shoot(page, `${name} ${colorScheme}`);
-      await page.getByLabel("Rows").selectOption("high");
+      await page.getByLabel("Row height").selectOption("high");
       await page.waitForFunction(() => location.hash.includes("rows=high"));
       assert.ok((await onScreen()) < 15, `${await onScreen()} high rows`);
       await close(opened, `${name} ${colorScheme}, high rows`);

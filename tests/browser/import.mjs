@@ -1,5 +1,4 @@
-// The import desk: what a file holds is shown before it is sent, one refused file stops no other, and an
-// import is undone.
+// The import page: previews before the upload, rejected files that do not stop others, and undoing an import.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -22,7 +21,7 @@ import { csv, drop, wav } from "./upload.mjs";
 const audio = (name, buffer) => ({ name, mimeType: "audio/wav", buffer });
 const table = (name, text) => ({ name, mimeType: "text/csv", buffer: Buffer.from(text) });
 const card = (page, name) => page.locator(".files > li", { hasText: name });
-const send = (page) => page.getByRole("button", { name: /^Send / }).click();
+const send = (page) => page.getByRole("button", { name: /^Upload (file|\d+ files)$/ }).click();
 const good = (page, words) => page.locator('.result[data-kind="good"]', { hasText: words }).first().waitFor();
 
 async function desk(more = {}) {
@@ -64,7 +63,7 @@ function stereo(frames) {
 }
 
 export const CHECKS = {
-  "a preview says what each file holds before anything is sent": async (name) => {
+  "a preview shows the contents of each file before the upload": async (name) => {
     const opened = await desk();
     const { id, page } = opened;
     const recording = await readFile(new URL("../../fixtures/recordings/mcap-json.mcap", import.meta.url)); // of a recorder that wrote no summary
@@ -85,43 +84,45 @@ export const CHECKS = {
       { name: "export.mcap", mimeType: "application/mcap", buffer: exported },
       audio("broken.wav", Buffer.from("no recording")),
     ]);
-    await page.getByRole("button", { name: "Send 8 files" }).waitFor();
+    await page.getByRole("button", { name: "Upload 8 files" }).waitFor();
     await card(page, "pump_20260301").getByText("16 bit integers · 1 channel · 4000 Hz · 1 s").waitFor();
-    await card(page, "pump_20260301").getByText("from its name, read as UTC").waitFor();
+    await card(page, "pump_20260301").getByText("from the file name, read as UTC").waitFor();
     await card(page, "two.wav").getByText("16 bit integers · 2 channels · 8000 Hz · 1 s").waitFor();
     assert.equal(await card(page, "two.wav").locator("svg.sketch").count(), 2, "a waveform of each channel");
     await card(page, "samples.csv").getByText("CSV · 1 channel · 4000 Hz (column “time”) · 0.25 s").waitFor();
-    await card(page, "run.mcap").getByText("it says nothing of its contents at its end").waitFor();
+    await card(page, "run.mcap").getByText("no summary at the end of the file").waitFor();
     await card(page, "export.mcap")
       .getByText(/MCAP · \d+ messages on \d+ topics?/)
       .waitFor();
     await card(page, "export.mcap")
-      .getByText(/says itself when its records began, logged 20/)
+      .getByText(/start times in the file, logged 20/)
       .waitFor();
     await card(page, "run.mcap").locator("svg.sketch").first().waitFor();
     await card(page, "run.mcap").getByText("its first record").first().waitFor();
     await card(page, "export.mcap").getByText("No vibration in it").waitFor();
     await card(page, "block.pb").getByText("protobuf · 1 channel · 20 kHz · 1 s").waitFor();
     await card(page, "block.pb")
-      .getByText(`began: ${shownTime(record.start_time)}`)
+      .getByText(`start times in the file: ${shownTime(record.start_time)}`)
       .waitFor();
     await card(page, "block.pb").locator("svg.sketch").waitFor();
-    // a MATLAB file without a rate is looked into again when one is typed in
+    // a MATLAB file without a rate is inspected again when one is entered
     await card(page, "two.mat").locator('.result[data-kind="bad"]').waitFor();
     await page.getByText("For WAV, CSV and MATLAB files: unit").click();
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
-    await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (typed in)").waitFor();
+    await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
     assert.equal(await card(page, "two.mat").locator("svg.sketch").count(), 2, "a waveform of each channel");
-    await card(page, "broken.wav").getByText("It does not begin like a WAV file (RIFF, WAVE).").waitFor();
+    await card(page, "broken.wav").getByText("It does not start like a WAV file (RIFF, WAVE).").waitFor();
     await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
     await page.getByLabel("Start of two.wav, UTC").blur();
-    await card(page, "two.wav").getByText("typed in").waitFor();
+    await card(page, "two.wav").getByText("entered").waitFor();
     assert.equal((await json(`assets/${id}`)).summary.segments, 0, "nothing is sent");
     await end(opened, name);
   },
 
-  "all files are sent, one that is refused stops no other, and the import is undone": async (name) => {
+  "all files are uploaded, a rejected one does not stop the others, and the import is undone": async (
+    name,
+  ) => {
     const opened = await desk();
     const { id, page } = opened;
     await sendNoise(id, 0);
@@ -133,7 +134,7 @@ export const CHECKS = {
     ]);
     await send(page);
     await good(page, "a_20260401_080000.wav: channel");
-    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was not taken" }).waitFor();
+    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was rejected" }).waitFor();
     await good(page, "two_20260401_100000.wav: channel");
     const undo = page.getByRole("button", { name: "Undo this import: delete 4 records…" });
     await undo.waitFor();
@@ -141,7 +142,7 @@ export const CHECKS = {
     await shoot(page, `${name} sent`);
     page.on("dialog", (dialog) => dialog.accept());
     await undo.click();
-    await page.getByText("4 records deleted: the import is undone.").waitFor();
+    await page.getByText("4 records deleted. Import undone.").waitFor();
     const { items } = await json(`assets/${id}/segments`);
     assert.deepEqual(
       items.map(({ start_time: start }) => start),
@@ -156,7 +157,7 @@ export const CHECKS = {
     await end(opened, name);
   },
 
-  "what is there already is told, and is no part of what is undone": async () => {
+  "existing records are reported and not removed by undo": async () => {
     const opened = await desk();
     const { id, page } = opened;
     const file = audio("a_20260401_080000.wav", wav(2000));
@@ -167,7 +168,7 @@ export const CHECKS = {
     });
     assert.equal(sent.status, 201);
     await page.setInputFiles("#upload-file", [file]);
-    await card(page, "a_20260401").getByText("There is a record of this start already, of channel").waitFor();
+    await card(page, "a_20260401").getByText("A record with this start already exists on channel").waitFor();
     await page.locator("summary", { hasText: "sampling rate" }).click();
     await page.getByLabel("Unit", { exact: true }).first().fill("m/s2");
     await send(page);
@@ -194,9 +195,9 @@ export const CHECKS = {
       await new Promise((resolve) => setTimeout(resolve, hold));
       await route.continue();
     });
-    for (const heading of ["in [g]", "out (m/s2)"]) await column(heading).selectOption("a channel");
-    await column("n").selectOption("left out");
-    await column("speed").selectOption("left out");
+    for (const heading of ["in [g]", "out (m/s2)"]) await column(heading).selectOption("channel");
+    await column("n").selectOption("ignored");
+    await column("speed").selectOption("ignored");
     await file.getByText("CSV · 2 channels").waitFor();
     await page.waitForTimeout(700);
     await file.getByText("CSV · 2 channels").waitFor();
@@ -206,7 +207,7 @@ export const CHECKS = {
     await page.locator("summary", { hasText: "sampling rate" }).click();
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("2560.5");
     await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
-    await file.getByText("CSV · 2 channels · 2560.5 Hz (typed in)").waitFor();
+    await file.getByText("CSV · 2 channels · 2560.5 Hz (entered)").waitFor();
     await shoot(page, `${name} mapped`);
     await send(page);
     await page.getByRole("button", { name: "Undo this import: delete 2 records…" }).waitFor();
@@ -231,7 +232,7 @@ export const CHECKS = {
     await end(opened, name);
   },
 
-  "a MATLAB file is sent with the rate that it lacks and the names that are chosen": async () => {
+  "a MATLAB file is uploaded with the entered rate and names": async () => {
     const opened = await desk();
     const { id, page } = opened;
     const buffer = await readFile(new URL("../../fixtures/matlab/bearing-two-channels.mat", import.meta.url));
@@ -256,7 +257,7 @@ export const CHECKS = {
     await end(opened, "matlab");
   },
 
-  "each channel of a WAV file has a unit of its own": async () => {
+  "each channel of a WAV file has its own unit": async () => {
     const opened = await desk();
     const { id, page } = opened;
     await page.setInputFiles("#upload-file", [audio("two_20260401_080000.wav", stereo(2000))]);
@@ -267,13 +268,13 @@ export const CHECKS = {
     const { items } = await json(`assets/${id}/segments`);
     const strength = Object.fromEntries(items.map(({ channel, indicators }) => [channel, indicators.rms]));
     const [first, second] = [9000, 3000].map((counts) => counts / 32768 / Math.SQRT2);
-    // a channel in g is brought to the asset's unit
+    // a channel in g is converted to the asset's unit
     assert.ok(Math.abs(strength["gear side"] / first - 1) < 0.01, JSON.stringify(strength));
     assert.ok(Math.abs(strength["2"] / (9.80665 * second) - 1) < 0.01, JSON.stringify(strength));
     await end(opened);
   },
 
-  "the full scale of a 16-bit WAV file is taken": async () => {
+  "the full scale of a 16-bit WAV file is applied": async () => {
     const opened = await desk();
     const { id, page } = opened;
     await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
@@ -290,7 +291,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "a large WAV file is looked into by slices": async () => {
+  "a large WAV file is read in slices": async () => {
     const opened = await desk();
     const { page } = opened;
     const read = await page.evaluate(async () => {
@@ -341,7 +342,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "files dropped on the page of the desk are listed there": async (name) => {
+  "files dropped on the import page are listed there": async (name) => {
     const opened = await desk();
     const { page } = opened;
     await page.getByText("Drop WAV, MCAP, CSV or MATLAB files here").waitFor();
@@ -351,14 +352,14 @@ export const CHECKS = {
     await end(opened, name);
   },
 
-  "the desk on a phone": async (name) => {
+  "the import page on a phone": async (name) => {
     const id = await createAsset("import", {});
     const opened = await open(`#/assets/${id}/import`, PHONE);
     await opened.page.setInputFiles("#upload-file", [
       audio("two_20260401_080000.wav", stereo(4000)),
       table("samples.csv", csv(1000)),
     ]);
-    await opened.page.getByRole("button", { name: "Send 2 files" }).waitFor();
+    await opened.page.getByRole("button", { name: "Upload 2 files" }).waitFor();
     await noSidewaysScrolling(opened.page);
     await end({ id, ...opened }, name);
   },

@@ -1,4 +1,4 @@
-//! The dashboard's modules, checked by the TypeScript compiler against the description of the API.
+//! Type-checks the dashboard's modules against the API's description.
 
 use std::path::Path;
 use std::process::Command;
@@ -12,7 +12,7 @@ fn the_dashboards_modules_use_the_api_as_it_is_described() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
     let tools = folder.join("node_modules/.bin");
     needed(tools.join("tsc").exists().then_some(()), "`npm install` in tests/browser");
-    // Where tsconfig.json looks for the types.
+    // tsconfig.json reads the types from here.
     let types = folder.join("node_modules/.api");
     std::fs::create_dir_all(&types).unwrap();
     let service = Service::start();

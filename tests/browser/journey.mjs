@@ -26,7 +26,7 @@ export const CHECKS = empty && {
     await page.locator("#preview-wear").fill("245");
     await page.locator('.preview[data-wear="245"]').waitFor();
     await fill(page, {
-      "Unit of samples that come without one": "m/s2",
+      "Default unit of samples": "m/s2",
       "Warning (µm)": "25",
       "Danger (µm)": "60",
       "Baseline records": "8",
@@ -40,7 +40,7 @@ export const CHECKS = empty && {
       .map((file) => join(folder, file));
     assert.equal(files.length, 30);
     await page.setInputFiles("#upload-file", files);
-    await page.getByRole("button", { name: "Send 30 files" }).click();
+    await page.getByRole("button", { name: "Upload 30 files" }).click();
     await page.locator('.result[data-kind="good"]').nth(29).waitFor({ timeout: 45_000 });
     await page.getByRole("button", { name: "Close" }).click();
 
@@ -55,7 +55,7 @@ export const CHECKS = empty && {
 
     await page.getByRole("link", { name: /^Alarms/ }).click();
     await page.locator(".alarms").getByRole("link", { name: "Wear depth" }).first().click();
-    const detail = page.getByRole("region", { name: "Chosen alarm" });
+    const detail = page.getByRole("region", { name: "Selected alarm" });
     await detail.getByLabel("Your name").fill("Ada");
     await detail.getByRole("button", { name: "Acknowledge" }).click();
     await detail.getByText("Acknowledged.").waitFor();
@@ -63,9 +63,9 @@ export const CHECKS = empty && {
     await page.getByRole("link", { name: "Fleet" }).first().click();
     await page.getByRole("link", { name: "Press line 3" }).click();
     await drawn(page, "wear");
-    await page.getByRole("button", { name: "Enter maintenance" }).click();
+    await page.getByRole("button", { name: "Add maintenance" }).click();
     await page.getByLabel("Wear measured").check();
-    await page.getByLabel("By whom").fill("Grace");
+    await page.getByLabel("Your name").fill("Grace");
     await page.getByLabel("Measured depth (µm)").fill("240");
     await page.getByRole("button", { name: "Save", exact: true }).click();
     await page

@@ -1,5 +1,4 @@
-// The keyboard walks over each page: everything that can be pressed is reached once, is in view, named and
-// marked when it has the focus.
+// Keyboard focus on each page: every control is reached once, visible, named and marked.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, json, open, overviewDrawn } from "./page.mjs";
@@ -15,7 +14,7 @@ const PAGES = {
   settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],
   records: [`#/assets/${asset}/records`, (page) => page.locator(".record-table tbody tr").first().waitFor()],
   import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
-  tokens: ["#/tokens", (page) => page.getByText("Make the token").waitFor()],
+  tokens: ["#/tokens", (page) => page.getByText("Create token").waitFor()],
   alarms: [
     async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`,
     (page) => page.locator(".alarm-history li").first().waitFor(),
@@ -29,7 +28,7 @@ const PAGES = {
 
 const MOST = 400;
 
-/** What has the focus: its name, where it is, and how it is marked; each element gets a number of its own when it is first seen. */
+/** The focused element: its name, position and focus mark; each element is numbered when first seen. */
 const focused = (page) =>
   page.evaluate(() => {
     const element = document.activeElement;
@@ -59,7 +58,7 @@ const focused = (page) =>
     };
   });
 
-/** Everything that can be pressed or typed in and was not reached; of radio buttons and hidden parts only some are. */
+/** Controls that were not reached; radio buttons and hidden parts are only partly expected. */
 const missed = (page) =>
   page.evaluate(() =>
     [
@@ -111,12 +110,12 @@ const checks = Object.entries(PAGES).map(([key, [address, ready]]) => [
 export const CHECKS = {
   ...Object.fromEntries(checks),
 
-  "dialogs are opened, walked through and left by keyboard, and give the focus back": async () => {
+  "dialogs are opened, used and closed by keyboard, and return the focus": async () => {
     const { page, faults } = await open(`#/assets/${asset}`);
     await overviewDrawn(page);
     for (const [button, dialog] of [
       ["Add records…", `Add records to ${asset}`],
-      ["Enter maintenance…", `Maintenance of ${asset}`],
+      ["Add maintenance…", `Maintenance of ${asset}`],
     ]) {
       await page.getByRole("button", { name: button }).focus();
       await page.keyboard.press("Enter");

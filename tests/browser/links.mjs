@@ -1,4 +1,4 @@
-// A link reproduces the view: every control that is set is set again on the page that the address leads to.
+// Links reproduce the view: every control is restored from the address.
 
 import assert from "node:assert/strict";
 import { isDeepStrictEqual } from "node:util";
@@ -15,7 +15,7 @@ import {
   sendNoise,
 } from "./page.mjs";
 
-/** What all controls of a page stand at, by their names; places of the page that differ from one look to the next are left out. */
+/** The values of all controls of a page by name, without parts that change between updates. */
 const controls = (page) =>
   page.evaluate(() =>
     Object.fromEntries(
@@ -45,7 +45,7 @@ async function linked(name, address, ready, steps, expected) {
   assert.notDeepEqual(await controls(page), before, "something was set");
   const restored = await open(new URL(page.url()).hash);
   await ready(restored.page);
-  // what depends on a record comes with it, on either page
+  // parts that depend on a record appear with it, on either page
   const alike = async () => isDeepStrictEqual(await controls(restored.page), await controls(page));
   for (let looks = 0; looks < 60 && !(await alike()); looks++) await restored.page.waitForTimeout(250);
   assert.deepEqual(await controls(restored.page), await controls(page));
@@ -58,7 +58,7 @@ const press = (name) => (page) => page.getByRole("button", { name, exact: true }
 const select = (id, value) => (page) => page.locator(`#${id}`).selectOption(value);
 const check = (id) => (page) => page.locator(`#${id}`).check();
 
-/** Drags over the middle of a plot, which zooms into it. */
+/** Drags across the middle of a plot to zoom in. */
 const zoom = (kind) => async (page) => {
   const plot = page.locator(`[data-plot="${kind}"] .nsewdrag`).first();
   await plot.scrollIntoViewIfNeeded();
@@ -82,11 +82,11 @@ export const CHECKS = {
     const row = (page) => page.locator("tbody tr[data-asset]").first().waitFor();
     const state = async (page) => page.locator(".fleet-tools .chip").first().click();
     const order = (page) => page.locator("thead button", { hasText: "Records" }).click();
-    const search = (page) => page.getByPlaceholder("Name, id or place").fill("gear");
+    const search = (page) => page.getByPlaceholder("Name, id or location").fill("gear");
     await linked(name, "", row, [order, order, search, state], ["q", "sort", "desc", "state"]);
   },
 
-  "a link to an asset has trends, axis, zoom, cursor, scales and ways to look": async (name) => {
+  "a link to an asset has trends, axis, zoom, cursor, scales and views": async (name) => {
     const steps = [
       press("Kurtosis"),
       press("NA4"),
@@ -163,7 +163,7 @@ export const CHECKS = {
     );
   },
 
-  "a link has the stretch of time and the part of the spectrum that were dragged out": async (name) => {
+  "a link has the zoomed time range and part of the spectrum": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await overviewDrawn(page);
@@ -180,14 +180,14 @@ export const CHECKS = {
       near(await range(restored.page, "spectrum"), band, 0.01 * (band[1] - band[0])),
       "the spectrum shows its part",
     );
-    // a double click shows the whole again, and the address forgets the range
+    // a double click resets the zoom and removes the range from the address
     for (const [kind, parameter] of [
       ["wear", "time"],
       ["spectrum", "band"],
     ]) {
       const area = restored.page.locator(`[data-plot="${kind}"] .nsewdrag`).first();
       await area.scrollIntoViewIfNeeded();
-      // on a busy machine two clicks may come too far apart to be a double one
+      // on a busy machine the two clicks may be too far apart for a double click
       for (let tries = 0; tries < 8 && parameters(restored.page).has(parameter); tries++) {
         await area.dblclick();
         await restored.page.waitForTimeout(1000);

@@ -1,4 +1,4 @@
-// New records show up by themselves; a lost connection is shown and recovers.
+// New records appear automatically; a lost connection is reported and recovers.
 
 import assert from "node:assert/strict";
 import { asset, createAsset, drawn, json, open, removeAsset, sendNoise } from "./page.mjs";
@@ -22,7 +22,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "records that come without a pause do not keep the page from following them": async () => {
+  "continuously arriving records do not stall the page": async () => {
     const id = await createAsset("busy", {});
     const { page } = await open(`#/assets/${id}`);
     await page.getByRole("heading", { name: "Waiting for the first record" }).waitFor();
@@ -44,7 +44,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "without a stream of events the page asks again by itself": async () => {
+  "without an event stream the page polls": async () => {
     const { page } = await open("", {}, (fresh) => fresh.route("**/v1/events*", (route) => route.abort()));
     await page.locator(`[data-asset="${asset}"]`).waitFor();
     const id = await createAsset("polled", {});
@@ -54,16 +54,16 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "an unknown asset is told apart from a lost connection": async () => {
+  "an unknown asset is distinguished from a lost connection": async () => {
     for (const view of ["", "/waterfall", "/match", "/settings"]) {
       const { page } = await open(`#/assets/no-such-asset${view}`);
-      await page.getByText("There is no asset “no-such-asset”").waitFor();
+      await page.getByText("Asset “no-such-asset” not found on this server").waitFor();
       assert.ok(await page.locator("#banner").isHidden());
       await page.context().close();
     }
   },
 
-  "a lost connection is shown and recovers": async () => {
+  "a lost connection is reported and recovers": async () => {
     const { page } = await open(`#/assets/${asset}`);
     await drawn(page, "wear");
     await page.context().setOffline(true);
@@ -73,7 +73,7 @@ export const CHECKS = {
     assert.ok(await page.locator('[data-plot="wear"] .plot').isVisible(), "what was there stays");
     await page.unroute("**/v1/**");
     await page.context().setOffline(false);
-    // the browser says that it is online again, which is reason enough to ask
+    // the browser's `online` event triggers an update
     await page.locator("#banner").waitFor({ state: "hidden" });
     assert.ok((await json("assets")).items.length > 0);
     await page.context().close();

@@ -1,4 +1,4 @@
-// The page of a match counts what it draws.
+// The match page counts what it draws.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, open } from "./page.mjs";
@@ -25,7 +25,7 @@ function changed(match) {
 }
 
 export const CHECKS = {
-  "as many features agree as are drawn to reach their bars": async (name) => {
+  "the number of agreeing features matches the drawing": async (name) => {
     const prepare = (page) =>
       page.route("**/match", async (route) => {
         const answer = await route.fetch();
@@ -53,7 +53,7 @@ export const CHECKS = {
       .waitFor();
     await page
       .locator('[data-plot="features"] .plot-sub', {
-        hasText: "agrees where its whisker, 2 standard deviations",
+        hasText: "agrees when its whisker (2 baseline standard deviations",
       })
       .waitFor();
     await close(opened, name);

@@ -1,5 +1,4 @@
-// What all checks share: the browser, a page with a list of what went wrong in it, and waiting for what it
-// shows.
+// Shared by all checks: the browser, a page with a list of its errors, and waiting for its contents.
 
 import assert from "node:assert/strict";
 import { cpus, loadavg } from "node:os";
@@ -33,7 +32,10 @@ export const browser = await chromium.launch({
   args: ARGUMENTS,
 });
 
-/** A fresh page and the list of what went wrong in it: errors on the console, exceptions, requests to other hosts. `before` prepares the page, `host` is another service. */
+/**
+ * A fresh page and the list of its errors: console errors, exceptions, requests to other hosts. `before`
+ * prepares the page, `host` is another service.
+ */
 export async function open(path, options = {}, before = async () => {}, host = base) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
   const page = await context.newPage();
@@ -55,7 +57,7 @@ export async function open(path, options = {}, before = async () => {}, host = b
   return { page, faults };
 }
 
-/** Shows the files of a folder instead of those of the server, so that a change of them needs no new build. */
+/** Serves the files of a folder instead of the server's, so that changes need no new build. */
 async function fromFolder(context, folder, host) {
   await context.route("**/static/*", (route) => {
     const name = basename(new URL(route.request().url()).pathname);
@@ -64,7 +66,7 @@ async function fromFolder(context, folder, host) {
   await context.route(`${host}/`, (route) => route.fulfill({ path: join(folder, "index.html") }));
 }
 
-/** Takes a picture where asked for, and fails where something went wrong in the page. */
+/** Takes a screenshot if requested, and fails if the page had errors. */
 export async function close({ page, faults }, name) {
   await shoot(page, name);
   assert.deepEqual(faults, [], "nothing goes wrong in the page");
@@ -83,7 +85,7 @@ export const drawn = (page, kind) =>
     .first()
     .waitFor({ state: "visible", timeout: 45_000 });
 
-/** Waits for the plots that an asset's page begins with. */
+/** Waits for the initial plots of an asset's page. */
 export async function overviewDrawn(page) {
   for (const kind of PLOTS) await drawn(page, kind);
 }
@@ -94,7 +96,7 @@ export const json = async (path) => (await fetch(`${base}/v1/${path}`)).json();
 
 const asJson = { "content-type": "application/json" };
 
-/** Makes an asset of its own for a check; `more` is added to its description. */
+/** Creates an asset for a check; `more` is added to its description. */
 export async function createAsset(kind, more) {
   const id = `${kind}-${Date.now()}`;
   const spec = { id, gear: { teeth: [31, 62], shaft_speed_hz: 10 }, sensor: { unit: "m/s2" }, ...more };
@@ -109,7 +111,7 @@ export async function createAsset(kind, more) {
 
 export const removeAsset = (id) => fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
 
-/** Sends a record of noise of an amplitude to an asset. */
+/** Sends a record of noise with an amplitude to an asset. */
 export async function sendNoise(id, minute, amplitude = 1, channel = "a1") {
   const samples = Array.from(
     { length: 2000 },
@@ -126,7 +128,7 @@ export async function sendNoise(id, minute, amplitude = 1, channel = "a1") {
   assert.equal(answer.status, 201, await answer.text());
 }
 
-/** Waits until the page shows the record that its address names. */
+/** Waits until the page shows the record named in its address. */
 export async function recordShown(page) {
   const segment = await json(`segments/${parameters(page).get("segment")}`);
   await page
@@ -144,7 +146,10 @@ export async function noSidewaysScrolling(page) {
 
 const FAR_TOO_LONG = 5;
 
-/** Says what was measured, and how busy the machine was. Other work counts into these times, so only what takes many times as long as wanted fails. */
+/**
+ * Prints a measurement and the load of the machine. Other work affects these times, so only values many times
+ * above the target fail.
+ */
 export function say(what, measured, wanted) {
   console.log(
     `        ${what}: ${measured.map((ms) => ms.toFixed(0)).join(", ")} ms (wanted: ${wanted}; load ${loadavg()[0].toFixed(1)} on ${cpus().length} cores)`,
@@ -152,7 +157,7 @@ export function say(what, measured, wanted) {
   assert.ok(Math.min(...measured) < FAR_TOO_LONG * wanted, `${what} takes ${measured} ms`);
 }
 
-/** Runs `act`, a function or its source, in a page and gives the milliseconds until two frames after it have been painted. */
+/** Runs `act`, a function or its source, in a page and returns the milliseconds until two frames later. */
 export function timed(page, act, argument) {
   return page.evaluate(`(async () => {
     const frame = () => new Promise((resolve) => requestAnimationFrame(resolve));

@@ -1,4 +1,4 @@
-// Each page with data, its way to the others, on a phone and in the dark.
+// Each page with data, its links to the others, on a phone and in the dark theme.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, json, noSidewaysScrolling, open, overviewDrawn, PHONE } from "./page.mjs";
@@ -10,16 +10,16 @@ const VIEWS = [
 ];
 
 export const CHECKS = {
-  "the fleet shows the asset with its state in words": async (name) => {
+  "the fleet shows the asset with its state as text": async (name) => {
     const opened = await open("");
     const row = opened.page.locator(`[data-asset="${asset}"]`);
     await row.waitFor();
     const state = row.locator(".badge");
     assert.ok((await state.innerText()).trim().length > 0);
     assert.equal(await state.locator("svg.symbol").count(), 1);
-    await opened.page.getByPlaceholder("Name, id or place").fill("no asset has this name");
+    await opened.page.getByPlaceholder("Name, id or location").fill("no asset has this name");
     await row.waitFor({ state: "detached" });
-    await opened.page.getByPlaceholder("Name, id or place").fill(asset);
+    await opened.page.getByPlaceholder("Name, id or location").fill(asset);
     await row.getByRole("link").click();
     await opened.page.waitForURL(new RegExp(`#/assets/${asset}$`));
     await drawn(opened.page, "wear");

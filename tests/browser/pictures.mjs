@@ -1,4 +1,4 @@
-// Takes the README's pictures from a running `flankwatch demo` whose story is told:
+// Takes the README's pictures from a running `flankwatch demo` whose run is complete:
 // FLANKWATCH_URL=http://127.0.0.1:8600 FLANKWATCH_ASSET=demo-gearbox FLANKWATCH_SHOTS=docs/images node tests/browser/pictures.mjs
 
 import { join } from "node:path";
@@ -9,7 +9,7 @@ const worn = items.at(-1).id;
 const [early, middle] = [items[Math.floor(items.length / 8)].id, items[Math.floor(items.length / 2)].id];
 const page = `#/assets/${asset}`;
 
-/** Machines beside the demonstration's: with as many of its records, which is not enough for a baseline. */
+/** Additional machines with as many records as the demonstration's, which is not enough for a baseline. */
 const FLEET = [
   { id: "gearbox-7", name: "North plant / line 2 / gearbox 7", records: 9 },
   { id: "gearbox-8", name: "North plant / line 2 / gearbox 8", records: 14 },
@@ -27,8 +27,9 @@ for (const { id, name, records } of FLEET) {
 }
 const { library_id: library } = (await json(`assets/${asset}`)).summary;
 
-/** What is shown in a picture: its address, what has to be there first, and what of the page is kept: its
- * height, or a part of it. */
+/**
+ * A picture: its address, what to wait for, and the part of the page to capture: its height, or an element.
+ */
 const PICTURES = {
   dashboard: [page, overviewDrawn, 1560],
   fleet: ["#/", (shown) => shown.getByRole("link", { name: "conveyor" }).first().waitFor(), 680],

@@ -1,4 +1,4 @@
-// What plots over an asset's life say, and their pictures.
+// The contents of plots over an asset's life, and their pictures.
 
 import assert from "node:assert/strict";
 import {
@@ -13,7 +13,7 @@ import {
   sendNoise,
 } from "./page.mjs";
 
-/** Has the history of wear go: baseline, estimates, baseline after new gears, estimates. */
+/** Serves a wear history: baseline, estimates, baseline after new gears, estimates. */
 const twoLives = (page) =>
   page.route("**/wear/history*", async (route) => {
     const answer = await route.fetch();
@@ -61,7 +61,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "the zones of velocity lie behind its trend": async (name) => {
+  "the velocity zones are drawn behind the trend": async (name) => {
     const limits = [10, 20, 40];
     const id = await createAsset("zones", { velocity_zones: { limits_mm_per_s: limits } });
     for (let minute = 0; minute < 4; minute++) await sendNoise(id, minute, 4 + 4 * minute);
@@ -103,7 +103,7 @@ export const CHECKS = {
       );
       bands.forEach(({ fillcolor }, n) => assert.ok(fillcolor.includes(`(${colours[n]}, `), fillcolor));
       assert.ok(bands[0].y0 <= range[0] && bands[3].y1 > range[1], "the outer zones have no end in view");
-      // velocities from 1.5 to 6: the first limit is in view, the others would flatten them
+      // velocities from 1.5 to 6: the first limit is in view; the others would flatten the data
       const [least, greatest] = [Math.min(...velocities), Math.max(...velocities)];
       assert.ok(range[0] < least && range[0] >= (scale ? 0.5 * least : 0), `from ${range[0]}`);
       assert.ok(greatest > 5 && greatest < 10 && range[1] > 10, `${greatest}, axis to ${range[1]}`);
@@ -143,7 +143,7 @@ export const CHECKS = {
     assert.equal(panes.length, 11);
     const written = { "m/s2": "m/s²", "(m/s2)^2": "(m/s²)²", 1: "" };
     for (const { title, curves } of panes) {
-      // whose values are drawn there
+      // the drawn values belong to these names
       const names = Object.keys(units).filter((key) =>
         curves.some((y) => y.length > 9 && items.every((item, n) => item[key] === y[n])),
       );
@@ -157,7 +157,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "only the baselines are shaded, each by itself": async (name) => {
+  "each baseline is shaded separately": async (name) => {
     const opened = await open(`#/assets/${asset}`, {}, twoLives);
     const { page } = opened;
     await drawn(page, "wear");
@@ -170,7 +170,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "a record without an estimate is not drawn as one without wear": async (name) => {
+  "a record without an estimate is not drawn as zero wear": async (name) => {
     const opened = await open(`#/assets/${asset}`, {}, twoLives);
     const { page } = opened;
     await drawn(page, "wear");
@@ -183,7 +183,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "ticks of a logarithmic trend are whole numbers that rise": async (name) => {
+  "ticks of a logarithmic trend are full, ascending numbers": async (name) => {
     const opened = await open(`#/assets/${asset}?log=1&trend=rms,mesh`);
     const { page } = opened;
     await drawn(page, "trends");
@@ -202,7 +202,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "header, sentence and alarms speak of one channel, and name the other": async (name) => {
+  "header, sentence and alarms are about one channel and name the other": async (name) => {
     const settings = { raise: 1, raise_of: 1, clear: 1, clear_of: 1 };
     const id = await createAsset("channels", {
       alarms: [{ quantity: { indicator: "rms" }, danger: 4, settings }],

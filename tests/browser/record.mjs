@@ -1,4 +1,4 @@
-// Choosing a record, the ways to look at it, cursors, comparison; and that a link brings all of it back.
+// Selecting a record, its views, cursors and comparison, all restored by a link.
 
 import assert from "node:assert/strict";
 import {
@@ -22,7 +22,7 @@ export const CHECKS = {
     const { page } = opened;
     await overviewDrawn(page);
     const area = await page.locator('[data-plot="wear"] .nsewdrag').first().boundingBox();
-    // Plotly tells what is clicked from what is pointed at
+    // Plotly distinguishes clicking from pointing
     await page.mouse.move(area.x + 0.4 * area.width, area.y + 0.5 * area.height);
     await page
       .locator('[data-plot="wear"] .hoverlayer .legend, [data-plot="wear"] .hoverlayer .hovertext')
@@ -41,7 +41,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "records are chosen by keyboard": async (name) => {
+  "records are selected by keyboard": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await overviewDrawn(page);
@@ -59,7 +59,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "every way to look at a record is drawn, and the link brings them back": async (name) => {
+  "every view of a record is drawn and restored by the link": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await overviewDrawn(page);
@@ -87,7 +87,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "a harmonic cursor is dragged onto a line and tells count and spacing": async (name) => {
+  "a harmonic cursor is dragged onto a line and shows count and spacing": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await overviewDrawn(page);
@@ -107,7 +107,7 @@ export const CHECKS = {
     await page.mouse.down();
     await page.mouse.move(x + reach, y, { steps: 6 });
     await page.mouse.up();
-    // let go near the second mesh harmonic, it stands on that line's peak
+    // released near the second mesh harmonic, it snaps to that line's peak
     await page.waitForFunction(
       (hertz) => Math.abs(Number(/cursor=h(?:%7E|~)([\d.]+)/.exec(location.hash)?.[1]) / hertz - 2) < 0.02,
       mesh,
@@ -126,7 +126,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "over orders the mesh line stands at the tooth number": async (name) => {
+  "the mesh line is at the order of the tooth number": async (name) => {
     const opened = await open(`#/assets/${asset}?axis=orders`);
     const { page } = opened;
     await drawn(page, "spectrum");
@@ -155,9 +155,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "two records are drawn together in every way to look at them, and the link brings both back": async (
-    name,
-  ) => {
+  "two records are compared in every view and restored by the link": async (name) => {
     const { items } = await json(`assets/${asset}/segments?limit=100`);
     const [first, last] = [items[2].id, items.at(-2).id];
     const [{ start_time: pinnedAt }, { start_time: selectedAt }] = [
@@ -230,7 +228,7 @@ export const CHECKS = {
     );
     const zoomed = await range("wear");
     await page.waitForTimeout(4500);
-    // the address holds whole seconds
+    // the address has whole seconds
     const apart = (ends) =>
       Math.max(...ends.map((end, n) => Math.abs(Date.parse(end) - Date.parse(zoomed[n]))));
     assert.ok(apart(await range("wear")) <= 1000, `${await range("wear")}, not ${zoomed}`);

@@ -1,4 +1,4 @@
-// The table of records: filters, pages, what is done to several records, and the way to a record.
+// The table of records: filters, pages, bulk actions, and the link to a record.
 
 import assert from "node:assert/strict";
 import {
@@ -33,7 +33,7 @@ const box = (page, minute, channel = "a1") =>
 const settled = (page, words) => page.locator(".record-pages").getByText(words, { exact: true }).waitFor();
 
 export const CHECKS = {
-  "records are listed with what is known of them, filtered, and lead to their record": async (name) => {
+  "records are listed, filtered, and linked to their page": async (name) => {
     const id = await recorded(12, 2);
     const opened = await open(`#/assets/${id}/records`);
     const { page } = opened;
@@ -72,7 +72,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "many records are shown page by page, and the order is turned": async (name) => {
+  "many records are paged, and the order is reversed": async (name) => {
     const id = await createAsset("paged", {});
     const samples = Array.from({ length: 200 }, (_, n) => Math.sin(n * 0.49));
     const send = (n) => {
@@ -96,21 +96,21 @@ export const CHECKS = {
     await page.getByRole("button", { name: "Next page" }).click();
     await settled(page, "101 to 120 of 120 records");
     assert.equal(await rows(page).count(), 20);
-    await page.getByRole("button", { name: "Page before" }).click();
+    await page.getByRole("button", { name: "Previous page" }).click();
     await settled(page, "1 to 100 of 120 records");
     await page.locator("#records-order").selectOption("Oldest first");
     await rows(page).first().getByText("08:00:00 UTC").waitFor();
     await page.getByRole("button", { name: "Select all 120" }).click();
     await page.getByText("120 records selected").waitFor();
     await page.getByRole("button", { name: "Exclude", exact: true }).click();
-    await page.getByText("120 records excluded. The history is estimated again.").waitFor();
+    await page.getByText("120 records excluded. The history is being recomputed.").waitFor();
     await page.locator("#records-status").selectOption("Excluded"); // the history is estimated again in the background
     await settled(page, "1 to 100 of 120 records");
     await close(opened, name);
     await removeAsset(id);
   },
 
-  "selected records are excluded, included again and deleted": async (name) => {
+  "selected records are excluded, included and deleted": async (name) => {
     const id = await recorded(12);
     const opened = await open(`#/assets/${id}/records`);
     const { page } = opened;
@@ -128,8 +128,8 @@ export const CHECKS = {
       "excluded",
     ]);
     await shoot(page, `${name} excluded`);
-    await page.getByRole("button", { name: "Include again" }).click();
-    await page.getByText("3 records included again.").waitFor();
+    await page.getByRole("button", { name: "Include" }).click();
+    await page.getByText("3 records included.").waitFor();
     await page.locator("[data-excluded]").first().waitFor({ state: "detached" });
     const asked = [];
     page.on("dialog", (dialog) => {
@@ -153,18 +153,18 @@ export const CHECKS = {
     await settled(page, "1 to 20 of 20 records");
     await box(page, 10).click();
     await box(page, 18).click({ modifiers: ["Shift"] });
-    await page.getByRole("button", { name: "Use as the baseline…" }).click();
+    await page.getByRole("button", { name: "Use as baseline…" }).click();
     await page
       .getByText(
         "The 9 records from 2026-03-01 08:10:00 UTC to 2026-03-01 08:18:00 UTC become the healthy baseline",
       )
       .waitFor();
     await page.getByLabel("Your name").fill("");
-    await page.getByRole("button", { name: "Use as the baseline", exact: true }).click();
-    await page.getByText("Your name is empty").waitFor();
+    await page.getByRole("button", { name: "Use as baseline", exact: true }).click();
+    await page.getByText("Enter your name").waitFor();
     await page.getByLabel("Your name").fill("Ada");
-    await page.getByRole("button", { name: "Use as the baseline", exact: true }).click();
-    await page.getByText("The baseline is chosen.").waitFor();
+    await page.getByRole("button", { name: "Use as baseline", exact: true }).click();
+    await page.getByText("Baseline set.").waitFor();
     const { items } = await json(`assets/${id}/maintenance`);
     assert.deepEqual(
       [items[0].kind, items[0].time, items[0].by],

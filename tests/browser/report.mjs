@@ -1,11 +1,11 @@
-// The report that a client is sent: its form, and its printed pages.
+// The printable report: its form and its pages.
 
 import assert from "node:assert/strict";
 import { writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { asset, close, open, shots } from "./page.mjs";
 
-/** Puts a link at the beginning and at the end of everything that is to stay whole: a PDF says on which page a link is. */
+/** Puts a link at the start and end of every unbreakable element: a PDF tells on which page a link is. */
 const mark = (page) =>
   page.evaluate(() => {
     const whole = [...document.querySelectorAll("figure, tr, .signature, dl")];
@@ -23,7 +23,7 @@ const mark = (page) =>
     return whole.map(({ tagName, className }) => `${tagName} ${className}`);
   });
 
-/** The marks of each page of a PDF, whose objects Chromium writes in the open. */
+/** The links on each page of a PDF, whose objects Chromium writes uncompressed. */
 function marksByPage(pdf) {
   const text = pdf.toString("latin1");
   const objects = new Map(
@@ -50,7 +50,7 @@ function marksByPage(pdf) {
 }
 
 export const CHECKS = {
-  "the report's form is filled and its page is printed, no plot in two pieces": async (name) => {
+  "the report's form is filled and printed without splitting plots": async (name) => {
     const opened = await open(`v1/assets/${asset}/report`);
     const { page } = opened;
     const filled = {
@@ -79,7 +79,7 @@ export const CHECKS = {
       const [begin, end] = [pageOf(`${n}/begin`), pageOf(`${n}/end`)];
       assert.ok(begin >= 0 && end === begin, `${kind} (${n}) is on page ${begin + 1} and ends on ${end + 1}`);
     });
-    // not one plot a page with half of it empty
+    // not one plot per half-empty page
     assert.ok(pages.length <= figures.length + 3, `${pages.length} pages for ${figures.length} plots`);
     await page.emulateMedia({ media: "print" });
     assert.ok(await page.locator(".form").isHidden(), "the form is not printed");

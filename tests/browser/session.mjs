@@ -1,4 +1,4 @@
-// Where tokens are asked for: logging in, what the session opens, and logging out.
+// With tokens required: logging in, using the session, and logging out.
 
 import assert from "node:assert/strict";
 import { browser } from "./page.mjs";
@@ -12,12 +12,12 @@ async function logIn(page, words) {
 }
 
 export const CHECKS = guarded && {
-  "a session opens the report, lasts over tabs and ends": async () => {
+  "a session opens the report, is shared between tabs, and ends": async () => {
     const context = await browser.newContext();
     const page = await context.newPage();
     await page.goto(`${guarded}/#/assets/pump`);
     await logIn(page, "fwt_00000000_0");
-    await page.getByText("The service does not know this token.").waitFor();
+    await page.getByText("Unknown token.").waitFor();
     await logIn(page, token);
     await page.locator("h1", { hasText: "pump" }).waitFor();
 

@@ -1,4 +1,4 @@
-// A new asset by the form: what is wrong at its field, what wear does before any data, a copy, and deleting.
+// The asset form: errors at their fields, the wear preview, copying, and deleting.
 
 import assert from "node:assert/strict";
 import {
@@ -20,7 +20,7 @@ import {
 const NUMBERS = {
   "Teeth, driving": "20",
   "Teeth, driven": "40",
-  "Speed of the driving shaft (rpm)": "1500",
+  "Driving shaft speed (rpm)": "1500",
   "Torque on the driving gear (N·m)": "5",
   "Module (mm)": "1",
   "Face width (mm)": "8",
@@ -36,7 +36,7 @@ export async function fill(page, values) {
 const field = (page, label) => page.locator(".setup-field", { has: page.getByLabel(label, { exact: true }) });
 const worn = (page) => page.locator(".preview[data-wear]").waitFor({ timeout: 30_000 });
 
-/** Moves a slider of the panel to a part of its range, as a hand does. */
+/** Moves a slider to a fraction of its range, as a user does. */
 const slide = (page, name, part) =>
   page.locator(`#preview-${name}`).evaluate((input, part) => {
     input.value = Number(input.min) + part * (Number(input.max) - Number(input.min));
@@ -44,7 +44,7 @@ const slide = (page, name, part) =>
   }, part);
 
 export const CHECKS = {
-  "a machine without gears is made with its bearing": async (name) => {
+  "a machine without gears is created with its bearing": async (name) => {
     const id = `fan-${Date.now()}`;
     const opened = await open("");
     const { page } = opened;
@@ -53,13 +53,13 @@ export const CHECKS = {
     await page.getByLabel("Teeth, driving", { exact: true }).waitFor({ state: "hidden" });
     await fill(page, {
       Name: id,
-      "Speed of the shaft (rpm)": "1800",
+      "Nominal shaft speed (rpm)": "1800",
       Bearing: "de",
       "Rolling elements": "9",
-      "Diameter of a rolling element (mm)": "7.94",
+      "Roller diameter (mm)": "7.94",
       "Pitch diameter (mm)": "39.04",
     });
-    await page.getByLabel("Zones of velocity (ISO 20816)").selectOption("group_2_rigid");
+    await page.getByLabel("Velocity zones (ISO 20816)").selectOption("group_2_rigid");
     await page.getByRole("button", { name: "Create asset" }).click();
     await page.getByText("Waiting for the first record").waitFor();
     const made = await json(`assets/${id}`);
@@ -75,12 +75,12 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "an asset is made by its numbers, copied, edited and deleted": async (name) => {
+  "an asset is created, copied, edited and deleted": async (name) => {
     const id = `form-${Date.now()}`;
     const opened = await open("");
     const { page } = opened;
     await page.getByRole("link", { name: "New asset" }).click();
-    await page.getByText("Still needed: teeth, driving").waitFor();
+    await page.getByText("Still required: teeth, driving").waitFor();
     await fill(page, { Name: `Form ${id.slice(5)}`, ...NUMBERS });
     assert.equal(await page.getByLabel("Id", { exact: true }).inputValue(), id, "the id follows the name");
     await fill(page, { "Warning (µm)": "20", "Danger (µm)": "30" });
@@ -133,7 +133,7 @@ export const CHECKS = {
 
     await page.goto(`${base}/#/assets/${id}-copy/settings`);
     await page.getByText("Delete this asset").click();
-    const remove = page.getByRole("button", { name: "Delete the asset" });
+    const remove = page.getByRole("button", { name: "Delete asset" });
     assert.ok(await remove.isDisabled());
     await page.getByLabel(`Type ${id}-copy to delete it`).fill(`${id}-copy`);
     await remove.click();
@@ -143,7 +143,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "what cannot be is said at its field and drawn red": async (name) => {
+  "an impossible value is reported at its field and drawn red": async (name) => {
     const opened = await open("#/new");
     const { page } = opened;
     await fill(page, NUMBERS);
@@ -172,16 +172,16 @@ export const CHECKS = {
       Id: "Not An Id",
     });
     await field(page, "Warning (µm)")
-      .getByText("Warning: expected a depth at or below that of danger")
+      .getByText("Warning: expected a depth at or below the danger limit")
       .waitFor();
     await field(page, "Id").getByText("Id: expected 1 to 64 characters").waitFor();
     await fill(page, { Id: asset, "Danger (µm)": "60", "Module (mm)": "" });
     await page.getByRole("button", { name: "Create asset" }).click();
-    await field(page, "Module (mm)").getByText("Module: needed").waitFor();
+    await field(page, "Module (mm)").getByText("Module: required").waitFor();
     await fill(page, { "Module (mm)": "1" });
     await page.getByRole("button", { name: "Create asset" }).click();
-    await field(page, "Id").getByText("Id: expected an id that no other asset has").waitFor();
-    // the browser notes the refusal that is asked for
+    await field(page, "Id").getByText("Id: expected an unused id").waitFor();
+    // the browser logs the expected error response
     assert.deepEqual(
       opened.faults.filter((fault) => !fault.includes("409")),
       [],
@@ -208,7 +208,7 @@ export const CHECKS = {
       times.push(Date.now() - began);
     }
     say("a step of the wear slider, from the hand to the last curve", times, 100);
-    // the line that was moved is the one that is worn, also for who points at it
+    // the moved line is the worn one, also in hover text
     const { model } = await answers.at(-1).json();
     const stiffness = model.worn.stiffness_n_per_m.map((value) => value * 1e-6);
     const shown = await page.evaluate(() => {
@@ -236,7 +236,7 @@ export const CHECKS = {
     const angle = () =>
       page.locator(".preview .mesh-driving").evaluate((path) => path.parentElement.getAttribute("transform"));
     const still = await angle();
-    await page.getByRole("button", { name: "Roll the teeth" }).click();
+    await page.getByRole("button", { name: "Roll teeth" }).click();
     await page.waitForFunction(
       (text) =>
         document.querySelector(".preview .mesh-driving").parentElement.getAttribute("transform") !== text,
@@ -246,7 +246,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "every value of a description has a field, the rare ones folded away": async (name) => {
+  "every value of a description has a field, rare ones folded away": async (name) => {
     const api = await (await fetch(`${base}/openapi.json`)).json();
     const leaves = new Set();
     const walk = (schema, path) => {
@@ -266,7 +266,7 @@ export const CHECKS = {
       return SETUP_FIELDS.flatMap(({ path, alike }) => [path, alike ?? path]);
     });
     const known = fields.map((path) => path.replaceAll(/\.\d+/g, ".0"));
-    // alarm rules and operating bins have forms of their own, measured wear comes as a table
+    // alarm rules and operating bins have their own forms; measured wear is given as a table
     const elsewhere = /^(alarms|operating_bins|gear\.pair\.wear\.table)\./;
     assert.ok(leaves.size > 60, `${leaves.size} values`);
     assert.deepEqual(
@@ -280,33 +280,33 @@ export const CHECKS = {
       Name: id,
       "Teeth, driving": "31",
       "Teeth, driven": "62",
-      "Speed of the driving shaft (rpm)": "600",
+      "Driving shaft speed (rpm)": "600",
     });
-    for (const summary of [/^Unit and calibration of the channel/, /^Own limits of the zones/])
+    for (const summary of [/^Unit and calibration of the channel/, /^Custom zone limits/])
       await page.locator("summary", { hasText: summary }).click();
     await fill(page, {
       "Zone A to (mm/s)": "1",
       "Zone B to (mm/s)": "2",
       "Zone C to (mm/s)": "3",
-      "Band of the envelope from (Hz)": "500",
-      "Name of a band of its own": "low",
-      "That band from (Hz)": "10",
+      "Envelope band from (Hz)": "500",
+      "Name of a custom band": "low",
+      "Custom band from (Hz)": "10",
       "Other mesh: driving teeth": "19",
       "Other mesh: driven teeth": "57",
-      "Its driving shaft to the measured one: driving teeth": "24",
+      "Ratio of its driving shaft to the measured one: driving teeth": "24",
     });
-    await page.getByLabel("What is summed up in it").selectOption("velocity");
-    await page.getByLabel("Leave out indicators over the shaft's angle").check();
-    // what is only given together says so at the field that is empty
-    await field(page, "That band to (Hz)").getByText("That band to: expected a value").waitFor();
-    await field(page, "Band of the envelope to (Hz)").getByText("expected a value").waitFor();
-    await fill(page, { "That band to (Hz)": "1000", "Band of the envelope to (Hz)": "100" });
+    await page.getByLabel("Quantity in the band").selectOption("velocity");
+    await page.getByLabel("Omit order-tracked gear indicators").check();
+    // values that belong together report the empty field
+    await field(page, "Custom band to (Hz)").getByText("Custom band to: expected a value").waitFor();
+    await field(page, "Envelope band to (Hz)").getByText("expected a value").waitFor();
+    await fill(page, { "Custom band to (Hz)": "1000", "Envelope band to (Hz)": "100" });
     const save = page.getByRole("button", { name: "Create asset" });
     await save.click();
-    await field(page, "Band of the envelope from (Hz)")
-      .getByText("Band of the envelope from: expected two frequencies from 0 to 1e7, the lower one first")
+    await field(page, "Envelope band from (Hz)")
+      .getByText("Envelope band from: expected two frequencies from 0 to 1e7, the lower one first")
       .waitFor();
-    await fill(page, { "Band of the envelope to (Hz)": "1500" });
+    await fill(page, { "Envelope band to (Hz)": "1500" });
     await save.click();
     await page.waitForURL((url) => url.hash === `#/assets/${id}`);
     const made = await json(`assets/${id}`);
@@ -337,7 +337,7 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
-  "what wear does is a page of an asset, on a phone too": async (name) => {
+  "the wear preview is a page of an asset, also on a phone": async (name) => {
     for (const [size, options] of Object.entries({
       desk: { viewport: { width: 1440, height: 900 } },
       phone: PHONE,

@@ -1,9 +1,9 @@
-// One palette says how severe something is, wherever it stands; the signal of NAMUR NE 107 is beside it.
+// One palette shows severity everywhere, with the NAMUR NE 107 signal beside it.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, open } from "./page.mjs";
 
-/** Has the list of assets hold one above its warning limit and one that learns its baseline. */
+/** Serves an asset list with one asset above its warning limit and one collecting its baseline. */
 const states = (page) =>
   page.route(/\/v1\/assets\?/, async (route) => {
     const answer = await route.fetch();

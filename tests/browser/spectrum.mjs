@@ -1,4 +1,4 @@
-// The spectrum at full resolution: what a cursor reads, what a zoom draws, and the table of lines.
+// The spectrum at full resolution: cursor readings, zooms, and the table of lines.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, json, open } from "./page.mjs";
@@ -7,7 +7,7 @@ const readout = (page) => page.locator(".cursor-readout");
 const latest = async () => (await json(`assets/${asset}/wear`)).segment_id;
 const whole = async (id, kind = "spectrum") => json(`segments/${id}/${kind}?max_points=200000`);
 
-/** The greatest of the three lines nearest to a frequency, of a spectrum without a gap. */
+/** The maximum of the three lines nearest to a frequency, of a spectrum without gaps. */
 function amplitudeAt({ resolution_hz: step, amplitude }, frequency) {
   const nearest = Math.round(frequency / step);
   return Math.max(...amplitude.slice(nearest - 1, nearest + 2));
@@ -30,15 +30,15 @@ export const CHECKS = {
       .getByText(`root sum square ${digits(Math.hypot(...sides))} m/s²`)
       .waitFor();
     await readout(page)
-      .getByText(`with ${digits(amplitudeAt(full, 397.6))} m/s²`)
+      .getByText(`at ${digits(amplitudeAt(full, 397.6))} m/s²`)
       .waitFor();
     assert.equal((await rows(page)).length, 11);
-    // one that reaches over the whole spectrum
+    // a cursor across the whole spectrum
     await page.goto(`${page.url().split("?")[0]}?cursor=h~150`);
     const harmonics = Array.from({ length: 30 }, (_, n) => amplitudeAt(full, 150 * (n + 1)));
     const strongest = harmonics.indexOf(Math.max(...harmonics));
     await readout(page)
-      .getByText(`strongest ${strongest + 1}× with ${digits(harmonics[strongest])} m/s²`)
+      .getByText(`strongest ${strongest + 1}× at ${digits(harmonics[strongest])} m/s²`)
       .waitFor();
     await close(opened, name);
   },
@@ -46,7 +46,7 @@ export const CHECKS = {
   "a zoom draws every line of its part": async (name) => {
     const opened = await open(`#/assets/${asset}?band=1000~1200`);
     const { page } = opened;
-    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "every one drawn" }).waitFor();
+    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "all drawn" }).waitFor();
     await drawn(page, "spectrum");
     const [x, y] = await page.evaluate(() => {
       const [line] = document.querySelector('[data-plot="spectrum"] .plot').data;
@@ -63,7 +63,7 @@ export const CHECKS = {
   "a zoom over orders draws every line of its part": async (name) => {
     const opened = await open(`#/assets/${asset}?axis=orders&zoom=2`);
     const { page } = opened;
-    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "every one drawn" }).waitFor();
+    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "all drawn" }).waitFor();
     await drawn(page, "spectrum");
     const { order } = await whole(await latest(), "orders");
     const shown = await page.evaluate(() =>
@@ -74,7 +74,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "a table lists the lines of the mesh and how they have grown": async (name) => {
+  "a table lists the mesh lines and their change since the baseline": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await drawn(page, "spectrum");
@@ -82,7 +82,7 @@ export const CHECKS = {
       await whole(await latest()),
       page.locator('[data-plot="spectrum"] .lines thead'),
     ];
-    await head.getByText("Since the baseline, dB").waitFor();
+    await head.getByText("Change since baseline, dB").waitFor();
     const table = await rows(page);
     assert.equal(table.length, harmonics.length);
     const [{ frequency_hz: hz, amplitude, baseline_amplitude: healthy }] = harmonics;
@@ -97,7 +97,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "a sideband cursor begins in sight, whatever part is shown": async (name) => {
+  "a sideband cursor starts in the visible part": async (name) => {
     for (const view of ["zoom=2", "band=3000~3300", ""]) {
       const opened = await open(`#/assets/${asset}?${view}`);
       const { page } = opened;
@@ -110,7 +110,7 @@ export const CHECKS = {
     }
   },
 
-  "a cursor's lines lie under the peaks that they measure": async (name) => {
+  "a cursor's lines are below the peaks that they measure": async (name) => {
     const opened = await open(`#/assets/${asset}?cursor=h~400`);
     const { page } = opened;
     await page.locator('[data-plot="spectrum"] .cursor-line').first().waitFor({ state: "attached" });

@@ -1,8 +1,8 @@
-// How quick the page is: measured and said.
+// Speed of the pages, measured and printed.
 
 import { asset, drawn, json, open, say, timed } from "./page.mjs";
 
-/** Answers for a history of 100 000 records as the server reduces them, to 2000 points, after its own. */
+/** Serves a history of 100 000 records reduced to 2000 points, derived from the server's own. */
 async function long(page) {
   const stretch = async (path) => {
     const answer = await json(path);
@@ -24,7 +24,7 @@ async function long(page) {
   );
 }
 
-/** A waterfall of 600 spectra after the server's own. */
+/** A waterfall of 600 spectra derived from the server's own. */
 async function tall(page) {
   const answer = await json(`assets/${asset}/waterfall?cells=500&max_records=600`);
   const items = Array.from({ length: 600 }, (_, n) => ({

@@ -1,4 +1,4 @@
-// The live view of a stream: it moves while samples come, holds still when frozen, and keeps what it shows.
+// The live view of a stream: it updates while samples arrive, freezes, and saves records.
 
 import assert from "node:assert/strict";
 import { findings } from "./accessibility.mjs";
@@ -21,7 +21,7 @@ const AMPLITUDE = 2;
 
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-/** The samples of two channels from one index to another. */
+/** Samples of two channels between two indices. */
 function samples(from, to) {
   const values = new Float32Array(2 * (to - from));
   for (let k = from; k < to; k++) {
@@ -31,7 +31,7 @@ function samples(from, to) {
   return values;
 }
 
-/** Sends a stream as fast as a sensor would, until it is stopped. */
+/** Sends a stream in real time until it is stopped. */
 async function sensor(id) {
   const query = `sample=f32&sample_rate_hz=${RATE}&channels=2&channel_names=in,out&unit=m/s2`;
   const began = Date.now();
@@ -63,7 +63,7 @@ const frames = (page) => page.locator(".stream-page").evaluate((body) => Number(
 const numberOf = async (page, key) =>
   Number.parseFloat(await page.locator(`.stream-values [data-value="${key}"]`).innerText());
 
-/** The line of the spectrum that is drawn last, that of the stream. */
+/** The last spectrum line, which is the stream's. */
 const spectrumLine = (page) =>
   page.evaluate(() => {
     /** @type {any} */
@@ -74,7 +74,7 @@ const spectrumLine = (page) =>
 
 const highest = ({ x, y }) => x[y.indexOf(Math.max(...y))];
 
-/** Checks with an asset whose stream is being sent. */
+/** Runs a check with an asset that receives a stream. */
 async function withStream(kind, check) {
   const id = await createAsset(kind, { stream: { record_s: 1, interval_s: 2 } });
   const stop = await sensor(id);
@@ -87,7 +87,7 @@ async function withStream(kind, check) {
 }
 
 export const CHECKS = {
-  "a stream is seen as it comes, in hertz and in orders, until it is frozen": (name) =>
+  "a stream is shown live, in hertz and in orders, until it is frozen": (name) =>
     withStream("stream", async (id) => {
       const opened = await open(`#/assets/${id}`);
       const { page } = opened;
@@ -122,7 +122,7 @@ export const CHECKS = {
       const held = await frames(page);
       await pause(700);
       assert.equal(await frames(page), held, "what is frozen stays");
-      await page.getByRole("button", { name: "Go on" }).click();
+      await page.getByRole("button", { name: "Resume" }).click();
       await page.waitForFunction(
         (held) =>
           Number(/** @type {HTMLElement} */ (document.querySelector(".stream-page")).dataset.frames) >
@@ -133,7 +133,7 @@ export const CHECKS = {
       await close(opened, name);
     }),
 
-  "what is seen is kept as a record, and compared with the last one": (name) =>
+  "the displayed samples are saved as a record and compared with the last one": (name) =>
     withStream("keep", async (id) => {
       const opened = await open(`#/assets/${id}/live?keep=5&compare=1`, PHONE);
       const { page } = opened;
@@ -145,8 +145,8 @@ export const CHECKS = {
       await noSidewaysScrolling(page);
       assert.deepEqual(await findings(page), []);
       await shoot(page, "live view on a phone");
-      await page.getByRole("button", { name: "Keep this now" }).click();
-      const link = page.getByRole("link", { name: "Open the record" });
+      await page.getByRole("button", { name: "Save as record" }).click();
+      const link = page.getByRole("link", { name: "Open record" });
       await link.waitFor({ timeout: 20_000 });
       const segment = new URLSearchParams((await link.getAttribute("href")).split("?")[1]).get("segment");
       const { asset_id: owner, samples, channel } = await json(`segments/${segment}`);
@@ -155,7 +155,7 @@ export const CHECKS = {
       await close(opened, name);
     }),
 
-  "a stream that stands still says so, and an asset without streams offers none": (name) =>
+  "a stalled stream is reported, and an asset without streams has no live page": (name) =>
     withStream("still", async (id, stop) => {
       const opened = await open(`#/assets/${id}/live`);
       const { page } = opened;

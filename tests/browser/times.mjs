@@ -1,4 +1,4 @@
-// Times in UTC, or by the browser's clock: in words, on axes, and in fields.
+// Times in UTC or in the browser's time zone: as text, on axes, and in fields.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, json, open, parameters, shownTime } from "./page.mjs";
@@ -9,7 +9,7 @@ const BERLIN = { timezoneId: "Europe/Berlin" };
 const inBerlin = (time) => new Date(time).toLocaleString("sv-SE", { timeZone: "Europe/Berlin" });
 
 export const CHECKS = {
-  "times are shown by the browser's clock where that is chosen": async (name) => {
+  "times are shown in the browser's time zone if selected": async (name) => {
     const opened = await open(`#/assets/${asset}`, BERLIN);
     const { page } = opened;
     await drawn(page, "wear");
@@ -31,7 +31,7 @@ export const CHECKS = {
       axis.times.some((time) => time.startsWith(first)),
       `${first} in ${axis.times}`,
     );
-    // the choice is kept
+    // the choice is stored
     await page.reload();
     await heading.getByText(inBerlin(start)).waitFor();
     assert.equal(await page.getByLabel("Times in").inputValue(), "local");
@@ -40,7 +40,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "a range that is dragged out by the browser's clock is in the address in UTC": async (name) => {
+  "a range zoomed in local time is in UTC in the address": async (name) => {
     const opened = await open(`#/assets/${asset}`, BERLIN);
     const { page } = opened;
     await page.getByLabel("Times in").selectOption("local");
@@ -61,7 +61,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "a time that is typed is meant by the clock that is chosen": async (name) => {
+  "an entered time is in the selected time zone": async (name) => {
     const opened = await open(`#/assets/${asset}/records`, BERLIN);
     const { page } = opened;
     await page.getByLabel("Times in").selectOption("local");

@@ -1,4 +1,4 @@
-// The page of tokens: made, shown once, revoked; and nothing of it for who may not.
+// The token page: creating, showing once, and revoking; hidden from callers without the scope.
 
 import assert from "node:assert/strict";
 import { join } from "node:path";
@@ -20,16 +20,16 @@ const asked = (path, words) =>
   fetch(`${guarded}/v1/${path}`, { headers: { authorization: `Bearer ${words}` } });
 
 export const CHECKS = guarded && {
-  "a token is made, shown once, and revoked": async (name) => {
+  "a token is created, shown once, and revoked": async (name) => {
     const page = await logIn("#/tokens", token);
     await page.getByRole("row", { name: /desk.*this session/ }).waitFor();
     await page.getByRole("link", { name: "Tokens" }).waitFor();
-    await page.getByRole("button", { name: "Make the token" }).click();
-    await page.getByText("The name is empty, expected what the token is for.").waitFor();
-    await page.getByLabel("What it is for").fill("display");
+    await page.getByRole("button", { name: "Create token" }).click();
+    await page.getByText("Enter a name.").waitFor();
+    await page.getByLabel("Name", { exact: true }).fill("display");
     await page.getByLabel("read").check();
-    await page.getByRole("button", { name: "Make the token" }).click();
-    const made = await page.getByLabel("The token display", { exact: true }).inputValue();
+    await page.getByRole("button", { name: "Create token" }).click();
+    const made = await page.getByLabel("Token display", { exact: true }).inputValue();
     assert.match(made, /^fwt_[0-9a-f]{8}_[0-9a-f]{64}$/);
     assert.equal((await asked("assets", made)).status, 200);
     assert.equal((await asked("tokens", made)).status, 403);
@@ -41,27 +41,27 @@ export const CHECKS = guarded && {
       await page.screenshot({ path: join(shots, `${name.replaceAll(/\W+/g, "-")}.png`), fullPage: true });
     await page.reload();
     await page.getByRole("row", { name: /display/ }).waitFor();
-    assert.equal(await page.getByLabel("The token display", { exact: true }).count(), 0, "it is shown once");
+    assert.equal(await page.getByLabel("Token display", { exact: true }).count(), 0, "it is shown once");
 
     const other = await logIn("#/tokens", made);
-    await other.getByText("has the scope read, expected admin").waitFor();
+    await other.getByText("has scope read, expected admin").waitFor();
     assert.ok(await other.locator("#tokens-link").isHidden());
     await other.context().close();
 
     page.on("dialog", (dialog) => dialog.accept());
-    await page.getByRole("button", { name: "Revoke the token display" }).click();
-    await page.getByText("The token “display” is revoked.").waitFor();
+    await page.getByRole("button", { name: "Revoke token display" }).click();
+    await page.getByText("Token “display” revoked.").waitFor();
     assert.equal((await asked("assets", made)).status, 401);
-    await page.getByRole("button", { name: "Revoke the token desk" }).click();
-    await page.getByText("is the last one of the scope admin").waitFor();
+    await page.getByRole("button", { name: "Revoke token desk" }).click();
+    await page.getByText("is the last one with scope admin").waitFor();
     assert.equal((await asked("assets", token)).status, 200);
     await page.context().close();
   },
 
-  "the first token is told to close the service": async (name) => {
+  "creating the first token warns that tokens become required": async (name) => {
     const opened = await open("#/tokens");
     const { page } = opened;
-    await page.getByText("With the first one, every request needs one.").waitFor();
+    await page.getByText("every request needs one.").waitFor();
     assert.ok(await page.getByLabel("admin").isChecked());
     assert.ok(await page.getByLabel("read").isDisabled());
     await close(opened, name);

@@ -1,4 +1,4 @@
-// Files from the page: a WAV, a CSV, dropped ones, and broken ones that are refused in words.
+// Files uploaded from the page: WAV, CSV, dropped files, and rejected ones with a reason.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -34,7 +34,7 @@ export const csv = (rows, broken) =>
     ...Array.from({ length: rows }, (_, n) => `${n / RATE},${n === broken ? "none" : value(n)}`),
   ].join("\n");
 
-/** A page of a new asset with its dialog open. */
+/** A page of a new asset with the dialog open. */
 async function dialog() {
   const id = await createAsset("upload", {});
   const opened = await open(`#/assets/${id}`);
@@ -42,7 +42,10 @@ async function dialog() {
   return { id, ...opened };
 }
 
-/** Drags files, contents by name, over a place of the page and drops them there; whether the page took them is answered. */
+/**
+ * Drags files, given as contents by name, over an element and drops them there; returns whether the page
+ * accepted them.
+ */
 export function drop(page, files, place = "main h1") {
   const contents = Object.entries(files).map(([name, content]) => [name, [...Buffer.from(content)]]);
   return page.evaluate(
@@ -60,13 +63,13 @@ export function drop(page, files, place = "main h1") {
   );
 }
 
-/** Chooses files and sends them. */
+/** Selects files and uploads them. */
 async function choose(page, files) {
   await page.setInputFiles("#upload-file", files);
   await send(page);
 }
 
-const send = (page) => page.getByRole("button", { name: /^Send / }).click();
+const send = (page) => page.getByRole("button", { name: /^Upload (file|\d+ files)$/ }).click();
 
 async function end({ id, page }) {
   await page.context().close();
@@ -99,7 +102,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "a first column that is the time is never taken as vibration": async () => {
+  "a time column in first place is never read as vibration": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     const clock = (n) => new Date(Date.UTC(2026, 2, 5, 6, 7, 28) + n).toISOString();
@@ -154,7 +157,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "each file has its own start, which can be mended before it is sent": async () => {
+  "each file has its own start, which can be corrected before the upload": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     const timed = csv(500)
@@ -180,7 +183,7 @@ export const CHECKS = {
     assert.equal(await start("inside.csv").inputValue(), "2026-02-03T04:05:06");
     await page
       .locator(".files li", { hasText: "undated.wav" })
-      .getByText("when the file was changed last")
+      .getByText("modification time of the file")
       .waitFor();
     await start("undated.wav").fill("2026-03-04T01:02:03");
     await send(page);
@@ -193,7 +196,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "an MCAP recording's records are counted, and damage is told": async () => {
+  "an MCAP recording's records are counted, and damage is reported": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     const recording = (name) => readFile(new URL(`../../fixtures/recordings/${name}.mcap`, import.meta.url));
@@ -204,7 +207,7 @@ export const CHECKS = {
     });
     await page
       .locator('.result[data-kind="good"]')
-      .getByText(/run\.mcap: [1-9]\d* records read, [1-9]\d* stored, 0 already known, 0 refused/)
+      .getByText(/run\.mcap: [1-9]\d* records read, [1-9]\d* stored, 0 already stored, 0 refused/)
       .waitFor();
     assert.ok((await json(`assets/${id}`)).summary.segments > 0);
     await choose(page, {
@@ -218,7 +221,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "files dropped anywhere on the page are taken": async () => {
+  "files dropped anywhere on the page are accepted": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     await page.getByRole("button", { name: "Close" }).click();
@@ -229,7 +232,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "a CSV file, a broken one and an unknown one dropped together are told apart": async () => {
+  "valid, broken and unknown files dropped together are distinguished": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     await page.getByRole("button", { name: "Close" }).click();
@@ -241,17 +244,17 @@ export const CHECKS = {
     });
     await send(page);
     await page
-      .locator('.result[data-kind="good"]', { hasText: /samples\.csv: channel .* stored as the record of/ })
+      .locator('.result[data-kind="good"]', { hasText: /samples\.csv: record of .*, channel .*, stored/ })
       .waitFor();
-    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was not taken" }).waitFor();
+    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was rejected" }).waitFor();
     await page
       .locator('.result[data-kind="bad"]', {
-        hasText: /torn\.csv was not taken: csv line 43, column "a1": "none", expected a finite number/,
+        hasText: /torn\.csv was rejected: csv line 43, column "a1": "none", expected a finite number/,
       })
       .waitFor();
     await page
       .locator('.result[data-kind="bad"]', {
-        hasText: "notes.txt was not taken: expected a file that ends in .wav",
+        hasText: "notes.txt was rejected: expected a .wav",
       })
       .waitFor();
     assert.equal((await json(`assets/${id}`)).summary.segments, 1);
@@ -259,7 +262,7 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "files dropped into the dialog or on another page of the asset are taken there": async () => {
+  "files dropped into the dialog or on another page of the asset are accepted": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     await drop(page, { "in-dialog.wav": wav(1000) }, ".drop");
@@ -277,14 +280,14 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "a file dropped on the fleet does not take the page away, and is told where it belongs": async () => {
+  "a file dropped on the fleet does not navigate, and a hint is shown": async () => {
     const { page, faults } = await open("");
     await page.locator(`[data-asset="${asset}"]`).waitFor();
     const address = page.url();
     assert.ok(await drop(page, { "lost.wav": wav(100) }), "the browser is kept from showing the file itself");
     await page
       .getByRole("dialog")
-      .getByText("lost.wav cannot be taken here: records belong to an asset")
+      .getByText("lost.wav cannot be imported here: records belong to an asset")
       .waitFor();
     await page.keyboard.press("Escape");
     await page.getByRole("dialog").waitFor({ state: "detached" });
@@ -293,7 +296,7 @@ export const CHECKS = {
     await page.context().close();
   },
 
-  "records that others analyse later are told as waiting": async () => {
+  "records queued for analysis are reported as waiting": async () => {
     const opened = await dialog();
     const { id, page } = opened;
     const queued = {
@@ -316,11 +319,11 @@ export const CHECKS = {
     const good = (words) => page.locator('.result[data-kind="good"]', { hasText: words }).waitFor();
     await one("one.wav");
     await good(
-      "one.wav: channel a1 taken as the record of 2026-03-01 08:00:00 UTC; it waits to be analysed, and its wear shows up on the page by itself.",
+      "one.wav: record of 2026-03-01 08:00:00 UTC, channel a1, accepted and queued for analysis; the page updates by itself.",
     );
     body = { segments: [queued, { ...queued, channel: "a2" }] };
     await one("two.wav");
-    await good("two.wav: channel a2 taken as the record of 2026-03-01 08:00:00 UTC; it waits");
+    await good("two.wav: record of 2026-03-01 08:00:00 UTC, channel a2, accepted");
     body = {
       records: 4,
       stored: 0,
@@ -332,24 +335,22 @@ export const CHECKS = {
       wear: null,
     };
     await one("run.wav");
-    await good(
-      "run.wav: 4 records read, 0 stored, 3 taken and waiting to be analysed, 1 already known, 0 refused.",
-    );
+    await good("run.wav: 4 records read, 0 stored, 3 queued for analysis, 1 already stored, 0 refused.");
     assert.deepEqual(opened.faults, []);
     await end(opened);
   },
 
-  "broken files are refused in words": async () => {
+  "broken files are rejected with a reason": async () => {
     const { page } = await open(`#/assets/${asset}`);
     await page.getByRole("button", { name: "Add records" }).click();
     const refused = async (name, content, words) => {
       await choose(page, { name, mimeType: "application/octet-stream", buffer: Buffer.from(content) });
       await page.locator('.result[data-kind="bad"]').getByText(words).first().waitFor();
     };
-    await refused("broken.wav", "not a recording", "broken.wav was not taken");
+    await refused("broken.wav", "not a recording", "broken.wav was rejected");
     await refused("broken.csv", csv(100, 41), 'line 43, column "a1": "none", expected a finite number');
     await refused("untimed.csv", "a1\n1\n2\n3", "the sampling rate is missing");
-    await refused("notes.txt", "words", "expected a file that ends in .wav, .mcap, .csv");
+    await refused("notes.txt", "words", "expected a .wav, .mcap, .csv");
     await page.context().close();
   },
 };

@@ -1,4 +1,4 @@
-// Waterfall, match and settings: what is clicked and typed in them.
+// Waterfall, match and settings: clicks and inputs.
 
 import assert from "node:assert/strict";
 import {
@@ -16,7 +16,7 @@ import {
 } from "./page.mjs";
 
 export const CHECKS = {
-  "a click on a line of the waterfall opens its record": async (name) => {
+  "a click on a row of the waterfall opens its record": async (name) => {
     const opened = await open(`#/assets/${asset}/waterfall?axis=orders&max=60`);
     const { page } = opened;
     await drawn(page, "waterfall");
@@ -89,7 +89,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "the report tells of alarms": async (name) => {
+  "the report lists alarms": async (name) => {
     const opened = await open(`v1/assets/${asset}/report`);
     const { page } = opened;
     await page.locator("h2", { hasText: "Alarms" }).waitFor();
@@ -98,7 +98,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "settings are changed, and a wrong one is refused at its field": async (name) => {
+  "settings are changed, and an invalid one is rejected at its field": async (name) => {
     const id = `settings-${Date.now()}`;
     const spec = {
       id,
@@ -122,22 +122,22 @@ export const CHECKS = {
     assert.deepEqual(faults, []);
     await page.getByLabel("Teeth, driving").fill("-3");
     await page.getByRole("button", { name: "Save", exact: true }).click();
-    await page.getByText("Not saved:").waitFor();
+    await page.getByText("Saving failed:").waitFor();
     assert.equal((await json(`assets/${id}`)).gear.teeth[0], 31);
     await page.context().close();
     await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
   },
 
-  "alarm rules and operating bins are set, and a wrong level is refused": async (name) => {
+  "alarm rules and operating bins are set, and an invalid level is rejected": async (name) => {
     const id = await createAsset("ruled", { limits: { warning_um: 50, danger_um: 90 } });
     const opened = await open(`#/assets/${id}/settings`);
     const { page } = opened;
     await page.getByText("Wear depth: warning above 50 µm, danger above 90 µm").waitFor();
-    await page.getByLabel("Rules of its own").check();
+    await page.getByLabel("Custom rules").check();
     await page.getByRole("button", { name: "Add rule" }).click();
     const rule = page
       .locator(".setting-row")
-      .filter({ has: page.getByLabel("Watches") })
+      .filter({ has: page.getByLabel("Quantity") })
       .last();
     await rule.getByLabel("Indicator", { exact: true }).fill("kurtosis");
     await rule.getByLabel("Warning above").fill("4");
@@ -156,7 +156,7 @@ export const CHECKS = {
     assert.deepEqual(opened.faults, []);
     await rule.getByLabel("Danger above").fill("2");
     await page.getByRole("button", { name: "Save", exact: true }).click();
-    await page.getByText("Not saved:").waitFor();
+    await page.getByText("Saving failed:").waitFor();
     await shoot(page, name);
     await page.context().close();
     await removeAsset(id);
@@ -174,7 +174,7 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "trends are chosen, on a logarithmic scale, by operating point": async (name) => {
+  "trends are selected, on a logarithmic scale, by operating point": async (name) => {
     const opened = await open(`#/assets/${asset}?trend=kurtosis,peak&bins=speed`);
     const { page } = opened;
     await drawn(page, "trends");

@@ -47,7 +47,7 @@ fn the_band_is_that_of_the_asset_or_of_the_query() {
     );
     let given = envelope("?band_low_hz=1000&band_high_hz=1400").expect(200).json();
     assert_eq!((&given["band_source"], &given["band_hz"]), (&json!("query"), &json!([1000.0, 1400.0])));
-    envelope("?band=kurtogram&band_low_hz=1000").expect_problem(400, &["band", "nothing beside"]);
+    envelope("?band=kurtogram&band_low_hz=1000").expect_problem(400, &["band", "no value together"]);
 
     asset["envelope_band_hz"] = json!([900.0, 1500.0]);
     service.put_json("/v1/assets/pump", &asset).expect_problem(422, &["envelope_band"]);

@@ -143,7 +143,7 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
     for (query, field) in [("orders?to_order=0", "to_order"), ("cepstrum?max_s=-1", "max_s")] {
         service.get(&format!("/v1/segments/{id}/{query}")).expect_problem(400, &[field]);
     }
-    service.get(&format!("/v1/segments/{id}/match")).expect_problem(404, &["nothing to match"]);
+    service.get(&format!("/v1/segments/{id}/match")).expect_problem(404, &["cannot be matched"]);
 }
 
 #[test]

@@ -1,33 +1,33 @@
-// When a feature agrees with the library: one rule for what is drawn and what is counted.
+// The rule for when a measured feature agrees with the library. Drawing and counting share it.
 
 const DEVIATIONS = 2; // standard deviations to each side of a measured change
-const LEAST_DB = 1; // a few records of a baseline may lie closer together by chance than a model is good
+const MIN_DB = 1; // the scatter of a short baseline underestimates the model's error
 
-/** The rule in words. */
-export const AGREEMENT_RULE = `A feature agrees where its whisker, ${DEVIATIONS} standard deviations of the baseline but at least ${LEAST_DB} dB to each side, reaches its bar`;
+/** The rule as shown to the user. */
+export const AGREEMENT_RULE = `A feature agrees when its whisker (${DEVIATIONS} baseline standard deviations, at least ${MIN_DB} dB, to each side) reaches its bar`;
 
-/** How far a feature's whisker reaches to each side of the measured change, in dB. */
+/** Half the length of a feature's whisker in dB. */
 export function whisker({ scatter_db: scatter }) {
-  return Math.max(DEVIATIONS * scatter, LEAST_DB);
+  return Math.max(DEVIATIONS * scatter, MIN_DB);
 }
 
-/** How far outside its bar a feature was measured, in lengths of its whisker: up to 1 it agrees. */
+/** Distance of the measurement from the feature's bar, in whisker lengths; at most 1 means agreement. */
 function distance(row) {
   const [low, high] = row.expected_interval_db;
   return Math.max(low - row.measured_db, row.measured_db - high, 0) / whisker(row);
 }
 
-/** Whether a feature counts: it stood above the noise when healthy, and the library says something of it. */
+/** Whether a feature is used: it was above the noise when healthy and the library predicts it. */
 export function counts(row) {
   return row.above_noise && row.expected_interval_db != null;
 }
 
-/** Whether a feature that counts agrees with the library. */
+/** Whether a used feature agrees with the library. */
 export function agrees(row) {
   return distance(row) <= 1;
 }
 
-/** The features that count, and those of them that do not agree, the farthest first. */
+/** The used features, and those of them that disagree, largest distance first. */
 export function agreement(features) {
   const used = features.filter(counts);
   return { used, odd: used.filter((row) => !agrees(row)).sort((a, b) => distance(b) - distance(a)) };

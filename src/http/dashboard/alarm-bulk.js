@@ -1,13 +1,13 @@
-// Acknowledging several alarms at once.
+// Acknowledges several alarms at once.
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
 import { count } from "./format.js";
-import { keepName, lastName } from "./person.js";
+import { storeName, storedName } from "./person.js";
 
 const alarms = (n) => `${count(n)} ${n === 1 ? "alarm" : "alarms"}`;
 
-/** The bar over the list of alarms: chosen ones are acknowledged with one name and comment. */
+/** The bar above the alarm list: acknowledges the selected alarms with one name and comment. */
 export class BulkAcknowledge {
   #chosen = new Set();
   #offered = [];
@@ -28,7 +28,7 @@ export class BulkAcknowledge {
   element = h(
     "form",
     { class: "alarm-bulk", hidden: true, onsubmit: (event) => this.#acknowledge(event) },
-    h("label", { class: "check", for: "alarms-all" }, this.#all, "Choose all to acknowledge"),
+    h("label", { class: "check", for: "alarms-all" }, this.#all, "Select all"),
     this.#words,
     this.#fields,
     this.#result,
@@ -36,10 +36,10 @@ export class BulkAcknowledge {
 
   constructor(onDone) {
     this.#onDone = onDone;
-    this.#by.value = lastName();
+    this.#by.value = storedName();
   }
 
-  /** Shows what there is to choose from; what went from the list is not chosen any more. */
+  /** Shows the alarms that can be selected and drops the selection of alarms no longer listed. */
   offer(ids) {
     this.#offered = ids;
     for (const id of [...this.#chosen]) if (!ids.includes(id)) this.#chosen.delete(id);
@@ -47,12 +47,12 @@ export class BulkAcknowledge {
     this.#show();
   }
 
-  /** The box of one alarm in its row. */
+  /** The checkbox in an alarm's row. */
   box(id, words) {
     const box = h("input", {
       type: "checkbox",
       class: "alarm-pick",
-      "aria-label": `Choose the alarm ${words}`,
+      "aria-label": `Select the alarm ${words}`,
       onclick: () => this.#take(id, box.checked),
     });
     box.checked = this.#chosen.has(id);
@@ -80,7 +80,7 @@ export class BulkAcknowledge {
     this.#all.indeterminate = size > 0 && size < this.#offered.length;
     this.#all.parentElement.hidden = this.#offered.length === 0;
     this.#fields.hidden = size === 0;
-    setText(this.#words, size ? `${alarms(size)} chosen` : "");
+    setText(this.#words, size ? `${alarms(size)} selected` : "");
     setText(this.#act, `Acknowledge ${alarms(size)}`);
   }
 
@@ -91,9 +91,9 @@ export class BulkAcknowledge {
     if (!by) {
       this.#by.setAttribute("aria-invalid", "true");
       this.#by.focus();
-      return this.#said("bad", "Your name is empty, expected who does this.");
+      return this.#showStatus("bad", "Enter your name.");
     }
-    keepName(by);
+    storeName(by);
     this.#act.disabled = true;
     let [done, refused, reason] = [0, 0, ""];
     try {
@@ -106,12 +106,12 @@ export class BulkAcknowledge {
         else done += 1;
       }
       this.#comment.value = "";
-      this.#said(
+      this.#showStatus(
         refused ? "part" : "good",
-        `${alarms(done)} acknowledged.${refused ? ` ${alarms(refused)} not: ${reason}.` : ""}`,
+        `${alarms(done)} acknowledged.${refused ? ` ${alarms(refused)} failed: ${reason}.` : ""}`,
       );
     } catch (error) {
-      this.#said("bad", `Stopped after ${alarms(done)}: ${error.message}.`);
+      this.#showStatus("bad", `Stopped after ${alarms(done)}: ${error.message}.`);
     } finally {
       this.#act.disabled = false;
       document.dispatchEvent(new CustomEvent("recordschange"));
@@ -119,7 +119,7 @@ export class BulkAcknowledge {
     }
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

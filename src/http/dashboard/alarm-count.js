@@ -1,32 +1,32 @@
-// How many alarms nobody has acknowledged, beside their link in the page's header.
+// The number of unacknowledged alarms, shown beside the link to the alarms in the page header.
 
 import * as api from "./api.js";
 import { setText } from "./dom.js";
 
-const MOST = 1000;
+const MAX_ALARMS = 1000;
 
-/** Keeps the count of unacknowledged alarms in the navigation. */
+/** Keeps the count of unacknowledged alarms in the navigation up to date. */
 export class AlarmCount {
   #badge;
   #number;
   #shown;
 
-  /** `badge` is hidden without such alarms, `number` within it holds their count. */
+  /** `badge` is hidden when there are no such alarms; `number` inside it holds the count. */
   constructor(badge, number) {
     this.#badge = badge;
     this.#number = number;
   }
 
-  /** Asks the server and shows what changed; a refusal is shown by the page that needs the list. */
+  /** Fetches the count. Errors are shown by the page that needs the list. */
   async refresh(signal) {
     const answer = await api.answer(
-      api.alarms({ state: "unacknowledged,returned_unacknowledged", limit: MOST }, signal),
+      api.alarms({ state: "unacknowledged,returned_unacknowledged", limit: MAX_ALARMS }, signal),
     );
     if (answer === this.#shown || answer instanceof Error) return;
     this.#shown = answer;
     const { items, next_cursor: more } = answer;
     this.#badge.hidden = items.length === 0;
     this.#badge.dataset.severity = items.some(({ severity }) => severity === "danger") ? "danger" : "warning";
-    setText(this.#number, more ? `${MOST}+` : String(items.length));
+    setText(this.#number, more ? `${MAX_ALARMS}+` : String(items.length));
   }
 }

@@ -1,11 +1,11 @@
-// One alarm: what it is about, what can be done about it, and what happened to it.
+// Details of one alarm: its subject, the available actions, and its history.
 
-import { learnUnits } from "./alarm-units.js";
+import { fetchUnits } from "./alarm-units.js";
 import { changeWords, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { clock } from "./format.js";
-import { keepName, lastName } from "./person.js";
+import { storeName, storedName } from "./person.js";
 import { format } from "./route.js";
 import { instant, written, zoneName } from "./time-zone.js";
 
@@ -15,11 +15,11 @@ const SHELVED_FOR = [
   ["24", "1 day"],
   ["168", "7 days"],
   ["720", "30 days"],
-  ["", "a time:"],
+  ["", "custom time:"],
 ];
 const HOUR_MS = 3_600_000;
 
-/** The panel beside the list of alarms. */
+/** The panel beside the alarm list. */
 export class AlarmDetail {
   #onChanged;
   #id;
@@ -30,7 +30,7 @@ export class AlarmDetail {
   #comment = h("textarea", { id: "alarm-comment", rows: 2, maxlength: 2000 });
   #span = h(
     "select",
-    { id: "alarm-shelve", "aria-label": "How long to shelve", onchange: () => this.#offerTime() },
+    { id: "alarm-shelve", "aria-label": "Shelve duration", onchange: () => this.#offerTime() },
     SHELVED_FOR.map(([value, text]) => h("option", { value }, text)),
   );
   #until = h("input", {
@@ -47,13 +47,9 @@ export class AlarmDetail {
   );
   #shelve = h("button", { type: "button", onclick: () => this.#act("shelve") }, "Shelve for");
   #unshelve = h("button", { type: "button", onclick: () => this.#act("unshelve") }, "Unshelve");
-  #say = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
+  #showNotice = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
   #result = h("p", { class: "result", role: "status" });
-  #notice = h(
-    "p",
-    { class: "notice" },
-    "Choose an alarm to see its history and to acknowledge or shelve it.",
-  );
+  #notice = h("p", { class: "notice" }, "Select an alarm to see its history, acknowledge it or shelve it.");
   #shelving = h(
     "span",
     { class: "alarm-shelving" },
@@ -67,7 +63,7 @@ export class AlarmDetail {
     { class: "alarm-actions", onsubmit: (event) => event.preventDefault() },
     h("label", { class: "field", for: "alarm-by" }, h("span", {}, "Your name"), this.#by),
     h("label", { class: "field", for: "alarm-comment" }, h("span", {}, "Comment"), this.#comment),
-    h("div", { class: "form-buttons" }, this.#acknowledge, this.#unshelve, this.#say, this.#shelving),
+    h("div", { class: "form-buttons" }, this.#acknowledge, this.#unshelve, this.#showNotice, this.#shelving),
     this.#result,
   );
   #body = h(
@@ -80,29 +76,29 @@ export class AlarmDetail {
   );
   element = h(
     "section",
-    { class: "card alarm-detail", "aria-label": "Chosen alarm" },
+    { class: "card alarm-detail", "aria-label": "Selected alarm" },
     this.#notice,
     this.#body,
   );
 
-  /** `onChanged` is called after an action was taken. */
+  /** `onChanged` is called after an action. */
   constructor(onChanged) {
     this.#onChanged = onChanged;
-    this.#by.value = lastName();
+    this.#by.value = storedName();
   }
 
-  /** Shows an alarm by its id, or what to do where none is chosen. */
+  /** Shows the alarm with this id, or a hint when none is selected. */
   async show(id, signal) {
-    if (!id) return this.#nothing("Choose an alarm to see its history and to acknowledge or shelve it.");
+    if (!id) return this.#nothing("Select an alarm to see its history, acknowledge it or shelve it.");
     const alarm = await api.answer(api.alarm(id, signal));
     if (alarm instanceof Error)
-      return this.#nothing(alarm.status === 404 ? "There is no such alarm on this server." : alarm.message);
+      return this.#nothing(alarm.status === 404 ? "Alarm not found on this server." : alarm.message);
     if (id !== this.#id) {
-      this.#said("", "");
+      this.#showStatus("", "");
       this.#comment.value = "";
     }
     if (alarm === this.#alarm) return;
-    await learnUnits([alarm], signal);
+    await fetchUnits([alarm], signal);
     this.#id = id;
     this.#render(alarm);
   }
@@ -130,7 +126,7 @@ export class AlarmDetail {
         h("strong", {}, reading(value, alarm)),
         `${severity ? " " : ", "}${levelWords(alarm)} · ${stateWords(alarm)}`,
       ),
-      h("p", { class: "muted" }, rule ? ruleWords(alarm) : "The asset has no such rule any more."),
+      h("p", { class: "muted" }, rule ? ruleWords(alarm) : "The rule of this alarm no longer exists."),
     );
     const todo = state === "unacknowledged" || state === "returned_unacknowledged";
     this.#acknowledge.hidden = !todo;
@@ -158,20 +154,19 @@ export class AlarmDetail {
     const by = this.#by.value.trim();
     const comment = this.#comment.value.trim();
     const missing = !by
-      ? [this.#by, "Your name is empty, expected who does this."]
+      ? [this.#by, "Enter your name."]
       : action === "comment" && !comment
-        ? [this.#comment, "The comment is empty, expected some words."]
+        ? [this.#comment, "Enter a comment."]
         : null;
     for (const input of [this.#by, this.#comment]) input.removeAttribute("aria-invalid");
     if (missing) {
       missing[0].setAttribute("aria-invalid", "true");
       missing[0].focus();
-      return this.#said("bad", missing[1]);
+      return this.#showStatus("bad", missing[1]);
     }
     const until = action === "shelve" ? this.#end() : undefined;
-    if (until === null)
-      return this.#said("bad", "The time is empty, expected until when the alarm is to be shelved.");
-    keepName(by);
+    if (until === null) return this.#showStatus("bad", "Enter the time until which to shelve the alarm.");
+    storeName(by);
     try {
       const alarm = await api.actOnAlarm(this.#id, action, {
         by,
@@ -180,18 +175,18 @@ export class AlarmDetail {
       });
       this.#comment.value = "";
       this.#render(alarm);
-      this.#said(
+      this.#showStatus(
         "good",
-        `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment kept" }[action]}.`,
+        `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${clock(until)}`, unshelve: "Unshelved", comment: "Comment saved" }[action]}.`,
       );
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
-      this.#said("bad", `Not done: ${error.message}.`);
+      this.#showStatus("bad", `Action failed: ${error.message}.`);
       this.#onChanged();
     }
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }
@@ -224,7 +219,7 @@ function entry(change, alarm) {
       {},
       by ? h("strong", {}, `${by}: `) : null,
       changeWords(change, alarm),
-      withdrawn ? ` (withdrawn ${clock(withdrawn)}: the readings do not say so any more)` : "",
+      withdrawn ? ` (withdrawn ${clock(withdrawn)}: no longer supported by the readings)` : "",
     ),
     comment ? h("q", {}, comment) : null,
   );

@@ -1,15 +1,14 @@
-// Handles on the levels of an alarm rule over a pane of the trend plot: dragged, or moved with the arrow
-// keys.
+// Draggable handles for the levels of an alarm rule on a pane of the trend plot; arrow keys move them too.
 
 import { focusedData, h, setChildren } from "./dom.js";
 import { number } from "./format.js";
 
-const DIGITS = 3; // of a level that was dragged: more would feign precision
-const STEPS = 100; // of the arrow keys over the axis
+const DIGITS = 3; // of a dragged level; more would suggest false precision
+const STEPS = 100; // of the arrow keys across the axis
 
 const rounded = (value) => Number(value.toPrecision(DIGITS));
 
-/** The handles over one plot; `onLevel(key, value)` when one was moved. */
+/** The handles on one plot; calls `onLevel(key, value)` when the user moves one. */
 export class LevelHandles {
   #plot;
   #onLevel;
@@ -23,7 +22,10 @@ export class LevelHandles {
   #levels = [];
   #pane = null;
 
-  /** Shows levels, `{ key, value, label, severity, words }` each, over the pane of that place; none without a pane. */
+  /**
+   * Shows `levels`, each `{ key, value, label, severity, words }`, on the pane at index `place`; hides the
+   * handles when `place` names no pane.
+   */
   show(pane, levels) {
     const focused = focusedData("level");
     [this.#pane, this.#levels] = [pane, pane === null ? [] : levels];
@@ -75,7 +77,7 @@ export class LevelHandles {
       const [low, high] = axis.range.map((end) => axis.r2d(end));
       handle.setAttribute("aria-valuemin", String(Math.min(low, high)));
       handle.setAttribute("aria-valuemax", String(Math.max(low, high)));
-      // a level beyond the axis stays at its edge, so that it can be pulled in
+      // a level beyond the axis is shown at its edge, so that it can be dragged into view
       this.#moveTo(handle, Math.min(axis._length, Math.max(0, axis.d2p(value))));
     }
   }

@@ -1,4 +1,4 @@
-// Whom the settings have notified of alarms, and what could not be sent to them.
+// Recipients of alarm notifications, with the number of waiting and failed notifications.
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -6,13 +6,13 @@ import { age, clock } from "./format.js";
 
 const several = (count) => `${count} ${count === 1 ? "notification" : "notifications"}`;
 
-/** One line for each recipient; nothing where nobody is notified. */
+/** One line per recipient; hidden when there are no recipients. */
 export class NotificationList {
   element = h("section", { class: "card alarm-recipients", "aria-label": "Notifications", hidden: true });
   #shown;
   #ages = [];
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the recipients and shows what changed. */
   async refresh(signal) {
     const answer = await api.answer(api.notifications(signal));
     if (answer === this.#shown || answer instanceof Error) return;
@@ -26,8 +26,8 @@ export class NotificationList {
   /** @param {Answer<"/v1/notifications">["items"][number]} recipient */
   #row({ name, waiting, oldest_at: oldest, sent, last_sent_at: last, given_up: given, error }) {
     const parts = [];
-    if (waiting > 0) parts.push([`${several(waiting)} waiting, the oldest noted `, oldest]);
-    if (given > 0) parts.push([`${several(given)} given up in 30 days`]);
+    if (waiting > 0) parts.push([`${several(waiting)} waiting, the oldest from `, oldest]);
+    if (given > 0) parts.push([`${several(given)} failed in 30 days`]);
     if (sent > 0) parts.push(["last sent ", last]);
     if (parts.length === 0) parts.push(["nothing sent in 30 days"]);
     const isFailing = (waiting > 0 && error) || given > 0;
@@ -46,7 +46,7 @@ export class NotificationList {
     return element;
   }
 
-  /** Lets ages grow. */
+  /** Updates the displayed ages. */
   tick() {
     for (const [element, time] of this.#ages) setText(element, age(time));
   }

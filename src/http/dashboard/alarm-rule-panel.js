@@ -1,5 +1,5 @@
-// An alarm rule made on a plot over time: levels typed, dragged or taken from the baseline, tried on the
-// history, and saved.
+// Editor for an alarm rule on a time plot: levels are typed, dragged or suggested from the baseline, tried on
+// the history, and saved.
 
 import { reading } from "./alarm-words.js";
 import * as api from "./api.js";
@@ -15,21 +15,24 @@ const LEVELS = [
 const TRY_AFTER_MS = 250;
 const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"];
 
-const OF_THEIR_OWN = ["novelty", "wear_um"]; // quantities that are no indicators
+const OF_THEIR_OWN = ["novelty", "wear_um"]; // watched quantities that are not indicators
 const quantityOf = (name) => (OF_THEIR_OWN.includes(name) ? name : { indicator: name });
-/** Whether a rule watches what has that name. */
+/** Whether a rule watches the quantity `name`. */
 export const watches = (rule, name) =>
   OF_THEIR_OWN.includes(name) ? rule.quantity === name : rule.quantity?.indicator === name;
 const some = (n, word) => `${count(n)} ${n === 1 ? word : `${word}s`}`;
 
-/** The panel below a plot; `prefix` begins the identifiers of its fields. `onDraft` is called when the rule on show has changed, `onName(name)` when another indicator is chosen. */
+/**
+ * The panel below a plot. `prefix` starts the ids of its fields. Calls `onDraft` when the displayed rule
+ * changes and `onName(name)` when another indicator is selected.
+ */
 export class AlarmRulePanel {
   #onDraft;
   #asset;
   #channel;
   #name = null;
   #unit = "";
-  #rule; // as it is typed
+  #rule; // as edited
   #isChanged = false;
   #trying = new AbortController();
   #timer;
@@ -40,7 +43,7 @@ export class AlarmRulePanel {
   #suggestion;
   #trial = h("p", { class: "rule-trial", role: "status" });
   #result = h("p", { class: "result", role: "status" });
-  #save = h("button", { type: "submit", class: "primary" }, "Save the rule");
+  #save = h("button", { type: "submit", class: "primary" }, "Save rule");
   #reset = h("button", { type: "button", onclick: () => this.#begin(true) }, "Undo changes");
   element;
 
@@ -67,7 +70,7 @@ export class AlarmRulePanel {
     this.#suggestion = h(
       "span",
       { class: "rule-suggest" },
-      h("button", { type: "button", onclick: () => this.#suggest() }, "Suggest from the baseline"),
+      h("button", { type: "button", onclick: () => this.#suggest() }, "Suggest from baseline"),
       h("label", { class: "check", for: this.#k.id }, "mean +", this.#k, "σ"),
     );
     this.element = h(
@@ -90,7 +93,10 @@ export class AlarmRulePanel {
     );
   }
 
-  /** Shows the rule of the indicator `name` among `names`, hidden without one; answers the rules to draw. */
+  /**
+   * Shows the rule for indicator `name` among `names`, or hides the panel when there is none. Returns the
+   * rules to draw.
+   */
   show({ asset, channel, names, units, name }) {
     const rules = asset.summary.alarm_rules ?? [];
     const isShown = name !== undefined && names.includes(name);
@@ -107,15 +113,15 @@ export class AlarmRulePanel {
       names.map((each) => h("option", { value: each }, indicatorName(each))),
     );
     this.#quantity.value = name;
-    this.#suggestion.hidden = name === "wear_um"; // the depth is counted from the baseline
+    this.#suggestion.hidden = name === "wear_um"; // wear depth is measured from the baseline, so it has no baseline statistics
     for (const [, label, element] of this.#units)
       setText(element, this.#unit ? `${label} (${this.#unit})` : label);
-    if (isOther) this.#said("", "");
+    if (isOther) this.#showStatus("", "");
     if (isOther || (isNews && !this.#isChanged)) this.#begin(false);
     return [...rules.filter((rule) => !watches(rule, name)), this.#rule];
   }
 
-  /** The levels that are set, for handles on the plot. */
+  /** The levels that are set, for the handles on the plot. */
   levels() {
     if (this.#name === null) return [];
     return LEVELS.filter(([key]) => this.#rule?.[key] != null).map(([key, label, severity]) => ({
@@ -127,20 +133,20 @@ export class AlarmRulePanel {
     }));
   }
 
-  /** Takes a level that was dragged. */
+  /** Takes over a level that was dragged. */
   setLevel(key, value) {
     this.#inputs.get(key).value = value;
     this.#typed();
   }
 
-  /** Begins with the rule that is in force, or an empty one. */
+  /** Starts from the rule in force, or from an empty one. */
   #begin(isAsked) {
     const inForce = this.#asset.summary.alarm_rules?.find((rule) => watches(rule, this.#name));
     this.#rule = structuredClone(inForce ?? { quantity: quantityOf(this.#name) });
     this.#isChanged = false;
     for (const [key, input] of this.#inputs) input.value = this.#rule[key] ?? "";
     if (isAsked) {
-      this.#said("", "");
+      this.#showStatus("", "");
       this.#onDraft();
     }
     this.#tryLater();
@@ -152,7 +158,7 @@ export class AlarmRulePanel {
       else this.#rule[key] = Number(input.value);
     }
     this.#isChanged = true;
-    this.#said("", "");
+    this.#showStatus("", "");
     this.#onDraft();
     this.#tryLater();
   }
@@ -160,24 +166,24 @@ export class AlarmRulePanel {
   async #suggest() {
     const k = Number(this.#k.value);
     if (!(k > 0))
-      return this.#said("bad", `The factor is ${this.#k.value || "empty"}, expected a number above 0.`);
+      return this.#showStatus("bad", `The factor is ${this.#k.value || "empty"}; enter a number above 0.`);
     try {
       const known = await api.baseline(this.#asset.id, this.#channel, this.#name);
       const { mean, standard_deviation: deviation, records } = known.items[0] ?? {};
       if (deviation == null)
-        return this.#said(
+        return this.#showStatus(
           "bad",
-          `The baseline has ${some(records ?? 0, "value")} of ${indicatorName(this.#name)}, expected at least 2.`,
+          `The baseline has ${some(records ?? 0, "value")} of ${indicatorName(this.#name)}; at least 2 are needed.`,
         );
       this.#inputs.get("warning").value = Number((mean + k * deviation).toPrecision(3));
       this.#inputs.get("danger").value = Number((mean + 2 * k * deviation).toPrecision(3));
       this.#typed();
-      this.#said(
+      this.#showStatus(
         "good",
         `Baseline of ${some(records, "record")}: mean ${number(mean)}, σ ${number(deviation, 3)} ${this.#unit}. Warning at mean + ${number(k)} σ, danger at mean + ${number(2 * k)} σ.`,
       );
     } catch (error) {
-      this.#said("bad", `Nothing suggested: ${error.message}.`);
+      this.#showStatus("bad", `No suggestion: ${error.message}.`);
     }
   }
 
@@ -187,7 +193,7 @@ export class AlarmRulePanel {
     if (this.levels().length === 0)
       return setText(
         this.#trial,
-        "Without a level nothing is raised. Type one, or take one from the baseline.",
+        "No level is set, so no alarm is raised. Enter a level or suggest one from the baseline.",
       );
     this.#timer = setTimeout(() => this.#try(), TRY_AFTER_MS);
   }
@@ -202,7 +208,7 @@ export class AlarmRulePanel {
       );
       setText(this.#trial, this.#trialWords(trial));
     } catch (error) {
-      if (error.name !== "AbortError") setText(this.#trial, `Not tried: ${error.message}.`);
+      if (error.name !== "AbortError") setText(this.#trial, `Trial failed: ${error.message}.`);
     }
   }
 
@@ -210,22 +216,22 @@ export class AlarmRulePanel {
     const without = readings < records ? `, of which ${count(readings)} have a value` : "";
     const base = `On the ${some(records, "record")} of channel ${this.#channel}${without}`;
     const raised = warnings + dangers;
-    if (raised === 0) return `${base}, this rule would have raised nothing.`;
+    if (raised === 0) return `${base}, this rule would have raised no alarm.`;
     const first = changes.find((change) => change.severity);
     const at = first
       ? ` first at ${clock(first.time)} with ${reading(first.value, { quantity: this.#rule.quantity, asset_id: this.#asset.id, channel: this.#channel })};`
       : "";
-    return `${base}, this rule would have raised ${some(raised, "alarm")}: ${some(warnings, "warning")} and ${some(dangers, "danger")},${at} ${severity ?? "nothing"} after the last record.`;
+    return `${base}, this rule would have raised ${some(raised, "alarm")}: ${some(warnings, "warning")} and ${some(dangers, "danger")},${at} ${severity ?? "no alarm"} after the last record.`;
   }
 
   async #submit(event) {
     event.preventDefault();
     if (this.levels().length === 0)
-      return this.#said("bad", "No level is set, expected at least one. Rules are removed in the settings.");
+      return this.#showStatus("bad", "Enter at least one level. To remove a rule, use the settings.");
     this.#save.disabled = true;
     try {
       const { id } = this.#asset;
-      const asset = await api.asset(id); // what others changed meanwhile stays
+      const asset = await api.asset(id); // keeps what others changed meanwhile
       const rules = asset.alarms ?? asset.summary.alarm_rules ?? [];
       const place = rules.findIndex((rule) => watches(rule, this.#name));
       const alarms =
@@ -233,21 +239,21 @@ export class AlarmRulePanel {
       const spec = Object.fromEntries(Object.entries(asset).filter(([name]) => !FROM_SERVER.includes(name)));
       await api.replaceAsset(id, { ...spec, alarms });
       this.#isChanged = false;
-      this.#said("good", "Saved.");
+      this.#showStatus("good", "Saved.");
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
-      this.#said("bad", `Not saved: ${error.message}.`);
+      this.#showStatus("bad", `Saving failed: ${error.message}.`);
     } finally {
       this.#save.disabled = false;
     }
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }
 
-  /** Stops what is under way. */
+  /** Cancels pending requests. */
   dispose() {
     clearTimeout(this.#timer);
     this.#trying.abort();

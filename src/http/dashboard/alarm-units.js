@@ -1,27 +1,27 @@
-// The units of the indicators that alarms watch: an alarm has none of its own, the trend of its indicator
-// has.
+// Units of the indicators watched by alarms. An alarm carries no unit, so it is taken from the indicator's
+// trend.
 
 import * as api from "./api.js";
 
-const MOST = 40; // trends that are asked for at once
+const MAX_TRENDS = 40; // trends fetched at once
 const known = new Map();
 
 const key = ({ asset_id: asset, channel, quantity }) => JSON.stringify([asset, channel, quantity.indicator]);
 
-/** The unit of an alarm's reading where it is known, empty where not. */
+/** The unit of an alarm's reading, or an empty string when it is unknown. */
 export function unitOf(alarm) {
   return (alarm.quantity?.indicator && known.get(key(alarm))) || "";
 }
 
-/** Asks for the units of alarms that are not known yet. */
-export async function learnUnits(alarms, signal) {
+/** Fetches the units of alarms that are not known yet. */
+export async function fetchUnits(alarms, signal) {
   const asked = new Map(
     alarms
       .filter((alarm) => alarm.quantity?.indicator && !known.has(key(alarm)))
       .map((alarm) => [key(alarm), alarm]),
   );
   await Promise.all(
-    [...asked].slice(0, MOST).map(async ([name, { asset_id: asset, channel, quantity }]) => {
+    [...asked].slice(0, MAX_TRENDS).map(async ([name, { asset_id: asset, channel, quantity }]) => {
       const answer = await api.answer(api.indicatorUnits(asset, channel, quantity.indicator, signal));
       if (!(answer instanceof Error)) known.set(name, answer.units[quantity.indicator] ?? "");
     }),

@@ -1,34 +1,33 @@
-// Alarms in words and symbols: what is watched, how bad it is, where the alarm stands, and what happened to
-// it.
+// Alarms as text and symbols: watched quantity, severity, state, and history.
 
 import { unitOf } from "./alarm-units.js";
 import { h } from "./dom.js";
 import { clock, depth, indicatorName, number, span, unit } from "./format.js";
 import { badge } from "./symbols.js";
 
-/** Where an alarm stands; `open` ones ask for somebody. */
+/** Alarm states; `open` ones need attention. */
 export const ALARM_STATES = {
-  unacknowledged: { word: "Unacknowledged", words: "raised, and nobody has said that they know", open: true },
+  unacknowledged: { word: "Unacknowledged", words: "raised and not acknowledged", open: true },
   returned_unacknowledged: {
     word: "Returned, unacknowledged",
-    words: "it was raised and is over, and nobody has said that they know",
+    words: "back to normal, but not acknowledged",
     open: true,
   },
-  acknowledged: { word: "Acknowledged", words: "raised, and somebody knows", open: false },
-  shelved: { word: "Shelved", words: "put aside until a time", open: false },
-  normal: { word: "Normal", words: "nothing is raised", open: false },
+  acknowledged: { word: "Acknowledged", words: "raised and acknowledged", open: false },
+  shelved: { word: "Shelved", words: "suppressed until a set time", open: false },
+  normal: { word: "Normal", words: "no alarm", open: false },
 };
 
-/** What a rule watches. */
+/** The quantity that a rule watches. */
 export function quantityWords(quantity) {
   if (quantity?.indicator) return indicatorName(quantity.indicator);
-  if (quantity?.rate_per_day) return `Change a day: ${quantityWords(quantity.rate_per_day)}`;
+  if (quantity?.rate_per_day) return `Change per day: ${quantityWords(quantity.rate_per_day)}`;
   return (
     {
       wear_um: "Wear depth",
-      wear_above_limit: "Probability of having passed the limit",
+      wear_above_limit: "Probability that the limit is exceeded",
       novelty: "Novelty (−log₁₀ of the p-value)",
-      joint_novelty: "Novelty of all channels together (−log₁₀ p)",
+      joint_novelty: "Joint novelty of all channels (−log₁₀ p)",
       sensor_fault: "Sensor fault",
       stale_s: "Time without a record",
     }[quantity] ?? String(quantity)
@@ -41,12 +40,12 @@ export function reading(value, alarm) {
   if (value == null) return "–";
   if (quantity === "wear_um") return `${depth(value)} µm`;
   if (quantity === "stale_s") return span(value);
-  if (quantity?.rate_per_day === "wear_um") return `${number(value, 3)} µm a day`;
-  if (quantity?.rate_per_day) return `${number(value, 3)} a day`;
+  if (quantity?.rate_per_day === "wear_um") return `${number(value, 3)} µm/day`;
+  if (quantity?.rate_per_day) return `${number(value, 3)} per day`;
   return `${number(value, 3)} ${quantity?.indicator ? unit(unitOf(alarm)) : ""}`.trim();
 }
 
-/** The level that a raised alarm is beyond, or where one begins that is not raised. */
+/** The level exceeded by a raised alarm, or the first level of one that is not raised. */
 export function levelWords(alarm) {
   const { rule, severity, value } = alarm;
   if (!rule) return "";
@@ -68,13 +67,13 @@ export function levelWords(alarm) {
 
 const SEVERITIES = { danger: ["danger", "Danger"], warning: ["warning", "Warning"] };
 
-/** The symbol of an alarm's severity with its word. */
+/** The severity symbol of an alarm with its label. */
 export function severityBadge(severity, size = 20) {
   const [key, word] = SEVERITIES[severity] ?? ["normal", "Not raised"];
   return badge(key, size, word);
 }
 
-/** An alarm's state in a word, and until when it is shelved; `within` a sentence it begins small. */
+/** An alarm's state, with the end of shelving; lower case when used `within` a sentence. */
 export function stateWords({ state, shelved_until: until }, within = false) {
   const { word: own } = ALARM_STATES[state] ?? { word: state };
   const word = within ? own.toLowerCase() : own;
@@ -85,10 +84,10 @@ const ACTIONS = {
   acknowledge: "acknowledged",
   unshelve: "unshelved",
   comment: "comment",
-  shelving_over: "no longer shelved: its time was over",
+  shelving_over: "no longer shelved: the time expired",
 };
 
-/** One entry of an alarm's history in words. */
+/** One history entry of an alarm. */
 export function changeWords(change, alarm) {
   const { action, severity, value, state } = change;
   if (action?.shelve) return `shelved until ${clock(action.shelve.until)}`;

@@ -1,10 +1,9 @@
-// Every alarm that has been raised or acted on, filtered by where it stands; the chosen one with its history
-// and what can be done about it.
+// The list of alarms, filtered by state, with history and actions of the selected one.
 
 import { BulkAcknowledge } from "./alarm-bulk.js";
 import { AlarmDetail } from "./alarm-detail.js";
 import { NotificationList } from "./alarm-notifications.js";
-import { learnUnits } from "./alarm-units.js";
+import { fetchUnits } from "./alarm-units.js";
 import {
   ALARM_STATES,
   levelWords,
@@ -51,7 +50,7 @@ export class AlarmsPage {
       h(
         "tr",
         {},
-        ["Severity", "Asset", "What", "Reading", "Since", "State"].map((text) =>
+        ["Severity", "Asset", "Quantity", "Reading", "Since", "State"].map((text) =>
           h("th", { scope: "col" }, text),
         ),
       ),
@@ -66,7 +65,7 @@ export class AlarmsPage {
 
   constructor(root, route) {
     this.#query = route.query;
-    const chips = h("div", { class: "chips", role: "group", "aria-label": "Which alarms" });
+    const chips = h("div", { class: "chips", role: "group", "aria-label": "Filter alarms by state" });
     for (const [key, label] of FILTERS) {
       const chip = h(
         "button",
@@ -94,13 +93,13 @@ export class AlarmsPage {
     document.title = "Alarms · flankwatch";
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     this.#query = route.query;
     return true;
   }
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the alarms and shows what changed. */
   async refresh(signal) {
     const { show = "", asset, alarm } = this.#query;
     const [, , state] = FILTERS.find(([key]) => key === show) ?? FILTERS[0];
@@ -111,7 +110,7 @@ export class AlarmsPage {
     ]);
     const asked = JSON.stringify([show, asset, alarm]);
     if (answer === this.#shown && asked === this.#asked) return;
-    if (!(answer instanceof Error)) await learnUnits(answer.items, signal);
+    if (!(answer instanceof Error)) await fetchUnits(answer.items, signal);
     [this.#shown, this.#asked] = [answer, asked];
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(key === show));
     this.#asset.hidden = !asset;
@@ -129,10 +128,10 @@ export class AlarmsPage {
       setText(
         this.#notice,
         show === ""
-          ? "Nothing to do: every alarm has been acknowledged."
+          ? "Nothing to do: all alarms are acknowledged."
           : show === "all"
             ? "No alarm has been raised yet."
-            : "No alarm stands like this.",
+            : "No alarms in this state.",
       );
     setText(
       this.#total,
@@ -194,7 +193,7 @@ export class AlarmsPage {
         h("a", { href: format({ page: "asset", id: asset, query: { channel } }) }, asset),
         h("span", { class: "muted id" }, channel),
       ),
-      h("td", { "data-label": "What" }, open, h("span", { class: "muted id" }, levelWords(alarm))),
+      h("td", { "data-label": "Quantity" }, open, h("span", { class: "muted id" }, levelWords(alarm))),
       h("td", { "data-label": "Reading" }, reading(value, alarm)),
       h("td", { "data-label": "Since" }, since),
       h(
@@ -207,7 +206,7 @@ export class AlarmsPage {
     return row;
   }
 
-  /** Lets ages grow. */
+  /** Updates the displayed ages. */
   tick() {
     for (const [element, time] of this.#ages) setText(element, age(time));
     this.#notifications.tick();

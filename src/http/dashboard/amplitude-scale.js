@@ -1,41 +1,44 @@
-// How high an amplitude is drawn: as it is, over a logarithmic axis, or in decibels.
+// Amplitude scales: linear, logarithmic, or decibels.
 
 import { titled, unit } from "./format.js";
 
-/** Of a level in dB: 1 µm/s², 1 nm/s and 1 pm (ISO 1683), each in the unit that is shown. */
+/** Reference of levels in dB: 1 µm/s², 1 nm/s and 1 pm (ISO 1683), each in the displayed unit. */
 const REFERENCE = 1e-6;
 
-/** The scales by what an address calls them. */
+/** The scales by their name in an address. */
 export const SCALES = [
   ["", "Linear"],
   ["log", "Logarithmic"],
   ["db", "dB"],
-  ["change", "dB to the first record"],
+  ["change", "dB re first record"],
 ];
 
-/** An amplitude in decibels above the reference; null of nothing. */
+/** An amplitude in dB above the reference; null for a missing or zero amplitude. */
 export function level(amplitude) {
   return amplitude > 0 ? 20 * Math.log10(amplitude / REFERENCE) : null;
 }
 
-/** What 0 dB is. */
+/** Describes the 0 dB reference. */
 export function referenceWords(unitName) {
   return `0 dB is 10⁻⁶ ${unit(unitName)}`.trim();
 }
 
-/** An amplitude as the scale draws it. */
+/** An amplitude as drawn on the scale. */
 export function height(scale, amplitude) {
   return scale === "db" ? level(amplitude) : amplitude;
 }
 
-/** The place of an amplitude for what Plotly takes in the axis's own numbers, such as a label. */
+/** An amplitude in the axis's own coordinates, as Plotly expects for labels. */
 export function place(scale, amplitude) {
   return scale === "log" ? Math.log10(amplitude) : height(scale, amplitude);
 }
 
 const ROOM = { linear: 1.15, log: 3, db: 8 }; // above the highest peak, for labels
 
-/** The axis of amplitudes, of which `visible` are in sight; over a log scale and in dB from below the median, so that noise stays in sight. */
+/**
+ * The amplitude axis for the `visible` amplitudes. On logarithmic and dB scales it starts below the median,
+ * so that noise stays visible.
+ */
 export function amplitudeAxis(scale, title, unitName, visible, revision) {
   const sorted = visible.filter((amplitude) => amplitude > 0).sort((a, b) => a - b);
   const top = sorted.at(-1) || 1;

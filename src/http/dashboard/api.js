@@ -1,11 +1,11 @@
-// The only place that talks to the server. A repeated answer gives the same object back, so callers can see
-// by identity that nothing changed.
+// The only module that talks to the server. An unchanged answer is returned as the same object, so callers
+// detect changes by identity.
 
 const REMEMBERED = 48;
 const REMEMBERED_CHARACTERS = 40e6; // a spectrum at full resolution has some millions
-const memory = new Map(); // address → { etag, text, data }, the latest used last
+const memory = new Map(); // address → { etag, text, data }, most recently used last
 
-/** The server answered with an error; `problem` is its RFC 9457 body where it sent one. */
+/** An error answered by the server; `problem` is its RFC 9457 body, if any. */
 export class ApiError extends Error {
   constructor(status, problem) {
     super(problem.detail || problem.title || `the server answered ${status}`);
@@ -14,10 +14,13 @@ export class ApiError extends Error {
   }
 }
 
-/** No answer, or one that says that the service is not there at the moment. */
+/** No answer, or an answer saying that the service is unavailable. */
 export class ConnectionError extends Error {}
 
-/** Begins a session with a token: the server keeps it in a cookie, which goes along with every request and link, and no script reads. */
+/**
+ * Starts a session with a token. The server sets a cookie that scripts cannot read and that every request and
+ * link sends.
+ */
 export async function logIn(token) {
   const { response, text } = await request(address(["session"]), {
     method: "POST",
@@ -30,10 +33,10 @@ export async function logIn(token) {
 /** Ends the session. */
 export const logOut = () => send("DELETE", ["session"]);
 
-/** The token of the session without its secret, null where nobody is asked for one. */
+/** The session's token without its secret; null when no token is required. */
 export const session = async () => (await get(["session"], {})).token;
 
-/** An address under /v1 relative to the page, so that a path prefix of a proxy is kept. */
+/** An address under /v1, relative to the page so that a proxy's path prefix is kept. */
 export function address(segments, parameters = {}) {
   const url = new URL(["v1", ...segments.map(encodeURIComponent)].join("/"), document.baseURI);
   url.hash = "";
@@ -62,7 +65,7 @@ function parsed(text) {
   }
 }
 
-/** The error of an answer outside 2xx. */
+/** The error for an answer outside 2xx. */
 export function failure(status, text) {
   const problem = parsed(text) ?? {};
   const gone = status === 502 || status === 503 || status === 504;
@@ -112,7 +115,7 @@ async function send(method, segments, body, signal, parameters) {
 }
 
 /**
- * Every asset, over as many pages as the server cuts the list into.
+ * Fetches every asset, page by page.
  * @returns {Promise<Answer<"/v1/assets">["items"]>}
  */
 export async function assets(signal) {
@@ -183,19 +186,19 @@ export const keepStream = (id, name, seconds) =>
   send("POST", ["assets", id, "stream", "keep"], undefined, undefined, { name, seconds });
 export const createAsset = (body) => send("POST", ["assets"], body);
 export const deleteAsset = (id) => send("DELETE", ["assets", id]);
-async function looked(path, parameters, type, body) {
+async function postPreview(path, parameters, type, body) {
   const headers = { accept: "application/json", "content-type": type };
   const { response, text } = await request(address([path], parameters), { method: "POST", headers, body });
   if (!response.ok) throw failure(response.status, text);
   return parsed(text);
 }
 
-/** What a CSV file holds by whole lines of its beginning. */
-export const previewCsv = (lines, parameters) => looked("csv-preview", parameters, "text/csv", lines);
+/** Columns of a CSV file, from the whole lines at its start. */
+export const previewCsv = (lines, parameters) => postPreview("csv-preview", parameters, "text/csv", lines);
 
-/** What a MATLAB file, a protobuf block or the beginning of an MCAP recording holds. */
+/** Contents of a MATLAB file, a protobuf block or the start of an MCAP recording. */
 export const previewRecording = (body, type, parameters) =>
-  looked("recording-preview", parameters, type, body);
+  postPreview("recording-preview", parameters, type, body);
 export const preview = (body, signal) => send("POST", ["preview"], body, signal);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/pair-presets">>} */
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);
@@ -222,14 +225,14 @@ export const notifications = (signal) => get(["notifications"], {}, signal);
 export const actOnAlarm = (id, action, body) => send("POST", ["alarms", id, action], body);
 /** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/maintenance">>} */
 export const maintenance = (id, signal) => get(["assets", id, "maintenance"], { limit: 200 }, signal);
-export const tellMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
-export const takeBackMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
+export const addMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
+export const deleteMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
 /** @type {(id: string, parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/segments">>} */
 export const recordsPage = (id, parameters, signal) => get(["assets", id, "segments"], parameters, signal);
 /** @type {(id: string, parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/segments/count">>} */
 export const recordCount = (id, parameters, signal) =>
   get(["assets", id, "segments", "count"], parameters, signal);
-/** `action` is "exclude" or "include"; the records are those of a range or of `ids`. */
+/** `action` is "exclude" or "include"; `parameters` name a range or `ids`. */
 export const markRecords = (id, action, parameters) =>
   send("POST", ["assets", id, "segments", action], undefined, undefined, parameters);
 export const deleteRecords = (id, parameters) =>
@@ -250,7 +253,7 @@ export const startReplay = (body) => send("POST", ["replays"], body);
 export const stopReplay = (id) => send("DELETE", ["replays", id]);
 
 /**
- * An answer, or the server's refusal as a value; a lost connection still throws.
+ * Resolves to the answer, or to the server's error as a value; a lost connection still throws.
  * @template T
  * @param {Promise<T>} promise
  * @returns {Promise<T | ApiError>}

@@ -1,4 +1,4 @@
-// Picks the page for the address, keeps it live, and shows how fresh it is.
+// Selects the page for the address, keeps it live, and shows the connection status.
 
 import { AlarmCount } from "./alarm-count.js";
 import * as api from "./api.js";
@@ -22,7 +22,7 @@ const view = {
 
 let page;
 let shown = {};
-let built = {}; // the address that the page was made for: its code may have had to be fetched first
+let built = {}; // the address that the page was built for: its code may have to be loaded first
 let status = { state: "loading" };
 
 const alarmCount = new AlarmCount(byId("alarm-count"), byId("alarm-number"));
@@ -34,14 +34,19 @@ const live = new Live(
   },
 );
 
-/** The page of an address that means nothing. */
+/** The page for an unknown address. */
 class UnknownPage {
   constructor(root) {
     document.title = "Not found · flankwatch";
     setChildren(
       root,
-      h("h1", {}, "No such page"),
-      h("p", { class: "notice" }, "This address leads nowhere. ", h("a", { href: "#/" }, "Go to the fleet")),
+      h("h1", {}, "Page not found"),
+      h(
+        "p",
+        { class: "notice" },
+        "There is no page at this address. ",
+        h("a", { href: "#/" }, "Go to the fleet"),
+      ),
     );
   }
   update() {
@@ -52,12 +57,12 @@ class UnknownPage {
   dispose() {}
 }
 
-/** Stands where a page's code could not be fetched, until the server answers again. */
+/** Shown while a page's code cannot be loaded, until the server answers again. */
 class UnreachedPage {
   #lost = false;
   constructor(root) {
     document.title = "Not loaded · flankwatch";
-    const again = h("a", { href: location.href, onclick: () => location.reload() }, "Load it again");
+    const again = h("a", { href: location.href, onclick: () => location.reload() }, "Reload");
     setChildren(root, h("p", { class: "notice" }, "This page could not be loaded from the server. ", again));
   }
   update() {
@@ -70,15 +75,15 @@ class UnreachedPage {
       this.#lost ||= error instanceof api.ConnectionError;
       throw error;
     }
-    // a browser does not fetch a module again that it once failed to get; where the server was never away a
-    // reload would not help either
+    // A browser does not retry a failed module load. If the server was reachable all the time, a reload would
+    // not help either.
     if (this.#lost) location.reload();
   }
   tick() {}
   dispose() {}
 }
 
-// a page's code is fetched when it is first gone to, so that the first one does not wait for the others
+// Page code is loaded on first use, so that the first page does not wait for the others.
 const PAGES = {
   fleet: async () => (await import("./fleet.js")).FleetPage,
   asset: async () => (await import("./asset.js")).AssetPage,
@@ -98,7 +103,7 @@ const PAGES = {
   unknown: async () => UnknownPage,
 };
 
-/** Says in the page's header which of its links is the current one. */
+/** Marks the current section in the page header. */
 function markNavigation(current) {
   const sections = {
     fleet: "fleet",
@@ -128,7 +133,7 @@ async function follow() {
     if (!page.update(route)) return;
   } else {
     const Page = await PAGES[route.page]().catch(() => UnreachedPage);
-    if (route !== shown) return; // another address came meanwhile
+    if (route !== shown) return; // the address has changed in the meantime
     page?.dispose();
     page = new Page(main, route);
     built = route;
@@ -143,7 +148,7 @@ async function follow() {
 bindDrops(() => ({ page, id: shown.page === "library" ? undefined : shown.id }));
 bindThemeButton(byId("theme"));
 bindTimeChoice(byId("times"), async () => {
-  built = {}; // every time on the page is written anew
+  built = {}; // every time on the page is rendered again
   await follow();
   byId("times").focus();
 });

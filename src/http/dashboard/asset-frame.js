@@ -1,4 +1,4 @@
-// What every page of an asset begins with: where one is, the asset's name, and the ways to its other pages.
+// The common head of all asset pages: breadcrumb, name, and links to the asset's other pages.
 
 import * as api from "./api.js";
 import { h, setChildren } from "./dom.js";
@@ -11,36 +11,36 @@ const VIEWS = [
   ["live", "Live"],
   ["waterfall", "Waterfall"],
   ["match", "Match"],
-  ["wear", "What wear does"],
+  ["wear", "Wear preview"],
   ["settings", "Settings"],
 ];
-const KEPT = ["channel", "segment"]; // what is looked at goes along
+const KEPT = ["channel", "segment"]; // query parameters kept when switching pages
 
 const LOOK_MS = 10_000;
-const looks = new Map(); // asset → when its live streams were asked for, and the answer
-const streaming = new Set(); // assets that are known to have some
+const lookups = new Map(); // asset → when its live streams were last fetched, and the answer
+const streaming = new Set(); // assets known to have live streams
 
-/** Whether an asset has live streams; what was known where the server does not say. */
+/** Whether an asset has live streams; the last known answer when the server does not respond. */
 async function lookForStreams(id) {
   try {
     const answer = await api.answer(api.streams(id));
     if (answer instanceof Error || answer.items.length === 0) streaming.delete(id);
     else streaming.add(id);
   } catch {
-    // the page itself says that the connection is lost
+    // the page itself reports the lost connection
   }
   return streaming.has(id);
 }
 
 function hasStreams(id) {
-  const known = looks.get(id);
+  const known = lookups.get(id);
   if (known && Date.now() - known.at < LOOK_MS) return known.answer;
   const answer = lookForStreams(id);
-  looks.set(id, { at: Date.now(), answer });
+  lookups.set(id, { at: Date.now(), answer });
   return answer;
 }
 
-/** Links between the pages of an asset; that of its live streams only where it has some. */
+/** Links between the pages of an asset; the live page is linked only when there are live streams. */
 export function assetTabs(id, current, query = {}) {
   const kept = Object.fromEntries(KEPT.filter((name) => query[name]).map((name) => [name, query[name]]));
   const link = ([page, label]) =>
@@ -65,7 +65,7 @@ export function assetTabs(id, current, query = {}) {
   return h("nav", { class: "tabs", "aria-label": "Pages of this asset" }, links, report);
 }
 
-/** The way back. */
+/** The breadcrumb. */
 export function crumbs(...links) {
   return h(
     "nav",
@@ -77,7 +77,7 @@ export function crumbs(...links) {
   );
 }
 
-/** The head of a page that shows one side of an asset; `update` when the asset or the address changes. */
+/** The head of an asset page; call `update` when the asset or the address changes. */
 export class AssetFrame {
   #id;
   #page;
@@ -98,7 +98,7 @@ export class AssetFrame {
     );
   }
 
-  /** Shows the asset's name and links that keep what is looked at. */
+  /** Shows the asset's name and the links, which keep the selection. */
   update(name, query) {
     const label = VIEWS.find(([page]) => page === this.#page)[1];
     this.#title.textContent = name;
@@ -107,9 +107,9 @@ export class AssetFrame {
   }
 }
 
-/** The page of an asset that there is not, or that cannot be shown. */
+/** The page for an asset that does not exist or cannot be shown. */
 export function refusal(root, id, error) {
-  const words = error.status === 404 ? `There is no asset “${id}” on this server.` : error.message;
+  const words = error.status === 404 ? `Asset “${id}” not found on this server.` : error.message;
   document.title = "Not found · flankwatch";
   setChildren(
     root,

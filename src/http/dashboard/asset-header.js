@@ -1,4 +1,4 @@
-// The top of an asset's page: its state, the wear now with its interval in words, and the facts behind them.
+// The head of an asset's overview: state, current wear with its interval, and the facts behind them.
 
 import { h, setChildren, setText } from "./dom.js";
 import { age, clock, count, depth, hertz, number, speedDoubt, speedSource } from "./format.js";
@@ -11,9 +11,9 @@ import { assetState, channelState, depthWords, limitUse, sentence, STATES, timeT
 import { badge } from "./symbols.js";
 
 const LIBRARY_STATES = {
-  none: "none: no gear pair described",
-  building: "being built",
-  failed: "could not be built",
+  none: "none: no gear pair defined",
+  building: "building",
+  failed: "failed",
   ready: "ready",
 };
 
@@ -40,13 +40,13 @@ function speedFact(speed, nominal, known) {
 }
 
 const STAGES = {
-  waiting: "waits for another simulation",
+  waiting: "waiting for another simulation",
   library: "library",
-  first_members: "first pairs around it",
-  members: "pairs around it",
+  first_members: "first varied pairs",
+  members: "varied pairs",
 };
 
-/** How far a simulation is, in words. */
+/** Progress of a simulation. */
 function simulationWords({ stage, fraction, remaining_s: left }) {
   if (stage === "waiting") return STAGES.waiting;
   const time =
@@ -74,7 +74,7 @@ function limitFact(wear) {
     `Time to ${depth(left.limit)} µm`,
     words,
     small(
-      `5 to 95 %: ${left.interval}; ${clock(left.date, { toMinute: true })}; wear grows ${number(left.rate, 2)} µm a day`,
+      `5 to 95 %: ${left.interval}; ${clock(left.date, { toMinute: true })}; wear rate ${number(left.rate, 2)} µm/day`,
     ),
   );
 }
@@ -98,7 +98,7 @@ function zoneFact({ velocity_limits_mm_per_s: limits }) {
   return limits ? fact("Velocity zones A to D", `limits ${limits.join(", ")} mm/s`) : null;
 }
 
-/** What each channel adds to the asset's one answer. */
+/** Each channel's contribution to the asset's estimate. */
 function channelsFact({ wear, wear_channels: parts }) {
   if (!parts) return null;
   const words = (part) => {
@@ -107,7 +107,7 @@ function channelsFact({ wear, wear_channels: parts }) {
     return statusWords(part) + novelty;
   };
   return fact(
-    "All channels together",
+    "Combined channels",
     h("span", { title: wear.reason }, statusWords(wear)),
     ...parts.map((part) =>
       h("div", { class: "muted", title: part.reason }, `${part.channel}: ${words(part)}`),
@@ -183,7 +183,9 @@ export class AssetHeader {
     );
   }
 
-  /** Shows an asset and the latest wear estimate of one of its channels; `events` are that channel's, where they are known. */
+  /**
+   * Shows an asset and the latest wear estimate of one channel; `events` are that channel's events, if known.
+   */
   update(asset, wear, channel, query, events) {
     const { summary, limits } = asset;
     setChildren(this.#tabs, assetTabs(asset.id, "asset", query));
@@ -213,7 +215,7 @@ export class AssetHeader {
     this.tick();
   }
 
-  /** Says what the last estimate was where the latest record has none; `items` are the wear history. */
+  /** Shows the last estimate when the latest record has none; `items` is the wear history. */
   recall(items, wear) {
     const last = wear.median_um == null ? items.findLast((item) => item.median_um != null) : null;
     if (!last) return;
@@ -241,13 +243,13 @@ export class AssetHeader {
     this.#channel.value = chosen ?? "";
   }
 
-  /** Lets the last record's age grow. */
+  /** Updates the age of the last record. */
   tick() {
-    setText(this.#age, this.#last ? `the last one ${age(this.#last)}` : "none yet");
+    setText(this.#age, this.#last ? `latest ${age(this.#last)}` : "none yet");
   }
 }
 
-/** The state of the whole asset where another channel makes it another one than that of the channel on show. */
+/** The state of the whole asset, when another channel makes it differ from the displayed channel's state. */
 function wholeAsset({ id, summary }, overall, state, channel, others, query) {
   if (overall === state) return null;
   const alarmed = others.find(({ severity }) => overall === `alarm_${severity}`)?.channel;
@@ -263,9 +265,9 @@ function wholeAsset({ id, summary }, overall, state, channel, others, query) {
   return h(
     "p",
     { class: "whole-asset" },
-    h("span", { class: "muted" }, "The asset:"),
+    h("span", { class: "muted" }, "Asset:"),
     badge(overall, 18),
-    link && h("span", { class: "muted" }, "by ", link),
+    link && h("span", { class: "muted" }, "due to ", link),
   );
 }
 

@@ -1,4 +1,4 @@
-// One asset: fetches what its page shows, and keeps the plots, the selection and the address in step.
+// The overview page of an asset: fetches its data and keeps plots, selection and address in sync.
 
 import * as api from "./api.js";
 import { LevelHandles } from "./alarm-levels.js";
@@ -23,10 +23,10 @@ import { change } from "./route.js";
 import { chosenPanes, otherNames, PANES, paneNames, trendDrawing } from "./trend-plot.js";
 import { formatTime, timeOf, timeRange, wearDrawing, withoutEstimate } from "./wear-plot.js";
 
-/** Parameters of the address that say what to ask the server for. */
+/** Address parameters that determine what is fetched. */
 const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part", "gear"];
 
-/** Those that are shown at once with what is known, and then with the lines that they ask for. */
+/** Parameters that redraw at once from known data and then fetch the lines they need. */
 const DETAILED = ["zoom", "band", "cursor", "near"];
 
 /** The page of one asset. */
@@ -53,7 +53,7 @@ export class AssetPage {
   #more = h("select", {
     id: "trend-more",
     hidden: true,
-    "aria-label": "Add another indicator",
+    "aria-label": "Add indicator",
     onchange: () => this.#togglePane(this.#more.value),
   });
   #bins = h(
@@ -64,7 +64,7 @@ export class AssetPage {
       onchange: () => change({ bins: this.#bins.value }, { quiet: true }),
     },
     [
-      ["", "All alike"],
+      ["", "No colouring"],
       ["speed", "By speed"],
       ["torque", "By torque"],
       ["own", "By operating bin"],
@@ -130,7 +130,7 @@ export class AssetPage {
     document.title = `${route.id} · flankwatch`;
   }
 
-  /** A button that shows the levels of the first of what `names` gives, or hides those on show. */
+  /** A button that shows the alarm levels of the first indicator in `names`, or hides those shown. */
   #levelsToggle(names) {
     const toggle = () =>
       change({ levels: names().includes(this.#query.levels) ? null : names()[0] }, { quiet: true });
@@ -143,14 +143,14 @@ export class AssetPage {
     if (next.length) change({ trend: next.join(",") }, { quiet: true });
   }
 
-  /** The indicators on show that an alarm's levels can be set for. */
+  /** The displayed indicators for which alarm levels can be set. */
   #levelNames() {
     return chosenPanes(this.#query.trend)
       .filter((pane) => pane.names.length === 1)
       .map((pane) => pane.names[0]);
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     const before = this.#query;
     this.#query = route.query;
@@ -161,25 +161,25 @@ export class AssetPage {
     }
     const changed = (names) => names.some((name) => before[name] !== route.query[name]);
     if (changed(REFETCHED)) return true;
-    if (!this.#dragging) this.redraw(); // what was dragged out is on show already
+    if (!this.#dragging) this.redraw(); // the dragged range is already displayed
     return changed(DETAILED);
   }
 
-  /** Has the address say which range was dragged out. */
+  /** Writes the dragged-out range to the address. */
   #keepRange(parameters) {
     this.#dragging = true;
     change(parameters, { quiet: true });
     this.#dragging = false;
   }
 
-  /** The whole of the time axis is what the address says without a range. */
+  /** Without a range in the address, the whole time axis is shown. */
   #keepTime(range) {
     const time = formatTime(range);
     const { history, latest } = this.#data;
     this.#keepRange({ time: time === formatTime(timeRange(history, latest) ?? null) ? null : time });
   }
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the data and shows what changed. */
   async refresh(signal) {
     const asset = await answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return this.#refused(asset);
@@ -209,7 +209,7 @@ export class AssetPage {
       this.#showEmpty();
     } else {
       this.#empty.hidden = true;
-      this.#grid.hidden = false; // with its cards saying that they are loading
+      this.#grid.hidden = false; // the cards show that they are loading
       await this.#fetch(asset, latest, channel, signal);
       await this.redraw();
     }
@@ -221,7 +221,7 @@ export class AssetPage {
   async #fetch(asset, latest, channel, signal) {
     const id = this.#query.segment ?? latest.segment_id;
     const panes = chosenPanes(this.#query.trend);
-    // a record that was refused is not asked for again at every look
+    // a record that was refused is not requested again on every update
     const known = this.#data?.id === id && this.#data.segment instanceof Error ? this.#data : null;
     const record = known
       ? Promise.resolve(known.segment)
@@ -277,7 +277,7 @@ export class AssetPage {
     return { ...events, hindsight: await hindsightOf(this.#id, channel, events.maintenance, signal) };
   }
 
-  /** Draws everything again from what is known, for a changed address or theme. */
+  /** Redraws from known data, for a changed address or theme. */
   async redraw() {
     if (!this.#data?.history) return;
     const { asset, latest, channel, id, segment, history, trend, events } = this.#data;
@@ -310,7 +310,7 @@ export class AssetPage {
       history instanceof Error
         ? history.message
         : history.items.length === 0
-          ? "No records of this channel yet."
+          ? "This channel has no records yet."
           : withoutEstimate(history.items, Boolean(asset.gear?.pair));
     this.#wearLevelsButton.hidden = Boolean(missing);
     const rules = this.#wearLevels.show({
@@ -324,7 +324,7 @@ export class AssetPage {
     this.#wearLevelsButton.setAttribute("aria-expanded", String(isShown));
     if (missing) {
       this.#wearHandles.show(null, []);
-      return this.#wear.say(missing);
+      return this.#wear.showNotice(missing);
     }
     const rule = rules.find((each) => watches(each, "wear_um"));
     const zoomed = timeOf(this.#query.time);
@@ -352,8 +352,8 @@ export class AssetPage {
     this.#log.checked = logarithmic;
     for (const [key, chip] of this.#panes)
       chip.setAttribute("aria-pressed", String(panes.some((pane) => pane.key === key)));
-    if (!indicators) return this.#trends.say("This record has no such indicators.");
-    if (indicators instanceof Error) return this.#trends.say(indicators.message);
+    if (!indicators) return this.#trends.showNotice("This record does not have these indicators.");
+    if (indicators instanceof Error) return this.#trends.showNotice(indicators.message);
     const range = timeOf(this.#query.time) ?? timeRange(history, latest);
     this.#trends.plot.style.setProperty("--panes", panes.length);
     const rules = this.#levels.show({
@@ -382,7 +382,7 @@ export class AssetPage {
       .then(() => this.#handles.show(pane < 0 ? null : pane, this.#levels.levels()));
   }
 
-  /** The indicators that have no chip of their own; a chosen one is taken away by choosing it again. */
+  /** The indicators without a chip of their own; selecting a selected one removes it. */
   #offer(others, panes) {
     const chosen = panes.map((pane) => pane.key);
     const options = [
@@ -410,7 +410,7 @@ export class AssetPage {
       h(
         "p",
         {},
-        "Send vibration records taken while the gears are healthy: they become the baseline that later records are compared with.",
+        "Send vibration records taken while the gears are healthy. They form the baseline for all later records.",
       ),
       h("pre", { tabindex: "0" }, h("code", {}, example)),
       h("button", { type: "button", onclick: () => this.#dialog.open() }, "Add records…"),
@@ -422,12 +422,12 @@ export class AssetPage {
     this.#data = null;
   }
 
-  /** Sends files that were dropped on the page. */
+  /** Sends files dropped on the page. */
   takeFiles(files) {
     return this.#dialog.take(files);
   }
 
-  /** Lets ages grow. */
+  /** Updates the displayed ages. */
   tick() {
     if (this.#header.element.isConnected) this.#header.tick();
     this.#dialog.tick();

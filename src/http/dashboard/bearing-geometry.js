@@ -1,7 +1,7 @@
-// The fault frequencies of rolling bearings over the speed of their shaft, from their geometry; the outer race
-// stands, and nothing slips.
+// Fault orders of rolling bearings, in multiples of the shaft speed, from their geometry; outer race fixed,
+// no slip.
 
-/** The four lines: key, short name, what is hurt. */
+/** The four fault lines: key and short name. */
 export const BEARING_LINES = [
   ["bpfo", "BPFO"],
   ["bpfi", "BPFI"],
@@ -9,7 +9,7 @@ export const BEARING_LINES = [
   ["ftf", "FTF"],
 ];
 
-/** Bearings whose geometry is published with well-known measurements, in mm and degrees. */
+/** Bearings of published test data sets with known geometry, in mm and degrees. */
 export const KNOWN_BEARINGS = [
   { key: "6203", name: "6203 (SKF 6203-2RS)", elements: 8, roller: 6.746, pitch: 28.499, contact: 0 },
   { key: "6205", name: "6205 (SKF 6205-2RS)", elements: 9, roller: 7.94, pitch: 39.04, contact: 0 },
@@ -20,9 +20,12 @@ export const KNOWN_BEARINGS = [
   { key: "ZA2115", name: "ZA-2115 (Rexnord)", elements: 16, roller: 8.407, pitch: 71.501, contact: 15.17 },
 ];
 
-const MOST_ELEMENTS = 1000;
+const MAX_ELEMENTS = 1000;
 
-/** The orders of a geometry: number of rolling elements, their diameter, that of their pitch circle, contact angle in degrees. */
+/**
+ * The fault orders of a geometry: number of rolling elements, roller and pitch diameter, contact angle in
+ * degrees.
+ */
 export function ordersOfGeometry({ elements, roller, pitch, contact }) {
   const ratio = roller / pitch;
   const reach = ratio * Math.cos((contact * Math.PI) / 180);
@@ -34,18 +37,21 @@ export function ordersOfGeometry({ elements, roller, pitch, contact }) {
   };
 }
 
-/** What is wrong with a geometry, in words; empty where nothing is. */
+/** An error message for an invalid geometry; empty when it is valid. */
 export function geometryFault({ elements, roller, pitch, contact }) {
-  if (!(Number.isInteger(elements) && elements >= 2 && elements <= MOST_ELEMENTS))
-    return `Rolling elements: expected a whole number from 2 to ${MOST_ELEMENTS}.`;
-  if (!(pitch > 0)) return "Pitch diameter: expected a number of mm above 0.";
+  if (!(Number.isInteger(elements) && elements >= 2 && elements <= MAX_ELEMENTS))
+    return `Rolling elements: enter a whole number from 2 to ${MAX_ELEMENTS}.`;
+  if (!(pitch > 0)) return "Pitch diameter: enter a value above 0 mm.";
   if (!(roller > 0 && roller < pitch))
-    return "Roller diameter: expected a number of mm above 0 and below the pitch diameter.";
-  if (!(contact >= 0 && contact < 90)) return "Contact angle: expected degrees from 0 to below 90.";
+    return "Roller diameter: enter a value above 0 mm and below the pitch diameter.";
+  if (!(contact >= 0 && contact < 90)) return "Contact angle: enter at least 0° and less than 90°.";
   return "";
 }
 
-/** A bearing of an address: `6205`, `g~9~7.94~39.04~0` by its geometry, or `o~3.58~5.42~2.36~0.398~name` by its orders; null for none. */
+/**
+ * Parses a bearing of an address: `6205`, `g~9~7.94~39.04~0` (geometry), or `o~3.58~5.42~2.36~0.398~name`
+ * (orders); null for none.
+ */
 export function parseBearing(text) {
   const known = KNOWN_BEARINGS.find(({ key }) => key === text);
   if (known) return { key: text, name: known.name, orders: ordersOfGeometry(known), geometry: known };
@@ -55,7 +61,7 @@ export function parseBearing(text) {
     const geometry = { elements: a, roller: b, pitch: c, contact: d };
     return geometryFault(geometry)
       ? null
-      : { key: "g", name: "own geometry", orders: ordersOfGeometry(geometry), geometry };
+      : { key: "g", name: "custom geometry", orders: ordersOfGeometry(geometry), geometry };
   }
   const orders = { bpfo: a, bpfi: b, bsf: c, ftf: d };
   return kind === "o" && Object.values(orders).every((order) => order > 0)
@@ -63,10 +69,10 @@ export function parseBearing(text) {
     : null;
 }
 
-/** A geometry as an address has it. */
+/** Formats a geometry for an address. */
 export const formatGeometry = ({ elements, roller, pitch, contact }) =>
   ["g", elements, roller, pitch, contact].join("~");
 
-/** A bearing of an asset as an address has it. */
+/** Formats an asset's bearing for an address. */
 export const formatOrders = (name, orders) =>
   ["o", ...BEARING_LINES.map(([key]) => Number(orders[key].toPrecision(7))), name].join("~");

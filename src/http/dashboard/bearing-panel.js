@@ -1,4 +1,5 @@
-// Which bearing's lines are marked on the bench: one of the assets', a known one, or any by its geometry.
+// Selects the bearing whose lines are marked on the bench: one of an asset, a known one, or a custom
+// geometry.
 
 import {
   BEARING_LINES,
@@ -14,7 +15,7 @@ import { change, parse } from "./route.js";
 
 const FIELDS = [
   ["elements", "Rolling elements", "1"],
-  ["roller", "Their diameter, mm", "any"],
+  ["roller", "Roller diameter, mm", "any"],
   ["pitch", "Pitch diameter, mm", "any"],
   ["contact", "Contact angle, °", "any"],
 ];
@@ -22,7 +23,7 @@ const FIRST = { elements: 9, roller: 7.94, pitch: 39.04, contact: 0 };
 
 const option = (value, text) => h("option", { value }, text);
 
-/** The choice of a bearing and of its shaft's speed; everything chosen is in the address. */
+/** The selection of a bearing and its shaft speed, kept in the address. */
 export class BearingPanel {
   #bearing = h("select", { id: "bench-bearing", onchange: () => this.#choose(this.#bearing.value) });
   #speed = h("input", {
@@ -63,7 +64,7 @@ export class BearingPanel {
     );
   }
 
-  /** A bearing is chosen to see its lines: they are shown where no other cursor is. */
+  /** Selecting a bearing shows its lines, unless another cursor is shown. */
   #choose(value) {
     const bearing = value === "g" ? formatGeometry(FIRST) : value;
     const { cursor, ecursor } = parse(location.hash).query;
@@ -88,7 +89,7 @@ export class BearingPanel {
       ]),
     );
     const kept = parseBearing(chosen);
-    // of a link whose asset has changed or is not on the bench
+    // from a link whose asset has changed or is not on the bench
     if (kept?.key.startsWith("o~") && !own.some(([value]) => value === chosen)) own.push([chosen, kept.name]);
     const options = JSON.stringify(own);
     if (options === this.#options) return;
@@ -99,27 +100,30 @@ export class BearingPanel {
       own.length
         ? h(
             "optgroup",
-            { label: "Of the assets" },
+            { label: "From the assets" },
             own.map(([value, text]) => option(value, text)),
           )
         : null,
       h(
         "optgroup",
-        { label: "By their geometry" },
+        { label: "Known bearings" },
         KNOWN_BEARINGS.map(({ key, name }) => option(key, name)),
       ),
-      option("g", "Own geometry…"),
+      option("g", "Custom geometry…"),
     );
   }
 
-  /** Follows the address; `assets` are those of the records, `shaft` the first record's speed in hertz. */
+  /**
+   * Updates from the address; `assets` are those of the records, `shaft` is the first record's shaft speed in
+   * Hz.
+   */
   show(query, assets, shaft) {
     this.#offer(assets, query.bearing);
     const bearing = parseBearing(query.bearing);
     this.#bearing.value = bearing?.key ?? "";
     this.#geometry.hidden = bearing?.key !== "g";
     if (document.activeElement !== this.#speed) this.#speed.value = query.speed ?? "";
-    this.#speed.placeholder = shaft ? number(shaft, 5) : "not known";
+    this.#speed.placeholder = shaft ? number(shaft, 5) : "unknown";
     if (bearing?.geometry)
       for (const [key, input] of this.#inputs)
         if (document.activeElement !== input) input.value = String(bearing.geometry[key]);
@@ -129,7 +133,7 @@ export class BearingPanel {
     setText(
       this.#orders,
       bearing
-        ? `${BEARING_LINES.map(line).join(", ")}. The outer race stands, nothing slips.${speed ? "" : " Type in the shaft speed: no record says it."}`
+        ? `${BEARING_LINES.map(line).join(", ")}. Outer race fixed, no slip.${speed ? "" : " Enter the shaft speed: no record has one."}`
         : "",
     );
   }

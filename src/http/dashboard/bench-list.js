@@ -1,8 +1,7 @@
-// The records on the bench as a list: colour, asset, channel, time, and what can be done with each; and the
-// choice of further ones.
+// The records on the bench as a list with colour, asset, channel, time and actions, and a form to add more.
 
 import * as api from "./api.js";
-import { formatRecords, MOST_RECORDS, recordsOf } from "./bench-records.js";
+import { formatRecords, MAX_RECORDS, recordsOf } from "./bench-records.js";
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { clock, number, unit } from "./format.js";
@@ -10,11 +9,11 @@ import { legend } from "./plots.js";
 import { recordWords } from "./record-facts.js";
 import { change, format, parse } from "./route.js";
 
-const OFFERED = 1000; // of the newest records, as the server gives them at once
+const OFFERED = 1000; // newest records offered, the most that the server returns at once
 
 const option = (value, text) => h("option", { value }, text);
 
-/** The list of records, with `onListen(id)` when one is to be heard. */
+/** The list of records; calls `onListen(id)` to play one. */
 export class BenchList {
   #onListen;
   #onError;
@@ -22,7 +21,7 @@ export class BenchList {
   #none = h(
     "p",
     { class: "notice" },
-    "No record is on the bench yet. Choose one below, or “Compare…” on a record's page.",
+    "No records on the bench yet. Add one below, or click “Compare…” on a record's page.",
   );
   #asset = h("select", { id: "bench-asset", onchange: () => this.#offerRecords() }, option("", "Choose…"));
   #channel = h("select", { id: "bench-channel", onchange: () => this.#offerRecords(this.#channel.value) });
@@ -60,13 +59,13 @@ export class BenchList {
     );
   }
 
-  /** Says what went wrong, or how something went. */
-  say(words, kind = "bad") {
+  /** Shows a status message. */
+  showNotice(words, kind = "bad") {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }
 
-  /** Offers assets to choose records of. */
+  /** Offers the assets whose records can be added. */
   offerAssets(assets) {
     if (assets === this.#offered) return;
     this.#offered = assets;
@@ -94,7 +93,7 @@ export class BenchList {
       this.#channel.value = channel;
       this.#channel.disabled = false;
       const { items } = await api.recordsPage(id, { channel, limit: OFFERED, order: "desc" });
-      if (this.#asset.value !== id || this.#channel.value !== channel) return; // another choice came meanwhile
+      if (this.#asset.value !== id || this.#channel.value !== channel) return; // the selection has changed in the meantime
       setChildren(
         this.#record,
         items.map((record) => {
@@ -104,19 +103,19 @@ export class BenchList {
         }),
       );
       this.#record.disabled = this.#add.disabled = items.length === 0;
-      this.say(items.length ? "" : "This asset has no records.");
+      this.showNotice(items.length ? "" : "This asset has no records.");
     } catch (error) {
-      this.say(`The records of “${id}” cannot be listed: ${error.message}.`);
+      this.showNotice(`Failed to list the records of “${id}”: ${error.message}.`);
     }
   }
 
   #addRecord(event) {
     event.preventDefault();
     const ids = recordsOf(parse(location.hash).query);
-    if (ids.includes(this.#record.value)) return this.say("This record is on the bench already.");
-    if (ids.length >= MOST_RECORDS)
-      return this.say(`${MOST_RECORDS} records are on the bench, which is the most: remove one first.`);
-    this.say("");
+    if (ids.includes(this.#record.value)) return this.showNotice("This record is already on the bench.");
+    if (ids.length >= MAX_RECORDS)
+      return this.showNotice(`The bench is full with ${MAX_RECORDS} records: remove one first.`);
+    this.showNotice("");
     change({ records: formatRecords([...ids, this.#record.value]) });
   }
 
@@ -130,7 +129,10 @@ export class BenchList {
     change({ records: formatRecords([id, ...ids]) });
   }
 
-  /** Shows the records, `{ id, segment, asset, colour, name }` each; those without a segment are still being fetched. `heard` is the one that sounds. */
+  /**
+   * Shows the records, each `{ id, segment, asset, colour, name }`; those without a segment are still
+   * loading. `heard` is the record being played.
+   */
   show(records, heard) {
     this.#none.hidden = records.length > 0;
     this.#clear.hidden = records.length < 2;
@@ -185,7 +187,7 @@ export class BenchList {
           "span",
           { class: "muted" },
           missing ? (segment ? `${segment.message}.` : "Loading…") : recordWords(segment),
-          place === 0 ? ". The others are compared with this one." : "",
+          place === 0 ? ". Reference for the others." : "",
         ),
       ),
       h(

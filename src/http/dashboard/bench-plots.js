@@ -1,4 +1,4 @@
-// The plots of the bench: each draws all records over one another, in the quantity and on the scale chosen.
+// The plots of the bench: each overlays all records in the selected quantity and scale.
 
 import { referenceWords } from "./amplitude-scale.js";
 import { BENCH_PANES, benchPanes, CursorChoice } from "./bench-tools.js";
@@ -17,13 +17,13 @@ import { conversionWords, converted, quantityOf } from "./spectrum-quantity.js";
 
 const DRAWN = 6000; // points of a part, more than any screen has columns
 
-/** What a spectrum's part and cursor are called in an address. */
+/** Address parameters of each spectrum's part and cursor. */
 const SPECTRA = {
   spectrum: { part: "band", cursor: "cursor" },
   envelope: { part: "eband", cursor: "ecursor" },
 };
 
-/** What is known of spectra beside the curve: a cursor, the lines that it reads. */
+/** The cursor of a spectrum and the fine lines that it reads. */
 class SpectrumAids {
   #names;
   #card;
@@ -52,13 +52,13 @@ class SpectrumAids {
       layers: others,
       cursors: others.map(({ data }) => cursorOf(query, data, this.#names.cursor) ?? cursor),
     };
-    // the mesh's lines are told by the spectrum itself
-    const told = cursor || this.#names.cursor === "cursor" ? first?.data : null;
-    this.table.show(told, cursor, { sidebands: false, zoom: "" }, further);
+    // the spectrum marks the mesh lines itself
+    const marked = cursor || this.#names.cursor === "cursor" ? first?.data : null;
+    this.table.show(marked, cursor, { sidebands: false, zoom: "" }, further);
   }
 }
 
-/** A drawing with a cursor's lines, which otherwise lie over the plot. */
+/** Adds a cursor's lines to a drawing; on the page they are an overlay instead. */
 function withCursor(drawing, cursor, end) {
   if (!cursor) return drawing;
   const { "series-4": ink, surface } = palette();
@@ -87,7 +87,7 @@ function withCursor(drawing, cursor, end) {
   };
 }
 
-/** All plots of the bench; `onRange(parameters)` gets what the address is to say of a range that was dragged out. */
+/** All plots of the bench; `onRange(parameters)` receives the address parameters of a dragged-out range. */
 export class BenchPlots {
   #cards = new Map(BENCH_PANES.map(({ key, label }) => [key, new PlotCard(key, label)]));
   #aids = new Map();
@@ -105,12 +105,12 @@ export class BenchPlots {
     this.elements = [...this.#cards.values()].map(({ element }) => element);
   }
 
-  /** Marks the plots as being fetched. */
+  /** Marks the plots as loading. */
   busy(is) {
     for (const card of this.#cards.values()) card.busy(is);
   }
 
-  /** Draws the panes that the address asks for, of records with `{ segment, asset, colour, name, panes }`; nothing where none is wanted. */
+  /** Draws the panes selected in the address for records `{ segment, asset, colour, name, panes }`. */
   async show(records, query, isWanted, isLoading) {
     const keys = benchPanes(query);
     this.#gear.show(query, sameTeeth(records));
@@ -137,12 +137,12 @@ export class BenchPlots {
       this.#aids.get(key)?.show(query, []);
       if (key === "spectrum") this.#peaks.show([], [0, 0], query, "");
       const [first] = refused;
-      return card.say(
+      return card.showNotice(
         first
           ? `${first.name}: ${first.panes[key].message ?? "too short for a spectrum"}.`
           : isLoading || records.length
             ? "Loading…"
-            : "None of the records can be shown.",
+            : "None of the records can be displayed.",
       );
     }
     const whole = layersOf(key, usable, query);
@@ -167,15 +167,15 @@ export class BenchPlots {
         : {
             ...drawing,
             sub: `${drawing.sub}${motion}${missing.join("")}`,
-            // the first record over the others, and its marks over all
+            // draw the first record on top of the others, and its marks on top of all
             traces: [...drawing.others, ...drawing.traces],
           };
     };
-    // the page has a cursor's lines over the plot, a picture in it
+    // the page overlays the cursor's lines on the plot; a picture contains them
     const drawing = await card.show(
       (isPicture) => (isPicture ? withCursor(make(), cursor, end) : make()),
       `bench-${key}-${whole[0].name}`,
-      () => (usable.length > 1 ? `${usable.length} records over one another` : usable[0].name),
+      () => (usable.length > 1 ? `${usable.length} records overlaid` : usable[0].name),
     );
     if (typeof drawing === "string") return;
     this.#aids.get(key)?.show(query, whole);
@@ -196,18 +196,18 @@ export class BenchPlots {
 
 const hasLines = (data) => !("frequency_hz" in data) || data.frequency_hz.length > 0;
 
-/** The tooth numbers of records that all have the same, else none. */
+/** The tooth numbers shared by all records, or none when they differ. */
 function sameTeeth(records) {
   const all = records.map(({ asset }) => asset.gear?.teeth);
   return all.every((teeth) => String(teeth) === String(all[0])) ? all[0] : undefined;
 }
 
-/** The records of a pane as the layers of its drawing, spectra in the quantity that is chosen. */
+/** The records of a pane as drawing layers; spectra are converted to the selected quantity. */
 function layersOf(key, records, query) {
   const quantity = quantityOf(query);
   return records.map(({ panes, segment, colour, name }) => {
     const own = panes[key];
-    // by what the data are over: those over the axis that was just chosen are still on their way
+    // by the axis of the data: data for a newly selected axis may still be loading
     const hertz = own.axis ? segment.shaft_speed?.shaft_speed_hz : undefined;
     const placed = hertz ? { ...own, hertz_per_unit: hertz } : own;
     const data = key === "spectrum" ? converted(placed, quantity, hertz ?? 1) : placed;
@@ -215,13 +215,13 @@ function layersOf(key, records, query) {
   });
 }
 
-/** Layers in the colours of the theme that is drawn in. */
+/** Layers in the colours of the current theme. */
 function coloursOf(records, layers) {
   const { records: colours } = palette();
   return layers.map((layer, n) => ({ ...layer, colour: colours[records[n].place] }));
 }
 
-/** What is done to records to show them as the quantity that is chosen. */
+/** Describes the conversion of records to the selected quantity. */
 function motionWords(records, query) {
   return conversionWords(
     records.map(({ segment }) => segment.unit),
@@ -234,15 +234,14 @@ function contextOf(key, records, layers, query, part) {
   const duration = Math.max(...records.map(({ segment: each }) => each.samples / each.sample_rate_hz));
   const notes = [];
   if (key === "spectrum") notes.push(motionWords(records, query));
-  if (key === "envelope" && layers.length > 1)
-    notes.push(" Every record's envelope is taken in the first one's band.");
+  if (key === "envelope" && layers.length > 1) notes.push(" All envelopes use the band of the first record.");
   if (query.scale === "db") notes.push(` ${referenceWords(layers[0].data.unit)}.`);
   if (["spectrum", "envelope"].includes(key) && layers.length > 1 && !layers[0].data.axis) {
     const speeds = records.map(({ segment: each }) => each.shaft_speed?.shaft_speed_hz);
     const [low, high] = [Math.min(...speeds), Math.max(...speeds)];
     if (high > 1.002 * low)
       notes.push(
-        ` Shaft speeds differ, ${number(low)} to ${number(high)} Hz: over orders the lines coincide.`,
+        ` Shaft speeds range from ${number(low)} to ${number(high)} Hz: use an order axis to align the lines.`,
       );
   }
   const view = { scale: query.scale ?? "", part, envelopePart: part, note: notes.join("") };

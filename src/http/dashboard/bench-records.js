@@ -1,32 +1,32 @@
-// Which records lie on the bench: in the address of its page, and for this tab of the browser, so that a
-// record's page can add to them.
+// The records on the bench: kept in the page's address and for this browser tab, so that a record's page can
+// add to them.
 
 import { format, go, parse } from "./route.js";
 
-/** The most records that are told apart by their colours. */
-export const MOST_RECORDS = 8;
+/** The maximum number of records, limited by distinguishable colours. */
+export const MAX_RECORDS = 8;
 
 const KEY = "flankwatch-bench";
 
-/** The records of an address, each once, the first one what the others are compared with. */
+/** The records of an address, without duplicates; the first is the reference. */
 export function recordsOf(query) {
-  return [...new Set((query.records ?? "").split(",").filter(Boolean))].slice(0, MOST_RECORDS);
+  return [...new Set((query.records ?? "").split(",").filter(Boolean))].slice(0, MAX_RECORDS);
 }
 
-/** Records as an address has them. */
+/** Formats records for an address. */
 export const formatRecords = (ids) => ids.join(",") || null;
 
-/** Keeps the bench's view. */
-export function keepBench(query) {
+/** Saves the bench's view for this tab. */
+export function saveBench(query) {
   try {
     sessionStorage.setItem(KEY, format({ page: "bench", query }));
   } catch {
-    // the view is then kept by the address alone
+    // storage unavailable: the view is kept by the address alone
   }
 }
 
-/** The parameters of the bench as it was last seen in this tab. */
-export function keptBench() {
+/** The last parameters of the bench in this tab. */
+export function loadBench() {
   try {
     return parse(sessionStorage.getItem(KEY) ?? "").query;
   } catch {
@@ -34,15 +34,15 @@ export function keptBench() {
   }
 }
 
-/** Puts records on the bench, beside those that lie there, and goes to it; words where there are too many. */
+/** Adds records to the bench and goes to it; returns an error message when there are too many. */
 export function compareOnBench(ids) {
-  const kept = keptBench();
+  const kept = loadBench();
   const together = [...new Set([...recordsOf(kept), ...ids])];
-  const fit = together.length <= MOST_RECORDS ? together : ids;
-  if (fit.length > MOST_RECORDS)
-    return `${ids.length} records are selected, expected at most ${MOST_RECORDS} to compare.`;
+  const fit = together.length <= MAX_RECORDS ? together : ids;
+  if (fit.length > MAX_RECORDS)
+    return `${ids.length} records selected; at most ${MAX_RECORDS} can be compared.`;
   const query = { ...kept, records: formatRecords(fit), part: null, band: null, eband: null };
-  keepBench(query);
+  saveBench(query);
   go({ page: "bench", query });
   return "";
 }

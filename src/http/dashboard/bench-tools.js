@@ -1,4 +1,4 @@
-// What can be chosen for the plots of the bench: ways to look, quantity, scale, axis, cut-off, cursors.
+// The controls of the bench's plots: views, quantity, scale, axis, cut-off, cursors.
 
 import { SCALES } from "./amplitude-scale.js";
 import { h } from "./dom.js";
@@ -7,11 +7,11 @@ import { change, parse } from "./route.js";
 import { CUT_OFFS, QUANTITIES, quantityOf } from "./spectrum-quantity.js";
 import { firstCursor } from "./spectrum-tools.js";
 
-/** The ways to look at records of several machines. */
+/** The views available for records of several machines. */
 export const BENCH_PANES = PANES.filter(({ key }) => key !== "posterior");
 const FIRST_SHOWN = "spectrum";
 
-/** The keys of the panes that an address asks for. */
+/** The keys of the panes selected in the address. */
 export function benchPanes({ show = FIRST_SHOWN }) {
   const keys = show.split(",");
   return BENCH_PANES.filter(({ key }) => keys.includes(key)).map(({ key }) => key);
@@ -31,7 +31,7 @@ const set =
   (value) =>
     change({ [parameter]: value, ...more }, { quiet: true });
 
-/** The bar of choices over the plots; everything chosen is in the address. */
+/** The toolbar above the plots; its state is in the address. */
 export class BenchTools {
   #chips = new Map();
   #quantity = choice(
@@ -49,7 +49,7 @@ export class BenchTools {
   #scale = choice("bench-scale", "Amplitude", SCALES, set("scale"));
   #axis = choice(
     "bench-axis",
-    "Axis of spectra",
+    "Spectrum axis",
     [
       ["", "Hz"],
       ["orders", "Orders"],
@@ -59,7 +59,7 @@ export class BenchTools {
   element;
 
   constructor() {
-    const chips = h("div", { class: "chips", role: "group", "aria-label": "Ways to look at the records" });
+    const chips = h("div", { class: "chips", role: "group", "aria-label": "Views" });
     for (const { key, label } of BENCH_PANES) {
       const chip = h("button", { type: "button", class: "chip", onclick: () => this.#toggle(key) }, label);
       this.#chips.set(key, chip);
@@ -83,7 +83,7 @@ export class BenchTools {
     change({ show: next.join(",") || "none" }, { quiet: true });
   }
 
-  /** Follows the address. */
+  /** Updates from the address. */
   show(query) {
     const shown = benchPanes(query);
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(shown.includes(key)));
@@ -96,7 +96,7 @@ export class BenchTools {
   }
 }
 
-/** The choice of a cursor for one spectrum, which `parameter` of the address keeps. */
+/** The cursor selection of one spectrum, kept in the address as `parameter`. */
 export class CursorChoice {
   #parameter;
   #part;
@@ -104,7 +104,7 @@ export class CursorChoice {
   #select;
   element;
 
-  /** `part` is the parameter of the part that is shown, none where a cursor does not choose it. */
+  /** `part` is the address parameter of the displayed part; null when the cursor does not set it. */
   constructor(parameter, part = null, id = `bench-${parameter}`) {
     [this.#parameter, this.#part] = [parameter, part];
     this.#select = h(
@@ -125,7 +125,7 @@ export class CursorChoice {
     if (kind === "b")
       return change({ [this.#parameter]: kind, bearing: query.bearing || "6205" }, { quiet: true });
     const first = firstCursor(kind, this.#spectrum, { band: query[this.#part], zoom: "" });
-    // around the mesh line where the whole is shown: sidebands are too close there
+    // around the mesh line when the whole spectrum is shown: sidebands are too close together there
     const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft } = this.#spectrum;
     const near =
       kind === "s" && this.#part && !query[this.#part] && mesh && shaft
@@ -138,7 +138,7 @@ export class CursorChoice {
     change({ [this.#parameter]: first.cursor, ...near }, { quiet: true });
   }
 
-  /** Follows the address and the first spectrum. */
+  /** Updates from the address and the first spectrum. */
   show(query, spectrum) {
     this.#spectrum = spectrum;
     this.#select.value = (query[this.#parameter] ?? "").slice(0, 1);

@@ -1,12 +1,12 @@
-// The analyst's bench: records of one or several assets and channels over one another, with cursors, a list
-// of lines, and sound.
+// The analyst's bench: overlays records of any assets and channels, with cursors, a list of lines, and audio
+// playback.
 
 import * as api from "./api.js";
 import { crumbs } from "./asset-frame.js";
 import { BearingPanel } from "./bearing-panel.js";
 import { BenchList } from "./bench-list.js";
 import { BenchPlots } from "./bench-plots.js";
-import { keepBench, keptBench, recordsOf } from "./bench-records.js";
+import { saveBench, loadBench, recordsOf } from "./bench-records.js";
 import { BenchTools, benchPanes } from "./bench-tools.js";
 import { h, setChildren } from "./dom.js";
 import { Listening, SPEEDS } from "./listening.js";
@@ -18,13 +18,16 @@ import { motionOf } from "./spectrum-quantity.js";
 
 const POINTS = 200_000; // of a spectrum: every line of all but very long records
 
-/** Parameters that say what to ask the server for, and those that do so of spectra with more lines than it gives at once. */
+/**
+ * Address parameters that determine what is fetched, and those that fetch more spectral lines than one answer
+ * holds.
+ */
 const REFETCHED = ["records", "show", "axis", "part", "gear", "quantity", "cut"];
 const DETAILED = ["band", "eband", "cursor", "ecursor", "bearing", "speed"];
 
-/** What an address asks for; without records the bench as it was left in this tab, which the address then says. */
+/** The view of an address; without records, the bench as last seen in this tab. */
 function restored(query) {
-  const kept = keptBench();
+  const kept = loadBench();
   if (query.records || !kept.records) return query;
   history.replaceState(null, "", format({ page: "bench", query: kept }));
   return kept;
@@ -52,7 +55,7 @@ export class BenchPage {
     this.#list = new BenchList((id) => this.#listen(id));
     this.#controls = h(
       "section",
-      { class: "card bench-controls", "aria-label": "What is shown of the records" },
+      { class: "card bench-controls", "aria-label": "Display options" },
       this.#tools.element,
       this.#bearing.element,
       h(
@@ -62,7 +65,7 @@ export class BenchPage {
         h(
           "p",
           { class: "muted bench-note" },
-          "“Listen” plays a record over and over, its first 30 s at most, each brought to the same peak: the level is not calibrated.",
+          "“Listen” loops up to 30 s from the start of a record, normalised to the same peak. The level is not calibrated.",
         ),
       ),
     );
@@ -73,7 +76,7 @@ export class BenchPage {
         { class: "asset-header" },
         crumbs(["#/", "Fleet"]),
         h("h1", {}, "Bench"),
-        h("p", { class: "muted" }, "Records of any assets and channels over one another."),
+        h("p", { class: "muted" }, "Compare records of any assets and channels."),
       ),
       h("div", { class: "bench" }, this.#list.element, this.#controls, ...this.#plots.elements),
     );
@@ -81,7 +84,7 @@ export class BenchPage {
     this.#draw();
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     const before = this.#query;
     this.#query = route.query;
@@ -96,7 +99,7 @@ export class BenchPage {
     return [...this.#known.values()].some(({ panes }) => panes.spectrum?.reduced || panes.envelope?.reduced);
   }
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the records and shows what changed. */
   async refresh(signal) {
     const query = this.#query;
     const ids = recordsOf(query);
@@ -109,7 +112,7 @@ export class BenchPage {
     const asked = { ...query, show: benchPanes(query).join(",") || "none", zoom: undefined, near: undefined };
     const [first, ...others] = ids;
     const fetched = first ? [await this.#fetch(first, asked, signal, options)] : [];
-    // each record would look for a band of its own, and be drawn as another quantity
+    // otherwise each record would select its own band and be drawn as another quantity
     const band = fetched[0]?.panes.envelope?.band_hz;
     fetched.push(
       ...(await Promise.all(others.map((id) => this.#fetch(id, asked, signal, { ...options, band })))),
@@ -146,7 +149,7 @@ export class BenchPage {
   }
 
   async #draw() {
-    keepBench(this.#query);
+    saveBench(this.#query);
     const records = this.#records();
     const usable = records.filter(
       ({ segment, asset }) => segment && !(segment instanceof Error) && asset && !(asset instanceof Error),
@@ -165,18 +168,18 @@ export class BenchPage {
     try {
       await this.#listening.play(this.#known.get(id).segment);
     } catch (error) {
-      this.#list.say(`The record cannot be heard: ${error.message}.`);
+      this.#list.showNotice(`Failed to play the record: ${error.message}.`);
     }
   }
 
-  /** Draws everything again from what is known, for another theme. */
+  /** Redraws from known data, for another theme. */
   async redraw() {
     await this.#draw();
   }
 
   tick() {}
 
-  /** Frees the plots and falls silent. */
+  /** Releases the plots and stops playback. */
   dispose() {
     this.#plots.dispose();
     this.#listening.dispose();

@@ -1,11 +1,11 @@
-// The cepstrum: each family of equally spaced lines, such as sidebands, is one peak at its period.
+// The cepstrum: each family of equally spaced lines, such as sidebands, gives one peak at its period.
 
 import { hertz, number } from "./format.js";
 import { recordColumns, recordEntries } from "./layers.js";
 import { palette, verticalLine } from "./plots.js";
 
 /**
- * The drawing of cepstra with the periods of the mesh and the shafts of the first record's machine.
+ * Draws cepstra, with the mesh and shaft periods of the first record's machine.
  * @param {import("./layers.js").Layer[]} layers
  */
 export function cepstrumDrawing(layers, revision) {
@@ -17,13 +17,13 @@ export function cepstrumDrawing(layers, revision) {
   if (shaft) {
     periods.push(
       { name: "mesh", period: 1000 / (shaft * teeth[0]) },
-      { name: "driving turn", period: 1000 / shaft },
+      { name: "driving shaft", period: 1000 / shaft },
     );
     if (teeth[0] !== teeth[1])
-      periods.push({ name: "driven turn", period: (1000 * teeth[1]) / (shaft * teeth[0]) });
+      periods.push({ name: "driven shaft", period: (1000 * teeth[1]) / (shaft * teeth[0]) });
   }
   const shown = periods.filter(({ period }) => period <= x.at(-1));
-  // the lowest quefrencies describe the path, not the machine, and would flatten everything else
+  // the lowest quefrencies describe the transmission path and would dwarf all others
   const from = shaft ? 1000 / (shaft * teeth[0] * 4) : x[0];
   const heights = layers.flatMap(({ data }) =>
     data.value.filter((_, index) => 1000 * data.quefrency_s[index] >= from),
@@ -46,8 +46,8 @@ export function cepstrumDrawing(layers, revision) {
         ["value", data.value],
       ]),
     sub: shaft
-      ? `A peak at one turn says that there are sidebands one shaft speed (${hertz(shaft)}) apart.`
-      : "No shaft speed is known for this record, so no period is marked.",
+      ? `A peak at one shaft period indicates sidebands spaced by the shaft speed (${hertz(shaft)}).`
+      : "The shaft speed of this record is unknown, so no period is marked.",
     summary: `Cepstrum; ${shown.map(({ name, period }) => `${name} at ${number(period)} ms`).join(", ")}.`,
     layout: {
       uirevision: revision,

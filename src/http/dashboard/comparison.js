@@ -1,10 +1,9 @@
-// Two records one above the other, over the same axis and on the same scale: drawn into one another, the
-// stronger would hide the weaker.
+// Two records above one another with the same axis and scale: overlaid, the stronger would hide the weaker.
 
 import { clock } from "./format.js";
 import { palette } from "./plots.js";
 
-const GAP = 0.07; // between the halves, as a part of the plot
+const GAP = 0.07; // between the halves, as a fraction of the plot
 
 /** The drawing of a record with that of the pinned one, `drawing.others`, below it. */
 export function compared(drawing, selected, pinned) {

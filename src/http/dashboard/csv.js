@@ -1,4 +1,4 @@
-// Numbers as a CSV file, for a spreadsheet.
+// CSV export for spreadsheets.
 
 import { h } from "./dom.js";
 
@@ -8,7 +8,7 @@ function cell(value) {
   return /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 }
 
-/** Columns, `[heading, values]` each, as CSV text. */
+/** Columns, each `[heading, values]`, as CSV text. */
 export function csvText(columns) {
   const rows = Math.max(0, ...columns.map(([, values]) => values.length));
   const lines = [columns.map(([heading]) => cell(heading)).join(",")];
@@ -16,7 +16,7 @@ export function csvText(columns) {
   return `${lines.join("\r\n")}\r\n`;
 }
 
-/** Lets the browser save columns as a file. */
+/** Saves columns as a file. */
 export function saveCsv(columns, name) {
   const href = URL.createObjectURL(new Blob([csvText(columns)], { type: "text/csv" }));
   const link = h("a", { href, download: `${name.replaceAll(":", "-")}.csv` });

@@ -1,15 +1,15 @@
-// A cursor over a spectrum as an address has it, and the lines that belong to it.
+// Spectrum cursors: parsing and formatting for addresses, and the lines that belong to a cursor.
 
 import { BEARING_LINES, parseBearing } from "./bearing-geometry.js";
 
-const MOST_HARMONICS = 30;
+const MAX_HARMONICS = 30;
 const SIDEBANDS = 5;
 const BEARING_HARMONICS = 3;
 
 /** @typedef {{ kind: string, base: number, spacing?: number, orders?: Record<string, number>, name?: string }} Cursor */
 
 /**
- * A cursor of an address: `h~399.4`, or `s~399.4~16.64`; null for none.
+ * Parses a cursor of an address: `h~399.4`, or `s~399.4~16.64`; null for none.
  * @returns {Cursor | null}
  */
 export function parseCursor(text) {
@@ -20,8 +20,9 @@ export function parseCursor(text) {
 }
 
 /**
- * The cursor of an address over a spectrum, of `query[parameter]`: of those of `parseCursor`, or with `b` the lines of the bearing that the address names, at its speed in
- * hertz or else at that of the record; null for none.
+ * The cursor `query[parameter]` over a spectrum. Besides the forms of `parseCursor`, `b` marks the lines of
+ * the bearing named in the address, at the speed given there in Hz or else at the record's speed. Null for
+ * none.
  */
 export function cursorOf(query, spectrum, parameter = "cursor") {
   if (query[parameter] !== "b") return parseCursor(query[parameter]);
@@ -32,7 +33,7 @@ export function cursorOf(query, spectrum, parameter = "cursor") {
 }
 
 /**
- * The cursor as an address has it.
+ * Formats a cursor for an address.
  * @param {{ kind: string, base: number, spacing?: number }} cursor
  */
 export function formatCursor({ kind, base, spacing }) {
@@ -53,14 +54,14 @@ function bearingLines(base, orders) {
 }
 
 /**
- * Its lines up to the spectrum's `end`: `x` in the unit of the axis and a `label`.
+ * The cursor's lines up to `end` of the spectrum: `x` in the unit of the axis, and a `label`.
  * @param {Cursor} cursor
  * @param {number} end
  */
 export function cursorLines({ kind, base, spacing, orders }, end) {
   if (kind === "b") return bearingLines(base, orders).filter(({ x }) => x <= end);
   if (kind === "h")
-    return Array.from({ length: Math.min(MOST_HARMONICS, Math.floor(end / base)) }, (_, n) => ({
+    return Array.from({ length: Math.min(MAX_HARMONICS, Math.floor(end / base)) }, (_, n) => ({
       x: (n + 1) * base,
       label: `${n + 1}×`,
     }));
@@ -71,7 +72,8 @@ export function cursorLines({ kind, base, spacing, orders }, end) {
 }
 
 /**
- * `[from, to]` of what a cursor reads, with room for a line more and in large steps, so that a cursor that is moved a little reads the same.
+ * The range `[from, to]` that a cursor reads, plus one line and rounded to large steps, so that a small move
+ * needs no new data.
  * @param {Cursor} cursor
  * @param {number} end
  */
@@ -79,7 +81,7 @@ export function cursorReach({ kind, base, spacing, orders }, end) {
   const upwards = (reach) => 2 ** Math.ceil(Math.log2(reach));
   if (kind === "b")
     return [0, Math.min(end, upwards((BEARING_HARMONICS + 1) * base * Math.max(...Object.values(orders))))];
-  if (kind === "h") return [0, Math.min(end, upwards((MOST_HARMONICS + 1) * base))];
+  if (kind === "h") return [0, Math.min(end, upwards((MAX_HARMONICS + 1) * base))];
   const reach = (SIDEBANDS + 1) * spacing;
   const step = upwards(reach);
   return [

@@ -1,5 +1,5 @@
-// A cursor over a spectrum: a family of equally spaced lines that follows a dragged one. Lines are elements
-// of their own over the plot, so that a drag moves them without drawing the plot anew.
+// A cursor over a spectrum: equally spaced lines that follow a dragged one. The lines are separate elements
+// over the plot, so that dragging does not redraw the plot.
 
 import { BEARING_LINES } from "./bearing-geometry.js";
 import { cursorLines } from "./cursor-lines.js";
@@ -8,10 +8,10 @@ import { amplitudeAt, peakNear } from "./fine-lines.js";
 import { number, unit } from "./format.js";
 import { axisOf } from "./spectrum-plot.js";
 
-const LABEL_PX = 52; // that the label of a bearing's line takes
-const SNAP = 4; // lines of the spectrum to each side within which a let-go cursor finds the peak
+const LABEL_PX = 52; // width of a bearing line's label
+const SNAP = 4; // lines of the spectrum to each side within which a released cursor snaps to the peak
 
-/** The lines of a cursor over one plot; `onSet` gets the cursor that the user has let go of. */
+/** The lines of a cursor over one plot; `onSet` receives the released cursor. */
 export class CursorLayer {
   #plot;
   #onSet;
@@ -24,13 +24,13 @@ export class CursorLayer {
   #layer;
   readout = h("p", { class: "cursor-readout", "aria-live": "polite", hidden: true });
 
-  /** `isAbove` draws the lines over a plot that is opaque. */
+  /** `isAbove` draws the lines above an opaque plot. */
   constructor({ plot, frame }, onSet, isAbove = false) {
     this.#plot = plot;
     this.#onSet = onSet;
     this.#handles.base = this.#handle("base");
     this.#handles.spacing = this.#handle("spacing");
-    // the lines lie under the plot: they would cover the peaks that they measure
+    // below the plot: the lines would cover the peaks that they measure
     this.#ground = h("div", { class: "cursor-layer", hidden: true }, this.#lines);
     this.#layer = h(
       "div",
@@ -42,7 +42,7 @@ export class CursorLayer {
       this.#ground.classList.add("above");
       frame.append(this.#ground);
     } else frame.prepend(this.#ground);
-    frame.append(this.#layer); // beside the plot, which is one picture to a screen reader
+    frame.append(this.#layer); // beside the plot, which screen readers see as one image
   }
 
   #handle(what) {
@@ -117,7 +117,7 @@ export class CursorLayer {
       handle.setAttribute("aria-valuenow", String(Number(x.toPrecision(7))));
       handle.setAttribute("aria-valuemin", "0");
       handle.setAttribute("aria-valuemax", String(this.#spectrum.frequency_hz.at(-1)));
-      handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).say(x));
+      handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).showNotice(x));
     };
     const { kind, base, spacing } = this.#cursor;
     if (kind === "b") this.#handles.base.hidden = true;
@@ -132,7 +132,7 @@ export class CursorLayer {
     setText(this.readout, this.#words(shown));
   }
 
-  /** Labels of a bearing's lines, each kind in a row of its own, without those that would cover one another; null of other cursors. */
+  /** Labels of a bearing's lines, one row per kind, without overlapping ones; null for other cursors. */
   #labelRows(shown, axis) {
     if (this.#cursor.kind !== "b") return null;
     const kinds = BEARING_LINES.map(([, name]) => name);
@@ -153,17 +153,17 @@ export class CursorLayer {
     const spectrum = this.#spectrum;
     const { say } = axisOf(spectrum);
     const amplitudes = shown.map(({ x, label }) => ({ label, amplitude: amplitudeAt(spectrum, x) }));
-    // dragged beyond the lines that were fetched for it: the rest comes when it is let go of
+    // dragged beyond the fetched lines: the rest is fetched on release
     const value = (amplitude) =>
       amplitudes.some((line) => line.amplitude === undefined)
         ? "…"
         : `${number(amplitude, 3)} ${unit(spectrum.unit)}`.trim();
     if (kind === "b") {
-      if (shown.length === 0) return `Bearing ${this.#cursor.name}: its lines lie beyond the spectrum`;
+      if (shown.length === 0) return `Bearing ${this.#cursor.name}: lines beyond the spectrum`;
       const first = amplitudes.filter(({ label }) => !label.includes("×"));
       const words = first.map(({ label, amplitude }, n) => {
         const x = shown.find((line) => line.label === first[n].label).x;
-        return `${label} ${say(x)} with ${value(amplitude)}`;
+        return `${label} ${say(x)} at ${value(amplitude)}`;
       });
       const speed = axisOf(spectrum).name === "order" ? "" : `, shaft ${say(base)}`;
       return `Bearing ${this.#cursor.name}${speed}: ${words.join("; ")}`;
@@ -172,13 +172,13 @@ export class CursorLayer {
       if (shown.length === 0) return `Harmonics: ${say(base)} lies beyond the spectrum`;
       const strongest = amplitudes.reduce((a, b) => (b.amplitude > a.amplitude ? b : a));
       const shaft = spectrum.shaft_speed_hz ? ` = ${number(base / spectrum.shaft_speed_hz, 4)} × shaft` : "";
-      return `Harmonics: spacing ${say(base)}${shaft}; ${shown.length} lines to ${say(shown.at(-1).x)}; strongest ${strongest.label} with ${value(strongest.amplitude)}`;
+      return `Harmonics: spacing ${say(base)}${shaft}; ${shown.length} lines to ${say(shown.at(-1).x)}; strongest ${strongest.label} at ${value(strongest.amplitude)}`;
     }
     const centre = amplitudes.find(({ label }) => label === "0");
     const sides = amplitudes.filter(({ label }) => label !== "0");
     const rss = Math.sqrt(sides.reduce((sum, { amplitude }) => sum + amplitude ** 2, 0));
     const shaft = spectrum.shaft_speed_hz ? ` = ${number(spacing / spectrum.shaft_speed_hz, 4)} × shaft` : "";
-    return `Sidebands: centre ${say(base)} with ${value(centre?.amplitude ?? 0)}; spacing ${say(spacing)}${shaft}; ${sides.length} lines, root sum square ${value(rss)}`;
+    return `Sidebands: centre ${say(base)} at ${value(centre?.amplitude ?? 0)}; spacing ${say(spacing)}${shaft}; ${sides.length} lines, root sum square ${value(rss)}`;
   }
 
   #move(what, x) {

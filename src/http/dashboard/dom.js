@@ -1,4 +1,4 @@
-// Building elements without markup strings, so that no text from outside is ever read as markup.
+// Builds elements without markup strings, so that external text is never parsed as markup.
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -14,27 +14,27 @@ function fill(element, properties, children) {
   return element;
 }
 
-/** An HTML element; `onclick` and the like take listeners, everything else is an attribute. */
+/** Creates an HTML element; functions such as `onclick` become listeners, everything else an attribute. */
 export function h(tag, properties, ...children) {
   return fill(document.createElement(tag), properties, children);
 }
 
-/** An SVG element. */
+/** Creates an SVG element. */
 export function svg(tag, properties, ...children) {
   return fill(document.createElementNS(SVG, tag), properties, children);
 }
 
-/** What the page's focus says about itself: the `data-` attribute of that name; undefined without one. */
+/** The `data-` attribute `name` of the focused element; undefined when it has none. */
 export const focusedData = (name) =>
   document.activeElement instanceof HTMLElement ? document.activeElement.dataset[name] : undefined;
 
-/** The same of what the focus is in, an element that a selector names. */
+/** The same of the closest ancestor of the focused element that matches `selector`. */
 export function focusedIn(selector, name) {
   const around = document.activeElement?.closest(selector);
   return around instanceof HTMLElement ? around.dataset[name] : undefined;
 }
 
-/** Sets an element's text only where it differs, so that a selection in it and a screen reader are left in peace. */
+/** Sets an element's text only if it differs, to keep text selections and avoid repeated announcements. */
 export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }

@@ -1,9 +1,9 @@
-// Files dropped anywhere on a page: those of an asset become its records, on another page it is said where
-// they belong.
+// Files dropped on a page: on an asset's page they are imported, elsewhere a dialog explains where to drop
+// them.
 
 import { h } from "./dom.js";
 
-/** Calls back with files that are dropped on `element`. */
+/** Calls back with files dropped on `element`. */
 function acceptDrops(element, onFiles) {
   const hasFiles = (event) => [...(event.dataTransfer?.types ?? [])].includes("Files");
   const mark = (is) => document.body.classList.toggle("dropping", is);
@@ -15,7 +15,7 @@ function acceptDrops(element, onFiles) {
   element.addEventListener("dragleave", (event) => event.relatedTarget || mark(false));
   element.addEventListener("drop", (event) => {
     if (!hasFiles(event)) return;
-    event.preventDefault(); // or the browser would leave the page to show the file
+    event.preventDefault(); // otherwise the browser would leave the page to show the file
     mark(false);
     onFiles([...event.dataTransfer.files]);
   });
@@ -27,7 +27,7 @@ function dialogWithout(files) {
   const words = h(
     "p",
     {},
-    `${what} cannot be taken here: records belong to an asset. Open the asset, and drop them on one of its pages.`,
+    `${what} cannot be imported here: records belong to an asset. Open the asset and drop the files on one of its pages.`,
   );
   const dialog = h(
     "dialog",
@@ -38,7 +38,7 @@ function dialogWithout(files) {
   return dialog;
 }
 
-/** Takes dropped files; `current()` is the page on show and the id of its asset, where it has one. */
+/** Handles dropped files; `current()` gives the displayed page and the id of its asset, if any. */
 export function bindDrops(current) {
   let [dialog, dialogId] = [null, null];
   const show = (element) => {

@@ -1,4 +1,4 @@
-// Alarms and maintenance of one asset, the latest first, with the way to enter maintenance.
+// Alarms and maintenance of one asset, newest first, with a button to enter maintenance.
 
 import { changeWords, quantityWords, stateWords } from "./alarm-words.js";
 import { h, setChildren, svg } from "./dom.js";
@@ -10,7 +10,7 @@ import { symbol } from "./symbols.js";
 
 const KEYS = { danger: "danger", warning: "warning" };
 
-/** One alarm; of `elsewhere` where it is another channel's. */
+/** One alarm; `elsewhere` marks one of another channel. */
 function alarmItem(alarm, elsewhere = false) {
   const { id, quantity, severity, history, asset_id: asset, channel } = alarm;
   const latest = history.findLast(({ action, withdrawn_at: withdrawn }) => !action && !withdrawn);
@@ -46,10 +46,10 @@ export class EventsCard {
   #words = h("p", { class: "muted loading" }, "Loading…");
   element;
 
-  /** `onTell()` opens the dialog for maintenance, `onRemove(event)` takes one back. */
-  constructor(onTell, onRemove) {
+  /** `onAdd()` opens the maintenance dialog; `onRemove(event)` deletes an entry. */
+  constructor(onAdd, onRemove) {
     this.#onRemove = onRemove;
-    const tell = h("button", { type: "button", onclick: onTell }, "Enter maintenance…");
+    const tell = h("button", { type: "button", onclick: onAdd }, "Add maintenance…");
     this.element = h(
       "section",
       { class: "card events-card", "aria-label": "Alarms and maintenance" },
@@ -64,26 +64,26 @@ export class EventsCard {
     if (sameEvents(events, this.#shown)) return;
     this.#shown = events;
     const { maintenance, alarms, others, refused } = events;
-    const told = maintenance instanceof Error ? [] : maintenance.items;
+    const entries = maintenance instanceof Error ? [] : maintenance.items;
     const trouble = refused ?? (maintenance instanceof Error ? maintenance : null);
     this.#words.textContent = trouble
       ? trouble.message
-      : alarms.length + others.length + told.length
+      : alarms.length + others.length + entries.length
         ? ""
-        : "No alarm of this channel has been raised, and no maintenance was entered.";
+        : "No alarms on this channel and no maintenance entries.";
     this.#words.hidden = !this.#words.textContent;
-    this.#list.hidden = alarms.length + others.length + told.length === 0;
+    this.#list.hidden = alarms.length + others.length + entries.length === 0;
     setChildren(
       this.#list,
       alarms.map((alarm) => alarmItem(alarm)),
       others.map((alarm) => alarmItem(alarm, true)),
-      told.map((event) => this.#told(event)),
+      entries.map((event) => this.#maintenanceItem(event)),
     );
   }
 
-  #told(event) {
+  #maintenanceItem(event) {
     const { time, kind, by, comment, inspection } = event;
-    const said = [
+    const details = [
       inspection && inspectionWords(inspection),
       clock(time),
       by && `entered by ${by}`,
@@ -96,10 +96,10 @@ export class EventsCard {
       {
         type: "button",
         class: "quiet",
-        "aria-label": `Take back: ${maintenanceWord(kind)}, ${clock(time)}`,
+        "aria-label": `Delete entry: ${maintenanceWord(kind)}, ${clock(time)}`,
         onclick: () => this.#onRemove(event),
       },
-      "Take back",
+      "Delete",
     );
     return h(
       "li",
@@ -107,7 +107,7 @@ export class EventsCard {
       wrench(),
       h("strong", { title: MAINTENANCE[kind]?.words }, maintenanceWord(kind)),
       remove,
-      h("span", { class: "muted" }, said),
+      h("span", { class: "muted" }, details),
     );
   }
 }

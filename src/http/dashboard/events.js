@@ -1,11 +1,14 @@
-// What the server tells of itself: a stream of server-sent events.
+// The stream of server-sent events.
 
 import { address } from "./api.js";
 import { readEvents } from "./server-events.js";
 
 const AGAIN_MS = 10_000;
 
-/** Follows `/v1/events`; `onEvent(kind)` for each, `onState(connected)` when the stream begins and ends. */
+/**
+ * Follows `/v1/events`: calls `onEvent(kind)` for each event and `onState(connected)` when the stream starts
+ * and ends.
+ */
 export class Events {
   #onEvent;
   #onState;
@@ -27,7 +30,7 @@ export class Events {
           onEvent: (event) => this.#take(event),
         });
       } catch {
-        // lost or refused: polling goes on meanwhile
+        // lost or refused: polling continues meanwhile
       }
       this.#set(false);
       await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));

@@ -1,4 +1,4 @@
-// Features of a record as changes since the baseline, beside what the library expects of the estimated wear.
+// Feature changes since the baseline, compared with the library's prediction for the estimated wear.
 
 import { AGREEMENT_RULE, agrees, counts, whisker } from "./agreement.js";
 import { depth, featureName, number } from "./format.js";
@@ -18,7 +18,7 @@ export function featureDrawing(
   const y = rows.map((row) => featureName(row.name));
   const expected = rows.filter((row) => row.expected_db != null);
   const words = (row) =>
-    `${featureName(row.name)}: measured ${number(row.measured_db, 3)} dB ± ${number(whisker(row), 2)}, expected ${row.expected_db == null ? "–" : `${number(row.expected_db, 3)} dB`}${row.above_noise ? (counts(row) ? (agrees(row) ? ": agrees" : ": does not agree") : "") : ", in the noise when healthy: left out"}`;
+    `${featureName(row.name)}: measured ${number(row.measured_db, 3)} dB ± ${number(whisker(row), 2)}, expected ${row.expected_db == null ? "–" : `${number(row.expected_db, 3)} dB`}${row.above_noise ? (counts(row) ? (agrees(row) ? ": agrees" : ": disagrees") : "") : ", in the noise when healthy: not used"}`;
   const odd = (row) => counts(row) && !agrees(row);
   const point = (filter, symbol, name, ink) => {
     const some = rows.filter(filter);
@@ -58,16 +58,16 @@ export function featureDrawing(
         hoverinfo: "skip",
       },
       point((row) => row.above_noise && !odd(row), "diamond", "measured", colour.ink),
-      point(odd, "x", "does not agree", colour.danger),
+      point(odd, "x", "disagrees", colour.danger),
       point((row) => !row.above_noise, "diamond-open", "in the noise", colour.ink),
     ],
     legend: [
       ["band", colour.band, `library, ${depth(low)} to ${depth(high)} µm`],
       ["line", colour.accent, `library at ${depth(wear)} µm`],
       ["filled", colour.ink, "measured, with its whisker"],
-      ...(rows.some(odd) ? [["cross", colour.danger, "measured, does not agree"]] : []),
+      ...(rows.some(odd) ? [["cross", colour.danger, "measured, disagrees"]] : []),
       ...(rows.some((row) => !row.above_noise)
-        ? [["diamond", colour.ink, "in the noise when healthy: left out"]]
+        ? [["diamond", colour.ink, "in the noise when healthy: not used"]]
         : []),
     ],
     table: () => [
@@ -77,7 +77,7 @@ export function featureDrawing(
       ["expected_db", rows.map((row) => row.expected_db)],
       ["above_noise", rows.map((row) => row.above_noise)],
     ],
-    sub: `Amplitudes against the mean of the first ${records} records. ${AGREEMENT_RULE}.`,
+    sub: `Amplitudes relative to the mean of the first ${records} records. ${AGREEMENT_RULE}.`,
     summary: rows.map(words).join("; "),
     layout: {
       uirevision: revision,

@@ -1,10 +1,9 @@
-// When a file's record began: from its contents, from a date in its name, or from when the file was changed
-// last.
+// The start time of a file's record: from its contents, a date in its name, or its modification time.
 
 const NAME =
   /(?<!\d)((?:19|20)\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])(?:[T _.-]*([01]\d|2[0-3])[-_.:h]?([0-5]\d)(?:[-_.:m]?([0-5]\d)(?:[.,_](\d{1,6}))?)?)?(?!\d)/;
 
-/** The time that a file's name holds, read as UTC, as an ISO time; null without one. */
+/** The time in a file's name, read as UTC, as an ISO time; null when there is none. */
 export function startInName(name) {
   const [, ...parts] = NAME.exec(name.replace(/\.\w+$/, "")) ?? [];
   if (parts.length === 0) return null;
@@ -14,13 +13,15 @@ export function startInName(name) {
   return time.getUTCDate() === day ? time.toISOString() : null; // there is no 31 February
 }
 
-/** `{ time, source }` of a file: an ISO time and where it is from. `told` is what its samples say, null where they do not. */
-export function startOfFile(file, told) {
-  if (told) return { time: told, source: "from its time column" };
+/**
+ * `{ time, source }` of a file: an ISO time and its source. `startTime` is the start time in its samples, or null.
+ */
+export function startOfFile(file, startTime) {
+  if (startTime) return { time: startTime, source: "from its time column" };
   const named = startInName(file.name);
-  if (named) return { time: named, source: "from its name, read as UTC" };
+  if (named) return { time: named, source: "from the file name, read as UTC" };
   return {
     time: new Date(file.lastModified).toISOString(),
-    source: "when the file was changed last: check it",
+    source: "modification time of the file: please check",
   };
 }

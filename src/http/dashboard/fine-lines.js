@@ -1,13 +1,13 @@
-// The lines of a spectrum at full resolution: those of the part that is looked at, and those that a cursor
-// reads. The whole is drawn from fewer points, of which each stands for the greatest of many lines.
+// Spectral lines at full resolution for the visible part and for cursors. The whole spectrum is drawn from
+// fewer points, each the maximum of many lines.
 
 import { cursorReach } from "./cursor-lines.js";
 
-const MOST = 200_000; // lines that the server gives at once
-const MOST_DRAWN = 20_000; // more than any screen has columns
-const MARGIN = 0.1; // of a part, to either side: a pinned record runs at a speed of its own
+const MAX_LINES = 200_000; // lines that the server returns at once
+const MAX_DRAWN = 20_000; // more than any screen has columns
+const MARGIN = 0.1; // of a part, on either side: the pinned record may run at another speed
 
-/** Lines that stand `step` apart without a gap, the first of them at `first` steps. */
+/** Contiguous lines spaced by `step`; the first is at `first` steps. */
 class FineLines {
   constructor(step, first, amplitude) {
     this.step = step;
@@ -19,7 +19,7 @@ class FineLines {
     return new FineLines(step, Math.round((x[0] ?? 0) / step), amplitude);
   }
 
-  /** Place of the greatest line within `reach` lines of a frequency; -1 where that lies outside. */
+  /** Index of the largest line within `reach` lines of a frequency; -1 outside the range. */
   #greatest(frequency, reach) {
     const nearest = Math.round(frequency / this.step) - this.first;
     if (!(nearest >= 0 && nearest < this.amplitude.length)) return -1;
@@ -29,18 +29,21 @@ class FineLines {
     return best;
   }
 
-  /** The amplitude at a frequency: the greatest of the nearest three lines, as a tone may fall between two; undefined outside. */
+  /**
+   * The amplitude at a frequency: the maximum of the nearest three lines, as a tone may fall between two;
+   * undefined outside.
+   */
   at(frequency) {
     return this.amplitude[this.#greatest(frequency, 1)];
   }
 
-  /** The same lines with other amplitudes, by frequency and amplitude. */
+  /** The same lines with other amplitudes, from frequency and amplitude. */
   map(change) {
     const changed = this.amplitude.map((each, n) => change((this.first + n) * this.step, each));
     return new FineLines(this.step, this.first, changed);
   }
 
-  /** Every line that is above its neighbours from one frequency to another. */
+  /** The local maxima between two frequencies. */
   peaks([from, to]) {
     const found = [];
     const [low, high] = [Math.ceil(from / this.step), Math.floor(to / this.step)].map((n) => n - this.first);
@@ -53,30 +56,30 @@ class FineLines {
     return found;
   }
 
-  /** Whether all of a part is known. */
+  /** Whether all lines of a part are known. */
   covers([from, to]) {
     const end = this.first + this.amplitude.length;
     return from / this.step >= this.first - 1 && to / this.step <= end;
   }
 
-  /** The frequency of the greatest line within `reach` lines; undefined outside. */
+  /** The frequency of the largest line within `reach` lines; undefined outside. */
   peakNear(frequency, reach) {
     const best = this.#greatest(frequency, reach);
     return best < 0 ? undefined : (this.first + best) * this.step;
   }
 }
 
-/** The amplitude at a frequency at full resolution; undefined where those lines are not known. */
+/** The amplitude at a frequency at full resolution; undefined when those lines are not known. */
 export function amplitudeAt({ fine }, frequency) {
   return fine.map((lines) => lines.at(frequency)).find((amplitude) => amplitude !== undefined);
 }
 
-/** The frequency of the peak within `reach` lines; undefined where those lines are not known. */
+/** The frequency of the peak within `reach` lines; undefined when those lines are not known. */
 export function peakNear({ fine }, frequency, reach) {
   return fine.map((lines) => lines.peakNear(frequency, reach)).find((peak) => peak !== undefined);
 }
 
-/** The `count` greatest peaks of a part, the greatest first; null where its lines are not all known. */
+/** The `count` largest peaks of a part in descending order; null when its lines are not all known. */
 export function greatestPeaks({ fine, frequency_hz: x }, range, count) {
   const [from, to] = range;
   const part = [from, Math.min(to, x.at(-1) ?? to)];
@@ -88,7 +91,10 @@ export function greatestPeaks({ fine, frequency_hz: x }, range, count) {
     .slice(0, count);
 }
 
-/** A spectrum with other amplitudes, those of its fine lines too; `change` gives one by frequency and amplitude. */
+/**
+ * A spectrum with other amplitudes, also in its fine lines; `change` maps frequency and amplitude to an
+ * amplitude.
+ */
 export function mapLines(spectrum, change) {
   const over = ({ frequency_hz: x, amplitude }) => amplitude.map((each, n) => change(x[n], each));
   const { fine, part, mesh_harmonics: harmonics } = spectrum;
@@ -109,7 +115,10 @@ export function mapLines(spectrum, change) {
   };
 }
 
-/** A spectrum with at most so many points in a part, of which each is the greatest of its stretch; the part itself is `part` then. */
+/**
+ * A spectrum reduced to at most `most` points in `range`, each the maximum of its stretch; the reduced part
+ * is `part`.
+ */
 export function thinned(spectrum, range, most) {
   const [from, to] = range;
   const { frequency_hz: x, amplitude } = spectrum;
@@ -131,21 +140,21 @@ export function thinned(spectrum, range, most) {
   };
 }
 
-/** Every line from one frequency to another; `ask(from, to, points)` asks the server for some of them. */
+/** Every line between two frequencies; `ask(from, to, points)` requests some of them from the server. */
 async function linesOf(ask, step, [from, to]) {
   const [first, last] = [Math.max(0, Math.floor(from / step)), Math.ceil(to / step)];
   const amplitude = [];
-  for (let low = first; low <= last; low += MOST) {
-    const high = Math.min(last, low + MOST - 1);
-    // half a line more, so that rounding takes none away
-    const part = await ask(Math.max(0, (low - 0.5) * step), (high + 0.5) * step, MOST);
+  for (let low = first; low <= last; low += MAX_LINES) {
+    const high = Math.min(last, low + MAX_LINES - 1);
+    // half a line more, so that rounding loses none
+    const part = await ask(Math.max(0, (low - 0.5) * step), (high + 0.5) * step, MAX_LINES);
     amplitude.push(part.amplitude);
     if (part.amplitude.length < high - low + 1) break; // the spectrum ends here
   }
   return new FineLines(step, first, amplitude.flat());
 }
 
-/** The points of the whole with those of a part in their place. */
+/** The points of the whole spectrum with those of a part replaced. */
 function spliced({ frequency_hz: x, amplitude: y }, part) {
   const { frequency_hz: inner, amplitude } = part;
   if (inner.length === 0) return {};
@@ -159,8 +168,8 @@ function spliced({ frequency_hz: x, amplitude: y }, part) {
 }
 
 /**
- * A spectrum with its `fine` lines: those of the `part` that is looked at, which is drawn from them, and those `read` besides. `part` and
- * `read` are `[from, to]` or null; `ask(from, to, points)` asks the server.
+ * A spectrum with its `fine` lines: those of the visible `part`, which is drawn from them, and those in
+ * `read`. Both are `[from, to]` or null; `ask(from, to, points)` requests lines from the server.
  */
 export async function withFineLines(spectrum, part, read, ask) {
   if (!spectrum.reduced || spectrum.frequency_hz.length === 0)
@@ -169,12 +178,12 @@ export async function withFineLines(spectrum, part, read, ask) {
   const fine = read ? [await linesOf(ask, step, read)] : [];
   if (!part) return { ...spectrum, fine };
   const margin = MARGIN * (part[1] - part[0]);
-  const shown = await ask(Math.max(0, part[0] - margin), part[1] + margin, MOST_DRAWN);
+  const shown = await ask(Math.max(0, part[0] - margin), part[1] + margin, MAX_DRAWN);
   if (!shown.reduced) fine.push(FineLines.of(shown));
   return { ...spectrum, ...spliced(spectrum, shown), fine, part: shown };
 }
 
-/** The frequencies that a cursor reads; null without one. */
+/** The frequency range that a cursor reads; null without a cursor. */
 export function readByCursor(cursor, spectrum) {
   return cursor && cursorReach(cursor, spectrum.frequency_hz.at(-1));
 }

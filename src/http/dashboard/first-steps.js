@@ -1,8 +1,8 @@
-// What to do first on a server without assets.
+// First steps, shown on a server without assets.
 
 import { h } from "./dom.js";
 
-/** A command below what it does, with a button that copies it. */
+/** A command with its description and a copy button. */
 function command(title, text) {
   const button = h("button", { type: "button", class: "quiet" }, "Copy");
   button.addEventListener("click", async () => {
@@ -10,7 +10,7 @@ function command(title, text) {
       await navigator.clipboard.writeText(text);
       button.textContent = "Copied";
     } catch {
-      button.textContent = "Select and copy by hand";
+      button.textContent = "Copy manually";
     }
   });
   return [
@@ -19,7 +19,7 @@ function command(title, text) {
   ];
 }
 
-/** The steps from nothing to a first wear estimate, with this server's own address in them. */
+/** The steps to a first wear estimate, with this server's address filled in. */
 export function firstSteps() {
   const base = new URL(".", document.baseURI).href.replace(/\/$/, "");
   const asset = `curl -X POST ${base}/v1/assets -H 'content-type: application/json' -d '{
@@ -36,7 +36,7 @@ export function firstSteps() {
     h(
       "p",
       {},
-      "An asset is one gear mesh seen by one or more accelerometers. Describe one, then send it vibration records: its first 20 records, taken while the gears are healthy, become the baseline.",
+      "An asset is one gear mesh seen by one or more accelerometers. Create one, then send it vibration records. The first 20 records, taken while the gears are healthy, form the baseline.",
     ),
     h(
       "ol",
@@ -44,14 +44,14 @@ export function firstSteps() {
       h(
         "li",
         {},
-        h("h3", {}, "Describe the gear mesh"),
+        h("h3", {}, "Create an asset"),
         h(
           "p",
           { class: "first-step" },
           h("a", { class: "button primary", href: "#/new" }, "New asset"),
-          " with its gear pair drawn and previewed as you type.",
+          " shows the gear pair and a preview as you type.",
         ),
-        command(h("span", {}, "Or by the API:"), asset),
+        command(h("span", {}, "Or with the API:"), asset),
       ),
       h("li", {}, command(h("h3", {}, "Send a vibration record"), record)),
       h("li", {}, command(h("h3", {}, "Or watch a simulated gear wear out"), "flankwatch demo")),
@@ -59,7 +59,7 @@ export function firstSteps() {
     h(
       "p",
       { class: "muted" },
-      "Teeth are those of the driving and the driven gear; the shaft speed is the driving shaft's, in Hz. For a wear estimate in µm the asset also needs its gear pair (gear.pair); without it indicators are computed. This page shows the asset as soon as it exists.",
+      "Teeth: driving gear, then driven gear. Shaft speed: driving shaft, in Hz. A wear estimate in µm also needs the gear pair (gear.pair); without it, only indicators are computed. This page shows the asset as soon as it exists.",
     ),
   );
 }

@@ -1,16 +1,15 @@
-// A tooth of each gear with what wear has taken from its working flank, drawn larger than it is, with its
-// scale.
+// Draws a tooth of each gear with the wear of its working flank, exaggerated by the stated factor.
 
 import { h, setChildren, setText, svg } from "./dom.js";
 import { depth, number } from "./format.js";
 
-const SHOWN_MM = 0.9; // how wide the deepest wear is drawn, in mm of the tooth
+const SHOWN_MM = 0.9; // drawn width of the deepest wear, in mm of the tooth
 const MARGIN = 0.6;
 
 const path = (points, close = false) =>
   `M${points.map(([x, y]) => `${x.toFixed(3)} ${y.toFixed(3)}`).join("L")}${close ? "Z" : ""}`;
 
-/** One tooth: its centre line is vertical, the tip on top, the worn flank on the right. */
+/** One tooth: vertical centre line, tip on top, worn flank on the right. */
 function tooth(
   {
     teeth,
@@ -81,7 +80,7 @@ export class FlankCard {
     const exaggeration = wear > 0.5 ? Math.max(1, Math.round(SHOWN_MM / (wear / 1000))) : 1;
     setText(
       this.#sub,
-      `Wear drawn ${exaggeration} × as deep as it is (red); the tooth itself is to scale. Dashed: pitch circle, where the teeth roll. ${depth(match.wear_um)} µm is the deepest place, from the wear shape of the gear pair.`,
+      `Wear depth exaggerated ${exaggeration} × (red); the tooth is to scale. Dashed: pitch circle, where the teeth roll. Greatest depth ${depth(match.wear_um)} µm, with the wear profile of the gear pair.`,
     );
     return setChildren(
       this.#teeth,

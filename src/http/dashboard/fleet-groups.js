@@ -1,5 +1,5 @@
-// The fleet by place: site, machine and gearbox of each asset, or what stands before the last slash of a name
-// such as “North plant / line 3 / mesh”.
+// Groups the fleet by place: site, machine and gearbox of each asset, or the part before the last slash of a
+// name such as “North plant / line 3 / mesh”.
 
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
@@ -7,7 +7,7 @@ import { change } from "./route.js";
 import { assetState, rank, STATES } from "./state.js";
 import { symbol } from "./symbols.js";
 
-/** Where an asset is, empty where that is not known. */
+/** The place of an asset; empty when unknown. */
 export function placeOf(asset) {
   const { site, machine, gearbox } = asset.location ?? {};
   const place = [site, machine, gearbox].filter(Boolean).join(" / ");
@@ -20,18 +20,21 @@ export function placeOf(asset) {
     .join(" / ");
 }
 
-/** `{ place, members, open, closed }` for each place, followed by its assets where it is open; `closedText` is the address's list of closed ones. */
+/**
+ * `{ place, members, open, closed }` per place, each followed by its assets when open; `closedText` is the
+ * list of closed places in the address.
+ */
 export function grouped(assets, closedText) {
   const closed = (closedText ?? "").split(",").filter(Boolean).map(decodeURIComponent);
   const places = Map.groupBy(assets, placeOf);
-  // in the order of their first assets, so that a fleet sorted by state has the worst places on top
+  // in the order of their first assets, so that sorting by state puts the worst places on top
   return [...places].flatMap(([place, members]) => {
     const group = { place, members, open: !closed.includes(place), closed };
     return group.open ? [group, ...members] : [group];
   });
 }
 
-/** A heading over the assets of one place. */
+/** The heading row of one place. */
 export class GroupRow {
   #group;
   #icon = h("span", { "aria-hidden": "true" });
@@ -69,7 +72,7 @@ export class GroupRow {
     const worst = members.map(assetState).sort((a, b) => rank(a) - rank(b))[0];
     setText(this.#icon, open ? "▾" : "▸");
     setChildren(this.#sign, symbol(worst, 18));
-    setText(this.#name, place || "Without a place");
+    setText(this.#name, place || "No location");
     setText(
       this.#words,
       `${members.length} ${members.length === 1 ? "asset" : "assets"}, worst: ${STATES[worst].short}`,

@@ -1,4 +1,4 @@
-// One asset of the fleet: a row of the table on a wide screen, a card on a narrow one.
+// One asset of the fleet: a table row on a wide screen, a card on a narrow one.
 
 import { h, setChildren, setText } from "./dom.js";
 import { age, clock, count, depth } from "./format.js";
@@ -7,7 +7,7 @@ import { format } from "./route.js";
 import { assetState, depthWords, limitUse, timeToLimit, transmissionWords } from "./state.js";
 import { badge } from "./symbols.js";
 
-/** The name for people, or the id where there is none. */
+/** The asset's name, or its id when it has none. */
 export function assetName(asset) {
   return asset.name || asset.id;
 }
@@ -22,10 +22,10 @@ function note(text) {
 
 const WAITING = {
   empty: "waiting for the first record",
-  no_library: "no gear pair described",
-  normal: "no gear mesh: like the baseline",
-  library_failed: "the library could not be built",
-  building: "the library is being built",
+  no_library: "no gear pair defined",
+  normal: "no gear mesh: matches the baseline",
+  library_failed: "library build failed",
+  building: "building the library",
 };
 
 function wearContent(asset, state) {
@@ -64,7 +64,7 @@ function limitContent({ wear, last_start_time: last }, limits) {
   const left = timeToLimit(wear, last);
   if (!left && limitUse(wear, limits)?.share >= 1) return [note("passed")];
   if (!left) return [note("–")];
-  const title = `${depth(left.limit)} µm is expected at ${clock(left.date)}`;
+  const title = `${depth(left.limit)} µm expected on ${clock(left.date)}`;
   return [
     h("strong", { title }, left.median),
     h("span", { class: "muted interval-words" }, left.interval),
@@ -82,7 +82,7 @@ function alarmWords({ danger = 0, warning = 0, unacknowledged = 0, shelved = 0 }
   return parts.length ? h("span", { class: "muted alarm-words" }, parts.join(", ")) : null;
 }
 
-/** A row that is built once and then kept up to date. */
+/** A row that is built once and then updated. */
 export class FleetRow {
   #asset;
   #age = h("span");
@@ -90,7 +90,7 @@ export class FleetRow {
   #id = h("span", { class: "muted id" });
   #state = cell("State");
   #wear = cell("Wear");
-  #trend = cell("Wear over the life");
+  #trend = cell("Wear history");
   #limit = cell("Time to limit");
   #last = cell("Last record", this.#age);
   #segments = cell("Records");
@@ -106,7 +106,7 @@ export class FleetRow {
     this.#segments,
   );
 
-  /** Shows an asset; the same object again costs nothing. */
+  /** Shows an asset; nothing happens when the object is unchanged. */
   update(asset) {
     if (asset === this.#asset) return;
     this.#asset = asset;
@@ -125,13 +125,13 @@ export class FleetRow {
     );
     setChildren(this.#limit, ...limitContent(summary, asset.limits));
     setText(this.#segments, count(summary.segments));
-    // a low row has no room for long words
+    // compact rows have no space for long text
     this.#state.title = [...this.#state.children].map((part) => part.textContent).join(", ");
     this.#last.title = summary.last_start_time ? clock(summary.last_start_time) : "";
     this.tick();
   }
 
-  /** Lets the last record's age grow. */
+  /** Updates the age of the last record. */
   tick() {
     setText(this.#age, age(this.#asset.summary.last_start_time));
   }

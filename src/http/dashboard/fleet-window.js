@@ -1,11 +1,13 @@
-// Of a long table only the rows on view are in the page; empty rows as high as the missing ones keep the
-// scroll bar true.
+// Row virtualisation: only visible rows of a long table are in the page; empty rows keep the scroll height.
 
 import { h } from "./dom.js";
 
-const BEYOND = 6; // rows above and below the view and the focus, so that a slow scroll and the next press of Tab find them there
+const BEYOND = 6; // rows above and below the view and the focus, for slow scrolling and the Tab key
 
-/** Shows `items` as rows of `body`; `draw(item)` gives the element of one, `kind(item)` what rows of the same height have in common. */
+/**
+ * Shows `items` as rows of `body`. `draw(item)` returns the row element, `kind(item)` a key shared by rows of
+ * the same height.
+ */
 export class RowWindow {
   #body;
   #table;
@@ -27,13 +29,13 @@ export class RowWindow {
     addEventListener("beforeprint", () => this.#all(true), { signal });
     addEventListener("afterprint", () => this.#all(false), { signal });
     body.addEventListener("keydown", (event) => this.#walk(event), { signal });
-    body.addEventListener("focusin", () => this.#render(), { signal }); // the next press of Tab does not wait for a frame
+    body.addEventListener("focusin", () => this.#render(), { signal }); // so that the next Tab finds its row without waiting for a frame
   }
 
-  /** Shows other items, or the same ones anew. */
+  /** Shows other items, or the same ones again. */
   show(items) {
     this.#items = items;
-    this.#table.setAttribute("aria-rowcount", String(items.length + 1)); // with the heading's row
+    this.#table.setAttribute("aria-rowcount", String(items.length + 1)); // including the heading row
     this.#place();
     this.#render();
   }
@@ -43,7 +45,7 @@ export class RowWindow {
     return this.#shown.map((index) => this.#items[index]).filter(Boolean);
   }
 
-  /** Listens no more. */
+  /** Removes the listeners. */
   dispose() {
     this.#ending.abort();
     cancelAnimationFrame(this.#frame);
@@ -73,7 +75,7 @@ export class RowWindow {
       this.#tops.push(this.#tops.at(-1) + (this.#heights.get(this.#kind(item)) ?? 80));
   }
 
-  /** The first row that ends below `y`, in the table's own pixels. */
+  /** The first row that ends below `y`, in pixels of the table. */
   #at(y) {
     let [low, high] = [0, this.#items.length];
     while (low < high) {
@@ -92,7 +94,7 @@ export class RowWindow {
     const to = Math.min(count, this.#at(top + innerHeight) + 1 + BEYOND);
     const wanted = new Set();
     for (let index = from; index < to; index++) wanted.add(index);
-    // a row with the keyboard's focus and its neighbours stay, wherever the page is scrolled to
+    // keep the focused row and its neighbours, wherever the page is scrolled to
     const held = this.#body.contains(document.activeElement) ? document.activeElement : null;
     const focused = held ? this.#items.findIndex((item) => this.#draw(item, true)?.contains(held)) : -1;
     if (focused >= 0) {
@@ -122,7 +124,7 @@ export class RowWindow {
     }
   }
 
-  /** Puts rows in their places and leaves alone what is there already: to move a row would take the focus out of it. */
+  /** Inserts rows in order without touching rows already in place: moving a row would lose its focus. */
   #put(elements) {
     const staying = new Set(elements);
     for (const child of [...this.#body.children]) if (!staying.has(child)) child.remove();
@@ -138,7 +140,7 @@ export class RowWindow {
     return h("tr", { class: "gap", "aria-hidden": "true", style: `height:${height}px` }, h("td"));
   }
 
-  /** Learns how high the rows of each kind are; whether one was new. */
+  /** Measures the row height of each kind; returns whether a kind was new. */
   #measure(indices) {
     let learned = false;
     for (const index of indices) {
@@ -152,7 +154,7 @@ export class RowWindow {
     return learned;
   }
 
-  /** Arrow keys, Home and End go from row to row. */
+  /** Arrow keys, Home and End move between rows. */
   #walk(event) {
     const at = this.#items.findIndex((item) => this.#draw(item, true)?.contains(event.target));
     const last = this.#items.length - 1;

@@ -1,4 +1,4 @@
-// Every asset on one page: sorted by severity first, filtered by name and state.
+// The fleet page: all assets, sorted by severity, filtered by name and state.
 
 import * as api from "./api.js";
 import { focusedData, h, setChildren, setText } from "./dom.js";
@@ -27,7 +27,7 @@ const COLUMNS = [
     compare: (a, b) => rank(assetState(a)) - rank(assetState(b)) || wearOf(b) - wearOf(a),
   },
   { key: "wear", label: "Wear, 5 to 95 %", descends: true, compare: (a, b) => wearOf(b) - wearOf(a) },
-  { label: "Wear over the life" },
+  { label: "Wear history" },
   { key: "limit", label: "Time to limit", compare: (a, b) => leftOf(a) - leftOf(b) },
   { key: "last", label: "Last record", descends: true, compare: (a, b) => lastOf(b) - lastOf(a) },
   {
@@ -38,7 +38,7 @@ const COLUMNS = [
   },
 ];
 
-/** With more assets than this rows are low where nothing else is chosen. */
+/** Fleets larger than this use compact rows by default. */
 const MANY = 20;
 
 /** The fleet page. */
@@ -51,11 +51,11 @@ export class FleetPage {
   #table;
   #window;
   #total = h("p", { class: "muted", "aria-live": "polite" });
-  #states = h("div", { class: "chips", role: "group", "aria-label": "Show only one state" });
+  #states = h("div", { class: "chips", role: "group", "aria-label": "Filter by state" });
   #search = h("input", {
     type: "search",
     id: "fleet-search",
-    placeholder: "Name, id or place",
+    placeholder: "Name, id or location",
     autocomplete: "off",
     oninput: () => change({ q: this.#search.value }, { quiet: true }),
   });
@@ -64,15 +64,20 @@ export class FleetPage {
     id: "fleet-grouped",
     onchange: () => change({ flat: this.#grouped.checked ? null : "1" }),
   });
-  #groupField = h("label", { class: "check", for: "fleet-grouped", hidden: true }, this.#grouped, "By place");
+  #groupField = h(
+    "label",
+    { class: "check", for: "fleet-grouped", hidden: true },
+    this.#grouped,
+    "Group by location",
+  );
   #groups = new Map();
   #order = h("select", { id: "fleet-sort", onchange: () => change({ sort: this.#order.value, desc: null }) });
   #height = h(
     "select",
     { id: "fleet-rows", onchange: () => change({ rows: this.#height.value }, { quiet: true }) },
     [
-      ["low", "Low"],
-      ["high", "High"],
+      ["low", "Compact"],
+      ["high", "Comfortable"],
     ].map(([value, text]) => h("option", { value }, text)),
   );
   #list = h("div", { class: "card fleet", hidden: true });
@@ -88,7 +93,7 @@ export class FleetPage {
       { class: "fleet-tools" },
       h("label", { class: "field", for: "fleet-search" }, h("span", {}, "Filter"), this.#search),
       h("label", { class: "field narrow-only", for: "fleet-sort" }, h("span", {}, "Sort by"), this.#order),
-      h("label", { class: "field row-height", for: "fleet-rows" }, h("span", {}, "Rows"), this.#height),
+      h("label", { class: "field row-height", for: "fleet-rows" }, h("span", {}, "Row height"), this.#height),
       this.#groupField,
       this.#states,
       this.#total,
@@ -102,7 +107,7 @@ export class FleetPage {
         COLUMNS.map((column) => this.#header(column)),
       ),
     );
-    // the roles are said although the elements have them: cards on a narrow screen would lose them
+    // explicit roles, because the card layout on narrow screens drops the implicit ones
     this.#table = h(
       "table",
       { role: "table", "aria-label": "Assets", "aria-colcount": String(COLUMNS.length) },
@@ -143,14 +148,14 @@ export class FleetPage {
     change({ sort: key, desc: sort === key && !desc ? "1" : null });
   }
 
-  /** Follows a changed address; nothing new has to be asked for. */
+  /** Reacts to a changed address; nothing needs to be fetched. */
   update(route) {
     this.#query = route.query;
     this.#render();
     return false;
   }
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the assets and shows what changed. */
   async refresh(signal) {
     const assets = await api.assets(signal);
     if (assets === this.#assets) return;
@@ -158,12 +163,12 @@ export class FleetPage {
     this.#render();
   }
 
-  /** Lets ages grow. */
+  /** Updates the displayed ages. */
   tick() {
     for (const item of this.#window.shown) this.#rows.get(item.id)?.tick();
   }
 
-  /** Follows the scrolling no more. */
+  /** Removes the scroll listeners. */
   dispose() {
     this.#window.dispose();
   }
@@ -215,7 +220,7 @@ export class FleetPage {
     );
   }
 
-  /** The row of an asset or the heading of a group; with `known` only where there is one already. */
+  /** The row of an asset or the heading of a group; with `known`, only an existing one. */
   #rowOf(item, known) {
     const [rows, key, make] = item.members
       ? [this.#groups, item.place, () => new GroupRow(COLUMNS.length)]

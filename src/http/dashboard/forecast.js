@@ -1,11 +1,11 @@
-// The way that wear is expected to go from the last record to the limit.
+// The wear forecast from the last record to the limit.
 
 import { depth } from "./format.js";
 import { timeToLimit } from "./state.js";
 
-const MOST_OF_HISTORY = 0.6; // a forecast takes at most so much of the history's length on the time axis
+const MAX_FRACTION = 0.6; // maximum length of a forecast on the time axis, as a fraction of the history
 
-/** Traces of the forecast, the time range that shows it, and its words; null where there is none. */
+/** Traces of the forecast, the time range that shows it, and its text; null when there is no forecast. */
 export function forecastOf(items, latest, colour) {
   const { prognosis } = latest ?? {};
   const last = items.findLast((item) => item.median_um != null);
@@ -13,7 +13,7 @@ export function forecastOf(items, latest, colour) {
   const { limit_um: limit, median, p05, p95 } = prognosis;
   const [first, end] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
   const left = timeToLimit(latest, last.start_time);
-  const farthest = end + Math.max(MOST_OF_HISTORY * (end - first), 60_000);
+  const farthest = end + Math.max(MAX_FRACTION * (end - first), 60_000);
   const shown = Math.min(Math.max(Date.parse(p95 ?? median), Date.parse(median)), farthest);
   const hoverinfo = "skip";
   const line = (time, dash, width) => ({

@@ -1,4 +1,4 @@
-// Numbers, units and times as people read them. Times say which zone they are in.
+// Formats numbers, units and times for display. Times always name their time zone.
 
 import { written, zoneOf } from "./time-zone.js";
 
@@ -17,7 +17,7 @@ const SUPERSCRIPTS = {
 };
 const NONE = "–";
 
-/** A number with so many significant digits; a power of ten outside 0.001 … 100 000. */
+/** A number with `digits` significant digits; as a power of ten outside 0.001 … 100 000. */
 export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
   const size = Math.abs(value);
@@ -35,7 +35,7 @@ export function decibels(value) {
   return text === "0.0" ? "0.0" : `${value > 0 ? "+" : "−"}${text}`;
 }
 
-/** A wear depth in µm, without the unit; no decimals from 10 µm, where they would feign precision. */
+/** A wear depth in µm, without the unit; no decimals from 10 µm, where they would suggest false precision. */
 export function depth(value) {
   if (value === null || value === undefined) return NONE;
   return value < 9.95 && value >= 0.05 ? value.toFixed(1) : value.toFixed(0);
@@ -52,7 +52,7 @@ export function count(value) {
   return String(value).replace(/\B(?=(\d{3})+$)/g, "\u202f");
 }
 
-/** A unit as written on an axis: `m/s2` becomes m/s². Empty where there is none. */
+/** A unit as written on an axis: `m/s2` becomes m/s²; empty for a dimensionless value. */
 export function unit(name) {
   if (!name || name === "1") return "";
   return name.replace(/(?<=[a-z)])\^?(-?\d)/gi, (_, power) =>
@@ -60,13 +60,16 @@ export function unit(name) {
   );
 }
 
-/** A quantity's name with its unit as an axis title, with a dash where it has none. */
+/** A quantity's name with its unit as an axis title, or with a dash if dimensionless. */
 export function titled(name, unitName) {
   const shown = unit(unitName);
   return shown ? `${name} (${shown})` : `${name} (–)`;
 }
 
-/** `2026-03-02 14:05:09 UTC`, or `2026-03-02 15:05:09 +01:00` by the browser's clock; to the minute where seconds say nothing. */
+/**
+ * `2026-03-02 14:05:09 UTC`, or `2026-03-02 15:05:09 +01:00` in the browser's time zone; optionally to the
+ * minute.
+ */
 export function clock(time, { toMinute = false } = {}) {
   return time
     ? `${written(time)
@@ -75,7 +78,7 @@ export function clock(time, { toMinute = false } = {}) {
     : NONE;
 }
 
-/** A length of time in its largest sensible unit. */
+/** A duration in its largest sensible unit. */
 export function span(seconds) {
   const size = Math.abs(seconds);
   if (size < 90) return `${Math.round(size)} s`;
@@ -85,7 +88,7 @@ export function span(seconds) {
   return `${Math.round(size / (365.25 * 86400))} y`;
 }
 
-/** How long ago a time is, seen from `now` (ms). */
+/** The age of a time relative to `now` (ms). */
 export function age(time, now = Date.now()) {
   if (!time) return "never";
   const seconds = (now - Date.parse(time)) / 1000;
@@ -119,17 +122,18 @@ const INDICATORS = {
   wear_um: "Wear depth",
 };
 
-/** An indicator's name as the field writes it. */
+/** An indicator's display name. */
 export function indicatorName(name) {
   const mesh = /^mesh_(\d+)$/.exec(name);
   if (mesh) return `Mesh harmonic ${mesh[1]}×`;
   const band = /^band_(.+)$/.exec(name);
   const [, bearing, line, ratio] = /^bearing_(.+)_(bpfo|bpfi|bsf|ftf)(_to_background)?$/.exec(name) ?? [];
-  if (bearing) return `${line.toUpperCase()} of bearing ${bearing}${ratio ? ", over its background" : ""}`;
+  if (bearing)
+    return `${line.toUpperCase()} of bearing ${bearing}${ratio ? ", relative to its background" : ""}`;
   return INDICATORS[name] ?? (band ? `Band ${band[1]}` : name.replaceAll("_", " "));
 }
 
-/** An octave by its centre in hertz. */
+/** An octave by its centre frequency in Hz. */
 function octaveWords(centre) {
   const edge = (hz) => hertz(Number(hz.toPrecision(2)));
   return `${edge(centre / Math.SQRT2)} to ${edge(centre * Math.SQRT2)}`;
@@ -138,12 +142,12 @@ function octaveWords(centre) {
 const FEATURES = {
   ln_rms: "RMS",
   ln_kurtosis: "kurtosis",
-  ln_tooth_worst: "one tooth against the others",
-  ln_tooth_repeated: "what repeats each turn between the mesh lines",
-  ln_tooth_kurtosis: "peakedness over the turn",
+  ln_tooth_worst: "single-tooth deviation",
+  ln_tooth_repeated: "vibration synchronous with the shaft, without the mesh lines",
+  ln_tooth_kurtosis: "kurtosis over one turn",
 };
 
-/** A feature's name as the field writes it. */
+/** A feature's display name. */
 export function featureName(name) {
   const [, kind, order] = /^ln_(mesh|sideband|env|shaft|floor|rest|band)_(\d+)(?:hz)?$/.exec(name) ?? [];
   const words = {
@@ -152,7 +156,7 @@ export function featureName(name) {
     env: () => `envelope of ${order}×`,
     shaft: () => `shaft ${order}×`,
     floor: () => `noise floor, ${octaveWords(Number(order))}`,
-    rest: () => `vibration beside the mesh lines, ${octaveWords(Number(order))}`,
+    rest: () => `vibration between the mesh lines, ${octaveWords(Number(order))}`,
     band: () => `vibration, ${octaveWords(Number(order))}`,
   }[kind];
   const [, tooth, turns] = /^(ln_tooth_[a-z]+)_(\d+)$/.exec(name) ?? [];
@@ -163,43 +167,43 @@ export function featureName(name) {
 const ABSENCES = {
   no_speed: "no shaft speed",
   too_short: "record too short",
-  constant: "signal does not vary",
+  constant: "constant signal",
   above_nyquist: "above half the sampling rate",
   too_few_turns: "fewer than 4 turns",
   speed_varies: "speed varies too much",
   clipped: "clipped",
-  gaps: "samples missing",
-  no_signal: "no signal to compare with",
+  gaps: "missing samples",
+  no_signal: "no reference signal",
   not_acceleration: "unit is neither acceleration nor velocity",
   above_envelope: "above the width of the envelope's band",
-  other_mesh: "a line of another mesh lies there",
+  other_mesh: "overlaps a line of another mesh",
 };
 
-/** Why an indicator is absent, in words. */
+/** Describes why an indicator is missing. */
 export function absence(reason) {
   return ABSENCES[reason] ?? reason.replaceAll("_", " ");
 }
 
 const SPEED_SOURCES = {
-  record: "given with the record",
+  record: "supplied with the record",
   tachometer: "from the tachometer",
   asset: "the asset's exact nominal speed",
   shaft_lines: "found from the shaft's own lines",
   nominal: "nominal, within its tolerance",
-  mesh_comb: "found from the mesh harmonics",
+  mesh_comb: "detected from the mesh harmonics",
 };
 
-/** Where a shaft speed came from, in words. */
+/** Describes the source of a shaft speed. */
 export function speedSource(speed) {
   const words = SPEED_SOURCES[speed.source] ?? speed.source;
   const comb = speed.comb_to_background;
   const support = speed.harmonics_sought
-    ? `, ${speed.harmonics_found} of ${speed.harmonics_sought} harmonics stand out`
+    ? `, ${speed.harmonics_found} of ${speed.harmonics_sought} harmonics found`
     : "";
   return comb ? `${words}, ${number(comb, 2)} times the background${support}` : words;
 }
 
-/** Why a shaft speed or the number of teeth may be wrong, in words; null where nothing speaks against them. */
+/** Why a shaft speed or tooth number may be wrong; null when there is no doubt. */
 export function speedDoubt({
   doubt,
   mesh_frequency_hz: mesh,
@@ -208,8 +212,8 @@ export function speedDoubt({
 }) {
   if (!doubt) return null;
   if (doubt.reason === "other_mesh")
-    return `in doubt: the lines fit a mesh at ${hertz(doubt.mesh_frequency_hz)} better than at ${hertz(mesh)}; check teeth, speed and other meshes`;
+    return `uncertain: the lines fit a mesh at ${hertz(doubt.mesh_frequency_hz)} better than at ${hertz(mesh)}; check teeth, speed and other meshes`;
   if (doubt.reason === "other_shaft")
-    return `in doubt: the lines of the shaft stand ${hertz(doubt.shaft_speed_hz)} apart; check the number of teeth`;
-  return `in doubt: ${found} of ${sought} harmonics of the mesh stand out, at least 2 are needed`;
+    return `uncertain: the shaft lines are ${hertz(doubt.shaft_speed_hz)} apart; check the number of teeth`;
+  return `uncertain: ${found} of ${sought} mesh harmonics found, at least 2 are needed`;
 }

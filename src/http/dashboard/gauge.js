@@ -1,10 +1,10 @@
-// Small drawings without axes: the wear bar against its limits, and the sparkline of wear over the life.
+// Small drawings without axes: the wear bar with its limits, and the sparkline of the wear history.
 
 import { h, svg } from "./dom.js";
 import { depth } from "./format.js";
 import { depthWords, wearState } from "./state.js";
 
-const DANGER_AT = 0.8; // where the danger limit stands, the same in every bar, so that bars compare by eye
+const DANGER_AT = 0.8; // position of the danger limit, the same in every bar so that bars are comparable
 
 function scaleEnd(wear, limits) {
   const high = wear?.p95_um ?? 0;
@@ -19,7 +19,9 @@ function place(element, from, to) {
   return element;
 }
 
-/** Interval as a band, median as a line, limits as marked lines. Described in words for those who do not see it. */
+/**
+ * Interval as a band, median as a line, limits as marked lines; with a text description for screen readers.
+ */
 export function wearBar(wear, limits) {
   const bar = h("div", { class: "wear-bar", role: "img", "aria-label": describe(wear, limits) });
   const end = scaleEnd(wear, limits);
@@ -56,7 +58,7 @@ function describe(wear, limits) {
   return number + limit("warning", limits?.warning_um) + limit("danger", limits?.danger_um);
 }
 
-/** Wear medians over the life as a line from zero, the danger limit dashed where it is near. */
+/** The wear history as a line from zero; the danger limit is dashed when it is near. */
 export function sparkline(values, limits, width = 120, height = 32) {
   const drawing = svg("svg", {
     class: "sparkline",
@@ -84,7 +86,7 @@ export function sparkline(values, limits, width = 120, height = 32) {
   return drawing;
 }
 
-/** How far the baseline has come, as a bar with its numbers. */
+/** Progress of the baseline, as a bar with numbers. */
 export function baselineBar({ have, need }) {
   const label = `Baseline ${have} of ${need} records`;
   return h(

@@ -1,12 +1,12 @@
-// Whose turn an average is over: the driving or the driven gear's. The address keeps it as `gear`.
+// Selects the gear of a synchronous average: driving or driven. The address keeps it as `gear`.
 
 import { h } from "./dom.js";
 import { change } from "./route.js";
 
-/** The number of the gear that an address asks for: 1 the driving one, 2 the driven one. */
+/** The number of the gear in an address: 1 driving, 2 driven. */
 export const gearOf = (query) => (query.gear === "2" ? 2 : 1);
 
-/** The choice of a gear beside a plot of its average. */
+/** The selection of a gear beside the plot of its average. */
 export class GearChoice {
   element = h(
     "select",
@@ -20,7 +20,7 @@ export class GearChoice {
     ].map(([value, text]) => h("option", { value }, text)),
   );
 
-  /** Follows the address; the gears are named with their teeth where these are known. */
+  /** Updates from the address; shows the tooth numbers when known. */
   show(query, teeth) {
     ["Driving gear", "Driven gear"].forEach((name, index) => {
       this.element.options[index].textContent = teeth ? `${name}, ${teeth[index]} teeth` : name;

@@ -1,4 +1,4 @@
-// A gear pair to scale: involute teeth from the basic data, in mesh at the centre distance.
+// Draws a gear pair to scale: involute teeth from the basic data, in mesh at the centre distance.
 
 import { h, setChildren, svg } from "./dom.js";
 import { number } from "./format.js";
@@ -6,7 +6,7 @@ import { number } from "./format.js";
 const POINTS = 9;
 const involute = (angle) => Math.tan(angle) - angle;
 
-/** Radii in mm and angles of one gear of a pair; null where the numbers make no gear. */
+/** Radii in mm and angles of one gear of a pair; null when the numbers do not define a gear. */
 function resolve(
   {
     teeth,
@@ -36,7 +36,7 @@ function resolve(
   };
 }
 
-/** The outline of one gear around (0, 0), with a tooth on the positive x axis turned by `turn`. */
+/** The outline of one gear around (0, 0), with a tooth on the positive x axis rotated by `turn`. */
 function outline(gear, turn) {
   const flank = [];
   const start = Math.max(gear.base, gear.root);
@@ -76,7 +76,7 @@ function wheel(gear, x, turn, name) {
   );
 }
 
-/** Draws a pair's basic data into an element; says what is missing where they make no pair. */
+/** Draws a pair's basic data into an element, or says what is missing. */
 export function drawPair(element, geometry) {
   const gears = [resolve(geometry, 0), resolve(geometry, 1)];
   if (!gears[0] || !gears[1])
@@ -89,7 +89,7 @@ export function drawPair(element, geometry) {
   const [low, high] = [-left.tip, distance + right.tip];
   const tall = Math.max(left.tip, right.tip);
   const pad = 0.02 * (high - low);
-  // a tooth of the driving gear lies on the line of centres, a gap of the driven gear opposite to it
+  // a tooth of the driving gear lies on the line of centres, opposite a gap of the driven gear
   const turn = Math.PI + Math.PI / right.teeth;
   const bar = 10 ** Math.floor(Math.log10((high - low) / 3));
   const words = `Driving gear with ${left.teeth} teeth, driven gear with ${right.teeth}, centre distance ${number(distance, 5)} mm, drawn to scale`;

@@ -1,10 +1,13 @@
-// Wear before an inspection, looked back at from it.
+// Wear before an inspection, re-estimated from the inspection (hindsight).
 
 import * as api from "./api.js";
 
 let known = { key: "", items: [] };
 
-/** The records before the last inspection with what it has taught; none without one. The service works them out when it is asked, so it is asked once. */
+/**
+ * The re-estimated records before the last inspection; none without an inspection. The service computes them
+ * on request, so they are requested once.
+ */
 export async function hindsightOf(id, channel, maintenance, signal) {
   const inspections =
     maintenance instanceof Error ? [] : maintenance.items.filter(({ inspection }) => inspection);
@@ -18,7 +21,7 @@ export async function hindsightOf(id, channel, maintenance, signal) {
   return known.items;
 }
 
-/** The interval that is looked back at, as two lines: `{ traces, entries }`. */
+/** The hindsight interval as two lines: `{ traces, entries }`. */
 export function hindsightLines(items, colour) {
   if (!items?.length) return { traces: [], entries: [] };
   const line = { color: colour.reference, width: 1, dash: "dash" };
@@ -31,6 +34,6 @@ export function hindsightLines(items, colour) {
   });
   return {
     traces: [edge("p05_um"), edge("p95_um")],
-    entries: [["dash", colour.reference, "5 to 95 %, looked back at from the inspection"]],
+    entries: [["dash", colour.reference, "5 to 95 %, in hindsight of the inspection"]],
   };
 }

@@ -1,5 +1,4 @@
-// The import desk: files are looked into, mended and sent together; what an import has stored can be taken
-// back.
+// The import panel: files are inspected, completed and uploaded together; a finished import can be undone.
 
 import { deleteRecords } from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -17,7 +16,7 @@ function field(id, label, properties) {
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
 const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
 
-/** The desk of one asset. */
+/** The import panel of one asset. */
 export class ImportDesk {
   #asset;
   #files = [];
@@ -43,9 +42,13 @@ export class ImportDesk {
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
   #results = h("div", { class: "results", "aria-live": "polite" });
-  #undo = h("button", { type: "button", hidden: true, onclick: () => this.#takeBack() }, "Undo this import…");
+  #undo = h(
+    "button",
+    { type: "button", hidden: true, onclick: () => this.#undoImport() },
+    "Undo this import…",
+  );
   #undone = h("p", { class: "result", role: "status" });
-  #stored = []; // identifiers of what the latest import has stored
+  #stored = []; // ids of the records stored by the latest import
   element;
 
   constructor(asset) {
@@ -53,11 +56,11 @@ export class ImportDesk {
     const drop = h(
       "label",
       { class: "drop", for: "upload-file" },
-      h("strong", {}, "Drop WAV, MCAP, CSV or MATLAB files here, or anywhere on the page"),
-      h("span", {}, "or choose some:"),
+      h("strong", {}, "Drop WAV, MCAP, CSV or MATLAB files here or anywhere on the page"),
+      h("span", {}, "or select files:"),
       this.#file,
     );
-    // the page takes what is dropped, here as anywhere; this only shows that here is right
+    // the page handles all drops; this area only marks where to drop
     drop.addEventListener("dragover", () => drop.classList.add("over"));
     for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
     const fields = [this.#unit, this.#speed, this.#torque, this.#temperature, this.#rate].map(
@@ -82,7 +85,7 @@ export class ImportDesk {
     );
   }
 
-  /** What holds for all files that do not say it themselves. */
+  /** Values for all files that do not contain them. */
   #common() {
     return {
       unit: this.#unit.input.value.trim(),
@@ -93,7 +96,7 @@ export class ImportDesk {
     };
   }
 
-  /** Lists files, and looks into one after the other. */
+  /** Lists files and inspects them one after the other. */
   async take(files) {
     const cards = files.map(
       (file) =>
@@ -108,7 +111,7 @@ export class ImportDesk {
     this.#list.append(...cards.map(({ element }) => element));
     this.#file.value = "";
     for (const card of cards) await card.look();
-    this.#offer(); // what was not looked into yet is not sent
+    this.#offer(); // files not inspected yet are not sent
   }
 
   async #lookAgain() {
@@ -125,10 +128,12 @@ export class ImportDesk {
   #offer() {
     const { length } = this.#files;
     this.#send.hidden = length === 0;
-    setText(this.#send, length === 1 ? "Send the file" : `Send ${length} files`);
+    setText(this.#send, length === 1 ? "Upload file" : `Upload ${length} files`);
   }
 
-  /** Sends what is listed one after the other, after what is under way, and says of each what became of it. */
+  /**
+   * Uploads the listed files one after the other, after any running upload, and reports the result of each.
+   */
   #sendAll() {
     const common = this.#common();
     const cards = this.#files
@@ -165,9 +170,7 @@ export class ImportDesk {
       this.#stored.push(...segments);
       progress.end(
         kind,
-        listed
-          ? words
-          : [...words, `Of its records only the first ${count(segments.length)} can be taken back here.`],
+        listed ? words : [...words, `Only its first ${count(segments.length)} records can be deleted here.`],
       );
       changed();
     } catch (error) {
@@ -175,11 +178,11 @@ export class ImportDesk {
     }
   }
 
-  async #takeBack() {
+  async #undoImport() {
     const stored = this.#stored;
     if (
       !confirm(
-        `Delete the ${records(stored.length)} of this import? The history is then estimated as if they had never come.`,
+        `Delete the ${records(stored.length)} of this import? The wear history is then recomputed without them.`,
       )
     )
       return;
@@ -195,23 +198,23 @@ export class ImportDesk {
       this.#stored = [];
       this.#undo.hidden = true;
       setChildren(this.#results);
-      this.#say("good", `${records(gone)} deleted: the import is undone.`);
+      this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
       this.#stored = stored.slice(gone);
-      this.#say("bad", `Not undone${gone ? ` after ${records(gone)}` : ""}: ${error.message}.`);
+      this.#showNotice("bad", `Undo failed${gone ? ` after ${records(gone)}` : ""}: ${error.message}.`);
     } finally {
       this.#undo.disabled = false;
       changed();
     }
   }
 
-  #say(kind, words) {
+  #showNotice(kind, words) {
     this.#undone.dataset.kind = kind;
     setText(this.#undone, words);
   }
 }
 
-/** What becomes of one file while it is sent and after. */
+/** Progress and result of one upload. */
 class Progress {
   #file;
   #words = h("p", {});
@@ -221,20 +224,20 @@ class Progress {
   constructor(file) {
     this.#file = file;
     this.#bar.setAttribute("aria-label", `Upload of ${file.name}`);
-    setText(this.#words, `${file.name} waits.`);
+    setText(this.#words, `${file.name}: waiting.`);
     this.element = h("div", { class: "result", role: "status" }, this.#words, this.#bar);
   }
 
   begin() {
     this.#bar.hidden = false;
-    setText(this.#words, `Sending ${this.#file.name}, ${bytes(this.#file.size)}…`);
+    setText(this.#words, `Uploading ${this.#file.name}, ${bytes(this.#file.size)}…`);
   }
 
   sent(share) {
     if (share < 1) return (this.#bar.value = share);
-    // all bytes are gone, and the answer comes when every record is analysed and kept
+    // all bytes are sent; the answer arrives once every record is analysed and stored
     this.#bar.removeAttribute("value");
-    setText(this.#words, `${this.#file.name} is sent; the service is analysing it…`);
+    setText(this.#words, `${this.#file.name}: uploaded, analysing…`);
   }
 
   end(kind, words) {

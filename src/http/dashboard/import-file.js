@@ -1,4 +1,4 @@
-// One file of the import desk: what it holds, when it began, and what its channels are called.
+// One file of the import panel: its contents, start time, and channel names.
 
 import { h, setChildren, setText } from "./dom.js";
 import { bytes, clock, count, hertz, number, unit } from "./format.js";
@@ -6,8 +6,8 @@ import { preview } from "./import-preview.js";
 import { recordsAt } from "./import-sending.js";
 import { sketch } from "./sketch.js";
 
-const MOST_TOPICS = 6;
-const MOST_CHANNELS = 16; // with fields of their own
+const MAX_TOPICS = 6;
+const MAX_CHANNELS = 16; // with fields of their own
 
 function length(seconds) {
   return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
@@ -29,7 +29,10 @@ function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summar
   return parts.filter(Boolean).join(" · ");
 }
 
-/** The card of a file. `common()` answers what holds for all files, `onChange` is called when it is left out. */
+/**
+ * The card of a file. `common()` returns the values for all files; `onChange` is called when the file is
+ * removed.
+ */
 export class ImportFile {
   file;
   seen = null;
@@ -42,7 +45,7 @@ export class ImportFile {
   #start;
   #startWords = h("span", { class: "muted" });
   #scale = h("input", { type: "number", min: 0, step: "any", placeholder: "1" });
-  #facts = h("p", { class: "file-facts muted" }, "Looking into the file…");
+  #facts = h("p", { class: "file-facts muted" }, "Inspecting the file…");
   #fault = h("p", { class: "result", "data-kind": "bad", hidden: true });
   #body = h("div", { class: "file-channels" });
   #columns = h("div", { class: "file-columns", hidden: true });
@@ -57,7 +60,7 @@ export class ImportFile {
       {
         type: "button",
         class: "quiet",
-        "aria-label": `Leave out ${file.name}`,
+        "aria-label": `Remove ${file.name}`,
         onclick: () => onRemove(this),
       },
       "✕",
@@ -85,13 +88,13 @@ export class ImportFile {
     );
   }
 
-  /** Looks into the file. Of several looks the latest one counts, whichever answer comes last. */
+  /** Inspects the file. Only the latest inspection counts, whichever answer arrives last. */
   async look() {
     const turn = ++this.#looks;
     const seen = await preview(this.file, this.#common().rate, this.#roles);
     if (turn !== this.#looks) return;
     this.seen = seen;
-    setText(this.#facts, seen.type ? factWords(seen) : "cannot be taken");
+    setText(this.#facts, seen.type ? factWords(seen) : "unsupported");
     this.#fault.hidden = !seen.fault;
     setText(
       this.#fault,
@@ -126,17 +129,17 @@ export class ImportFile {
       : ownStart
         ? `: ${clock(ownStart)}`
         : "";
-    setText(this.#startWords, `says itself when its records began${span}${words ? `; ${words}` : ""}`);
+    setText(this.#startWords, `start times in the file${span}${words ? `; ${words}` : ""}`);
     this.#time.append(this.#startWords);
   }
 
   #typeStart() {
     this.#typed = true;
-    setText(this.#startWords, "typed in");
+    setText(this.#startWords, "entered");
     this.#lookForCollision();
   }
 
-  /** For CSV files: what each column is. */
+  /** For CSV files: the role of each column. */
   #showColumns() {
     const { columns, roles } = this.seen;
     this.#columns.hidden = !columns?.length;
@@ -146,9 +149,9 @@ export class ImportFile {
         "select",
         { "aria-label": `Column ${name} of ${this.file.name}`, onchange: () => this.#takeRoles(selects) },
         [
-          ["channel", "a channel"],
-          ["time", "the time"],
-          ["left_out", "left out"],
+          ["channel", "channel"],
+          ["time", "time"],
+          ["left_out", "ignored"],
         ].map(([value, text]) => h("option", { value }, text)),
       );
       select.value = roles[place];
@@ -171,8 +174,8 @@ export class ImportFile {
     const { channels, head, type } = this.seen;
     const kept = this.#fields.map(({ name, unit: own }) => [name.value, own?.value]);
     this.#fields = [];
-    const isOwn = ["application/json", "application/x-protobuf", "application/mcap"].includes(type); // say channel and unit themselves
-    const rows = channels.slice(0, MOST_CHANNELS).map((channel, n) => {
+    const isOwn = ["application/json", "application/x-protobuf", "application/mcap"].includes(type); // these name channel and unit themselves
+    const rows = channels.slice(0, MAX_CHANNELS).map((channel, n) => {
       const label = channel.name || `channel ${n + 1}`;
       const drawn = channel.sketch && sketch(channel.sketch, `${label} of ${this.file.name}`);
       const part =
@@ -181,7 +184,7 @@ export class ImportFile {
               "span",
               { class: "muted" },
               type === "text/csv"
-                ? "the begin"
+                ? "the start"
                 : type === "application/mcap"
                   ? "its first record"
                   : "a sample of it",
@@ -195,7 +198,7 @@ export class ImportFile {
           h("div", {}, drawn, part),
         );
       const name = h("input", {
-        placeholder: channels.length > 1 || type === "text/csv" ? channel.name : "as the asset's sensor",
+        placeholder: channels.length > 1 || type === "text/csv" ? channel.name : "default channel",
         "aria-label": `Name of ${label} of ${this.file.name}`,
         size: 8,
       });
@@ -205,7 +208,7 @@ export class ImportFile {
               placeholder: "as above",
               "aria-label": `Unit of ${label} of ${this.file.name}`,
               size: 6,
-              disabled: Boolean(channel.unit), // what the file says counts
+              disabled: Boolean(channel.unit), // the file's own unit takes precedence
             })
           : null;
       name.value = kept[n]?.[0] ?? (type === "text/csv" && channels.length > 1 ? channel.name : "");
@@ -220,18 +223,23 @@ export class ImportFile {
       );
     });
     const more =
-      channels.length > MOST_CHANNELS
-        ? h("p", { class: "muted" }, `and ${channels.length - MOST_CHANNELS} more channels`)
+      channels.length > MAX_CHANNELS
+        ? h("p", { class: "muted" }, `and ${channels.length - MAX_CHANNELS} more channels`)
         : null;
     this.#scale.setAttribute("aria-label", `Full scale of ${this.file.name}`);
     const scale =
       head && head.bits === 16 && head.format === 1
-        ? h("label", { class: "field" }, h("span", {}, "Full scale of its 16 bit, in the unit"), this.#scale)
+        ? h(
+            "label",
+            { class: "field" },
+            h("span", {}, "Full scale of 16-bit samples, in the unit"),
+            this.#scale,
+          )
         : null;
     setChildren(this.#body, rows, more, scale, topics(this.seen.summary));
   }
 
-  /** Says where there is a record of that start already. */
+  /** Warns when there already is a record with the same start. */
   async #lookForCollision() {
     const start = this.start() ?? this.seen.ownStart;
     this.#collision.hidden = true;
@@ -242,16 +250,16 @@ export class ImportFile {
     this.#collision.hidden = false;
     setText(
       this.#collision,
-      `There is a record of this start already, of channel ${channels}. The same samples are known again; others are stored beside it.`,
+      `A record with this start already exists on channel ${channels}. Identical samples are detected as a repeat; different ones are stored as well.`,
     );
   }
 
-  /** The start as an ISO time; null where the file says it itself or the field is empty. */
+  /** The start as an ISO time; null when the file contains it or the field is empty. */
   start() {
     return this.#start?.value ? new Date(`${this.#start.value}Z`).toISOString() : null;
   }
 
-  /** What was typed about the file. */
+  /** The values entered for the file. */
   entry() {
     const { channels } = this.seen;
     const typed = this.#fields.map(({ name, unit: own, place }) => ({
@@ -273,9 +281,9 @@ export class ImportFile {
 function topics(summary) {
   if (!summary) return null;
   const shown = summary.topics
-    .slice(0, MOST_TOPICS)
+    .slice(0, MAX_TOPICS)
     .map(({ topic, messages }) => h("li", {}, h("code", {}, topic), ` ${count(messages)}`));
-  const more = summary.topics.length - MOST_TOPICS;
+  const more = summary.topics.length - MAX_TOPICS;
   return h(
     "ul",
     { class: "file-topics" },

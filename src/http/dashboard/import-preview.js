@@ -1,5 +1,4 @@
-// What a file holds, as far as its begin and end say it: channels, rate, length, unit, start, and a sketch of
-// the samples.
+// Preview of a file from its start and end: channels, rate, length, unit, start, and a sketch of the samples.
 
 import { previewCsv, previewRecording } from "./api.js";
 import { startOfFile } from "./file-start.js";
@@ -15,20 +14,20 @@ export const TYPES = {
   json: "application/json",
   pb: "application/x-protobuf",
 };
-const OWN_TIMES = ["application/mcap", "application/json", "application/x-protobuf"]; // these say when each of their records began
+const OWN_TIMES = ["application/mcap", "application/json", "application/x-protobuf"]; // these contain the start of each record
 const CSV_BEGIN = 512 * 1024;
-const MOST_JSON = 16 * 1024 * 1024;
-const MOST_SKETCHES = 8;
-const MOST_RECORDING = 16 * 1024 * 1024; // that the service looks at
+const MAX_JSON = 16 * 1024 * 1024;
+const MAX_SKETCHES = 8;
+const MAX_RECORDING = 16 * 1024 * 1024; // largest recording that the service previews
 const MCAP_BEGIN = 4 * 1024 * 1024;
 
-/** The media type of a file by its name, undefined where it is none that is taken. */
+/** The media type of a file by its name; undefined when unsupported. */
 export const typeOf = (file) => TYPES[file.name.split(".").pop().toLowerCase()];
 
 async function ofWav(file) {
   const head = await wavHead(file);
   const sketches = [];
-  for (let channel = 0; channel < Math.min(head.channels, MOST_SKETCHES); channel++)
+  for (let channel = 0; channel < Math.min(head.channels, MAX_SKETCHES); channel++)
     sketches.push(await wavSketch(file, head, channel));
   const channels = Array.from({ length: head.channels }, (_, n) => ({
     name: String(n + 1),
@@ -39,25 +38,30 @@ async function ofWav(file) {
   return { head, channels, rate: head.rate, seconds: head.frames / head.rate, form };
 }
 
-/** The whole lines at the beginning of a file. */
+/** The whole lines at the start of a file. */
 async function firstLines(file) {
   const bytes = new Uint8Array(await file.slice(0, CSV_BEGIN).arrayBuffer());
   return file.size > CSV_BEGIN ? bytes.slice(0, bytes.lastIndexOf(10) + 1) : bytes;
 }
 
-/** What was chosen of a CSV file's columns, as the service takes it; `roles` says of each what it is, undefined where nobody has chosen. */
+/**
+ * The selected roles of a CSV file's columns as query parameters; `roles` has the role of each, undefined
+ * before a selection.
+ */
 export function csvParameters(rate, roles) {
   if (!roles) return { sample_rate_hz: rate };
   const placesOf = (role) => roles.flatMap((other, place) => (other === role ? [place + 1] : []));
   const [times, columns] = [placesOf("time"), placesOf("channel").join(",")];
-  // hour, minute, second and microsecond are found by the service
+  // the service finds hour, minute, second and microsecond columns
   return { sample_rate_hz: rate, time_column: times.length > 1 ? undefined : (times[0] ?? 0), columns };
 }
 
-const NO_RATE = "no column is the time, so the sampling rate is needed: type it in above";
-const RATE_SOURCES = { given: () => "typed in", header: () => "a line before the header" };
+const NO_RATE = "there is no time column: enter the sampling rate above";
+const RATE_SOURCES = { given: () => "entered", header: () => "a line before the header" };
 
-/** A CSV file under the roles of its columns; what is wrong with it is in `fault`, beside the columns where these could be read. */
+/**
+ * A CSV file with the given column roles; errors are in `fault`, beside the columns if these could be read.
+ */
 async function ofCsv(file, rate, roles) {
   const seen = await previewCsv(await firstLines(file), csvParameters(rate, roles));
   const whole = file.size <= CSV_BEGIN;
@@ -87,7 +91,7 @@ async function ofCsv(file, rate, roles) {
   };
 }
 
-/** The channels of a recording that the service has looked into. */
+/** The channels of a recording previewed by the service. */
 function seenChannels({ channels }, whole) {
   return channels.map(({ channel, unit, envelope }) => ({
     name: channel,
@@ -105,32 +109,32 @@ async function ofMcap(file) {
     summary,
     form: "MCAP",
     rate: first?.sample_rate_hz,
-    words: summary ? null : "it says nothing of its contents at its end; the service reads it whole",
-    // of a longer one the beginning may break off before the first record is whole
+    words: summary ? null : "no summary at the end of the file; the service reads all of it",
+    // the start of a longer file may break off before the first record ends
     fault: file.size <= MCAP_BEGIN ? seen.fault?.replace(/^mcap: /, "") : null,
     note: first ? `records of ${number(first.samples / first.sample_rate_hz, 3)} s` : null,
   };
 }
 
-const LARGE = "too large to be looked at here";
+const LARGE = "too large for a preview";
 
-/** A MATLAB file under a sampling rate, where one is typed in. */
+/** A MATLAB file with the entered sampling rate, if any. */
 async function ofMat(file, rate) {
-  if (file.size > MOST_RECORDING) return { channels: [], form: "MATLAB", note: LARGE };
+  if (file.size > MAX_RECORDING) return { channels: [], form: "MATLAB", note: LARGE };
   const seen = await previewRecording(file, "application/x-matlab-data", { sample_rate_hz: rate });
   const [first] = seen.channels;
   return {
     channels: seenChannels(seen, true),
     form: "MATLAB",
     rate: first?.sample_rate_hz,
-    rateFrom: rate ? "typed in" : "from the file",
+    rateFrom: rate ? "entered" : "from the file",
     seconds: first && first.samples / first.sample_rate_hz,
     fault: seen.fault,
   };
 }
 
 async function ofBlock(file) {
-  if (file.size > MOST_RECORDING) return { channels: [], form: "protobuf", note: LARGE };
+  if (file.size > MAX_RECORDING) return { channels: [], form: "protobuf", note: LARGE };
   const seen = await previewRecording(file, "application/x-protobuf", {});
   const [first] = seen.channels;
   return {
@@ -144,7 +148,7 @@ async function ofBlock(file) {
 }
 
 async function ofJson(file) {
-  if (file.size > MOST_JSON) return { channels: [], form: "JSON", words: "too large to be looked at here" };
+  if (file.size > MAX_JSON) return { channels: [], form: "JSON", words: "too large for a preview" };
   const {
     start_time: start,
     sample_rate_hz: rate,
@@ -152,7 +156,7 @@ async function ofJson(file) {
     channel = "",
     samples,
   } = JSON.parse(await file.text());
-  if (!Array.isArray(samples)) return { channels: [], form: "JSON", fault: "it has no samples" };
+  if (!Array.isArray(samples)) return { channels: [], form: "JSON", fault: "it contains no samples" };
   return {
     channels: [{ name: channel, unit, sketch: { columns: envelopeOf(samples), whole: true } }],
     rate,
@@ -171,16 +175,16 @@ const READERS = {
   "application/x-protobuf": ofBlock,
 };
 
-/** What is known of a file before it is sent; `fault` says what is wrong with it. Nothing of it is thrown. */
+/** What is known of a file before the upload; `fault` is what is wrong with it. Never throws. */
 export async function preview(file, rate, roles) {
   const type = typeOf(file);
   if (!type)
     return {
       type,
       channels: [],
-      fault: "expected a file that ends in .wav, .mcap, .csv, .mat, .json or .pb",
+      fault: "expected a .wav, .mcap, .csv, .mat, .json or .pb file",
     };
-  const start = (told) => (OWN_TIMES.includes(type) ? null : startOfFile(file, told));
+  const start = (startTime) => (OWN_TIMES.includes(type) ? null : startOfFile(file, startTime));
   try {
     const seen = await READERS[type](file, rate, roles);
     return { type, start: start(seen.begins), ...seen };

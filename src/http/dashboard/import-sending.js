@@ -1,4 +1,4 @@
-// Sending one file: what goes into its address, the requests with their progress, and the answer in words.
+// Uploads one file: request parameters, progress, and the result as text.
 
 import { address, failure, recordsPage } from "./api.js";
 import { clock, depth } from "./format.js";
@@ -6,7 +6,7 @@ import { csvParameters } from "./import-preview.js";
 
 const PCM = 1;
 
-/** Sends a body and reports how much of it is gone; fetch has no progress of an upload. */
+/** Sends a body and reports its progress, which fetch does not for uploads. */
 function send(href, body, type, onProgress) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
@@ -19,12 +19,12 @@ function send(href, body, type, onProgress) {
         ? resolve(JSON.parse(request.responseText))
         : reject(failure(request.status, request.responseText)),
     );
-    request.addEventListener("error", () => reject(new Error("the connection was lost during the upload")));
+    request.addEventListener("error", () => reject(new Error("connection lost during the upload")));
     request.send(body);
   });
 }
 
-/** The channels' names as parameters: of several in their order, those without one by their number. */
+/** The channel names as parameters; unnamed channels of several are numbered. */
 function named(channels) {
   const names = channels.map(({ name }) => name?.trim() ?? "");
   if (names.every((name) => !name)) return {};
@@ -32,7 +32,7 @@ function named(channels) {
   return { channel_names: names.map((name, n) => (name || String(n + 1)).replaceAll(",", " ")).join(",") };
 }
 
-/** The names, and the units of their own that channels of one file have. */
+/** The names, and the units of the channels of one file that have their own. */
 function withUnits(channels) {
   if (!channels.some((channel) => channel.unit)) return named(channels);
   const numbered = channels.map(({ name }, n) => ({ name: name?.trim() || String(n + 1) }));
@@ -40,15 +40,15 @@ function withUnits(channels) {
 }
 
 /**
- * The requests that a file becomes: `{ body, type, parameters }` each. `entry` says of it what was typed: `start`, `channels` with `name` and `unit`,
- * `fullScale`, `rate` and `roles`; `common` is what holds for all files.
+ * The requests for a file, each `{ body, type, parameters }`. `entry` has what was entered for it: `start`,
+ * `channels` with `name` and `unit`, `fullScale`, `rate` and `roles`; `common` has the values for all files.
  */
 async function requestsOf(file, { type, head }, entry, common) {
   const { unit, rate, ...point } = common;
   const parameters = { ...point, start_time: entry.start };
   if (type === "text/csv") {
     const groups = Map.groupBy(entry.channels, (channel) => channel.unit || unit);
-    const said = csvParameters(rate, entry.roles);
+    const csv = csvParameters(rate, entry.roles);
     if (groups.size < 2)
       return [
         {
@@ -56,7 +56,7 @@ async function requestsOf(file, { type, head }, entry, common) {
           type,
           parameters: {
             ...parameters,
-            ...said,
+            ...csv,
             unit: [...groups.keys()][0] ?? unit,
             ...named(entry.channels),
           },
@@ -67,7 +67,7 @@ async function requestsOf(file, { type, head }, entry, common) {
       type,
       parameters: {
         ...parameters,
-        ...said,
+        ...csv,
         columns: channels.map(({ place }) => place + 1).join(","),
         unit: own,
         ...named(channels),
@@ -99,13 +99,13 @@ async function requestsOf(file, { type, head }, entry, common) {
   return [{ body: file, type, parameters: { ...parameters, unit, ...names } }];
 }
 
-/** The identifiers of the records that an asset has at a start. */
+/** The ids of an asset's records with a given start. */
 export async function recordsAt(asset, start, signal) {
   const to = new Date(Date.parse(start) + 1).toISOString();
   return (await recordsPage(asset, { from: start, to, limit: 100 }, signal)).items;
 }
 
-/** Sends a file; answers `{ kind, words, segments }`, the identifiers of the records that were not there before. */
+/** Uploads a file. Returns `{ kind, words, segments }`; `segments` are the ids of the new records. */
 export async function sendFile(asset, file, seen, entry, common, onProgress) {
   const start = entry.start ?? seen.ownStart;
   const before = start ? new Set((await recordsAt(asset, start)).map(({ id }) => id)) : null;
@@ -119,7 +119,7 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
     if (refused) all.kind = answer.stored + answer.repeated + (answer.queued ?? 0) > 0 ? "part" : "bad";
     all.words.push(...words(file, answer));
     const taken = (answer.segments ?? [answer]).map((segment) => segment.id ?? segment);
-    // of a single record whose start is not known here nobody can tell whether it was there before
+    // for a single record of unknown start, the client cannot tell whether it is new
     if (before || answer.records !== undefined) all.segments.push(...taken.filter((id) => !before?.has(id)));
     all.listed =
       (all.listed ?? true) &&
@@ -130,8 +130,8 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
 
 function words(file, answer) {
   if (answer.records !== undefined) {
-    const queued = answer.queued ? `, ${answer.queued} taken and waiting to be analysed` : "";
-    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored${queued}, ${answer.repeated} already known, ${answer.refused_count} refused.`;
+    const queued = answer.queued ? `, ${answer.queued} queued for analysis` : "";
+    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored${queued}, ${answer.repeated} already stored, ${answer.refused_count} refused.`;
     return [
       counts,
       ...answer.refused
@@ -144,19 +144,19 @@ function words(file, answer) {
   }
   return (answer.segments ?? [answer]).map(({ channel, start_time: start, wear, state }) => {
     if (state === "queued")
-      return `${file.name}: channel ${channel} taken as the record of ${clock(start)}; it waits to be analysed, and its wear shows up on the page by itself.`;
+      return `${file.name}: record of ${clock(start)}, channel ${channel}, accepted and queued for analysis; the page updates by itself.`;
     const estimate =
       wear.median_um == null
         ? wear.reason
         : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
-    return `${file.name}: channel ${channel} stored as the record of ${clock(start)}; ${estimate}.`;
+    return `${file.name}: record of ${clock(start)}, channel ${channel}, stored; ${estimate}.`;
   });
 }
 
-/** A refusal in words. */
+/** Describes a refused upload. */
 export function refusalWords(file, error) {
   const { field, value, expected } = error.problem ?? {};
-  const parts = [`${file.name} was not taken: ${error.message}`];
+  const parts = [`${file.name} was rejected: ${error.message}`];
   if (expected && !error.message.includes(expected))
     parts.push(`${field ?? "value"} is ${JSON.stringify(value ?? null)}, expected ${expected}`);
   return parts;

@@ -1,4 +1,4 @@
-// The page of the import desk: files from this machine, and recordings in the server's folder.
+// The import page: local files, and recordings in the server's replay folder.
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
@@ -7,7 +7,7 @@ import { assetName } from "./fleet-row.js";
 import { ImportDesk } from "./import-desk.js";
 import { ReplayPanel } from "./replay-panel.js";
 
-/** Records for one asset. */
+/** Adds records to one asset. */
 export class ImportPage {
   #id;
   #root;
@@ -29,13 +29,13 @@ export class ImportPage {
     );
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     this.#query = route.query;
     return true;
   }
 
-  /** Asks for the asset's name and the replays; what is on the desk is left alone. */
+  /** Fetches the asset's name and the replays; the listed files stay. */
   async refresh(signal) {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
@@ -43,7 +43,7 @@ export class ImportPage {
     await this.#replay.refresh();
   }
 
-  /** Takes files that were dropped on the page. */
+  /** Takes files dropped on the page. */
   takeFiles(files) {
     return this.#desk.take(files);
   }

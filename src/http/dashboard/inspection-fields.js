@@ -1,11 +1,11 @@
-// The fields of an inspection in the dialog for maintenance, each with what is wrong with it beside it.
+// The inspection fields of the maintenance dialog, each with its error message.
 
 import { h, setText } from "./dom.js";
 import { GEARS, PLACES } from "./inspection.js";
 
 const USUAL_ERROR_UM = 5;
 
-/** A field for a number that says below itself what it expects where it has something else. */
+/** A number field that shows an error message below it. */
 function numberField(id, label, hint, value, expected) {
   const fault = h("span", { id: `${id}-fault`, class: "field-fault", role: "alert" });
   const words = h("span", { id: `${id}-hint`, class: "muted" }, hint);
@@ -19,10 +19,10 @@ function numberField(id, label, hint, value, expected) {
     "aria-describedby": `${id}-hint ${id}-fault`,
   });
   const judge = () => {
-    const good = expected.holds(input.valueAsNumber); // not a number where it is empty
+    const good = expected.holds(input.valueAsNumber); // NaN when empty
     if (good) input.removeAttribute("aria-invalid");
     else input.setAttribute("aria-invalid", "true");
-    setText(fault, good ? "" : `Expected ${expected.words}.`);
+    setText(fault, good ? "" : `Enter ${expected.words}.`);
     return good;
   };
   input.addEventListener("input", () => fault.textContent && judge());
@@ -45,28 +45,25 @@ function choice(id, label, options) {
   return { select, element: h("div", { class: "field" }, h("label", { for: id }, label), select) };
 }
 
-/** Depth, error, gear and place of a measurement. */
+/** Depth, standard error, gear and place of a measurement. */
 export class InspectionFields {
-  #depth = numberField(
-    "inspection-depth",
-    "Measured depth (µm)",
-    "1 µm is a thousandth of a millimetre",
-    undefined,
-    { words: "a depth from 0 to 100000 µm", holds: (value) => value >= 0 && value <= 1e5 },
-  );
+  #depth = numberField("inspection-depth", "Measured depth (µm)", "1 µm = 0.001 mm", undefined, {
+    words: "a depth from 0 to 100000 µm",
+    holds: (value) => value >= 0 && value <= 1e5,
+  });
   #error = numberField(
     "inspection-error",
-    "Its standard error (µm)",
-    "two of three measurements are off by less",
+    "Standard error (µm)",
+    "about two thirds of measurements deviate by less",
     USUAL_ERROR_UM,
     { words: "a number above 0 and up to 10000 µm", holds: (value) => value > 0 && value <= 1e4 },
   );
-  #gear = choice("inspection-gear", "On which gear", GEARS);
-  #place = choice("inspection-place", "Where on the flank", PLACES);
+  #gear = choice("inspection-gear", "Measured gear", GEARS);
+  #place = choice("inspection-place", "Place on the flank", PLACES);
   element = h(
     "fieldset",
     { class: "inspection", hidden: true, disabled: true },
-    h("legend", {}, "What was measured"),
+    h("legend", {}, "Measurement"),
     h(
       "div",
       { class: "fields" },
@@ -77,13 +74,13 @@ export class InspectionFields {
     ),
   );
 
-  /** Shows the fields or not. */
+  /** Shows or hides the fields. */
   show(is) {
     this.element.hidden = !is;
-    this.element.disabled = !is; // nothing in it then keeps the form from being sent
+    this.element.disabled = !is; // so that hidden fields do not block submission
   }
 
-  /** What the fields say, or null where one is wrong, which then says so. */
+  /** The measurement, or null when a field is invalid, which then shows its error. */
   value() {
     const numbers = [this.#depth, this.#error];
     const wrong = numbers.filter((field) => !field.judge());
@@ -101,7 +98,7 @@ export class InspectionFields {
     };
   }
 
-  /** Forgets the depth, which is of one measurement; its error and place are likely those of the next. */
+  /** Clears the depth; error and place are likely the same next time. */
   clear() {
     this.#depth.input.value = "";
   }

@@ -1,28 +1,28 @@
-// Wear that was measured on the teeth: its words, and its place on the plot of wear over time.
+// Wear measured on the teeth: description, and marks on the wear plot.
 
 import { number } from "./format.js";
 
-/** Gears that a measurement may be of, by what the server calls them; the empty one is sent as none. */
+/** Gears that a measurement may be of, by their API value; the empty one is sent as null. */
 export const GEARS = { "": "Deeper of both gears", 1: "Driving gear", 2: "Driven gear" };
 
 /** Places on the flank. */
 export const PLACES = {
-  greatest: "Where it is deepest",
+  greatest: "At the deepest point",
   root: "At the root",
   pitch: "At the pitch point",
   tip: "At the tip",
 };
 
-/** Depth with its standard error; the digits of the one who measured it. */
+/** Depth with its standard error, in the digits entered. */
 export const measured = ({ depth_um: value, error_um: error }) => `${number(value)} ± ${number(error)} µm`;
 
-/** A measurement in a few words. */
+/** Describes a measurement. */
 export function inspectionWords(inspection) {
   const { gear, place } = inspection;
   return `${measured(inspection)}, ${GEARS[gear ?? ""].toLowerCase()}, ${PLACES[place ?? "greatest"].toLowerCase()}`;
 }
 
-/** Whether it is of what the plot of wear shows, the greatest depth of both gears. */
+/** Whether it measures what the wear plot shows: the greatest depth of both gears. */
 const isGreatest = ({ gear, place }) => gear == null && (place ?? "greatest") === "greatest";
 
 function markers(events, symbol, colour) {
@@ -61,22 +61,22 @@ export function inspectionMarks({ maintenance }, colour, range) {
   const [from, to] = range;
   const within = ({ time, inspection }) =>
     inspection && Date.parse(time) >= Date.parse(from) && Date.parse(time) <= Date.parse(to);
-  const told = maintenance instanceof Error ? [] : maintenance.items.filter(within);
+  const inspections = maintenance instanceof Error ? [] : maintenance.items.filter(within);
   const kinds = [
     [
-      told.filter(({ inspection }) => isGreatest(inspection)),
+      inspections.filter(({ inspection }) => isGreatest(inspection)),
       "diamond",
-      "measured depth ± its standard error",
+      "measured depth ± standard error",
     ],
     [
-      told.filter(({ inspection }) => !isGreatest(inspection)),
+      inspections.filter(({ inspection }) => !isGreatest(inspection)),
       "diamond-open",
-      "measured on one gear or at one place, ± its standard error",
+      "measured on one gear or at one place, ± standard error",
     ],
   ].filter(([events]) => events.length);
   return {
     traces: kinds.map(([events, symbol]) => markers(events, symbol, colour)),
-    annotations: told.map((event) => label(event, colour)),
+    annotations: inspections.map((event) => label(event, colour)),
     entries: kinds.map(([, symbol, words]) => [
       symbol === "diamond" ? "filled" : "diamond",
       colour.reference,

@@ -1,15 +1,15 @@
-// What a drawing lays over one another: the data of a record each, with its colour and its name.
+// Layers of a drawing: the data of one record each, with colour and name.
 
 import { palette } from "./plots.js";
 
 /**
- * `pointed` stands before what is said of a point, `prefix` before the headings of its columns; a record that `isNamed` is in the legend also where it is the
- * only one.
+ * `pointed` precedes hover text, `prefix` precedes column headings. A record with `isNamed` is in the legend
+ * even if it is the only one.
  * @typedef {{ data: any, colour: string, name: string, pointed: string, prefix: string, isNamed?: boolean }} Layer
  */
 
 /**
- * The selected record, and the pinned one where there is one to compare with.
+ * The selected record, and the pinned one if any.
  * @returns {Layer[]}
  */
 export function selectedAndPinned(data, other) {
@@ -21,7 +21,7 @@ export function selectedAndPinned(data, other) {
 }
 
 /**
- * The legend's entries of records.
+ * Legend entries of records.
  * @param {Layer[]} layers
  */
 export function recordEntries(layers) {
@@ -31,7 +31,7 @@ export function recordEntries(layers) {
 }
 
 /**
- * The columns of records side by side; `columns(data)` gives those of one.
+ * The columns of several records side by side; `columns(data)` returns those of one.
  * @param {Layer[]} layers
  */
 export function recordColumns(layers, columns) {

@@ -1,11 +1,11 @@
-// Spectra as levels against the first record: how many decibels each stretch of the axis has grown.
+// Spectra relative to the first record: the change in dB of each stretch of the axis.
 
 import { number } from "./format.js";
 import { recordColumns, recordEntries } from "./layers.js";
 
 const STRETCHES = 400; // single lines of noise would differ by chance
 
-/** The greatest line of each stretch of `[from, to]`; undefined where a spectrum has none. */
+/** The largest line of each stretch of `[from, to]`; undefined where a spectrum has none. */
 function greatest({ frequency_hz: x, amplitude }, [from, to], count) {
   const peaks = Array(count).fill(undefined);
   const width = (to - from) / count;
@@ -18,7 +18,7 @@ function greatest({ frequency_hz: x, amplitude }, [from, to], count) {
 }
 
 /**
- * The drawing of `layers` against the first of them over a part of their axis.
+ * Draws `layers` relative to the first of them, over a part of their axis.
  * @param {import("./layers.js").Layer[]} layers
  */
 export function changeDrawing(layers, axis, range, note, revision) {
@@ -45,26 +45,25 @@ export function changeDrawing(layers, axis, range, note, revision) {
     line: { color: colour, width: 1.2 },
     hovertemplate: `${pointed}%{x:.2f}${axis.suffix}: %{y:+.1f} dB<extra></extra>`,
   });
-  const compared =
-    layers.length > 1 ? "" : " Add a second record: the first against itself is 0 dB throughout.";
+  const compared = layers.length > 1 ? "" : " Add a second record to compare with the first.";
   return {
     traces: [line(changed[0])],
     others: changed.slice(1).map(line),
     table: () =>
       recordColumns(changed, (levels) => [
         [axis.name, x],
-        ["level against the first record (dB)", levels],
+        ["level re first record (dB)", levels],
       ]),
     legend: recordEntries(layers),
-    sub: `0 dB is the first record: the greatest line of each stretch of ${axis.wide(width)} over the first record's greatest there.${compared}${note}`,
-    summary: `Levels against the first record from ${number(range[0])} to ${number(range[1])}.`,
+    sub: `Largest line in each stretch of ${axis.wide(width)}, relative to the first record's largest line there (0 dB).${compared}${note}`,
+    summary: `Levels relative to the first record from ${number(range[0])} to ${number(range[1])}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
       hoverdistance: 12,
       xaxis: { title: { text: axis.title }, range, uirevision: `${revision} ${axis.name} ${range}` },
       yaxis: {
-        title: { text: "Level against the first record (dB)" },
+        title: { text: "Level re first record (dB)" },
         range: [-reach, reach],
         uirevision: `${revision} change ${range}`,
       },

@@ -13,7 +13,7 @@ export class LibrariesPage {
   constructor(root) {
     document.title = "Libraries · flankwatch";
     const words =
-      "Each library holds one gear pair's simulated wear states, from unworn to the deepest. A record's features are compared with them.";
+      "Each library holds simulated wear states of one gear pair, from unworn to the maximum depth. Record features are compared with them.";
     setChildren(root, h("h1", {}, "Libraries"), h("p", { class: "muted" }, words), this.#list);
   }
 
@@ -21,7 +21,7 @@ export class LibrariesPage {
     return true;
   }
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the libraries and shows what changed. */
   async refresh(signal) {
     const answer = await api.libraries(signal);
     if (answer === this.#shown) return;
@@ -32,7 +32,7 @@ export class LibrariesPage {
         h(
           "p",
           { class: "notice" },
-          "No libraries yet. The server builds one for each asset whose gear pair is described.",
+          "No libraries yet. The server builds one for each asset with a gear pair.",
         ),
       );
     const rows = answer.items.map((library) =>

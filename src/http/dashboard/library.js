@@ -1,4 +1,4 @@
-// One library: the grid of wear states with each state's figures, and the chosen state's mesh.
+// One library: its grid of wear states with their figures, and the mesh of the selected state.
 
 import * as api from "./api.js";
 import { crumbs } from "./asset-frame.js";
@@ -15,8 +15,8 @@ const COLUMNS = [
   ["index", "State", (row) => row.index],
   ["wear_um", "Wear (µm)", (row) => depth(row.wear_um)],
   ["stiffness_mean_n_per_m", "Mean stiffness (N/µm)", (row) => number(row.stiffness_mean_n_per_m * 1e-6, 4)],
-  ["stiffness_min_n_per_m", "Least (N/µm)", (row) => number(row.stiffness_min_n_per_m * 1e-6, 4)],
-  ["stiffness_max_n_per_m", "Greatest (N/µm)", (row) => number(row.stiffness_max_n_per_m * 1e-6, 4)],
+  ["stiffness_min_n_per_m", "Minimum (N/µm)", (row) => number(row.stiffness_min_n_per_m * 1e-6, 4)],
+  ["stiffness_max_n_per_m", "Maximum (N/µm)", (row) => number(row.stiffness_max_n_per_m * 1e-6, 4)],
   [
     "uste_peak_to_peak_rad",
     "Transmission error, peak to peak (µrad)",
@@ -28,7 +28,7 @@ const COLUMNS = [
 ];
 const CHOICES = ["rms", "kurtosis", "omx", "crest_factor", "mesh_2", "mesh_3", "mesh_4", "mesh_5"];
 
-/** The drawing of one indicator over the grid. */
+/** Draws one indicator over the grid. */
 function gridDrawing(rows, name, chosen, revision) {
   const colour = palette();
   const x = rows.map((row) => row.wear_um);
@@ -49,7 +49,7 @@ function gridDrawing(rows, name, chosen, revision) {
     ],
     legend: [],
     table: () => Object.keys(rows[0]).map((key) => [key, rows.map((row) => row[key])]),
-    sub: "What the model expects at each wear depth, without a transmission path or noise. Click a point to choose a state.",
+    sub: "Model prediction at each wear depth, without transmission path or noise. Click a point to select a state.",
     summary: `${indicatorName(name)} over ${rows.length} wear states.`,
     layout: {
       uirevision: `${revision} ${name}`,
@@ -113,7 +113,7 @@ export class LibraryPage {
     document.title = "Library · flankwatch";
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     const before = this.#query;
     this.#query = route.query;
@@ -127,7 +127,7 @@ export class LibraryPage {
     return rows.find((row) => row.index === asked) ?? rows[0];
   }
 
-  /** Asks the server and shows what changed: a library never changes, a state may be chosen. */
+  /** Fetches the library, which never changes, and the selected state. */
   async refresh(signal) {
     if (this.#data && this.#data.state.index === this.#chosen(this.#data.rows).index) return;
     const library = this.#data?.library ?? (await api.answer(api.library(this.#id, signal)));
@@ -147,7 +147,7 @@ export class LibraryPage {
     await this.redraw();
   }
 
-  /** Draws what is known anew. */
+  /** Redraws from known data. */
   async redraw() {
     if (!this.#data) return;
     const { library, rows, state, unworn } = this.#data;
@@ -224,7 +224,7 @@ export class LibraryPage {
 
   tick() {}
 
-  /** Frees the plots. */
+  /** Releases the plots. */
   dispose() {
     for (const card of [this.#curve, this.#stiffness, this.#transmission]) card.dispose();
   }

@@ -1,65 +1,68 @@
-// What happened in an asset's life beside its records: maintenance, and the alarms of one channel; as marks
-// on plots over time.
+// Events in an asset's life besides its records: maintenance, and the alarms of one channel, as marks on time
+// plots.
 
 import * as api from "./api.js";
-import { learnUnits } from "./alarm-units.js";
+import { fetchUnits } from "./alarm-units.js";
 import { changeWords, quantityWords } from "./alarm-words.js";
 import { verticalLine } from "./plots.js";
 
-const MOST_ALARMS = 12; // histories that are asked for
+const MAX_ALARMS = 12; // histories fetched
 
-/** Kinds of maintenance, and what each does to the estimate. */
+/** Kinds of maintenance and their effect on the estimate. */
 export const MAINTENANCE = {
   gear_replaced: {
     word: "Gears replaced",
-    words: "Wear begins at zero again, a new baseline is learnt, and alarms on wear are over.",
+    words: "Wear restarts at zero, a new baseline is collected, and wear alarms are cleared.",
   },
   sensor_replaced: {
     word: "Sensor replaced",
-    words: "A new baseline is learnt; wear goes on from where it was.",
+    words: "A new baseline is collected; wear continues from its current depth.",
   },
   regime_changed: {
     word: "Operation changed",
-    words: "Another load or speed: a new baseline is learnt; wear goes on from where it was.",
+    words: "Load or speed changed: a new baseline is collected; wear continues from its current depth.",
   },
   inspected: {
     word: "Wear measured",
-    words: "The teeth were looked at and the depth was measured: the estimate goes on from there.",
+    words: "The depth was measured on the teeth; the estimate continues from there.",
   },
 };
 
-const OTHER_WORDS = { baseline_chosen: "Baseline chosen" }; // not entered in the dialog but on the table of records
+const OTHER_WORDS = { baseline_chosen: "Baseline chosen" }; // entered in the records table, not in the dialog
 
-/** The word for a kind of maintenance. */
+/** The name of a kind of maintenance. */
 export const maintenanceWord = (kind) =>
   MAINTENANCE[kind]?.word ?? OTHER_WORDS[kind] ?? kind.replaceAll("_", " ");
 
 const RAISED = "unacknowledged,acknowledged";
 
-/** Maintenance, the alarms of a channel with their histories, and those that are raised on `others`, as answers of the server or errors. */
+/**
+ * Maintenance, the alarms of a channel with their histories, and those raised on `others`, as answers or
+ * errors.
+ */
 export async function fetchEvents(id, channel, signal) {
   const [maintenance, list, raised] = await Promise.all([
     api.answer(api.maintenance(id, signal)),
-    api.answer(api.alarms({ asset: id, channel, limit: MOST_ALARMS }, signal)),
-    api.answer(api.alarms({ asset: id, state: RAISED, limit: MOST_ALARMS }, signal)),
+    api.answer(api.alarms({ asset: id, channel, limit: MAX_ALARMS }, signal)),
+    api.answer(api.alarms({ asset: id, state: RAISED, limit: MAX_ALARMS }, signal)),
   ]);
   const others = raised instanceof Error ? [] : raised.items.filter((alarm) => alarm.channel !== channel);
   const listed = list instanceof Error ? [] : list.items;
   const answers = await Promise.all(
     [...listed, ...others].map((alarm) => api.answer(api.alarm(alarm.id, signal))),
   );
-  const told = answers.filter((alarm) => !(alarm instanceof Error));
-  await learnUnits(told, signal);
+  const known = answers.filter((alarm) => !(alarm instanceof Error));
+  await fetchUnits(known, signal);
   const mine = (alarm) => alarm.channel === channel;
   return {
     maintenance,
     refused: list instanceof Error ? list : null,
-    alarms: told.filter(mine),
-    others: told.filter((alarm) => !mine(alarm)),
+    alarms: known.filter(mine),
+    others: known.filter((alarm) => !mine(alarm)),
   };
 }
 
-/** Whether two answers of `fetchEvents` are the same objects. */
+/** Whether two answers of `fetchEvents` consist of the same objects. */
 export function sameEvents(a, b) {
   const same = (one, other) => one.length === other.length && one.every((alarm, n) => alarm === other[n]);
   return (
@@ -76,7 +79,7 @@ function changes(alarms) {
   );
 }
 
-/** What a record caused, by its start time: lines for the words at a pointed record. */
+/** Alarm changes caused by a record, by its start time, as hover text. */
 export function wordsAt({ alarms }) {
   const words = new Map();
   for (const { alarm, change } of changes(alarms)) {
@@ -89,7 +92,7 @@ export function wordsAt({ alarms }) {
 const SYMBOLS = { danger: ["octagon", "danger"], warning: ["square", "warning"] };
 const STRIP_PX = 8; // from the plot's upper edge to the middle of a mark
 
-/** A mark of a few pixels above the plot at a time. */
+/** A small mark above the plot at a time. */
 function mark(time, name, colour) {
   const place = {
     xref: "x",
@@ -114,19 +117,20 @@ function mark(time, name, colour) {
 }
 
 /**
- * Marks in a strip above the plot: octagon danger, square warning, hollow circle back to normal; maintenance as a line over the whole plot with its word.
- * `{ shapes, annotations, entries, top }`; `top` is the room that the strip needs in pixels.
+ * Marks in a strip above the plot: octagon for danger, square for warning, hollow circle for back to normal;
+ * maintenance as a labelled line over the whole plot. Returns `{ shapes, annotations, entries, top }`; `top`
+ * is the height of the strip in pixels.
  */
 export function eventMarks({ maintenance, alarms }, colour, items) {
   const [first, last] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
   const within = (time) => Date.parse(time) >= first && Date.parse(time) <= last;
   const marks = changes(alarms).filter(({ change }) => within(change.time));
-  const told = (maintenance instanceof Error ? [] : maintenance.items).filter(({ time }) => within(time));
+  const events = (maintenance instanceof Error ? [] : maintenance.items).filter(({ time }) => within(time));
   /** @type {[string | null, (change: any) => boolean, string][]} */
   const kinds = [
     ["danger", ({ severity }) => severity === "danger", "danger alarm raised"],
     ["warning", ({ severity }) => severity === "warning", "warning alarm raised"],
-    [null, ({ severity }) => !severity, "alarm over"],
+    [null, ({ severity }) => !severity, "alarm cleared"],
   ];
   /** @type {any[][]} */
   const [shapes, annotations, entries] = [[], [], []];
@@ -137,8 +141,8 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
     entries.push([name, colour[ink], words]);
     shapes.push(...some.map(({ change }) => mark(change.time, name, colour[ink])));
   }
-  shapes.push(...told.map(({ time }) => verticalLine(time, colour.reference, "dashdot", 1.5)));
-  for (const { time, kind } of told)
+  shapes.push(...events.map(({ time }) => verticalLine(time, colour.reference, "dashdot", 1.5)));
+  for (const { time, kind } of events)
     annotations.push({
       x: time,
       yref: "paper",
@@ -151,6 +155,6 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
       bgcolor: colour.surface,
       font: { color: colour.reference },
     });
-  if (told.length) entries.push(["dash", colour.reference, "maintenance"]);
+  if (events.length) entries.push(["dash", colour.reference, "maintenance"]);
   return { shapes, annotations, entries, top: marks.length ? 14 : 0 };
 }

@@ -1,5 +1,4 @@
-// The lines of a spectrum as numbers: those of the cursor, or else the mesh harmonics and the sidebands that
-// are shown.
+// Spectral lines as a table: those of the cursor, or else the visible mesh harmonics and sidebands.
 
 import { cursorLines } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -8,7 +7,7 @@ import { decibels, number, unit } from "./format.js";
 import { legend } from "./plots.js";
 import { axisOf, sidebandsOf } from "./spectrum-plot.js";
 
-const SAME = 2; // lines within which a line is the mesh harmonic
+const SAME = 2; // lines within which a line counts as the mesh harmonic
 
 function meshRows(spectrum, sidebands, zoom) {
   return spectrum.mesh_harmonics.flatMap(({ order, frequency_hz: x, amplitude }) => {
@@ -33,18 +32,18 @@ function cursorRows(spectrum, cursor) {
 
 const change = (amplitude, first) => (amplitude > 0 && first > 0 ? 20 * Math.log10(amplitude / first) : null);
 
-/** The lines of a cursor, or those of the mesh where there is none. */
+/** The lines of a cursor, or those of the mesh without one. */
 const rowsOf = (spectrum, cursor, { sidebands, zoom }) =>
   cursor ? cursorRows(spectrum, cursor) : meshRows(spectrum, sidebands, zoom);
 
-/** A heading that says by its colour which record it is of. */
+/** A heading in the colour of its record. */
 const recordHeading = ({ data, colour, name }) => [
   legend([["line", colour, ""]])[0].firstChild,
   h("span", { class: "spoken" }, `${name}, amplitude`),
   ` ${unit(data.unit)}`,
 ];
 
-/** The amplitudes of further records at the rows of the first, and how far they are from it. */
+/** The amplitudes of further records at the rows of the first, and their ratio to it. */
 function furtherColumns(layers, cursors, rows, view) {
   return layers.flatMap((layer, n) => {
     const own = new Map(
@@ -58,7 +57,7 @@ function furtherColumns(layers, cursors, rows, view) {
   });
 }
 
-/** How far a line has grown since the baseline, in decibels; null where it is no mesh harmonic with one. */
+/** The change of a line since the baseline in dB; null unless it is a mesh harmonic with a baseline value. */
 function growth({ mesh_harmonics: harmonics, resolution_hz: step }, { x, amplitude }) {
   const harmonic = harmonics.find(({ frequency_hz: frequency }) => Math.abs(frequency - x) <= SAME * step);
   return harmonic?.baseline_amplitude > 0 && amplitude > 0
@@ -77,14 +76,14 @@ export class LineTable {
     this.#summary,
     h(
       "div",
-      { class: "lines-scroll", tabindex: "0", role: "group", "aria-label": "Lines of the spectrum" },
+      { class: "lines-scroll", tabindex: "0", role: "group", "aria-label": "Spectral lines" },
       h("table", {}, h("thead", {}, this.#head), this.#body),
     ),
   );
 
   /**
-   * Shows the lines of a cursor, or those of the mesh where there is none; nothing of a spectrum that is not there. `further` are other records with cursors of their own,
-   * whose amplitudes stand beside those of the `first`.
+   * Shows the lines of a cursor, or those of the mesh without one; nothing when the spectrum is missing.
+   * `further` are other records with their cursors, whose amplitudes are shown beside those of the `first`.
    * @param {{ first?: import("./layers.js").Layer, layers: import("./layers.js").Layer[], cursors: import("./cursor-lines.js").Cursor[] }} [further]
    */
   show(spectrum, cursor, view, further = { layers: [], cursors: [] }) {
@@ -106,9 +105,9 @@ export class LineTable {
         rows.map(({ amplitude }) => number(amplitude, 4)),
       ],
       ...furtherColumns(further.layers, further.cursors, rows, view),
-      grown.some((each) => each !== null) && ["Since the baseline, dB", grown.map(decibels)],
+      grown.some((each) => each !== null) && ["Change since baseline, dB", grown.map(decibels)],
     ].filter(Boolean);
-    setText(this.#summary, cursor ? "Lines of the cursor" : "Lines of the mesh");
+    setText(this.#summary, cursor ? "Cursor lines" : "Mesh lines");
     setChildren(
       this.#head,
       columns.map(([name]) => h("th", { scope: "col" }, name)),

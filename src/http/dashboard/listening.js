@@ -1,18 +1,18 @@
-// A record as sound: its samples brought to one height, so that the level says nothing.
+// Plays a record as sound, normalised to one peak level, so the loudness carries no information.
 
 import * as api from "./api.js";
 
-const MOST_SECONDS = 30;
+const MAX_SECONDS = 30;
 const PIECE = 190_000; // samples of one answer
 const PEAK = 0.9;
-const RATES = [3000, 768_000]; // that browsers take for a buffer
+const RATES = [3000, 768_000]; // sampling rates that browsers accept for a buffer
 
-/** The speeds of playback that can be chosen. */
+/** The playback speeds. */
 export const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 
-/** The samples of a record, of a long one its begin. */
+/** The samples of a record, or of the start of a long one. */
 async function samplesOf({ id, samples, sample_rate_hz: rate }, signal) {
-  const count = Math.min(samples, Math.floor(MOST_SECONDS * rate));
+  const count = Math.min(samples, Math.floor(MAX_SECONDS * rate));
   const values = new Float32Array(count);
   for (let first = 0; first < count; first += PIECE) {
     const last = Math.min(first + PIECE, count);
@@ -25,14 +25,14 @@ async function samplesOf({ id, samples, sample_rate_hz: rate }, signal) {
   return values;
 }
 
-/** Samples without their mean, the greatest at a set height. */
+/** Samples without their mean, scaled to a set peak. */
 export function normalised(values) {
   const mean = values.reduce((sum, value) => sum + value, 0) / (values.length || 1);
   const peak = values.reduce((most, value) => Math.max(most, Math.abs(value - mean)), 0) || 1;
   return values.map((value) => ((value - mean) * PEAK) / peak);
 }
 
-/** Plays one record at a time, over and over; `onChange(id)` says which one sounds, null for none. */
+/** Plays one record at a time in a loop; `onChange(id)` reports which one is playing, null for none. */
 export class Listening {
   #context;
   #source;
@@ -44,12 +44,12 @@ export class Listening {
     this.#onChange = onChange;
   }
 
-  /** The record that sounds. */
+  /** The record being played. */
   get id() {
     return this.#asked?.id ?? null;
   }
 
-  /** Another speed of playback. */
+  /** Sets the playback speed. */
   set speed(times) {
     this.#speed = times;
     if (this.#source) this.#source.playbackRate.value = times * this.#source.stretch;
@@ -71,7 +71,7 @@ export class Listening {
       const buffer = this.#context.createBuffer(1, Math.max(1, values.length), rate);
       buffer.copyToChannel(values, 0);
       const source = this.#context.createBufferSource();
-      const stretch = own / rate; // a rate that browsers do not take is made up for by the speed
+      const stretch = own / rate; // a rate that browsers do not accept is compensated by the playback speed
       this.#source = Object.assign(source, { buffer, loop: true, stretch });
       source.playbackRate.value = this.#speed * stretch;
       source.connect(this.#context.destination);
@@ -82,7 +82,7 @@ export class Listening {
     }
   }
 
-  /** Falls silent. */
+  /** Stops playback. */
   stop() {
     this.#source?.stop();
     this.#source = undefined;
@@ -93,7 +93,7 @@ export class Listening {
     }
   }
 
-  /** Frees what the browser holds for sound. */
+  /** Releases the audio resources. */
   dispose() {
     this.stop();
     this.#context?.close();

@@ -1,5 +1,5 @@
-// Asks again when the server tells that something has changed, or every two seconds where it cannot tell;
-// says how fresh the page is, and keeps trying when the connection is lost.
+// Fetches again when the server reports a change, or every two seconds without the event stream; shows how
+// recent the page is and retries after a lost connection.
 
 import { ConnectionError } from "./api.js";
 import { setText } from "./dom.js";
@@ -7,11 +7,14 @@ import { Events } from "./events.js";
 import { age, clock } from "./format.js";
 
 const INTERVAL_MS = 2000;
-const TOLD_INTERVAL_MS = 20_000; // where the server tells of changes, a look now and then only guards against a missed one
-const LEAST_MS = 700; // between two looks, however many events there are
+const PUSHED_INTERVAL_MS = 20_000; // with the event stream, polling only guards against missed events
+const MIN_MS = 700; // minimum time between two updates, however many events arrive
 const RETRIES_MS = [2000, 3000, 5000, 10_000];
 
-/** Runs `task(signal)` over and over; `report` gets `{ state, updatedAt, lostAt, retryAt, error }` after every change. */
+/**
+ * Runs `task(signal)` repeatedly; `report` receives `{ state, updatedAt, lostAt, retryAt, error }` after
+ * every change.
+ */
 export class Live {
   #task;
   #report;
@@ -19,7 +22,7 @@ export class Live {
   #abort = new AbortController();
   #failures = 0;
   #status = { state: "loading" };
-  #told = false;
+  #pushed = false;
   #busy = false;
   #due = false;
 
@@ -30,22 +33,22 @@ export class Live {
     addEventListener("online", () => this.now());
     new Events(
       () => this.#changed(),
-      (told) => {
-        this.#told = told;
-        this.#changed(); // something may have happened before the stream began, or since it ended
+      (pushed) => {
+        this.#pushed = pushed;
+        this.#changed(); // something may have happened before the stream started or since it ended
       },
     );
   }
 
-  /** An event: what is under way goes on, and another look follows. */
+  /** An event: the running update continues, and another one follows. */
   #changed() {
     const isFirst = !this.#due;
     this.#due = true;
-    // further events do not put the look off: where they come without a pause it would never be
-    if (isFirst && !this.#busy && this.#failures === 0) this.#later(LEAST_MS);
+    // further events do not postpone the update: with continuous events it would never run
+    if (isFirst && !this.#busy && this.#failures === 0) this.#later(MIN_MS);
   }
 
-  /** Asks at once and forgets what is under way: what was asked for may have changed. */
+  /** Updates at once and discards the running update: what it fetched may have changed. */
   async now() {
     clearTimeout(this.#timer);
     this.#abort.abort();
@@ -57,8 +60,8 @@ export class Live {
       if (abort.signal.aborted) return;
       this.#busy = false;
       this.#failures = 0;
-      this.#set({ state: "live", told: this.#told, updatedAt: Date.now() });
-      this.#later(this.#due ? LEAST_MS : this.#told ? TOLD_INTERVAL_MS : INTERVAL_MS);
+      this.#set({ state: "live", pushed: this.#pushed, updatedAt: Date.now() });
+      this.#later(this.#due ? MIN_MS : this.#pushed ? PUSHED_INTERVAL_MS : INTERVAL_MS);
     } catch (error) {
       if (error.name === "AbortError" || abort.signal.aborted) return;
       this.#busy = false;
@@ -86,14 +89,12 @@ export class Live {
   }
 }
 
-/** Shows a status in the page's header and banner; call it every second so that ages grow. */
+/** Shows the status in the page's header and banner; called every second so that ages advance. */
 export function showStatus(status, { live, text, banner, bannerText, bannerWait }) {
-  const { state, updatedAt, lostAt, retryAt, error, told } = status;
+  const { state, updatedAt, lostAt, retryAt, error, pushed } = status;
   live.dataset.state = state;
-  document.body.dataset.connection = state; // what is still loading then says nothing that the banner does not
-  live.title = told
-    ? "The server tells of every change at once"
-    : "The page asks the server every two seconds";
+  document.body.dataset.connection = state; // loading notices are then hidden: the banner explains the state
+  live.title = pushed ? "Live updates from the server" : "Polling the server every two seconds";
   const fresh = updatedAt ? `updated ${age(new Date(updatedAt).toISOString())}` : "no data yet";
   setText(text, state === "loading" ? "connecting…" : fresh);
   const lost = state === "lost" || state === "failed";
@@ -104,10 +105,10 @@ export function showStatus(status, { live, text, banner, bannerText, bannerWait 
     state === "lost"
       ? `Connection lost since ${since}: ${error.message}.`
       : error.status === 401
-        ? "The service asks for a token."
-        : `The page could not be brought up to date: ${error.message}.`;
-  setText(bannerText, updatedAt ? `${what} What you see may be out of date.` : what);
-  // the countdown is kept out of what a screen reader announces: it changes every second
+        ? "This service requires a token."
+        : `Update failed: ${error.message}.`;
+  setText(bannerText, updatedAt ? `${what} The data shown may be out of date.` : what);
+  // the countdown is hidden from screen readers: it changes every second
   const wait = Math.ceil((retryAt - Date.now()) / 1000);
-  setText(bannerWait, wait > 0 ? `Trying again in ${wait} s.` : "Trying again…");
+  setText(bannerWait, wait > 0 ? `Retrying in ${wait} s.` : "Retrying…");
 }

@@ -1,4 +1,4 @@
-// Asks for a token when the server wants one, and begins a session with it; ends the session when asked to.
+// Login dialog for a token, which starts a session; and logout.
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
@@ -12,11 +12,11 @@ function build(then) {
   const form = h(
     "form",
     {},
-    h("h2", { id: "login-title" }, "A token is needed"),
+    h("h2", { id: "login-title" }, "Token required"),
     h(
       "p",
       {},
-      "This service asks for a token, made by “flankwatch token create”. This browser keeps it until it is closed or you log out.",
+      "Enter a token created with “flankwatch token create”. You stay logged in until you close the browser or log out.",
     ),
     h("label", { class: "field", for: "token" }, h("span", {}, "Token"), input),
     refused,
@@ -27,7 +27,7 @@ function build(then) {
     try {
       await api.logIn(input.value);
     } catch (error) {
-      return setText(refused, error.status === 401 ? "The service does not know this token." : error.message);
+      return setText(refused, error.status === 401 ? "Unknown token." : error.message);
     }
     input.value = "";
     dialog.close();
@@ -36,7 +36,7 @@ function build(then) {
   return h("dialog", { id: "login", class: "records", "aria-labelledby": "login-title" }, form);
 }
 
-/** Shows the dialog whenever an answer says that a token is needed, and calls `then` once a session has begun. */
+/** Shows the dialog whenever an answer requires a token, and calls `then` once a session has started. */
 export function bindLogin(then) {
   document.addEventListener("tokenneeded", () => {
     if (!dialog) {
@@ -49,7 +49,10 @@ export function bindLogin(then) {
   });
 }
 
-/** Shows a button to log out as long as there is a session, and the link to the tokens to who may change them; the function that is given back looks again. */
+/**
+ * Shows the logout button during a session, and the link to the tokens for admins. Returns a function that
+ * updates both.
+ */
 export function bindLogout(button, tokens) {
   button.addEventListener("click", async () => {
     await api.logOut();
@@ -59,6 +62,6 @@ export function bindLogout(button, tokens) {
     const token = await api.session().catch(() => null);
     button.hidden = !token;
     tokens.hidden = Boolean(token) && token.scope !== "admin";
-    button.title = token ? `Logged in with the token “${token.name}”, scope ${token.scope}` : "";
+    button.title = token ? `Logged in with token “${token.name}”, scope ${token.scope}` : "";
   };
 }

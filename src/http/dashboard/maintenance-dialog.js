@@ -1,16 +1,16 @@
-// Entering maintenance: what was done, when, and by whom.
+// Dialog for maintenance: what was done, when, and by whom.
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
 import { clock } from "./format.js";
 import { InspectionFields } from "./inspection-fields.js";
 import { MAINTENANCE, maintenanceWord } from "./life-events.js";
-import { keepName, lastName } from "./person.js";
+import { storeName, storedName } from "./person.js";
 import { instant, written, zoneName } from "./time-zone.js";
 
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
 
-/** A dialog with a form for one event of maintenance. */
+/** The dialog with the form for one maintenance event. */
 export class MaintenanceDialog {
   #id;
   #time = h("input", { id: "maintenance-time", type: "datetime-local", step: 1, required: true });
@@ -52,9 +52,9 @@ export class MaintenanceDialog {
     const form = h(
       "form",
       { onsubmit: (event) => this.#submit(event) },
-      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "What was done"), kinds),
+      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "Type"), kinds),
       this.#inspection.element,
-      h("div", { class: "fields" }, field(this.#time, `When, ${zoneName()}`), field(this.#by, "By whom")),
+      h("div", { class: "fields" }, field(this.#time, `Time, ${zoneName()}`), field(this.#by, "Your name")),
       field(this.#comment, "Comment"),
       h(
         "div",
@@ -63,7 +63,7 @@ export class MaintenanceDialog {
         h(
           "span",
           { class: "muted" },
-          "It counts from the first record at that time or later; one in the past has the history estimated again.",
+          "Takes effect from the first record at or after that time. An entry in the past recomputes the history.",
         ),
       ),
       this.#result,
@@ -81,11 +81,11 @@ export class MaintenanceDialog {
     );
   }
 
-  /** Shows the dialog with a time, that of the record on show, to begin with. */
+  /** Shows the dialog, starting with the time of the displayed record. */
   open(time) {
     this.#time.value = written(time ?? Date.now()).slice(0, 19);
-    this.#by.value ||= lastName();
-    this.#said("", "");
+    this.#by.value ||= storedName();
+    this.#showStatus("", "");
     if (!this.element.open) this.element.showModal();
   }
 
@@ -95,39 +95,39 @@ export class MaintenanceDialog {
     const inspection = kind === "inspected" ? this.#inspection.value() : undefined;
     if (inspection === null) return;
     const [by, comment] = [this.#by.value.trim(), this.#comment.value.trim()];
-    keepName(by);
+    storeName(by);
     this.#save.disabled = true;
     try {
       const time = instant(this.#time.value);
-      await api.tellMaintenance(this.#id, { time, kind, by, comment, inspection });
+      await api.addMaintenance(this.#id, { time, kind, by, comment, inspection });
       this.#comment.value = "";
       this.#inspection.clear();
       this.element.close();
       changed();
     } catch (error) {
-      this.#said("bad", `Not saved: ${error.message}.`);
+      this.#showStatus("bad", `Saving failed: ${error.message}.`);
     } finally {
       this.#save.disabled = false;
     }
   }
 
-  /** Takes back an event after asking. */
+  /** Deletes an event after confirmation. */
   async takeBack(event) {
     if (
       !confirm(
-        `Take back “${maintenanceWord(event.kind)}” of ${clock(event.time)}? The history is then estimated as if it had not been.`,
+        `Delete “${maintenanceWord(event.kind)}” of ${clock(event.time)}? The history is then recomputed without it.`,
       )
     )
       return;
-    const answer = await api.answer(api.takeBackMaintenance(this.#id, event.id));
+    const answer = await api.answer(api.deleteMaintenance(this.#id, event.id));
     if (answer instanceof Error) {
       this.open(event.time);
-      this.#said("bad", `Not taken back: ${answer.message}.`);
+      this.#showStatus("bad", `Deleting failed: ${answer.message}.`);
     }
     changed();
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

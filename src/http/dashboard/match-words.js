@@ -1,4 +1,4 @@
-// What a match says, in words: how sure it is, what it rests on, and what this record cannot tell.
+// A match as text: its certainty, its evidence, and its limits.
 
 import { agreement } from "./agreement.js";
 import { h } from "./dom.js";
@@ -30,12 +30,12 @@ function agreementFact({ features }) {
   return fact(
     "Agreement with the model",
     `${used.length - odd.length} of ${used.length} features`,
-    small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all reach their bars"),
+    small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all agree"),
   );
 }
 
 const SENSOR_FAULTS = {
-  dead: "the sensor gives no signal",
+  dead: "no signal from the sensor",
   clipped: "the signal is clipped",
   gaps: "samples are missing",
   gain_changed: "the sensor's gain has changed",
@@ -43,19 +43,19 @@ const SENSOR_FAULTS = {
 };
 
 const MACHINE_SIGNS = {
-  one_tooth: "one tooth differs from the others: a crack or chip",
+  one_tooth: "one tooth differs from the others: crack or chip",
   shaft_lines: "the shaft's own lines have grown: misalignment or unbalance",
-  impulsive_energy: "impulses have grown: a bearing or looseness",
-  band_energy: "energy has grown: a bearing, looseness or another machine",
+  impulsive_energy: "impulsiveness has increased: bearing or looseness",
+  band_energy: "energy has increased: bearing, looseness or another machine",
 };
 
-/** What a record shows that wear does not explain, in words; null where nothing is named. */
+/** Why a record is not explained by wear; null when no cause is known. */
 export function unexplained({ sensor_fault: fault, machine_sign: sign }) {
   if (fault) return SENSOR_FAULTS[fault] ?? `sensor: ${fault.replaceAll("_", " ")}`;
   return sign ? (MACHINE_SIGNS[sign] ?? sign.replaceAll("_", " ")) : null;
 }
 
-/** Which check has deviated for several records, in words; empty where none has. */
+/** The check that has deviated for several records; empty when there is none. */
 export function lastingWords({ lasting }) {
   return lasting ? `${featureName(lasting)} has deviated for several records` : "";
 }
@@ -70,28 +70,24 @@ function noveltyFact({ novelty }) {
         `${featureName(feature)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`,
     );
   const details = [
-    `a record of the best state is as odd with probability ${number(probability, 2)}`,
+    `probability of such a record in the best state: ${number(probability, 2)}`,
     lastingWords(novelty),
-    outside && odd.length ? `most: ${odd.join(", ")}` : "",
+    outside && odd.length ? `largest: ${odd.join(", ")}` : "",
   ];
   return fact(
     "Novelty",
-    unexplained(novelty) ?? (outside ? "wear does not explain this record" : "explained by wear"),
+    unexplained(novelty) ?? (outside ? "not explained by wear" : "explained by wear"),
     small(details.filter(Boolean).join("; ")),
   );
 }
 
 function identifiableFact({ interval_um: [low, high] }, { resolved_um: resolved }) {
   if (!resolved || resolved[1] - resolved[0] < 1)
-    return fact(
-      "What can be told here",
-      `to within ${depth((high - low) / 2)} µm`,
-      small("half of the 5 to 95 % interval"),
-    );
+    return fact("Resolution", `± ${depth((high - low) / 2)} µm`, small("half of the 5 to 95 % interval"));
   return fact(
-    "What can be told here",
-    `${depth(resolved[0])} to ${depth(resolved[1])} µm look alike`,
-    small("within them the library changes less than it may be wrong by, at this operating point"),
+    "Resolution",
+    `${depth(resolved[0])} to ${depth(resolved[1])} µm cannot be distinguished`,
+    small("within this range the library's change is smaller than its error at this operating point"),
   );
 }
 
@@ -105,13 +101,13 @@ export function matchWords(segment, match, asset, query) {
       "div",
       { class: "plot-head" },
       h("h2", {}, `Record of ${clock(segment.start_time)}`),
-      h("a", { href: overview }, "Open the record"),
+      h("a", { href: overview }, "Open record"),
     ),
     badge(state, 26),
     h(
       "p",
       {},
-      `Best state of the library: number ${match.state_index}. ${wear.reason ? `${wear.reason[0].toUpperCase()}${wear.reason.slice(1)}.` : ""}`,
+      `Best library state: ${match.state_index}. ${wear.reason ? `${wear.reason[0].toUpperCase()}${wear.reason.slice(1)}.` : ""}`,
     ),
     h(
       "dl",
@@ -133,7 +129,7 @@ export function matchWords(segment, match, asset, query) {
           },
           match.library_id.slice(0, 8),
         ),
-        small("the grid and its figures"),
+        small("states and their figures"),
       ),
     ),
   ];

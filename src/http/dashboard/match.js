@@ -1,5 +1,5 @@
-// What speaks for the wear depth of a record: its features beside the library's, the posterior, the flank,
-// and the mesh of that state.
+// Evidence for a record's wear depth: its features compared with the library, the posterior, the flanks, and
+// the mesh of the best state.
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
@@ -16,9 +16,9 @@ import { clock } from "./format.js";
 import { sentence } from "./state.js";
 import { posteriorDrawing } from "./posterior-plot.js";
 
-const MATCHED = ["estimated", "not_identifiable"]; // with these a record has a best state
+const MATCHED = ["estimated", "not_identifiable"]; // records with these statuses have a best state
 
-/** The match of one record, the selected or the latest one, with the library. */
+/** The match of the selected or latest record with the library. */
 export class MatchPage {
   #id;
   #root;
@@ -31,7 +31,7 @@ export class MatchPage {
   #flank = new FlankCard();
   #stiffness = new PlotCard("stiffness", "Mesh stiffness");
   #transmission = new PlotCard("transmission", "Unloaded transmission error");
-  #novelty = new PlotCard("novelty", "Most unlike what wear does");
+  #novelty = new PlotCard("novelty", "Largest deviations not explained by wear");
   #notice = h("p", { class: "notice loading" }, "Loading…");
   #grid;
 
@@ -54,26 +54,26 @@ export class MatchPage {
     this.#frame.update(route.id, route.query);
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     this.#query = route.query;
     return true;
   }
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the match and shows what changed. */
   async refresh(signal) {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
     this.#frame.update(assetName(asset), this.#query);
     const latest = await api.answer(api.wear(this.#id, this.#query.channel, signal));
-    if (latest instanceof Error) return this.#say(latest.message);
+    if (latest instanceof Error) return this.#showNotice(latest.message);
     const id = this.#query.segment ?? latest.segment_id;
-    if (!id) return this.#say("No records yet: there is nothing to match.");
+    if (!id) return this.#showNotice("No records yet.");
     const segment = await api.answer(api.segment(id, signal));
-    if (segment instanceof Error) return this.#say(segment.message);
+    if (segment instanceof Error) return this.#showNotice(segment.message);
     if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment, asset);
     const match = await api.answer(api.match(id, signal));
-    if (match instanceof Error) return this.#say(match.message);
+    if (match instanceof Error) return this.#showNotice(match.message);
     if (match === this.#data?.match && asset.updated_at === this.#data.asset?.updated_at) return;
     const { library_id: library, state_index: index, wear_um: depth } = match;
     const [state, unworn, flank] = await Promise.all([
@@ -85,15 +85,15 @@ export class MatchPage {
     await this.redraw();
   }
 
-  #say(words) {
+  #showNotice(words) {
     this.#notice.textContent = words;
     this.#notice.hidden = false;
     this.#grid.hidden = true;
   }
 
-  /** A record without a best state, with what speaks against one where that is known. */
+  /** A record without a best state, with its largest deviations if known. */
   async #unmatched(segment, asset) {
-    this.#say(
+    this.#showNotice(
       `Record of ${clock(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear?.pair))}`,
     );
     const { novelty } = segment.wear;
@@ -107,7 +107,7 @@ export class MatchPage {
       );
   }
 
-  /** Draws what is known anew. */
+  /** Redraws from known data. */
   async redraw() {
     if (!this.#data) return;
     if (this.#data.unmatched) return this.#unmatched(this.#data.unmatched, this.#data.asset);
@@ -142,7 +142,7 @@ export class MatchPage {
 
   tick() {}
 
-  /** Frees the plots. */
+  /** Releases the plots. */
   dispose() {
     for (const card of [this.#novelty, this.#features, this.#posterior, this.#stiffness, this.#transmission])
       card.dispose();

@@ -1,12 +1,12 @@
-// What an MCAP file says of itself at its end: topics with their messages, and the time that they span.
-// Nothing else of it is read.
+// The summary at the end of an MCAP file: topics with message counts, and the time range. Nothing else is
+// read.
 
 const MAGIC = [0x89, 0x4d, 0x43, 0x41, 0x50, 0x30, 0x0d, 0x0a];
 const FOOTER_BYTES = 9 + 20 + MAGIC.length;
-const MOST_SUMMARY = 8 * 1024 * 1024;
+const MAX_SUMMARY = 8 * 1024 * 1024;
 const [CHANNEL, STATISTICS] = [0x04, 0x0b];
 
-/** What is wrong with a file that is to be an MCAP file. */
+/** An error in a supposed MCAP file. */
 export class McapError extends Error {}
 
 const view = async (file, from, to) => new DataView(await file.slice(from, to).arrayBuffer());
@@ -22,18 +22,21 @@ function text(data, at) {
   };
 }
 
-/** `{ topics: [{ topic, messages }], messages, start, end }` with times as ISO text; null where the file has no summary. */
+/**
+ * `{ topics: [{ topic, messages }], messages, start, end }` with ISO times; null when the file has no
+ * summary.
+ */
 export async function mcapSummary(file) {
   if (file.size < MAGIC.length + FOOTER_BYTES)
-    throw new McapError(`it has ${file.size} bytes, which is too short for an MCAP file`);
+    throw new McapError(`it has ${file.size} bytes, too short for an MCAP file`);
   const begin = await view(file, 0, MAGIC.length);
-  if (!isMagic(begin, 0)) throw new McapError("it does not begin like an MCAP file");
+  if (!isMagic(begin, 0)) throw new McapError("it does not start like an MCAP file");
   const end = await view(file, file.size - FOOTER_BYTES, file.size);
   if (!isMagic(end, FOOTER_BYTES - MAGIC.length) || end.getUint8(0) !== 0x02)
-    throw new McapError("it breaks off before its end");
+    throw new McapError("it is truncated");
   const start = Number(end.getBigUint64(9, true));
   const size = file.size - FOOTER_BYTES - start;
-  if (start === 0 || size <= 0 || size > MOST_SUMMARY) return null;
+  if (start === 0 || size <= 0 || size > MAX_SUMMARY) return null;
   return read(await view(file, start, start + size));
 }
 

@@ -1,4 +1,4 @@
-// Stiffness and transmission error over one mesh period, of a worn state and the unworn one.
+// Stiffness and transmission error over one mesh period, worn and unworn.
 
 import { depth, number } from "./format.js";
 import { palette } from "./plots.js";
@@ -14,7 +14,7 @@ function drawing(state, unworn, { key, scale, title, unit }, revision) {
   });
   const worn = state.index > 0;
   const mean = (values) => (values.reduce((sum, value) => sum + value, 0) / values.length) * scale;
-  const said = (value) => number(Math.abs(value) < 1e-6 ? 0 : value, 4); // what rounding leaves of nothing
+  const shown = (value) => number(Math.abs(value) < 1e-6 ? 0 : value, 4); // rounding noise is shown as zero
   return {
     traces: [
       curve(unworn, { color: colour.muted, width: 1.5, dash: "dash" }),
@@ -30,7 +30,7 @@ function drawing(state, unworn, { key, scale, title, unit }, revision) {
       [`unworn ${key}`, unworn[key]],
       ["pairs_in_contact", state.pairs_in_contact],
     ],
-    sub: `Over one mesh period; the mean is ${said(mean(state[key]))} ${unit}, unworn ${said(mean(unworn[key]))} ${unit}.`,
+    sub: `Over one mesh period; the mean is ${shown(mean(state[key]))} ${unit}, unworn ${shown(mean(unworn[key]))} ${unit}.`,
     summary: `${title} over one mesh period at ${depth(state.wear_um)} µm wear.`,
     layout: {
       uirevision: revision,

@@ -1,4 +1,4 @@
-// What of a record no wear explains: the features that are farthest from what the best state expects.
+// The features of a record that deviate most from the best wear state.
 
 import { featureName, number } from "./format.js";
 import { lastingWords, unexplained } from "./match-words.js";
@@ -6,7 +6,7 @@ import { palette } from "./plots.js";
 
 const DB = 20 / Math.LN10;
 
-/** The drawing of the features that deviate most, in dB. */
+/** Draws the features that deviate most, in dB. */
 export function noveltyDrawing(novelty, revision) {
   const { most, p_value: probability, score } = novelty;
   const named = [unexplained(novelty), lastingWords(novelty)]
@@ -43,12 +43,12 @@ export function noveltyDrawing(novelty, revision) {
       ["db", decibels],
       ["standard_deviations", most.map(({ deviations }) => deviations)],
     ],
-    sub: `A record of the best state is as odd or odder with probability ${number(probability, 2)} (novelty ${number(score, 3)}). ${named || "What no wear does, another fault does: a bearing, a loose mount, another load."}`,
+    sub: `Probability of such a record in the best state: ${number(probability, 2)} (novelty ${number(score, 3)}). ${named || "Possible causes: a bearing fault, a loose mount, a changed load."}`,
     summary: names.map((name, n) => `${name}: ${words[n]}`).join("; "),
     layout: {
       uirevision: revision,
       xaxis: {
-        title: { text: "Measured against expected amplitude (dB)" },
+        title: { text: "Measured relative to expected amplitude (dB)" },
         range: [Math.min(0, ...decibels) < 0 ? -reach : 0, Math.max(0, ...decibels) > 0 ? reach : 0],
         zeroline: true,
         zerolinecolor: colour.edge,

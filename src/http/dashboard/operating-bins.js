@@ -1,26 +1,29 @@
-// Records told apart by operating point: a trend at one speed and load says more than one over all.
+// Separates records by operating point: a trend within one bin is clearer than one over all.
 
 import { number } from "./format.js";
 
-const MOST = 4;
-const LEAST_SPREAD = 0.01; // below this part of the mean all records are alike
+const MAX_BINS = 4;
+const MIN_SPREAD = 0.01; // relative spread below which all records count as equal
 const QUANTITIES = {
   speed: { name: "shaft speed", unit: "Hz", of: (segment) => segment.shaft_speed?.shaft_speed_hz },
   torque: { name: "torque", unit: "N·m", of: (segment) => segment.operating_point?.torque_nm },
 };
 
-/** Bins of equal width over the latest records' speed or torque: `{ words, bins, of }` with the bin of each record's id; null without a choice. */
+/**
+ * Equal-width bins over the latest records' speed or torque: `{ words, bins, of }` with the bin of each
+ * record id; null without a choice.
+ */
 export function operatingBins(segments, choice) {
   const quantity = QUANTITIES[choice];
   if (!quantity || !segments || segments instanceof Error) return null;
   const known = segments.items
     .map((segment) => [segment.id, quantity.of(segment)])
     .filter(([, value]) => value != null);
-  if (known.length === 0) return { bins: [], of: new Map(), words: `No record says its ${quantity.name}.` };
+  if (known.length === 0) return { bins: [], of: new Map(), words: `No record has a ${quantity.name}.` };
   const values = known.map(([, value]) => value);
   const [low, high] = [Math.min(...values), Math.max(...values)];
-  const alike = high - low < LEAST_SPREAD * Math.abs(high);
-  const count = alike ? 1 : MOST;
+  const alike = high - low < MIN_SPREAD * Math.abs(high);
+  const count = alike ? 1 : MAX_BINS;
   const width = (high - low) / count || 1;
   const bins = Array.from(
     { length: count },
@@ -35,12 +38,12 @@ export function operatingBins(segments, choice) {
     bins,
     of,
     words: alike
-      ? `The ${quantity.name}${latest} is the same within 1 %.`
+      ? `The ${quantity.name}${latest} is constant within 1 %.`
       : `Coloured by ${quantity.name}${latest}.`,
   };
 }
 
-/** The asset's own bins, which each row of a trend names, as `operatingBins` gives them. */
+/** The asset's own bins, named in each row of a trend, in the form of `operatingBins`. */
 export function namedBins(trend, own) {
   if (!trend || trend instanceof Error) return null;
   const names = own.map(({ name }) => name);
@@ -52,7 +55,7 @@ export function namedBins(trend, own) {
   return { bins: names, of, words: "Coloured by operating bin; grey: in none." };
 }
 
-/** One trace a bin, and one of records whose operating point is not known. */
+/** One trace per bin, and one of records without an operating point. */
 export function binTraces(items, name, { bins, of }, colour) {
   const trace = (wanted, stroke) => {
     const some = items.filter((item) => (of.get(item.segment_id) ?? -1) === wanted);
@@ -67,11 +70,11 @@ export function binTraces(items, name, { bins, of }, colour) {
   return [trace(-1, colour.edge), ...bins.map((_, n) => trace(n, binColour(n, colour)))];
 }
 
-// the fifth colour of a series is the grey of records in no bin
+// the fifth series colour is the grey of records in no bin
 const binColour = (n, colour) =>
   [...colour.series.slice(0, 4), colour.reference, colour.danger, colour.warning, colour.ink][n % 8];
 
-/** What the colours mean. */
+/** Legend of the colours. */
 export function binEntries({ bins }, colour) {
   return bins.map((words, n) => ["band", binColour(n, colour), words]);
 }

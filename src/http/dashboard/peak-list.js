@@ -1,4 +1,4 @@
-// The largest lines of each record in the part of a spectrum that is shown.
+// The largest lines of each record in the visible part of a spectrum.
 
 import { amplitudeAt, greatestPeaks } from "./fine-lines.js";
 import { decibels, number, unit } from "./format.js";
@@ -10,11 +10,12 @@ import { saveCsv } from "./csv.js";
 const COUNTS = [5, 10, 20, 50];
 const COUNT = 10;
 
-/** How many lines an address asks for. */
+/** The number of lines set in an address. */
 export const peakCount = ({ peaks }) => (COUNTS.includes(Number(peaks)) ? Number(peaks) : COUNT);
 
 /**
- * The peaks of every record in a part, `{ layer, x, amplitude, level_db }`, the level against the first record's line there; null where not all lines are known.
+ * The peaks of every record in a part, `{ layer, x, amplitude, level_db }`, with the level relative to the
+ * first record's line there; null when not all lines are known.
  * @param {import("./layers.js").Layer[]} layers
  * @param {number[]} part
  * @param {number} count
@@ -36,7 +37,7 @@ export class PeakList {
   #count = h(
     "select",
     {
-      "aria-label": "Lines of each record",
+      "aria-label": "Lines per record",
       id: "bench-peaks",
       onchange: () => change({ peaks: this.#count.value }, { quiet: true }),
     },
@@ -73,7 +74,7 @@ export class PeakList {
   }
 
   /**
-   * Shows the peaks of spectra in a part; nothing without any.
+   * Shows the peaks of spectra in a part; nothing without spectra.
    * @param {import("./layers.js").Layer[]} layers
    */
   show(layers, part, query, filename) {
@@ -83,22 +84,21 @@ export class PeakList {
     this.#count.value = String(peakCount(query));
     const peaks = peaksOf(layers, part, peakCount(query));
     this.#table.hidden = this.#save.hidden = !peaks;
-    if (!peaks)
-      return setText(this.#note, "The spectrum has too many lines to list all of them: zoom in on a part.");
+    if (!peaks) return setText(this.#note, "Too many lines to list: zoom in.");
     const [{ data: first }] = layers;
     const shownUnit = first.unit ? ` (${first.unit})` : "";
     const toHertz = ({ layer: { data }, x }) => x * (data.hertz_per_unit ?? 1);
     const inOrders = ({ layer: { data }, x }) => (data.shaft_speed_hz ? x / data.shaft_speed_hz : null);
     setText(
       this.#note,
-      `Of every line from ${number(part[0], 5)} to ${number(part[1], 5)}${first.axis ? " orders" : " Hz"}${layers.length > 1 ? "; dB against the first record's line at the same place" : ""}.`,
+      `Range: ${number(part[0], 5)} to ${number(part[1], 5)}${first.axis ? " orders" : " Hz"}${layers.length > 1 ? "; dB relative to the first record's line at the same position" : ""}.`,
     );
     this.#columns = [
       ["record", peaks.map(({ layer }) => layer.name)],
       ["frequency_hz", peaks.map((row) => (first.axis && !first.hertz_per_unit ? null : toHertz(row)))],
       ["order", peaks.map(inOrders)],
       [`amplitude_peak${shownUnit}`, peaks.map(({ amplitude }) => amplitude)],
-      ["level against the first record (dB)", peaks.map(({ level_db: level }) => level)],
+      ["level re first record (dB)", peaks.map(({ level_db: level }) => level)],
     ];
     const [, hertzOf, orders, amplitudes, levels] = this.#columns.map(([, values]) => values);
     setChildren(

@@ -1,21 +1,21 @@
-// The name that a person signs their actions with, kept in this browser.
+// The name that a user signs actions with, stored in this browser.
 
 const KEY = "flankwatch-by";
 
-/** The name that was used last, or nothing. */
-export function lastName() {
+/** The last name used, or an empty string. */
+export function storedName() {
   try {
     return localStorage.getItem(KEY) ?? "";
   } catch {
-    return ""; // storage is refused in some private windows
+    return ""; // storage is unavailable in some private windows
   }
 }
 
-/** Keeps a name for the next action. */
-export function keepName(name) {
+/** Stores a name for the next action. */
+export function storeName(name) {
   try {
     localStorage.setItem(KEY, name);
   } catch {
-    // it then has to be typed again
+    // the name then has to be entered again
   }
 }

@@ -1,9 +1,9 @@
-// A plot as a picture that stands by itself: on white, with title, asset and time, words and legend over it.
+// Exports a plot as a self-contained picture on white, with title, asset, time, description and legend.
 
 import { pictureOf } from "./plots.js";
 import { colours } from "./theme.js";
 
-const SCALE = 2; // points of the picture in one of the page
+const SCALE = 2; // picture pixels per page pixel
 const MARGIN = 14;
 const [TITLE, WORDS] = [
   { size: 17, line: 24 },
@@ -15,12 +15,12 @@ function loaded(address) {
   return new Promise((resolve, reject) => {
     const image = new Image();
     image.onload = () => resolve(image);
-    image.onerror = () => reject(new Error("the picture could not be drawn"));
+    image.onerror = () => reject(new Error("failed to draw the picture"));
     image.src = address;
   });
 }
 
-/** The legend's entries with their swatches as pictures. */
+/** The legend entries with their swatches as images. */
 function entriesOf(list) {
   return Promise.all(
     [...list.children].map(async (item) => {
@@ -33,7 +33,7 @@ function entriesOf(list) {
   );
 }
 
-/** Words in lines of a width. */
+/** Wraps text into lines of a width. */
 function wrapped(context, text, width) {
   const lines = [];
   for (const word of text.split(/\s+/).filter(Boolean)) {
@@ -44,7 +44,7 @@ function wrapped(context, text, width) {
   return lines;
 }
 
-/** What is written over the plot, as drawing steps, and the height that it needs. */
+/** The text above the plot as drawing steps, and its height. */
 function headOf(context, family, { title, subject, sub, entries }, width, { ink, muted }) {
   const steps = [];
   let y = MARGIN;
@@ -80,7 +80,7 @@ function headOf(context, family, { title, subject, sub, entries }, width, { ink,
   return { steps, height: y + 6 };
 }
 
-/** Saves a plot as `drawing` has it with its title, whose it is, the words under it and its legend, a list of the page. */
+/** Saves a plot drawn by `drawing`, with title, subject, description and the page's legend list. */
 export async function savePicture(plot, { title, subject, sub, legend }, filename, drawing) {
   const colour = colours("ink", "muted", "surface");
   const family = getComputedStyle(document.body).fontFamily;

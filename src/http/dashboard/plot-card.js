@@ -1,5 +1,4 @@
-// The frame of a plot: heading, legend, tools, the plot itself, what it says in words, and what to show where
-// it cannot be drawn.
+// The frame of a plot: heading, legend, tools, plot, description, and a notice when it cannot be drawn.
 
 import { h, setChildren, setText } from "./dom.js";
 import { saveCsv } from "./csv.js";
@@ -10,7 +9,7 @@ import { inLight } from "./theme.js";
 /** A figure that holds one plot. */
 export class PlotCard {
   plot = h("div", { class: "plot" });
-  /** Holds the plot and what is laid over it. */
+  /** Holds the plot and its overlays. */
   frame = h("div", { class: "plot-frame" }, this.plot);
   tools = h("div", { class: "plot-tools" });
   #title = h("h2");
@@ -27,14 +26,14 @@ export class PlotCard {
     {
       type: "button",
       class: "quiet save",
-      title: "Save the drawn numbers",
+      title: "Save the data as CSV",
       onclick: () => saveCsv(this.#table(), this.#filename),
     },
     "CSV",
   );
   #png = h(
     "button",
-    { type: "button", class: "quiet save", title: "Save the picture", onclick: () => this.#savePicture() },
+    { type: "button", class: "quiet save", title: "Save as PNG", onclick: () => this.#savePicture() },
     "PNG",
   );
   #save = h("span", { class: "plot-save", hidden: true }, this.#csv, this.#png);
@@ -76,14 +75,15 @@ export class PlotCard {
   }
 
   /**
-   * Draws what `make` gives: `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`, or words where there is nothing to draw, and gives it back. It is
-   * called again, with true, for a picture, which is in the light colours whatever the theme. `filename` is that of a saved picture or table, `subject` says what a picture is of. Drawings with the
-   * same `frame` differ in their last trace alone.
+   * Draws what `make` returns: `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`, or a
+   * text when there is nothing to draw; returns it. `make(true)` is called again for a picture, in the light
+   * theme. `filename` is used for saved pictures and tables; `subject` returns the caption of a picture.
+   * Drawings with the same `frame` differ only in their last trace.
    */
   async show(make, filename, subject) {
     const drawing = make(false);
     if (typeof drawing === "string") {
-      this.say(drawing);
+      this.showNotice(drawing);
       return drawing;
     }
     this.#make = make;
@@ -107,8 +107,8 @@ export class PlotCard {
     return drawing;
   }
 
-  /** Says why there is nothing to draw. */
-  say(words) {
+  /** Shows why there is nothing to draw. */
+  showNotice(words) {
     this.#frame = undefined;
     this.plot.hidden = true;
     this.#save.hidden = true;
@@ -118,12 +118,12 @@ export class PlotCard {
     setChildren(this.#legend);
   }
 
-  /** Marks what is shown as that of an earlier record while the next one is fetched. */
+  /** Marks the plot as outdated while the next record is loading. */
   busy(is) {
     this.element.setAttribute("aria-busy", String(is));
   }
 
-  /** Frees the plot. */
+  /** Releases the plot. */
   dispose() {
     discard(this.plot);
   }

@@ -1,5 +1,4 @@
-// What a plot is of, in a line: whose it is and of which time. It stands in every picture, which may be looked
-// at far from the page.
+// Captions of plots: asset and time. Every picture has one, as it may be viewed apart from the page.
 
 import { assetName } from "./fleet-row.js";
 import { clock } from "./format.js";

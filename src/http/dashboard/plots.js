@@ -1,5 +1,5 @@
-// Plotly with the page's fonts and colours. It is loaded when the first plot is wanted, so the fleet does not
-// wait for it.
+// Plotly with the page's fonts and colours. It is loaded with the first plot, so the fleet page does not wait
+// for it.
 
 import { h, svg } from "./dom.js";
 import { colours, translucent } from "./theme.js";
@@ -14,14 +14,14 @@ function load() {
     script.addEventListener("error", () => {
       loading = undefined;
       script.remove();
-      reject(new Error("the plotting code could not be loaded"));
+      reject(new Error("failed to load the plotting library"));
     });
     document.head.append(script);
   });
   return loading;
 }
 
-/** The colours that plots use, as they are in the current theme. */
+/** The plot colours of the current theme. */
 export function palette() {
   const values = colours(
     "ink",
@@ -69,14 +69,14 @@ const axis = (colour) => ({
   title: { standoff: 8 },
 });
 
-/** An axis of times; Plotly shows a time as it is written, so `draw` writes it by the clock that is chosen. */
+/** A time axis. Plotly shows times as written, so `draw` converts them to the selected time zone. */
 export const timeAxis = () => ({
   type: "date",
   title: { text: `Start of record (${zoneName()})`, standoff: 8 },
   hoverformat: isLocal() ? "%Y-%m-%d %H:%M:%S" : "%Y-%m-%d %H:%M:%S UTC",
 });
 
-/** A drawing with the times on its axes of times written by the browser's clock where that is chosen. */
+/** Converts a drawing's times to the browser's time zone if selected. */
 function byClock(traces, layout) {
   const names = Object.keys(layout).filter((key) => layout[key]?.type === "date");
   if (!isLocal() || names.length === 0) return { traces, layout };
@@ -85,7 +85,7 @@ function byClock(traces, layout) {
   const write = (time) => (time === null || time === undefined ? time : written(time));
   const shape = (each) => {
     if (!isTime(each.xref)) return each;
-    // a size in pixels hangs on a time
+    // a size in pixels is anchored at a time
     if (each.xsizemode === "pixel") return { ...each, xanchor: write(each.xanchor) };
     return { ...each, x0: write(each.x0), x1: write(each.x1) };
   };
@@ -110,12 +110,13 @@ function byClock(traces, layout) {
   };
 }
 
-/** The margins of plots over time: fixed, so that plots above one another have their times aligned. */
+/** Margins of time plots; fixed, so that stacked plots are aligned in time. */
 export const timeMargin = { l: 64, r: 14, t: 10, b: 8 };
 
 /**
- * One invisible point a record that is hovered and clicked instead of the lines: lines have gaps, and Plotly would answer for a
- * gap with the nearest record that has a value. `values` say how high the points are; where there is none any other will do.
+ * One invisible point per record for hovering and clicking instead of the lines: lines have gaps, for which
+ * Plotly would report the nearest record with a value. `values` are the heights of the points; missing ones
+ * get any other value.
  */
 export function recordPoints(items, values, words) {
   const fallback = values.find((value) => value != null) ?? 1;
@@ -131,7 +132,7 @@ export function recordPoints(items, values, words) {
   };
 }
 
-/** Merges a plot's layout into the common one; axes are every key that starts with `xaxis` or `yaxis`. */
+/** Merges a plot's layout into the common one; keys starting with `xaxis` or `yaxis` are axes. */
 function themed(layout, colour) {
   const small = matchMedia("(max-width: 40rem)").matches;
   const axes = Object.entries(layout).filter(([key]) => /^[xy]axis/.test(key));
@@ -158,22 +159,22 @@ function themed(layout, colour) {
   };
 }
 
-// a picture has its title and legend beside it: the card saves it
+// a picture has its title and legend beside it; the card exports it
 const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d", "toImage"];
 
-/** Draws or redraws a plot. What the user zoomed to is kept as long as `layout.uirevision` stays the same. */
+/** Draws or redraws a plot. The user's zoom is kept while `layout.uirevision` stays the same. */
 export async function draw(element, traces, layout) {
-  clearTimeout(resting.get(element)); // what a line was moved to is old now
+  clearTimeout(resting.get(element)); // a pending line update is outdated now
   const Plotly = await load();
   if (!element.isConnected) return;
-  // on a touch screen the buttons would stand over the plot all the time, and there is nothing to drag
+  // on a touch screen the buttons would always cover the plot, and dragging is disabled
   const displayModeBar = matchMedia("(pointer: coarse)").matches ? false : "hover";
   const config = { displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT };
   const shown = byClock(traces, layout);
   await Plotly.react(element, shown.traces, themed(shown.layout, palette()), config);
 }
 
-/** Draws the last line of a plot through other values `[x, y]`, as its only path; whether that was possible. */
+/** Draws the last line of a plot, a single path, through `[x, y]`; returns whether that was possible. */
 function redrawLine(element, [x, y]) {
   const { xaxis, yaxis } = element._fullLayout;
   const paths = [...element.querySelectorAll(".scatterlayer .trace")].at(-1)?.querySelectorAll(".js-line");
@@ -183,7 +184,7 @@ function redrawLine(element, [x, y]) {
   return true;
 }
 
-/** Draws the bars of a plot as high as `trace` has them, in its colours; whether that was possible. */
+/** Sets the bar heights and colours of a plot from `trace`; returns whether that was possible. */
 function redrawBars(element, { y, marker }) {
   const bars = [...element.querySelectorAll(".barlayer .point > path")];
   const foot = /^(M[-\d.]+,[-\d.]+V)[-\d.]+(H[-\d.]+V[-\d.]+Z)$/;
@@ -202,8 +203,8 @@ const REST_MS = 250;
 const resting = new WeakMap(); // plot → timer
 
 /**
- * Shows the last trace of a plot, a line or bars, as `trace` has it while a hand moves it: only its paths are drawn, a tenth of the work; Plotly learns of it
- * once the hand rests, for who points at it then. Whether that was possible.
+ * Shows the last trace of a plot, a line or bars, while a slider moves: only its paths are drawn, a tenth of
+ * the work. Plotly is updated once the slider rests, for hover text. Returns whether that was possible.
  */
 export function moveLast(element, trace) {
   clearTimeout(resting.get(element));
@@ -221,9 +222,8 @@ export function moveLast(element, trace) {
 const WHOLE_MS = 1000;
 
 /**
- * Gives the last line of a plot other values, `[x, y]`; everything else stays as it is drawn. Several times a
- * second only its path is drawn, a tenth of the work; Plotly learns of the values once a second, for who
- * points at them.
+ * Gives the last line of a plot new values `[x, y]`. Several times a second only its path is drawn, a tenth
+ * of the work; Plotly is updated once a second, for hover text.
  */
 export async function replaceLine(element, [x, y]) {
   if (!element.data) return;
@@ -233,7 +233,7 @@ export async function replaceLine(element, [x, y]) {
   await globalThis.Plotly.restyle(element, { x: [x], y: [y] }, [element.data.length - 1]);
 }
 
-/** Calls back with the time or value of the point that was clicked, by Plotly's `customdata`. */
+/** Calls back with the time or value of a clicked point, from Plotly's `customdata`. */
 export function onPointClick(element, callback) {
   if (element.dataset.clickable || !element.on) return;
   element.dataset.clickable = "true";
@@ -243,7 +243,7 @@ export function onPointClick(element, callback) {
   });
 }
 
-/** Keeps the horizontal range of two plots the same when the user changes either. */
+/** Keeps the horizontal range of two plots equal. */
 export function linkTimeAxes(...elements) {
   for (const element of elements) {
     if (element.dataset.linked || !element.on) continue;
@@ -269,7 +269,7 @@ export function linkTimeAxes(...elements) {
   }
 }
 
-/** Fits a plot into its element whenever that changes its size, for whatever reason. */
+/** Fits a plot into its element whenever the element's size changes. */
 export function keepFitted(element) {
   const observer = new ResizeObserver(() => {
     const { _fullLayout: layout, clientWidth: width, clientHeight: height } = element;
@@ -279,7 +279,7 @@ export function keepFitted(element) {
   observer.observe(element);
 }
 
-/** A drawing with the axes as the user has them on a plot. */
+/** A drawing with the user's current axis ranges. */
 function asShown(drawing, shown) {
   const { traces, layout } = byClock(drawing.traces, drawing.layout);
   const own = themed(layout, palette());
@@ -288,7 +288,7 @@ function asShown(drawing, shown) {
   return { data: traces, layout: { ...own, ...Object.fromEntries(ranges) } };
 }
 
-/** A plot as the address of a picture of it as `drawing` has it, with `scale` points of it in one of the page. */
+/** Exports a plot, drawn by `drawing`, as an image URL with `scale` pixels per page pixel. */
 export function pictureOf(element, scale, drawing) {
   return globalThis.Plotly.toImage(asShown(drawing, element._fullLayout), {
     format: "png",
@@ -298,13 +298,16 @@ export function pictureOf(element, scale, drawing) {
   });
 }
 
-/** What Plotly says of a place on an axis of times: as it is written there, or in milliseconds. */
+/** A position on a time axis as reported by Plotly: as written there, or in milliseconds. */
 const instantOf = (end) =>
   typeof end === "string"
     ? instant(end.replace(/Z$/, ""))
     : instant(new Date(end).toISOString().slice(0, -1));
 
-/** Calls back with `[from, to]` when the user changes the horizontal range, times as ISO times, with null when it is the whole again. */
+/**
+ * Calls back with `[from, to]` when the user changes the horizontal range (ISO times on time axes), or null
+ * for the whole range.
+ */
 export function onRangeChange(element, callback) {
   if (element.dataset.ranged || !element.on) return;
   element.dataset.ranged = "true";
@@ -318,7 +321,7 @@ export function onRangeChange(element, callback) {
   });
 }
 
-/** Frees what Plotly holds for a plot. */
+/** Releases Plotly's resources of a plot. */
 export function discard(element) {
   if (element.layout) globalThis.Plotly.purge(element);
 }
@@ -373,7 +376,7 @@ const SWATCHES = {
     svg("path", { d: "M12 2l5 5-5 5-5-5z", fill: "none", stroke: colour, "stroke-width": 2 }),
 };
 
-/** A legend in the page instead of in the plot, where it would cover data: `[swatch, colour, text]` each. */
+/** A legend outside the plot, where it covers no data: `[swatch, colour, text]` each. */
 export function legend(entries) {
   return entries.map(([swatch, colour, text]) =>
     h(

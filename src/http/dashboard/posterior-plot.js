@@ -1,9 +1,9 @@
-// Posterior over wear depth of one record: how probable each depth is.
+// Posterior over the wear depth of one record.
 
 import { depth } from "./format.js";
 import { palette, verticalLine } from "./plots.js";
 
-/** Probabilities of grid cells as a density, so that the grid's step does not change the picture. */
+/** Probabilities of grid cells as a density, independent of the grid step. */
 function density({ wear_um: x, probability }) {
   return probability.map((p, index) => {
     const left = x[Math.max(0, index - 1)];
@@ -29,7 +29,7 @@ function mark(x, text, colour, ground, xanchor) {
   };
 }
 
-/** The drawing of a wear estimate's posterior with its interval, the limits and the reference where there is one. */
+/** Draws a posterior with its interval, the limits, and the reference if any. */
 export function posteriorDrawing(wear, limits, reference, revision) {
   const colour = palette();
   const { wear_um: x } = wear.posterior;
@@ -38,7 +38,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
   const inside = x
     .map((value, index) => ({ value, y: y[index] }))
     .filter(({ value }) => value >= low && value <= high);
-  // what lies beyond the library's end is heaped up there, and would flatten all else
+  // probability beyond the library's end is lumped there and would dwarf the rest
   const rest = Math.max(...y.slice(0, -1));
   const heaped = y.at(-1) > 3 * rest;
   const top = heaped ? 1.6 * rest : 1.2 * Math.max(...y);
@@ -97,7 +97,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
       ["wear_um", x],
       ["probability", wear.posterior.probability],
     ],
-    sub: `What this record and those before it say about the wear depth; the area under the curve is 1.${wear.at_least_um != null ? ` The library ends at ${depth(x.at(-1))} µm: the wear may be deeper.` : ""}`,
+    sub: `Probability density of the wear depth, given this record and all earlier ones.${wear.at_least_um != null ? ` The library ends at ${depth(x.at(-1))} µm; the wear may be deeper.` : ""}`,
     summary: `Posterior over wear depth: median ${depth(median)} µm, 5 to 95 % interval ${depth(low)} to ${depth(high)} µm.`,
     layout: {
       uirevision: revision,

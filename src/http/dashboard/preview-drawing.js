@@ -1,15 +1,15 @@
-// A previewed pair to scale: both gears whole, and the teeth in mesh, red where they cannot be.
+// A previewed pair to scale: both whole gears, and the teeth in mesh; invalid parts in red.
 
 import { h, setChildren, svg } from "./dom.js";
 import { number } from "./format.js";
 import { bodyPath, lostPath, partPath } from "./preview-teeth.js";
 
 const REACH = 6; // teeth on each side of the line of centres
-const ASPECT = 1.65; // width over height of the teeth in mesh
-const MOST_TEETH_DRAWN = 160; // a whole gear with more is drawn as circles
+const ASPECT = 1.65; // width over height of the view of the teeth in mesh
+const MAX_TEETH_DRAWN = 160; // whole gears with more teeth are drawn as circles
 const degrees = (radians) => (radians * 180) / Math.PI;
 
-/** What is red for a measure that cannot be: a part of the profile of its gear's teeth. */
+/** The part of the tooth profile drawn red for each invalid measure. */
 const PARTS = {
   undercut_margin: [0.02, 0.6],
   interference_margin: [0.02, 0.6],
@@ -18,13 +18,13 @@ const PARTS = {
   backlash: [0.5, 1],
 };
 
-/** The greatest of 1, 2 and 5 times a power of ten that is not above a number. */
+/** The largest of 1, 2 and 5 times a power of ten that does not exceed a number. */
 function roundBelow(value) {
   const power = 10 ** Math.floor(Math.log10(value));
   return [5, 2, 1].map((digit) => Number((digit * power).toPrecision(1))).find((round) => round <= value);
 }
 
-/** Angles at which the unworn teeth touch, by a part of the mesh period from 0 to 1. */
+/** Angles at which the unworn teeth touch, at a fraction of the mesh period. */
 function unwornAngles({ gears, measures }, start, part) {
   const [driving, driven] = gears;
   const backlash = measures.find(({ quantity }) => quantity === "backlash").value;
@@ -35,7 +35,9 @@ function unwornAngles({ gears, measures }, start, part) {
   ];
 }
 
-/** The line of action: its foot on the driving gear's base circle, its direction, and where contact begins and ends on it. */
+/**
+ * The line of action: its foot on the driving base circle, its direction, and the start and end of contact.
+ */
 function lineOfAction({ gears: [driving], pressure_angle_deg: angle, measures }) {
   const alpha = (angle * Math.PI) / 180;
   const base = driving.base_radius_mm;
@@ -52,7 +54,7 @@ function lineOfAction({ gears: [driving], pressure_angle_deg: angle, measures })
   };
 }
 
-/** How many teeth of a gear are drawn to each side of the line of centres. */
+/** The number of teeth drawn on each side of the line of centres. */
 const reachOf = (gear) => Math.min(REACH, Math.floor((gear.teeth - 1) / 2));
 
 /** The drawing of a pair; `turnTo(part)` rolls it through a mesh period. */
@@ -65,19 +67,19 @@ export class PairDrawing {
   #action;
   element = h("div", { class: "pair-drawing" });
 
-  /** Says why nothing is drawn. */
-  say(words) {
+  /** Shows why nothing is drawn. */
+  showNotice(words) {
     this.#geometry = undefined;
     this.#drawn = "";
     setChildren(this.element, h("p", { class: "notice" }, words));
   }
 
-  /** Draws a geometry, with worn flanks and the angles of a state where the model gives them. */
+  /** Draws a geometry, with worn flanks and the angles of a state when available. */
   show(geometry, flanks, state, part = 0.5) {
     this.#geometry = geometry;
     this.#state = state;
     this.#action = lineOfAction(geometry);
-    // the gears are the same at every step of a slider of wear
+    // the gears are the same at every position of the wear slider
     const drawn = `${Boolean(flanks)} ${JSON.stringify(geometry)}`;
     if (drawn !== this.#drawn) setChildren(this.element, this.#whole(), this.#mesh(flanks));
     this.#drawn = drawn;
@@ -101,7 +103,7 @@ export class PairDrawing {
     const wheel = (gear, index) => {
       const bad = this.#bad(index + 1);
       const body =
-        gear.teeth <= MOST_TEETH_DRAWN
+        gear.teeth <= MAX_TEETH_DRAWN
           ? svg("path", {
               class: "wheel-body",
               d: bodyPath(gear, 0, gear.teeth - 1, 6),
@@ -144,12 +146,12 @@ export class PairDrawing {
       h(
         "figcaption",
         { class: "muted" },
-        `Left drives with ${left.teeth} teeth, right is driven with ${right.teeth}. ${number(high - low, 4)} mm from tip to tip, centres ${number(distance, 5)} mm apart.`,
+        `Left: driving, ${left.teeth} teeth; right: driven, ${right.teeth} teeth. Overall width ${number(high - low, 4)} mm, centre distance ${number(distance, 5)} mm.`,
       ),
     );
   }
 
-  /** Draws what wear has taken from the working flanks, under what is red. */
+  /** Draws the wear of the working flanks below the red parts. */
   #showLost(flanks) {
     this.#wheels.forEach((teeth, index) => {
       const gear = this.#geometry.gears[index];
@@ -205,9 +207,9 @@ export class PairDrawing {
         {
           viewBox: `${-wide} ${middle - tall} ${2 * wide} ${2 * tall}`,
           role: "img",
-          "aria-label": `Teeth in mesh to scale${flanks ? ", with what wear has taken from the working flanks" : ""}`,
+          "aria-label": `Teeth in mesh to scale${flanks ? ", with the wear of the working flanks" : ""}`,
         },
-        // the line of centres upright, so that teeth stand side by side
+        // the line of centres is upright, so that teeth are side by side
         svg(
           "g",
           { transform: "matrix(0 -1 -1 0 0 0)" },
@@ -231,7 +233,7 @@ export class PairDrawing {
     );
   }
 
-  /** Rolls the teeth to a part of the mesh period. */
+  /** Rolls the teeth to a fraction of the mesh period. */
   turnTo(part) {
     if (!this.#geometry) return;
     const [driving] = this.#geometry.gears;
@@ -254,7 +256,7 @@ export class PairDrawing {
     this.#dots.replaceChildren(...dots);
   }
 
-  /** Half of the driving tooth's angle at the base circle in rad, from the thickness of its profile at the tip. */
+  /** Half of the driving tooth's angle at the base circle in rad, from its thickness at the tip. */
   #halfAngle() {
     const [driving] = this.#geometry.gears;
     const [x, y] = driving.profile_mm.at(-1);

@@ -1,4 +1,4 @@
-// What wear does to an asset's gear pair, by the model alone.
+// Model preview of the wear of an asset's gear pair.
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
@@ -6,7 +6,7 @@ import { h, setChildren } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { PreviewPanel } from "./preview-panel.js";
 
-/** The page of an asset where its wear is tried out. */
+/** The page where an asset's wear is previewed. */
 export class PreviewPage {
   #id;
   #root;
@@ -24,7 +24,7 @@ export class PreviewPage {
       h(
         "p",
         { class: "muted" },
-        "What the model expects of this gear pair at any wear depth, torque and speed: no measurement goes into it.",
+        "Model prediction for this gear pair at any wear depth, torque and speed, without measurements.",
       ),
       this.#panel.element,
     );
@@ -36,7 +36,7 @@ export class PreviewPage {
     return false;
   }
 
-  /** Asks for the asset and previews it where its pair has changed. */
+  /** Fetches the asset and previews it when its pair has changed. */
   async refresh(signal) {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
@@ -45,13 +45,10 @@ export class PreviewPage {
     this.#frame.update(assetName(asset), this.#query);
     if (same) return;
     if (asset.gear.pair) this.#panel.describe(asset.gear, 0, assetName(asset));
-    else
-      this.#panel.lacking(
-        "This asset has no gear pair. Describe one in its settings to see what wear does to it.",
-      );
+    else this.#panel.lacking("This asset has no gear pair. Add one in its settings to preview its wear.");
   }
 
-  /** Draws in a changed theme. */
+  /** Redraws in a changed theme. */
   redraw() {
     return this.#panel.redraw();
   }

@@ -1,5 +1,4 @@
-// What wear does to a described pair: sliders for wear, torque and speed, the teeth, and what the model
-// expects of them.
+// Wear preview of a gear pair: sliders for wear, torque and speed, the teeth, and the model's predictions.
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -19,12 +18,12 @@ import {
 import { PreviewRequests } from "./preview-request.js";
 
 const WEAR_STEPS = 245;
-const ROLL_S = 2.4; // a mesh period takes so long when the teeth roll
-const BEGINNING = 0.4; // part of the greatest wear that is shown first
-const AHEAD = 8; // depths up to the greatest whose curves the axes have room for
+const ROLL_S = 2.4; // seconds per mesh period while the teeth roll
+const BEGINNING = 0.4; // initial depth, as a fraction of the maximum
+const AHEAD = 8; // depths up to the maximum for which the axis ranges are computed
 const AHEAD_MS = 150;
 
-/** A slider with its label and value; `words(value)` says it. */
+/** A slider with label and value; `words(value)` formats the value. */
 function slider(name, label, words, onInput) {
   const output = h("output", { for: `preview-${name}` });
   const input = h("input", {
@@ -49,7 +48,7 @@ function slider(name, label, words, onInput) {
   return { element, input, show };
 }
 
-/** The panel; `onPreview(preview, request)` hears every answer, `onError(error)` what the service refuses. */
+/** The panel; `onPreview(preview, request)` receives every answer, `onError(error)` every refusal. */
 export class PreviewPanel {
   #gear;
   #owner = "";
@@ -81,7 +80,7 @@ export class PreviewPanel {
   #roll = h(
     "button",
     { type: "button", "aria-pressed": "false", onclick: () => this.#toggleRoll() },
-    "▶ Roll the teeth",
+    "▶ Roll teeth",
   );
   #facts = h("dl", { class: "preview-facts", "aria-live": "polite" });
   #words = h("p", { class: "notice", hidden: true });
@@ -131,23 +130,23 @@ export class PreviewPanel {
     );
     this.element = h(
       "section",
-      { class: "preview", "aria-label": "What wear does" },
+      { class: "preview", "aria-label": "Wear preview" },
       controls,
       this.#words,
       this.#results,
     );
-    this.#say("Numbers of a gear pair are needed.");
+    this.#showNotice("Enter the data of a gear pair.");
   }
 
-  /** Previews the mesh of an asset, named `owner`, as it describes it, after `wait` milliseconds without another one. */
+  /** Previews the mesh of an asset named `owner`, after `wait` milliseconds without another call. */
   describe(gear, wait = 0, owner = "") {
     this.#gear = gear;
     this.#owner = owner;
     this.#ask(wait);
   }
 
-  /** Says why there is nothing to preview. */
-  #say(words) {
+  /** Shows why there is nothing to preview. */
+  #showNotice(words) {
     this.#words.hidden = !words;
     setText(this.#words, words ?? "");
     this.#results.hidden = Boolean(words);
@@ -158,10 +157,10 @@ export class PreviewPanel {
     }
   }
 
-  /** Shows that the numbers do not suffice. */
+  /** Shows that the data are incomplete. */
   lacking(words) {
     this.#gear = undefined;
-    this.#say(words);
+    this.#showNotice(words);
   }
 
   #ask(wait = 0) {
@@ -195,16 +194,16 @@ export class PreviewPanel {
     );
     if (!preview.model) {
       this.#preview = undefined;
-      const words = own ? own.detail : "What wear does is shown as soon as the pair can be made.";
-      // the sliders stay where one of them is at fault
-      this.#say(words);
+      const words = own ? own.detail : "The preview appears once the gear pair is valid.";
+      // the sliders stay usable when one of them caused the error
+      this.#showNotice(words);
       this.#wear.element.parentElement.inert = !own;
       if (preview.geometry && !own) this.#limits = undefined;
       return;
     }
     this.#setLimits(preview, request);
     this.#preview = preview;
-    this.#say(null);
+    this.#showNotice(null);
     await this.redraw();
   }
 
@@ -242,7 +241,7 @@ export class PreviewPanel {
     }
   }
 
-  /** Draws what is known anew. */
+  /** Redraws from known data. */
   async redraw() {
     if (!this.#preview) return;
     const { model, geometry } = this.#preview;
@@ -272,7 +271,7 @@ export class PreviewPanel {
     this.element.dataset.wear = String(model.wear_um);
   }
 
-  /** Makes room on the axes for every depth, once torque and speed stand still: an axis that moves is slow to draw. */
+  /** Sets axis ranges that fit every depth once torque and speed rest: changing an axis is slow to draw. */
   #makeRoom() {
     clearTimeout(this.#ahead);
     const extents = this.#extents;
@@ -326,7 +325,7 @@ export class PreviewPanel {
 
   #failed(error) {
     this.#onError(error);
-    if (!this.#preview) this.#say(`${error.message}.`);
+    if (!this.#preview) this.#showNotice(`${error.message}.`);
   }
 
   #toggleRoll() {
@@ -347,10 +346,10 @@ export class PreviewPanel {
     cancelAnimationFrame(this.#rolling);
     this.#rolling = 0;
     this.#roll.setAttribute("aria-pressed", "false");
-    setText(this.#roll, "▶ Roll the teeth");
+    setText(this.#roll, "▶ Roll teeth");
   }
 
-  /** Frees the plots and asks no more. */
+  /** Releases the plots and stops requests. */
   dispose() {
     this.#stopRolling();
     clearTimeout(this.#ahead);
@@ -360,10 +359,10 @@ export class PreviewPanel {
   }
 }
 
-/** A pair by its name and its teeth. */
+/** A pair's name and teeth. */
 const pairWords = ({ pair }) => `${pair.name ? `${pair.name}, ` : ""}${pair.geometry.teeth.join("/")} teeth`;
 
-/** What a pair's limits depend on. */
+/** The data that a pair's limits depend on. */
 function pairKey(gear) {
   return JSON.stringify(gear.pair);
 }

@@ -1,27 +1,27 @@
-// What a preview's plots show: mesh stiffness, transmission error, waveform, spectrum and mesh harmonics,
-// worn and unworn.
+// The plots of a preview: mesh stiffness, transmission error, waveform, spectrum and mesh harmonics, worn and
+// unworn.
 
 import { decibels, depth, number } from "./format.js";
 import { palette } from "./plots.js";
 import { translucent } from "./theme.js";
 
-const SHOWN_PERIODS = 16; // mesh periods of the waveform; the file has all of them
-const FLOOR_DB = -60; // below the strongest line nothing is shown
+const SHOWN_PERIODS = 16; // mesh periods of the waveform shown; the saved file has all
+const FLOOR_DB = -60; // dB below the strongest line at which the plot ends
 
-/** How much wider than needed a range becomes where it has to grow, so that it seldom has to. */
+/** Extra width of a range that has to grow, so that it rarely does. */
 const AHEAD = 0.5;
 
-/** Keeps the range of an axis as wide as it was since the last `reset`, so that curves move and not their axes. */
+/** Keeps an axis as wide as it was since the last `reset`, so that curves move and axes do not. */
 export class Extents {
   #key;
   #ranges = new Map();
 
-  /** What the ranges are of. */
+  /** What the ranges belong to. */
   get key() {
     return this.#key;
   }
 
-  /** Forgets the ranges where `key` is another one than before; returns whether it is. */
+  /** Forgets the ranges when `key` changes; returns whether it did. */
   reset(key) {
     if (key === this.#key) return false;
     this.#ranges.clear();
@@ -29,7 +29,7 @@ export class Extents {
     return true;
   }
 
-  /** Makes room for all curves of a model. */
+  /** Extends the ranges to all curves of a model. */
   include(model) {
     for (const plot of [harmonicsPlot, spectrumPlot, waveformPlot, stiffnessPlot, transmissionPlot])
       plot(model, this);
@@ -120,7 +120,7 @@ export function stiffnessPlot(model, extents) {
 /** Unloaded transmission error over a mesh period. */
 export function transmissionPlot(model, extents) {
   const range = peakToPeak(model.worn.uste_rad) * 1e6;
-  const sub = `Without load, ${number(range < 1e-3 ? 0 : range, 3)} µrad from peak to peak of the driven gear.`;
+  const sub = `Unloaded, ${number(range < 1e-3 ? 0 : range, 3)} µrad peak to peak at the driven gear.`;
   return overMesh(model, extents, {
     key: "uste_rad",
     scale: 1e6,
@@ -130,7 +130,7 @@ export function transmissionPlot(model, extents) {
   });
 }
 
-/** Draws what is unworn broad and pale behind what is worn, so that both show where either is greater. */
+/** Draws the unworn curve broad and pale behind the worn one, so that differences either way are visible. */
 function stand(traces, broad, thin) {
   const [unworn, worn] = traces;
   Object.assign(unworn.line, {
@@ -141,7 +141,7 @@ function stand(traces, broad, thin) {
   if (worn) worn.line.width = thin;
 }
 
-/** The acceleration that the model expects. */
+/** The predicted acceleration. */
 export function waveformPlot(model, extents) {
   const read = ({ vibration: { sample_rate_hz: rate, acceleration_m_per_s2: samples } }) => ({
     x: samples.map((_, n) => (1000 * n) / rate),
@@ -150,7 +150,7 @@ export function waveformPlot(model, extents) {
   const { traces, legend } = curves(model, read, "%{x:.2f} ms: %{y:.4g} m/s²<extra></extra>");
   stand(traces, 2.5, 1.3);
   const [before, after] = [model.unworn, model.worn].map(({ vibration }) => vibration.rms_m_per_s2);
-  const sub = `RMS ${number(after, 3)} m/s², ${decibels(20 * Math.log10(after / before))} dB to unworn. At the bearings of the driving gear, without a path to a sensor.`;
+  const sub = `RMS ${number(after, 3)} m/s², ${decibels(20 * Math.log10(after / before))} dB re unworn. At the driving gear's bearings, without a transmission path.`;
   return {
     traces,
     legend: legend.map(([, colour, words]) => ["line", colour, words]),
@@ -178,12 +178,12 @@ export function waveformPlot(model, extents) {
   };
 }
 
-/** Amplitudes in dB of the greatest unworn one, cut off at the floor. */
+/** Amplitudes in dB relative to the largest unworn one, limited to the floor. */
 function levels(amplitudes, reference) {
   return amplitudes.map((amplitude) => Math.max(FLOOR_DB, 20 * Math.log10(amplitude / reference)));
 }
 
-/** The spectrum that the model expects. */
+/** The predicted spectrum. */
 export function spectrumPlot(model, extents) {
   const speed = model.shaft_speed_hz;
   const reference = Math.max(...model.unworn.vibration.spectrum_m_per_s2.slice(1));
@@ -193,7 +193,7 @@ export function spectrumPlot(model, extents) {
   });
   const { traces, legend } = curves(model, read, "%{x:.1f} Hz: %{y:.1f} dB<extra></extra>");
   stand(traces, 4, 1.5);
-  const sub = "In dB of the strongest unworn line; shaft sidebands about the mesh harmonics.";
+  const sub = "In dB re the strongest unworn line; shaft sidebands around the mesh harmonics.";
   return {
     traces,
     legend: legend.map(([, colour, words]) => ["line", colour, words]),
@@ -221,7 +221,7 @@ export function spectrumPlot(model, extents) {
   };
 }
 
-/** What wear does to each mesh harmonic. */
+/** The change of each mesh harmonic. */
 export function harmonicsPlot({ harmonics, wear_um: wear, mesh_hz: mesh }, extents) {
   const colour = palette();
   const changes = harmonics.map(({ change_db: change }) => change);
@@ -230,8 +230,8 @@ export function harmonicsPlot({ harmonics, wear_um: wear, mesh_hz: mesh }, exten
   );
   const sub =
     wear > 0
-      ? `Most at ${strongest.harmonic}×: ${decibels(strongest.change_db)} dB. Mesh frequency ${number(mesh, 5)} Hz.`
-      : `No wear, no change. Mesh frequency ${number(mesh, 5)} Hz.`;
+      ? `Largest change at ${strongest.harmonic}×: ${decibels(strongest.change_db)} dB. Mesh frequency ${number(mesh, 5)} Hz.`
+      : `Unworn: no change. Mesh frequency ${number(mesh, 5)} Hz.`;
   return {
     traces: [
       {

@@ -1,11 +1,13 @@
-// Asks the service for previews one after the other: what is wanted while one is under way is asked next, and
-// only the latest of it.
+// Requests previews one after the other; while one is running, only the latest further request is kept.
 
 import * as api from "./api.js";
 
 const AGAIN_MS = 1000;
 
-/** Previews for one view; `onAnswer(preview, request)` and `onError(error)` are called in the order of the requests. */
+/**
+ * Previews for one view; calls `onAnswer(preview, request)` and `onError(error)` in the order of the
+ * requests.
+ */
 export class PreviewRequests {
   #onAnswer;
   #onError;
@@ -18,7 +20,7 @@ export class PreviewRequests {
     [this.#onAnswer, this.#onError] = [onAnswer, onError];
   }
 
-  /** Asks for a preview at once, or after some milliseconds in which nothing else is asked. */
+  /** Requests a preview at once, or after some milliseconds without another request. */
   ask(request, wait = 0) {
     clearTimeout(this.#timer);
     if (wait) {
@@ -49,7 +51,7 @@ export class PreviewRequests {
     this.#running = false;
   }
 
-  /** Asks and answers no more. */
+  /** Stops requests and callbacks. */
   dispose() {
     clearTimeout(this.#timer);
     this.#ended = true;

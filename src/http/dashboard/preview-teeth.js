@@ -1,5 +1,5 @@
-// The teeth of a previewed pair as paths, in coordinates of a gear: its centre at (0, 0), a tooth on the
-// positive x axis.
+// The teeth of a previewed pair as paths in gear coordinates: centre at (0, 0), a tooth on the positive x
+// axis.
 
 const place = ([x, y]) => `${x.toFixed(3)} ${y.toFixed(3)}`;
 const line = (points) => `M${points.map(place).join("L")}`;
@@ -11,13 +11,15 @@ function turned([x, y], angle) {
 
 const mirrored = ([x, y]) => [x, -y];
 
-/** The points of one tooth from the middle of a space to that of the next, with every `every`-th point of its profile. */
+/**
+ * The points of one tooth, from the middle of one space to the next, using every `every`-th profile point.
+ */
 function toothPoints(profile, every) {
   const half = profile.filter((_, n) => n % every === 0 || n === profile.length - 1);
   return [...half.map(mirrored), ...[...half].reverse()];
 }
 
-/** Outline of some teeth, closed through the centre where they are not all; `from` and `to` are numbers of teeth. */
+/** The outline of teeth `from` to `to`, closed through the centre unless it is the whole gear. */
 export function bodyPath({ teeth, profile_mm: profile }, from, to, every = 1) {
   const points = [];
   const one = toothPoints(profile, every);
@@ -29,7 +31,10 @@ export function bodyPath({ teeth, profile_mm: profile }, from, to, every = 1) {
   return `${line(points)}Z`;
 }
 
-/** What wear has taken from the working flanks of some teeth; `side` is 1 for the flank ahead of the rotation's sense, −1 for the one behind. */
+/**
+ * The worn-off areas of some teeth's working flanks; `side` is 1 for the leading flank in the sense of
+ * rotation, −1 for the trailing one.
+ */
 export function lostPath({ teeth }, { x_mm: xs, y_mm: ys, depth_um: depths }, side, from, to) {
   const before = xs.map((x, n) => [x, side * ys[n]]);
   const after = xs.map((x, n) => [x, side * (ys[n] - depths[n] / 1000)]);
@@ -40,7 +45,10 @@ export function lostPath({ teeth }, { x_mm: xs, y_mm: ys, depth_um: depths }, si
   return paths.join("");
 }
 
-/** Parts of the profile on both sides of some teeth: from `start` to `end` of it, 0 the middle of the space, 1 the tip. */
+/**
+ * Parts of the profile on both sides of some teeth, from `start` to `end`: 0 is the middle of the space, 1
+ * the tip.
+ */
 export function partPath({ teeth, profile_mm: profile }, start, end, from, to) {
   const last = profile.length - 1;
   const part = profile.slice(Math.round(start * last), Math.round(end * last) + 1);

@@ -1,4 +1,4 @@
-// A record in words and figures, beside a pinned one where there is one to compare with.
+// A record as text and figures, with those of a pinned record for comparison.
 
 import { h } from "./dom.js";
 import { absence, clock, count, hertz, indicatorName, number, span, unit } from "./format.js";
@@ -25,7 +25,7 @@ function amount(name, { indicators = {}, absent = {}, unit: unitName }) {
   return `${number(value)} ${words}`.trim();
 }
 
-/** The zone of ISO 20816 beside the velocity, where the asset has zones. */
+/** The ISO 20816 zone beside the velocity, if the asset has zones. */
 const zoneWords = (name, { velocity_zone: zone }) =>
   name === "velocity_rms" && zone ? h("span", { class: "muted" }, `zone ${zone}`) : null;
 
@@ -57,7 +57,7 @@ function wearFact(term, words) {
   );
 }
 
-/** What was known of the wear after the record. */
+/** The wear estimate after the record. */
 function wearFacts({ wear }) {
   if (wear?.median_um == null) return [];
   return [
@@ -66,7 +66,7 @@ function wearFacts({ wear }) {
   ].filter(Boolean);
 }
 
-/** The record's wear and main indicators; under each indicator that of the pinned record and how many times as large it is now. */
+/** The record's wear and main indicators, each with the pinned record's value and their ratio. */
 export function recordFacts(segment, pinned) {
   const { indicators = {}, absent = {} } = segment;
   const ratios = Object.keys(indicators).filter((name) => BEARING_RATIO.test(name));
@@ -81,6 +81,6 @@ export function recordFacts(segment, pinned) {
 /** When the pinned record was taken. */
 export function pinnedWords(pinned) {
   return pinned instanceof Error
-    ? `The pinned record cannot be shown: ${pinned.message}.`
-    : `Pinned: ${clock(pinned.start_time)}, drawn in the lower half of each plot; its values stand below, with the change since then.`;
+    ? `The pinned record cannot be displayed: ${pinned.message}.`
+    : `Pinned: ${clock(pinned.start_time)}, in the lower half of each plot; its values and the change since then are below.`;
 }

@@ -1,4 +1,4 @@
-// The ways to look at a record: what each asks the server for and how it is drawn.
+// The views of a record: what each fetches and how it is drawn.
 
 import * as api from "./api.js";
 import { cepstrumDrawing } from "./cepstrum-plot.js";
@@ -20,13 +20,13 @@ import { waveformDrawing } from "./waveform-plot.js";
 const DEFAULT = "spectrum,envelope,posterior";
 const POINTS = 4000; // of a whole spectrum
 
-/** `[from, to]` of an address's `part` in seconds or `band` in hertz or orders, or null. */
+/** Parses `part` (seconds) or `band` (hertz or orders) of an address into `[from, to]`, or null. */
 export function partOf(text) {
   const [from, to] = (text ?? "").split("~").map(Number);
   return from >= 0 && to > from ? [from, to] : null;
 }
 
-/** The same for an address; null for no range. */
+/** Formats a range for an address; null for no range. */
 export function formatPart(range) {
   return range && range.map((end) => Number(Math.max(0, end).toPrecision(6))).join("~");
 }
@@ -59,7 +59,7 @@ async function envelope(
   const inHertz = (...range) => api.envelope(id, ...range, signal, band);
   const first = await inHertz(null, null, points);
   if (envelopeOverOrders && !first.shaft_speed_hz)
-    throw new api.ApiError(422, { detail: "no shaft speed is known for this record, so it has no orders" });
+    throw new api.ApiError(422, { detail: "the shaft speed of this record is unknown, so it has no orders" });
   const shaft = first.shaft_speed_hz;
   const whole = envelopeOverOrders ? overOrders(first, shaft) : first;
   const ask = envelopeOverOrders
@@ -73,21 +73,20 @@ async function envelope(
 function posterior({ segment, asset, revision }) {
   const { wear, reference_wear_um: reference } = segment;
   if (wear?.status === "outside_library")
-    return "No posterior: wear does not explain this record. The page “Match” says what is odd.";
+    return "No posterior: this record is not explained by wear. See the page “Match” for the deviations.";
   if (!asset.gear) return "No posterior: the machine has no gear mesh, so there is no wear to estimate.";
-  if (!asset.gear.pair)
-    return "No posterior: wear is not estimated, as no gear pair is described for this asset.";
+  if (!asset.gear.pair) return "No posterior: this asset has no gear pair, so wear is not estimated.";
   if (!wear?.posterior)
     return wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.";
   return posteriorDrawing(wear, asset.limits, reference, revision);
 }
 
-/** What is known of a machine to have lines: the tooth numbers of its mesh, the orders of its bearings. */
+/** What a machine's lines follow from: tooth numbers of its mesh, orders of its bearings. */
 const machineLines = ({ gear, summary }) => ({ teeth: gear?.teeth, bearings: summary.bearing_orders ?? {} });
 
 /**
- * Each pane's `fetch(id, query, signal, options)` gives its data, `draw(layers, context)` a drawing of
- * the records of `layers`, or words where there is nothing to draw.
+ * Each pane's `fetch(id, query, signal, options)` fetches its data; `draw(layers, context)` returns a drawing
+ * of the records in `layers`, or a text when there is nothing to draw.
  * @type {{ key: string, label: string, fetch?: (...asked: any[]) => Promise<any>, draw: (...drawn: any[]) => any }[]}
  */
 export const PANES = [
@@ -135,14 +134,14 @@ export const PANES = [
   },
 ];
 
-/** The keys of the panes that an address asks for. */
+/** The keys of the panes selected in an address. */
 export function shownPanes(query) {
   const keys = (query.show ?? DEFAULT).split(",");
   return PANES.filter(({ key }) => keys.includes(key)).map(({ key }) => key);
 }
 
 /**
- * What the shown panes need of a record, as answers of the server or errors, by the panes' keys.
+ * Fetches the data of the displayed panes, as answers or errors by the panes' keys.
  * @param {string} id
  * @param {Record<string, string>} query
  * @param {AbortSignal} [signal]

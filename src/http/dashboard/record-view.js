@@ -1,5 +1,4 @@
-// One record: when it was taken, its indicators, and the ways to look at it. Follows the selection of the
-// page.
+// One record: its time, indicators and views. Follows the page's selection.
 
 import { compareOnBench } from "./bench-records.js";
 import { compared } from "./comparison.js";
@@ -18,7 +17,7 @@ import { formatPart, PANES, partOf, shownPanes } from "./record-panes.js";
 import { change, parse } from "./route.js";
 import { SpectrumTools } from "./spectrum-tools.js";
 
-/** The record's part of an asset's page. */
+/** The record section of an asset's page. */
 export class RecordView {
   #time = h("h2");
   #words = h("p", { class: "muted" });
@@ -60,10 +59,10 @@ export class RecordView {
   #onRange;
   elements;
 
-  /** `onRange(parameters)` gets what the address is to say of a range that was dragged out. */
+  /** `onRange(parameters)` receives the address parameters of a dragged-out range. */
   constructor(onRange) {
     this.#onRange = onRange;
-    setText(this.#time, "Loading the record…");
+    setText(this.#time, "Loading record…");
     for (const control of [this.#previous, this.#next]) control.disabled = true;
     const spectrum = this.#cards.get("spectrum");
     spectrum.tools.append(...this.#tools.elements);
@@ -74,7 +73,7 @@ export class RecordView {
     spectrum.element.append(this.#lines.element);
     this.#cards.get("envelope").tools.append(this.#near);
     this.#cards.get("turn").tools.append(this.#gear.element);
-    const chips = h("div", { class: "chips", role: "group", "aria-label": "Ways to look at the record" });
+    const chips = h("div", { class: "chips", role: "group", "aria-label": "Views" });
     for (const { key, label } of PANES) {
       const chip = h("button", { type: "button", class: "chip", onclick: () => this.#toggle(key) }, label);
       this.#chips.set(key, chip);
@@ -82,7 +81,7 @@ export class RecordView {
     }
     const buttons = h(
       "div",
-      { class: "steps", role: "group", "aria-label": "Choose a record" },
+      { class: "steps", role: "group", "aria-label": "Select a record" },
       this.#previous,
       this.#next,
       this.#latest,
@@ -105,7 +104,7 @@ export class RecordView {
   }
 
   #toggle(key) {
-    // the address, not what is drawn: another click may have come before the answer to the first
+    // uses the address, not the drawing: another click may precede the answer to the first
     const keys = shownPanes(parse(location.hash).query);
     const next = keys.includes(key) ? keys.filter((other) => other !== key) : [...keys, key];
     change({ show: next.join(",") || "none" }, { quiet: true });
@@ -115,7 +114,7 @@ export class RecordView {
     change({ pin: this.#query.pin ? null : this.#order.selected }, { quiet: true });
   }
 
-  /** The bench lays records of any assets over one another. */
+  /** The bench compares records of any assets. */
   #toBench() {
     const ids = [this.#query.pin, this.#order.selected].filter(Boolean);
     if (ids.length) compareOnBench(ids);
@@ -127,7 +126,7 @@ export class RecordView {
     if (next) change({ segment: next });
   }
 
-  /** Tells which records there are, in order of time, and which one is shown. */
+  /** Sets the records in order of time, and which one is displayed. */
   place(ids, selected, following) {
     this.#order = { ids, selected };
     const index = ids.indexOf(selected);
@@ -137,12 +136,12 @@ export class RecordView {
     this.#latest.textContent = following ? "Following latest" : "Latest";
   }
 
-  /** Marks the plots as being fetched. */
+  /** Marks the plots as loading. */
   busy(is) {
     for (const card of this.#cards.values()) card.busy(is);
   }
 
-  /** Shows a record: `segment`, `pinned` and the values of `panes` and `others` are answers of the server or errors. */
+  /** Shows a record: `segment`, `pinned` and the values of `panes` and `others` are answers or errors. */
   async show({ segment, pinned, panes, others }, asset, query) {
     this.#query = query;
     const keys = shownPanes(query);
@@ -187,9 +186,9 @@ export class RecordView {
   /** @param {(typeof PANES)[number]} pane */
   async #draw({ key, fetch, draw }, data, other, context) {
     const card = this.#cards.get(key);
-    if (context.segment instanceof Error) return card.say("There is no record to show.");
-    if (data instanceof Error) return card.say(data.message);
-    if (fetch && !data) return card.say("Loading…");
+    if (context.segment instanceof Error) return card.showNotice("No record to display.");
+    if (data instanceof Error) return card.showNotice(data.message);
+    if (fetch && !data) return card.showNotice("Loading…");
     const { segment, pinned } = context;
     const make = () => {
       const drawing = draw(selectedAndPinned(data, other), context);
@@ -216,7 +215,7 @@ export class RecordView {
     setChildren(this.#values, recordFacts(segment, pinned instanceof Error ? null : pinned));
   }
 
-  /** Frees the plots. */
+  /** Releases the plots. */
   dispose() {
     for (const card of this.#cards.values()) card.dispose();
   }

@@ -1,23 +1,24 @@
-// What is done to several records at once: exclude, include again, delete, and take as the baseline.
+// Bulk actions on records: exclude, include, delete, and use as baseline.
 
 import * as api from "./api.js";
-import { compareOnBench, MOST_RECORDS } from "./bench-records.js";
+import { compareOnBench, MAX_RECORDS } from "./bench-records.js";
 import { h, setText } from "./dom.js";
 import { clock, count } from "./format.js";
-import { keepName, lastName } from "./person.js";
+import { storeName, storedName } from "./person.js";
 
-const AT_ONCE = 200; // identifiers in one request
+const AT_ONCE = 200; // ids in one request
 const PAGE = 1000;
-const LEAST_BASELINE = 8;
+const MIN_BASELINE = 8;
 
 const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
 
-/** The next millisecond after a time: an end that still holds the record of that time. */
+/** The next millisecond after a time: an exclusive end that includes the record at that time. */
 const after = (time) => new Date(Date.parse(time) + 1).toISOString();
 
 /**
- * The bar of buttons below the filters. `selection()` answers `{ ids, records }`, or `{ all, count }` where all that match are selected; `onDone(gone)` is
- * called after each action, with true where the selected records may be gone.
+ * The toolbar below the filters. `selection()` returns `{ ids, records }`, or `{ all, count }` when all
+ * matching records are selected; `onDone(gone)` is called after each action, with true if the selected
+ * records may be gone.
  */
 export class RecordActions {
   #id;
@@ -41,8 +42,8 @@ export class RecordActions {
     this.#buttons = [
       button("Compare…", () => this.#compare()),
       button("Exclude", () => this.#mark("exclude")),
-      button("Include again", () => this.#mark("include")),
-      button("Use as the baseline…", () => this.#offerBaseline()),
+      button("Include", () => this.#mark("include")),
+      button("Use as baseline…", () => this.#offerBaseline()),
       button("Delete…", () => this.#delete()),
     ];
     this.#baseline.append(
@@ -51,7 +52,7 @@ export class RecordActions {
         "div",
         { class: "form-buttons" },
         h("label", { class: "field", for: "records-by" }, h("span", {}, "Your name"), this.#by),
-        h("button", { type: "submit", class: "primary" }, "Use as the baseline"),
+        h("button", { type: "submit", class: "primary" }, "Use as baseline"),
         h(
           "button",
           { type: "button", class: "quiet", onclick: () => (this.#baseline.hidden = true) },
@@ -68,26 +69,26 @@ export class RecordActions {
     );
   }
 
-  /** Shows how many are selected. */
+  /** Shows the number of selected records. */
   show(selected) {
     setText(this.#words, selected ? `${records(selected)} selected` : "Select records to change them.");
     for (const button of this.#buttons) button.disabled = selected === 0;
     if (selected === 0) this.#baseline.hidden = true;
   }
 
-  /** Puts what is selected on the bench. */
+  /** Opens the selected records on the bench. */
   async #compare() {
     try {
       const { ids, all, count: matching } = this.#selection();
-      if (matching > MOST_RECORDS)
-        return this.#said("bad", `${records(matching)} match, expected at most ${MOST_RECORDS} to compare.`);
-      this.#said("bad", compareOnBench(all ? await this.#identifiers(all) : ids));
+      if (matching > MAX_RECORDS)
+        return this.#showStatus("bad", `${records(matching)} match; at most ${MAX_RECORDS} can be compared.`);
+      this.#showStatus("bad", compareOnBench(all ? await this.#identifiers(all) : ids));
     } catch (error) {
-      this.#said("bad", `Not done: ${error.message}.`);
+      this.#showStatus("bad", `Action failed: ${error.message}.`);
     }
   }
 
-  /** What the requests name: lists of identifiers, or one range. */
+  /** The selection as request parameters: lists of ids, or one range. */
   async #targets() {
     const { ids, all } = this.#selection();
     if (!all) return chunks(ids).map((some) => ({ ids: some.join(",") }));
@@ -95,7 +96,7 @@ export class RecordActions {
     const { channel, from, to } = all;
     const known = await api.recordCount(this.#id, { channel, from, to });
     if (!known.records) return [];
-    // an end, so that what comes meanwhile is left alone
+    // a fixed end, so that records arriving meanwhile are not affected
     return [{ channel, from: known.first_start_time, to: after(known.last_start_time) }];
   }
 
@@ -111,13 +112,13 @@ export class RecordActions {
   }
 
   async #each(act, gone = false) {
-    this.#said("", "Working…");
+    this.#showStatus("", "Working…");
     let done = 0;
     try {
       for (const target of await this.#targets()) done += await act(target);
       return done;
     } catch (error) {
-      this.#said("bad", `Not done${done ? ` after ${records(done)}` : ""}: ${error.message}.`);
+      this.#showStatus("bad", `Action failed${done ? ` after ${records(done)}` : ""}: ${error.message}.`);
       return null;
     } finally {
       this.#onDone(gone);
@@ -129,12 +130,12 @@ export class RecordActions {
       async (target) => (await api.markRecords(this.#id, action, target)).changed,
     );
     if (done === null) return;
-    const words = action === "exclude" ? "excluded" : "included again";
-    this.#said(
+    const words = action === "exclude" ? "excluded" : "included";
+    this.#showStatus(
       "good",
       done
-        ? `${records(done)} ${words}. The history is estimated again.`
-        : `None had to be changed: they were ${words} already.`,
+        ? `${records(done)} ${words}. The history is being recomputed.`
+        : `Nothing changed: the records were already ${words}.`,
     );
   }
 
@@ -143,7 +144,7 @@ export class RecordActions {
     const words = all ? `all ${records(matching)} that match` : records(ids.length);
     if (
       !confirm(
-        `Delete ${words}? The history is then estimated as if they had never come. Their raw recordings go into quarantine.`,
+        `Delete ${words}? The history is then recomputed without them. Their raw recordings are moved to quarantine.`,
       )
     )
       return;
@@ -151,10 +152,10 @@ export class RecordActions {
       async (target) => (await api.deleteRecords(this.#id, target)).deleted,
       true,
     );
-    if (done !== null) this.#said("good", `${records(done)} deleted.`);
+    if (done !== null) this.#showStatus("good", `${records(done)} deleted.`);
   }
 
-  /** The stretch of time from the first to the last selected record. */
+  /** The time range from the first to the last selected record. */
   async #stretch() {
     const { records: selected, all } = this.#selection();
     if (all) {
@@ -183,18 +184,18 @@ export class RecordActions {
       );
       const within = counts.reduce((sum, { records: n }) => sum + n, 0);
       const few =
-        Math.min(...counts.map(({ records: n }) => n)) < LEAST_BASELINE
-          ? ` A chosen baseline needs at least ${LEAST_BASELINE} records of a channel; with fewer it is learnt as any other.`
+        Math.min(...counts.map(({ records: n }) => n)) < MIN_BASELINE
+          ? ` A chosen baseline needs at least ${MIN_BASELINE} records per channel; with fewer, the baseline is collected as usual.`
           : "";
       setText(
         this.#baselineWords,
-        `The ${records(within)} from ${clock(time)} to ${clock(until)} become the healthy baseline of every channel, but for those that are excluded. What was learnt before is forgotten, and wear counts from zero there.${few}`,
+        `The ${records(within)} from ${clock(time)} to ${clock(until)} become the healthy baseline of every channel, except excluded ones. The previous baseline is discarded, and wear restarts at zero there.${few}`,
       );
-      this.#by.value ||= lastName();
+      this.#by.value ||= storedName();
       this.#baseline.hidden = false;
       this.#by.focus();
     } catch (error) {
-      this.#said("bad", `Not done: ${error.message}.`);
+      this.#showStatus("bad", `Action failed: ${error.message}.`);
     }
   }
 
@@ -205,24 +206,24 @@ export class RecordActions {
     if (!by) {
       this.#by.setAttribute("aria-invalid", "true");
       this.#by.focus();
-      return this.#said("bad", "Your name is empty, expected who does this.");
+      return this.#showStatus("bad", "Enter your name.");
     }
-    keepName(by);
+    storeName(by);
     try {
       const { time, until } = await this.#stretch();
-      await api.tellMaintenance(this.#id, { time, until, kind: "baseline_chosen", by, comment: "" });
+      await api.addMaintenance(this.#id, { time, until, kind: "baseline_chosen", by, comment: "" });
       this.#baseline.hidden = true;
-      this.#said(
+      this.#showStatus(
         "good",
-        "The baseline is chosen. The history is estimated again; the choice can be taken back under “Alarms and maintenance”.",
+        "Baseline set. The history is being recomputed. To undo this, delete the entry under “Alarms and maintenance”.",
       );
       this.#onDone(false);
     } catch (error) {
-      this.#said("bad", `Not done: ${error.message}.`);
+      this.#showStatus("bad", `Action failed: ${error.message}.`);
     }
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

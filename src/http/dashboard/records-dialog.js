@@ -1,11 +1,10 @@
-// Adding records by hand: the import desk over the page, and replay of a recording in the server's replay
-// folder.
+// Dialog to add records: the import panel, and replay of a recording in the server's replay folder.
 
 import { h } from "./dom.js";
 import { ImportDesk } from "./import-desk.js";
 import { ReplayPanel } from "./replay-panel.js";
 
-/** A dialog with an upload and a replay part. */
+/** A dialog with an upload and a replay section. */
 export class RecordsDialog {
   #replay;
   #upload;
@@ -28,19 +27,19 @@ export class RecordsDialog {
     );
   }
 
-  /** Shows the dialog over the page. */
+  /** Shows the dialog. */
   open() {
     if (!this.element.open) this.element.showModal();
     this.#replay.refresh();
   }
 
-  /** Opens with files that were dropped on the page, and lists them. */
+  /** Opens with dropped files and lists them. */
   take(files) {
     this.open();
     return this.#upload.take(files);
   }
 
-  /** Follows running replays while the dialog is open. */
+  /** Updates running replays while the dialog is open. */
   tick() {
     if (this.element.open) this.#replay.refresh();
   }

@@ -1,4 +1,4 @@
-// One record as a row of the table of records.
+// One row of the table of records.
 
 import { address } from "./api.js";
 import { h } from "./dom.js";
@@ -14,7 +14,7 @@ export const HEADINGS = [
   "Shaft speed",
   "RMS",
   "Status",
-  "Takes part",
+  "Used",
   "Raw",
 ];
 
@@ -22,19 +22,19 @@ function length(seconds) {
   return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
 }
 
-/** What a row says of its speed: why it is in doubt, or where it came from, where that is not the mesh as usual. */
+/** A remark on the speed: why it is uncertain, or its source if that is not the mesh as usual. */
 function remark(speed) {
   const words = speedDoubt(speed) ?? (speed.source === "mesh_comb" ? null : speedSource(speed));
   return words && h("span", { class: "muted id" }, words);
 }
 
-/** Whether a record takes part in its history, and as what. */
+/** Whether and how a record is used in its history. */
 function part({ excluded, wear }) {
   if (excluded) return "excluded";
   return wear.status === "collecting_baseline" ? "baseline" : "yes";
 }
 
-/** The row of a record; `onToggle(checked, withShift)` when it is selected or left. */
+/** The row of a record; `onToggle(checked, withShift)` is called when its selection changes. */
 export function recordRow(record, selected, onToggle) {
   const {
     id,

@@ -1,4 +1,4 @@
-// The records of an asset as a table: filtered, page by page, selected and changed.
+// The records of an asset as a table with filters, pages, selection and actions.
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
@@ -26,10 +26,10 @@ export class RecordsPage {
   #asked;
   #items = [];
   #total = 0;
-  #before = []; // the cursors of the pages before this one
-  #selected = new Map(); // id → record, over pages
+  #before = []; // the cursors of the previous pages
+  #selected = new Map(); // id → record, across pages
   #all = false;
-  #last = null; // the row that was clicked last, for a selection with shift
+  #last = null; // the row clicked last, for selection with Shift
   #channel = h("select", {
     id: "records-channel",
     onchange: () => this.#filter({ channel: this.#channel.value }),
@@ -61,7 +61,7 @@ export class RecordsPage {
   #export = h("a", { class: "button", download: "" }, "Export as MCAP");
   #page = h("input", {
     type: "checkbox",
-    "aria-label": "Select all records of this page",
+    "aria-label": "Select all records on this page",
     onclick: () => this.#pickPage(this.#page.checked),
   });
   #body = h("tbody");
@@ -80,9 +80,9 @@ export class RecordsPage {
     ),
     this.#body,
   );
-  #notice = h("p", { class: "notice" }, "Loading the records…");
+  #notice = h("p", { class: "notice" }, "Loading records…");
   #words = h("p", { class: "muted", "aria-live": "polite" });
-  #back = h("button", { type: "button", onclick: () => this.#turnBack() }, "← Page before");
+  #back = h("button", { type: "button", onclick: () => this.#turnBack() }, "← Previous page");
   #next = h("button", { type: "button", onclick: () => this.#turn() }, "Next page →");
   #pickAll = h("button", { type: "button", class: "quiet", hidden: true, onclick: () => this.#takeAll() });
   #actions;
@@ -126,14 +126,14 @@ export class RecordsPage {
     this.#actions.show(0);
   }
 
-  /** Another filter begins at its first page and selects nothing. */
+  /** A changed filter starts at its first page and clears the selection. */
   #filter(parameters) {
     this.#clear();
     this.#before = [];
     change({ ...parameters, cursor: null });
   }
 
-  /** Asks again after an action; what is gone is not selected any more. */
+  /** Fetches again after an action; deleted records are deselected. */
   #changed(gone) {
     if (gone) {
       this.#clear();
@@ -151,7 +151,7 @@ export class RecordsPage {
     change({ cursor: this.#before.pop() ?? null });
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     this.#query = route.query;
     return true;
@@ -162,7 +162,7 @@ export class RecordsPage {
     return { channel, status, from, to };
   }
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the records and shows what changed. */
   async refresh(signal) {
     const parameters = this.#parameters();
     const { order = "desc", cursor } = this.#query;
@@ -207,7 +207,7 @@ export class RecordsPage {
   #render() {
     const { cursor } = this.#query;
     const first = this.#before.length * PAGE + 1;
-    const isPlaced = !cursor || this.#before.length > 0; // a link to a later page does not say which one it is
+    const isPlaced = !cursor || this.#before.length > 0; // a link to a later page does not know its number
     const range = this.#items.length
       ? isPlaced
         ? `${count(first)} to ${count(first + this.#items.length - 1)} of `
@@ -215,15 +215,13 @@ export class RecordsPage {
       : "";
     setText(this.#words, `${range}${count(this.#total)} ${this.#total === 1 ? "record" : "records"}`);
     this.#back.disabled = this.#before.length === 0 && !cursor;
-    setText(this.#back, isPlaced ? "← Page before" : "← First page");
+    setText(this.#back, isPlaced ? "← Previous page" : "← First page");
     this.#next.disabled = !this.#shown?.next_cursor;
     this.#table.hidden = this.#items.length === 0;
     this.#notice.hidden = this.#items.length > 0;
     setText(
       this.#notice,
-      Object.values(this.#parameters()).some(Boolean)
-        ? "No record matches these filters."
-        : "No record has been received yet.",
+      Object.values(this.#parameters()).some(Boolean) ? "No records match these filters." : "No records yet.",
     );
     const focused = focusedIn("[data-record]", "record");
     const kind = document.activeElement?.tagName;

@@ -10,7 +10,7 @@ const PACES = [
   ["realtime", "real time"],
 ];
 
-/** The replay part of the dialog. */
+/** The replay section of the dialog. */
 export class ReplayPanel {
   #assetId;
   #file = h("input", {
@@ -21,7 +21,7 @@ export class ReplayPanel {
     list: "replay-files",
   });
   #files = h("datalist", { id: "replay-files" });
-  #empty = h("p", { class: "muted", hidden: true }, "There is no MCAP file in the replay folder.");
+  #empty = h("p", { class: "muted", hidden: true }, "The replay folder contains no MCAP files.");
   #pace = h(
     "select",
     { id: "replay-pace" },
@@ -59,7 +59,7 @@ export class ReplayPanel {
     this.#listFiles();
   }
 
-  /** What may be chosen; without an answer a name can still be typed. */
+  /** The available files; without an answer, a name can still be entered. */
   async #listFiles() {
     const answer = await replayFiles().catch(() => null);
     if (!answer) return;
@@ -88,7 +88,7 @@ export class ReplayPanel {
     }
   }
 
-  /** Asks for the replays of this asset. A lost connection is shown by the page, not here. */
+  /** Fetches this asset's replays. The page reports a lost connection. */
   async refresh() {
     let answer;
     try {
@@ -120,7 +120,7 @@ export class ReplayPanel {
     const running = state === "running";
     const pace =
       running && replay.times_real_time ? `, ${number(replay.times_real_time, 2)} times real time` : "";
-    const counts = `${count(stored)} stored, ${count(repeated)} already known, ${count(refused)} refused${pace}`;
+    const counts = `${count(stored)} stored, ${count(repeated)} already stored, ${count(refused)} refused${pace}`;
     const stop = () => this.#try(() => stopReplay(replay.id));
     return h(
       "li",

@@ -2,7 +2,10 @@
 
 const ASSET_VIEWS = ["records", "import", "live", "waterfall", "match", "wear", "settings"];
 
-/** `{ page, id, query }` of a hash; `page` is "fleet", "asset" or one of its views, "new", "alarms", "bench", "tokens", "libraries", "library" or "unknown". */
+/**
+ * Parses a hash into `{ page, id, query }`; `page` is "fleet", "asset" or one of its views, "new", "alarms",
+ * "bench", "tokens", "libraries", "library" or "unknown".
+ */
 export function parse(hash) {
   const [path, query = ""] = hash.replace(/^#/, "").split("?", 2);
   const [first, second, third, ...more] = path.split("/").filter(Boolean);
@@ -42,7 +45,7 @@ function path({ page, id }) {
   );
 }
 
-/** The hash of a route; parameters without a value are left out. */
+/** Formats a route as a hash; parameters without a value are omitted. */
 export function format(route) {
   const query = new URLSearchParams(
     Object.entries(route.query ?? {}).filter(
@@ -57,7 +60,7 @@ export function go(route) {
   location.hash = format(route);
 }
 
-/** Changes some parameters of the current route; a step of its own in the browser's history unless `quiet`. */
+/** Changes parameters of the current route; adds a history entry unless `quiet`. */
 export function change(parameters, { quiet = false } = {}) {
   const route = parse(location.hash);
   const hash = format({ ...route, query: { ...route.query, ...parameters } });

@@ -1,10 +1,13 @@
-// Server-sent events, read with fetch, because EventSource cannot show a token.
+// Server-sent events, read with fetch because EventSource cannot send a token.
 
 import { failure } from "./api.js";
 
-const SILENT_MS = 45_000; // the server says something every 15 s; after three times nothing the connection is dead
+const SILENT_MS = 45_000; // the server sends something every 15 s; after three missed intervals the connection is dead
 
-/** Reads the events of an address until they end: `onOpen()` when they begin, `onEvent({ kind, id, data })` for each. */
+/**
+ * Reads the events of an address until they end: calls `onOpen()` at the start and `onEvent({ kind, id, data
+ * })` for each.
+ */
 export async function readEvents(href, { headers = {}, signal = undefined, onOpen = () => {}, onEvent }) {
   const abort = new AbortController();
   const response = await fetch(href, {

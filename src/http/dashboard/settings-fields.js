@@ -1,7 +1,7 @@
-// The fields of an asset's settings: where each stands in its description, what it is called, and its unit.
+// The fields of an asset's settings: path in the description, label, and unit.
 
 /**
- * Groups of fields, `{ path, label, unit?, kind?, hint? }` each; a path's numbers are places in a list.
+ * Groups of fields, `{ path, label, unit?, kind?, hint? }` each; numbers in a path are list indices.
  * @type {any[]}
  */
 export const GROUPS = [
@@ -14,27 +14,27 @@ export const GROUPS = [
       { path: "location.gearbox", label: "Gearbox", kind: "text" },
       {
         path: "location.mesh",
-        label: "Mesh, where the gearbox has several",
+        label: "Mesh, if the gearbox has several",
         kind: "text",
-        hint: "for example second stage",
+        hint: "e.g. second stage",
       },
       {
         path: "sensor.of",
-        label: "Heard by the sensor of another asset",
+        label: "Uses the sensor of asset",
         kind: "text",
         hint: "that asset's id, or nothing",
       },
       {
         path: "sensor.unit",
-        label: "Unit of samples that come without one",
+        label: "Default unit of samples",
         kind: "text",
-        hint: "for example m/s2",
+        hint: "e.g. m/s2",
       },
       {
         path: "sensor.channel",
-        label: "Channel that speaks for the asset",
+        label: "Channel that represents the asset",
         kind: "text",
-        hint: "the first one seen",
+        hint: "the first channel",
       },
       { path: "baseline.records", label: "Baseline records, at least 8", kind: "integer" },
     ],
@@ -71,17 +71,17 @@ export const GROUPS = [
         kind: "integer",
         hint: "1",
       },
-      { path: "gear.speed_tolerance", label: "Speed is searched within ±", unit: "of nominal" },
-      { path: "gear.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
+      { path: "gear.speed_tolerance", label: "Speed search range ±", unit: "of nominal" },
+      { path: "gear.speed_is_exact", label: "Nominal speed is exact", kind: "check" },
     ],
   },
   {
     title: "Shaft",
     shaft: true,
     fields: [
-      { path: "shaft.speed_hz", label: "Nominal speed", unit: "Hz", hint: "comes with the records" },
-      { path: "shaft.speed_tolerance", label: "Speed is searched within ±", unit: "of nominal" },
-      { path: "shaft.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
+      { path: "shaft.speed_hz", label: "Nominal speed", unit: "Hz", hint: "from the records" },
+      { path: "shaft.speed_tolerance", label: "Speed search range ±", unit: "of nominal" },
+      { path: "shaft.speed_is_exact", label: "Nominal speed is exact", kind: "check" },
     ],
   },
   {
@@ -106,17 +106,20 @@ export const GROUPS = [
       { path: "gear.pair.geometry.bore_radius_mm.0", label: "Bore radius, driving", unit: "mm" },
       { path: "gear.pair.geometry.bore_radius_mm.1", label: "Bore radius, driven", unit: "mm" },
       { path: "gear.pair.operation.torque_nm", label: "Torque on the driving gear", unit: "N·m" },
-      { path: "gear.pair.wear.measured", label: "The shape of the wear was measured", kind: "check" },
+      { path: "gear.pair.wear.measured", label: "Wear profile was measured", kind: "check" },
     ],
   },
 ];
 
-/** The value at a path of an object, undefined where there is none. */
+/** The value at a path of an object; undefined when missing. */
 export function valueAt(object, path) {
   return path.split(".").reduce((inner, key) => inner?.[key], object);
 }
 
-/** Puts a value at a path, making what is missing on the way; undefined takes it out, and a list with it of which nothing is left. */
+/**
+ * Sets a value at a path and creates missing parents; undefined deletes the value, and a list that becomes
+ * empty.
+ */
 export function putAt(object, path, value) {
   const keys = path.split(".");
   const last = keys.pop();

@@ -1,5 +1,4 @@
-// Parts of an asset's settings that are lists: its alarm rules and its operating bins, a row of fields for
-// each entry.
+// Lists in an asset's settings: alarm rules and operating bins, one row of fields per entry.
 
 import { reading, quantityWords } from "./alarm-words.js";
 import { h, setChildren } from "./dom.js";
@@ -9,7 +8,10 @@ const given = (object) =>
   Object.fromEntries(Object.entries(object).filter(([, value]) => value !== undefined));
 const DEFAULT_SETTINGS = { raise: 3, raise_of: 5, clear: 5, clear_of: 5 };
 
-/** A list that is edited row by row; `columns` are `{ label, value(entry), input?, place?, breaks? }`, `read(values)` makes an entry again. */
+/**
+ * A list edited row by row; `columns` are `{ label, value(entry), input?, place?, breaks? }`, and
+ * `read(values)` builds an entry.
+ */
 class Rows {
   #columns;
   #read;
@@ -23,7 +25,7 @@ class Rows {
     this.element = h("div", { class: "setting-list" }, this.#list, add);
   }
 
-  /** Shows entries in place of what is there. */
+  /** Replaces the displayed entries. */
   fill(entries) {
     setChildren(this.#list);
     for (const entry of entries) this.#add(entry, false);
@@ -69,7 +71,7 @@ class Rows {
     this.element.dispatchEvent(new Event("input", { bubbles: true }));
   }
 
-  /** The entries as they are typed. */
+  /** The entries as edited. */
   entries() {
     return [...this.#list.children].map(({ inputs }) => this.#read(inputs.map((field) => field.value)));
   }
@@ -79,15 +81,15 @@ const text = (attributes) => () => h("input", { type: "text", autocomplete: "off
 const whole = () => h("input", { type: "number", step: "1", min: "1" });
 const KINDS = [
   ["wear_um", "Wear depth (µm)"],
-  ["wear_above_limit", "Probability of having passed the limit"],
+  ["wear_above_limit", "Probability that the limit is exceeded"],
   ["novelty", "Novelty (−log₁₀ p)"],
-  ["joint_novelty", "Novelty of all channels together (−log₁₀ p)"],
+  ["joint_novelty", "Joint novelty of all channels (−log₁₀ p)"],
   ["sensor_fault", "Sensor fault (0 or 1)"],
   ["stale_s", "Time without a record (s)"],
   ["indicator", "Indicator"],
-  ["rate wear_um", "Change of the wear depth (µm a day)"],
-  ["rate novelty", "Change of the novelty a day"],
-  ["rate indicator", "Change of an indicator a day"],
+  ["rate wear_um", "Change of wear depth (µm/day)"],
+  ["rate novelty", "Change of novelty per day"],
+  ["rate indicator", "Change of an indicator per day"],
 ];
 const kinds = () =>
   h(
@@ -110,7 +112,7 @@ function quantityOf(kind, indicator) {
 }
 
 const RULE = [
-  { label: "Watches", value: ({ quantity }) => kindOf(quantity), input: kinds },
+  { label: "Quantity", value: ({ quantity }) => kindOf(quantity), input: kinds },
   {
     label: "Indicator",
     value: ({ quantity }) => (quantity?.rate_per_day ?? quantity)?.indicator,
@@ -206,7 +208,7 @@ export class SettingLists {
       "fieldset",
       { class: "card" },
       h("legend", {}, "Alarms"),
-      h("label", { class: "check", for: "setting-own-rules" }, this.#own, "Rules of its own"),
+      h("label", { class: "check", for: "setting-own-rules" }, this.#own, "Custom rules"),
       this.#words,
       this.#rules.element,
     ),
@@ -217,7 +219,7 @@ export class SettingLists {
       h(
         "p",
         { class: "muted" },
-        "Boxes of shaft speed and torque: a trend within one says more than one over all. From the first number up to, not including, the second; either quantity may be left out.",
+        "Ranges of shaft speed and torque: trends within one bin are clearer. Each range includes its lower and excludes its upper end; either quantity may be omitted.",
       ),
       this.#bins.element,
     ),
@@ -233,7 +235,7 @@ export class SettingLists {
   }
 
   #ownChanged() {
-    // what is in force is where one begins
+    // new rules start from those in force
     if (this.#own.checked && this.#rules.entries().length === 0) this.#rules.fill(this.#inForce);
     this.#show();
   }
@@ -242,11 +244,11 @@ export class SettingLists {
     this.#rules.element.hidden = !this.#own.checked;
     const rules = this.#inForce.map((rule) => `${quantityWords(rule.quantity)}: ${levels(rule)}`).join("; ");
     this.#words.textContent = this.#own.checked
-      ? "Levels and hysteresis in the unit of what is watched."
-      : `Without, the rules follow from the limits on wear depth${rules ? `. ${rules}.` : ": none, as there are no limits."}`;
+      ? "Levels and hysteresis in the unit of the quantity."
+      : `By default, rules follow from the wear limits${rules ? `. ${rules}.` : "; there are none."}`;
   }
 
-  /** Puts the lists into a description. */
+  /** Writes the lists into a description. */
   put(spec) {
     if (this.#own.checked) spec.alarms = this.#rules.entries();
     else delete spec.alarms;

@@ -1,10 +1,10 @@
-// Copying, describing anew and deleting an asset, at the end of its settings.
+// Links to copy or edit an asset, and its deletion, at the end of its settings.
 
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
 import { go } from "./route.js";
 
-/** The card; deleting asks for the asset's id to be typed. */
+/** The card; deletion requires typing the asset's id. */
 export function removalCard(id) {
   const typed = h("input", {
     id: "removal-id",
@@ -17,7 +17,7 @@ export function removalCard(id) {
   const remove = h(
     "button",
     { type: "button", class: "danger", disabled: true, onclick: send },
-    "Delete the asset",
+    "Delete asset",
   );
 
   async function send() {
@@ -27,7 +27,7 @@ export function removalCard(id) {
       go({ page: "fleet" });
     } catch (error) {
       result.dataset.kind = "bad";
-      setText(result, `Not deleted: ${error.message}.`);
+      setText(result, `Deleting failed: ${error.message}.`);
       remove.disabled = false;
     }
   }
@@ -43,7 +43,11 @@ export function removalCard(id) {
       "details",
       {},
       h("summary", {}, "Delete this asset"),
-      h("p", {}, "Its records, estimates and alarms go with it. Raw recordings go into quarantine."),
+      h(
+        "p",
+        {},
+        "This also deletes its records, estimates and alarms. Raw recordings are moved to quarantine.",
+      ),
       h(
         "div",
         { class: "form-buttons" },

@@ -1,4 +1,4 @@
-// An asset's settings as a form, with its gear pair drawn to scale as it is typed.
+// An asset's settings as a form, with a live drawing of its gear pair.
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
@@ -9,7 +9,7 @@ import { SettingLists } from "./settings-lists.js";
 import { GROUPS, putAt, valueAt } from "./settings-fields.js";
 import { removalCard } from "./settings-removal.js";
 
-const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"]; // shown with an asset, not part of its description
+const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"]; // sent with an asset, but not part of its description
 
 /** The settings of one asset. */
 export class SettingsPage {
@@ -32,7 +32,7 @@ export class SettingsPage {
     this.#id = route.id;
     this.#query = route.query;
     this.#frame = new AssetFrame(route.id, "settings");
-    setChildren(root, this.#frame.element, h("p", { class: "notice" }, "Loading the settings…"));
+    setChildren(root, this.#frame.element, h("p", { class: "notice" }, "Loading settings…"));
     this.#frame.update(route.id, route.query);
   }
 
@@ -41,7 +41,7 @@ export class SettingsPage {
     return false;
   }
 
-  /** Asks once: what is being typed must not be taken away. */
+  /** Fetches once, so that edits are not overwritten. */
   async refresh(signal) {
     if (this.#asset) return;
     const asset = await api.answer(api.asset(this.#id, signal));
@@ -73,15 +73,15 @@ export class SettingsPage {
         : h(
             "p",
             { class: "notice" },
-            "No gear pair is described for this asset, so wear in µm is not estimated. ",
-            h("a", { href: `#/new?edit=${encodeURIComponent(this.#id)}` }, "Describe its gears"),
+            "This asset has no gear pair, so wear in µm is not estimated. ",
+            h("a", { href: `#/new?edit=${encodeURIComponent(this.#id)}` }, "Add its gears"),
           );
     const buttons = h(
       "div",
       { class: "form-buttons" },
       this.#save,
       this.#undo,
-      h("span", { class: "muted" }, "A changed gear pair or baseline estimates the whole history anew."),
+      h("span", { class: "muted" }, "Changing the gear pair or the baseline recomputes the whole history."),
     );
     this.#form = h(
       "form",
@@ -138,7 +138,7 @@ export class SettingsPage {
     this.#typed();
   }
 
-  /** The description as the form has it. */
+  /** The description from the form. */
   #description() {
     const spec = structuredClone(this.#asset);
     for (const name of FROM_SERVER) delete spec[name];
@@ -168,7 +168,7 @@ export class SettingsPage {
       this.#asset = await api.replaceAsset(this.#id, this.#description());
       this.#fill();
       this.#frame.update(assetName(this.#asset), this.#query);
-      this.#say("good", "Saved.");
+      this.#showNotice("good", "Saved.");
     } catch (error) {
       this.#refuse(error);
     } finally {
@@ -191,10 +191,10 @@ export class SettingsPage {
       at[1].input.setAttribute("aria-invalid", "true");
       at[1].input.focus();
     }
-    this.#say("bad", `Not saved: ${error.message}.`);
+    this.#showNotice("bad", `Saving failed: ${error.message}.`);
   }
 
-  #say(kind, words) {
+  #showNotice(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }

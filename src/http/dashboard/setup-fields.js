@@ -1,14 +1,14 @@
-// The fields of the form for an asset: where each stands in its description, what it is called, its unit, and
-// what holds where it is empty.
+// The fields of the asset form: path in the description, label, unit, and the default when empty.
 
 import { RARE_OF_BEARINGS, RARE_OF_PAIR, RARE_OF_SENSOR } from "./setup-rare-fields.js";
 
-/** Fields of the gear pair: not asked for where there is none. */
+/** Fields of the gear pair; hidden when there is none. */
 const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
 
 /**
- * Groups of fields, `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault? }` each: `factor` makes the description's unit of the
- * one that is typed, `pairDefault` is said where only the other gear has a number. `more` and `rare` are those that are folded away.
+ * Groups of fields, each `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault? }`.
+ * `factor` converts the entered unit to the description's; `pairDefault` is sent when only the other gear has
+ * a value. Fields in `more` and `rare` are folded away.
  * @type {any[]}
  */
 export const SETUP_GROUPS = [
@@ -22,18 +22,18 @@ export const SETUP_GROUPS = [
         kind: "id",
         needed: true,
         hint: "pump-north",
-        about: "In addresses and topics: a–z, 0–9, - and _.",
+        about: "Used in addresses and topics: a–z, 0–9, - and _.",
       },
     ],
     more: {
-      title: "Where it is",
+      title: "Location",
       fields: [
         { path: "location.site", label: "Site", kind: "text" },
         { path: "location.machine", label: "Machine", kind: "text" },
         { path: "location.gearbox", label: "Gearbox", kind: "text" },
         {
           path: "location.mesh",
-          label: "Mesh, where the gearbox has several",
+          label: "Mesh, if the gearbox has several",
           kind: "text",
           hint: "second stage",
         },
@@ -60,7 +60,7 @@ export const SETUP_GROUPS = [
       },
       {
         path: "gear.shaft_speed_hz",
-        label: "Speed of the driving shaft",
+        label: "Driving shaft speed",
         unit: "rpm",
         factor: 1 / 60,
         needed: true,
@@ -68,19 +68,19 @@ export const SETUP_GROUPS = [
       },
       {
         path: "shaft.speed_hz",
-        label: "Speed of the shaft",
+        label: "Nominal shaft speed",
         unit: "rpm",
         factor: 1 / 60,
-        hint: "comes with the records",
+        hint: "from the records",
       },
       {
         path: "shaft.speed_tolerance",
-        label: "Shaft speed is searched within ±",
+        label: "Shaft speed search range ±",
         unit: "%",
         factor: 0.01,
         hint: "5",
       },
-      { path: "shaft.speed_is_exact", label: "The nominal shaft speed is exact", kind: "check" },
+      { path: "shaft.speed_is_exact", label: "Nominal shaft speed is exact", kind: "check" },
       ...pair([
         {
           path: "gear.pair.operation.torque_nm",
@@ -171,13 +171,13 @@ export const SETUP_GROUPS = [
           label: "Bearing stiffness",
           unit: "N/µm",
           factor: 1e6,
-          hint: "in proportion to the teeth",
+          hint: "scaled with the teeth",
         },
         {
           path: "gear.pair.supports.damping_n_s_per_m",
           label: "Bearing damping",
           unit: "N·s/m",
-          hint: "in proportion to the gears",
+          hint: "scaled with the gears",
         },
         { path: "gear.pair.dynamics.mesh_damping_ratio", label: "Mesh damping ratio", hint: "0.5" },
         {
@@ -192,33 +192,33 @@ export const SETUP_GROUPS = [
         },
         {
           path: "gear.pair.errors.long_period_um",
-          label: "Error once a turn",
+          label: "Error once per turn",
           unit: "µm",
-          hint: "5 a mm of module",
+          hint: "5 per mm of module",
         },
         {
           path: "gear.pair.errors.short_period_um",
-          label: "Error once a tooth",
+          label: "Error once per tooth",
           unit: "µm",
-          hint: "2.5 a mm of module",
+          hint: "2.5 per mm of module",
         },
         {
           path: "gear.pair.wear.shape",
-          label: "Shape of the wear",
+          label: "Wear profile",
           kind: "choice",
           choices: [
-            ["", "Parabolic: least at the pitch point"],
+            ["", "Parabolic: smallest at the pitch point"],
             ["parabolic", "Parabolic"],
-            ["floor", "The same depth everywhere"],
-            ["archard", "After Archard's law"],
+            ["floor", "Uniform depth"],
+            ["archard", "Archard's law"],
           ],
         },
         {
           path: "gear.pair.wear.pressure_exponent",
-          label: "Exponent of the pressure, after Archard",
+          label: "Pressure exponent (Archard)",
           hint: "1",
         },
-        { path: "gear.pair.wear.measured", label: "The shape of the wear was measured", kind: "check" },
+        { path: "gear.pair.wear.measured", label: "Wear profile was measured", kind: "check" },
       ]),
     },
     rare: RARE_OF_PAIR,
@@ -228,12 +228,12 @@ export const SETUP_GROUPS = [
     fields: [
       { path: "bearings.0.name", label: "Bearing", kind: "text", hint: "drive_end" },
       { path: "bearings.0.rolling_elements", label: "Rolling elements", kind: "integer", hint: "9" },
-      { path: "bearings.0.roller_diameter_mm", label: "Diameter of a rolling element", unit: "mm" },
+      { path: "bearings.0.roller_diameter_mm", label: "Roller diameter", unit: "mm" },
       { path: "bearings.0.pitch_diameter_mm", label: "Pitch diameter", unit: "mm" },
       { path: "bearings.0.contact_angle_deg", label: "Contact angle", unit: "°", hint: "0" },
       {
         path: "velocity_zones.machine_class",
-        label: "Zones of velocity (ISO 20816)",
+        label: "Velocity zones (ISO 20816)",
         kind: "choice",
         choices: [
           ["", "none"],
@@ -249,7 +249,7 @@ export const SETUP_GROUPS = [
       },
     ],
     more: {
-      title: "Fault frequencies in place of the geometry",
+      title: "Fault frequencies instead of the geometry",
       fields: [
         { path: "bearings.0.orders.bpfo", label: "Outer race (BPFO)", unit: "orders" },
         { path: "bearings.0.orders.bpfi", label: "Inner race (BPFI)", unit: "orders" },
@@ -262,9 +262,9 @@ export const SETUP_GROUPS = [
   {
     title: "Sensor",
     fields: [
-      { path: "sensor.unit", label: "Unit of samples that come without one", kind: "text", hint: "m/s2" },
+      { path: "sensor.unit", label: "Default unit of samples", kind: "text", hint: "m/s2" },
       { path: "points.0.channel", label: "Channel", kind: "text", hint: "any" },
-      { path: "points.0.sensitivity", label: "Sensitivity, for the record", hint: "10.2" },
+      { path: "points.0.sensitivity", label: "Sensitivity (for documentation)", hint: "10.2" },
       {
         path: "points.0.sensitivity_unit",
         label: "Unit of the sensitivity",
@@ -273,15 +273,15 @@ export const SETUP_GROUPS = [
       },
     ],
     more: {
-      title: "Place, serial number, shared sensor, speed search, live streams",
+      title: "Position, serial number, shared sensor, speed search, live streams",
       fields: [
-        { path: "points.0.place", label: "Place on the machine", kind: "text" },
+        { path: "points.0.place", label: "Position on the machine", kind: "text" },
         { path: "points.0.axis", label: "Direction", kind: "text" },
         { path: "points.0.serial", label: "Serial number", kind: "text" },
         { path: "points.0.calibration_due", label: "Calibration due", kind: "date" },
         {
           path: "sensor.of",
-          label: "Heard by the sensor of another asset",
+          label: "Uses the sensor of asset",
           kind: "text",
           hint: "that asset's id",
         },
@@ -301,26 +301,26 @@ export const SETUP_GROUPS = [
         },
         {
           path: "gear.speed_tolerance",
-          label: "Speed is searched within ±",
+          label: "Speed search range ±",
           unit: "%",
           factor: 0.01,
           hint: "5",
         },
-        { path: "gear.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
-        { path: "stream.record_s", label: "Length of a live stream's records", unit: "s", hint: "10" },
+        { path: "gear.speed_is_exact", label: "Nominal speed is exact", kind: "check" },
+        { path: "stream.record_s", label: "Live streams: record length", unit: "s", hint: "10" },
         {
           path: "stream.interval_s",
-          label: "A record of a live stream every",
+          label: "Live streams: record interval",
           unit: "s",
           hint: "60",
-          about: "0 makes records on demand only.",
+          about: "0: only on demand.",
         },
         {
           path: "stream.steady.for_s",
-          label: "Instead: a record of a machine that is steady for",
+          label: "Live streams: record only when steady for",
           unit: "s",
           hint: "10",
-          about: "By the speed and torque that the sender says.",
+          about: "Uses the speed and torque sent with the stream.",
         },
         {
           path: "stream.steady.speed_fraction",
@@ -338,20 +338,20 @@ export const SETUP_GROUPS = [
         },
         {
           path: "stream.steady.at_most_every_s",
-          label: "Steady: a record of each operating bin every",
+          label: "Steady: record interval per operating bin",
           unit: "s",
           hint: "3600",
         },
         {
           path: "stream.on_alarm.before_s",
-          label: "Live streams: kept before an alarm",
+          label: "Live streams: keep before an alarm",
           unit: "s",
           hint: "30",
-          about: "Nothing more than usual where neither is given.",
+          about: "Leave both empty to keep nothing extra.",
         },
         {
           path: "stream.on_alarm.after_s",
-          label: "Live streams: kept after an alarm",
+          label: "Live streams: keep after an alarm",
           unit: "s",
           hint: "30",
         },

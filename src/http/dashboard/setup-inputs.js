@@ -1,15 +1,14 @@
-// The inputs of a setup form: what is typed as a description, a description as what is typed, and errors at
-// the fields.
+// The inputs of the asset form: converts between inputs and description, and shows errors at the fields.
 
 import { h, setText } from "./dom.js";
 import { putAt, valueAt } from "./settings-fields.js";
 
 const TYPES = { text: "text", id: "text", check: "checkbox", off: "checkbox", date: "date" };
 
-/** A number without the noise of its unit's factor. */
+/** Removes the rounding noise of a unit factor from a number. */
 const tidy = (value) => Number(value.toPrecision(12));
 
-/** One field with its label, its input and the place for what is wrong with it. */
+/** One field with label, input and error message. */
 class FieldInput {
   field;
   input;
@@ -53,7 +52,7 @@ class FieldInput {
       );
   }
 
-  /** What is typed, undefined where nothing is. */
+  /** The entered value; undefined when empty. */
   get value() {
     const { kind = "number", factor = 1 } = this.field;
     if (kind === "check") return this.input.checked || undefined;
@@ -76,12 +75,12 @@ class FieldInput {
             : value;
   }
 
-  /** Whether something stands there that is no number. */
+  /** Whether a number field contains something that is not a number. */
   get isBroken() {
     return this.input.validity.badInput;
   }
 
-  /** Says what is wrong, in the label's words; nothing where `words` are empty. */
+  /** Shows an error with the field's label; hides it when `words` is empty. */
   fail(words) {
     this.#error.hidden = !words;
     setText(this.#error, words ? `${this.#label}: ${words}` : "");
@@ -94,7 +93,9 @@ class FieldInput {
   }
 }
 
-/** Whether a field belongs to a description of a shape: `{ mesh, pair }` say whether it has gears and their pair. */
+/**
+ * Whether a field applies: `mesh` says whether the machine has gears, `pair` whether their pair is described.
+ */
 function belongs({ path, ofPair }, { mesh, pair }) {
   if (path.startsWith("shaft.")) return !mesh;
   if (path.startsWith("gear.") || path.startsWith("limits.")) return mesh && (pair || !ofPair);
@@ -116,7 +117,7 @@ export class SetupInputs {
     return this.#inputs.get(path);
   }
 
-  /** Puts a description's values into the fields and gives what no field has, null where nothing is left. */
+  /** Fills the fields from a description; returns what no field covers, or null. */
   fill(description) {
     const rest = structuredClone(description);
     for (const [path, made] of this.#inputs) {
@@ -129,12 +130,12 @@ export class SetupInputs {
     return pruned(rest);
   }
 
-  /** Shows the fields that belong to a description of a shape, and hides the others. */
+  /** Shows the fields that apply and hides the others. */
   show(shape) {
     for (const { field, element } of this.#inputs.values()) element.hidden = !belongs(field, shape);
   }
 
-  /** The description as it is typed, over what no field has. */
+  /** The description from the fields, merged over what no field covers. */
   description(rest, shape) {
     const spec = structuredClone(rest ?? {});
     if (!shape.pair && spec.gear) delete spec.gear.pair;
@@ -152,7 +153,7 @@ export class SetupInputs {
     return spec;
   }
 
-  /** Where one of two gears has a number of its own, the other one's default is said too. */
+  /** When only one of two gears has a value, the other one's default is added. */
   #completeLists(spec, shape) {
     for (const { field } of this.#inputs.values()) {
       if (
@@ -165,7 +166,7 @@ export class SetupInputs {
     }
   }
 
-  /** Fields that are needed and empty. */
+  /** Required fields that are empty. */
   lacking(shape) {
     return [...this.#inputs.values()]
       .filter(
@@ -175,7 +176,7 @@ export class SetupInputs {
       .map(({ field }) => field);
   }
 
-  /** Refusals of fields that are empty beside others that are only given together with them. */
+  /** Errors for empty fields that must be set together with others. */
   incomplete(shape) {
     const own = [...this.#inputs.values()].filter(
       ({ field }) => field.together && field.pairDefault === undefined && belongs(field, shape),
@@ -183,15 +184,15 @@ export class SetupInputs {
     const given = new Set(own.filter(({ value }) => value !== undefined).map(({ field }) => field.together));
     return own
       .filter(({ field, value }) => value === undefined && given.has(field.together))
-      .map(({ field: { path } }) => ({ field: path, expected: "a value, as those beside it have one" }));
+      .map(({ field: { path } }) => ({ field: path, expected: "a value, as the related fields have one" }));
   }
 
-  /** Takes all errors away; those of inputs without a number stay. */
+  /** Clears all errors except those of number fields without a number. */
   clearErrors() {
     for (const made of this.#inputs.values()) made.fail(made.isBroken ? "expected a number" : "");
   }
 
-  /** Shows a refusal at its field; false where it is of none of them. */
+  /** Shows an error at its field; returns false when there is no such field. */
   fail({ field: name, value, expected }) {
     if (!name) return false;
     const own = [...this.#inputs.values()].filter(({ field }) =>
@@ -205,7 +206,7 @@ export class SetupInputs {
       ),
     );
     if (own.length === 0) return false;
-    // of two gears' numbers the one that has the refused value
+    // for two gears' values, the field with the refused value
     const typed = own.filter((made) => String(valueOf(made)) === String(value));
     const gear = /\bgear ([12])\b/.exec(expected ?? "")?.[1];
     const meant =
@@ -217,11 +218,11 @@ export class SetupInputs {
             ? typed
             : own;
     for (const made of meant)
-      if (!made.isFailed) made.fail(expected ? `expected ${worded(expected, made.field)}` : "needed");
+      if (!made.isFailed) made.fail(expected ? `expected ${worded(expected, made.field)}` : "required");
     return true;
   }
 
-  /** Puts the keyboard where the first error is. */
+  /** Moves the focus to the first error. */
   focusError() {
     const first = [...this.#inputs.values()].find((made) => made.isFailed);
     const folded = first?.input.closest("details");
@@ -234,13 +235,13 @@ function valueOf({ value, field }) {
   return value === undefined ? field.pairDefault : value;
 }
 
-/** What was expected, with the description's unit where the field is typed in another one. */
+/** The expected value, with the description's unit when the field uses another one. */
 function worded(expected, { factor, path }) {
   const unit = /_(hz|pa|n_per_m)$/.exec(path)?.[1];
   return factor && unit ? `${expected} (in ${{ hz: "Hz", pa: "Pa", n_per_m: "N/m" }[unit]})` : expected;
 }
 
-/** An object without what is empty; null where nothing is left. */
+/** An object without empty values; null when nothing is left. */
 function pruned(value) {
   if (value === null || value === undefined) return null;
   if (Array.isArray(value)) return value.some((each) => pruned(each) !== null) ? value : null;

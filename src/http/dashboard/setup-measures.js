@@ -1,20 +1,20 @@
-// What decides whether a previewed pair's teeth can mesh, as a list with a verdict each.
+// The measures that decide whether a pair's teeth can mesh, each with a verdict.
 
 import { h, setChildren } from "./dom.js";
 import { number } from "./format.js";
 
 const WORDS = {
   contact_ratio: ["Contact ratio", "", "at least 1, usually above 1.2"],
-  backlash: ["Backlash", "mm", "not below 0: the teeth would jam"],
+  backlash: ["Backlash", "mm", "at least 0, otherwise the teeth jam"],
   tip_clearance: ["Tip clearance", "modules", "above 0, usually 0.25"],
   tip_thickness: ["Tip thickness", "modules", "at least 0.1, usually above 0.2"],
-  undercut_margin: ["Undercut margin", "modules of profile shift", "not below 0"],
-  interference_margin: ["Interference margin", "mm", "not below 0: the tip would meet the fillet"],
+  undercut_margin: ["Undercut margin", "modules of profile shift", "at least 0"],
+  interference_margin: ["Interference margin", "mm", "at least 0, otherwise the tip touches the fillet"],
   root_to_bore: ["Root over bore radius", "", "at least 1.4"],
-  load: ["Load on the teeth", "% of what the model takes", "at most 100"],
+  load: ["Load on the teeth", "% of the model's limit", "at most 100"],
 };
 const SIGNS = { good: "✓", marginal: "!", impossible: "✕" };
-const SPOKEN = { good: "good", marginal: "marginal", impossible: "cannot be" };
+const SPOKEN = { good: "good", marginal: "marginal", impossible: "impossible" };
 const GEARS = ["", "driving", "driven"];
 const RANK = { impossible: 0, marginal: 1, good: 2 };
 
@@ -23,9 +23,9 @@ function shown({ quantity, value }) {
   return number(Math.abs(scaled) < 5e-7 ? 0 : scaled, 3);
 }
 
-/** Lists the measures of a geometry, what cannot be first. */
+/** Lists the measures of a geometry, impossible ones first. */
 export function showMeasures(element, measures) {
-  // the words of both gears in one line where they say the same
+  // equal values of both gears share a line
   const rows = Object.keys(WORDS)
     .map((quantity) => {
       const own = measures.filter((measure) => measure.quantity === quantity);

@@ -1,6 +1,6 @@
-// Fields of a description that few need: folded away under the group that they belong to.
+// Rarely used fields of a description, folded away in their group.
 
-/** Numbers that are given together or not at all, such as those of both gears or the ends of a band. */
+/** Fields that are set together or not at all, such as values of both gears or the ends of a band. */
 const both = (path, labels, rest) =>
   labels.map((label, index) => ({ path: `${path}.${index}`, label, together: path, ...rest }));
 
@@ -14,13 +14,13 @@ export const RARE_OF_PAIR = {
       path: "gear.pair.operation.output_torque_nm",
       label: "Torque on the driven gear",
       unit: "N·m",
-      hint: "what balances the other",
+      hint: "balances the other gear",
     },
     {
       path: "gear.pair.errors.random_um",
       label: "Range of the random error",
       unit: "µm",
-      hint: "1/30 a mm of module",
+      hint: "1/30 per mm of module",
     },
     {
       path: "gear.pair.errors.random_clock_hz",
@@ -31,7 +31,7 @@ export const RARE_OF_PAIR = {
     { path: "gear.pair.errors.seed", label: "Seed of the random error", kind: "integer", hint: "1" },
     {
       path: "gear.pair.errors.short_period_phase",
-      label: "Phase of the error once a tooth",
+      label: "Phase of the error once per tooth",
       unit: "mesh periods",
       hint: "0",
     },
@@ -53,7 +53,7 @@ export const RARE_OF_PAIR = {
     ),
     choice(
       "gear.pair.dynamics.response",
-      "Where the vibration is taken",
+      "Simulated sensor position",
       ["", "At the driving gear's bearings"],
       ["bearing1", "Bearings, driving"],
       ["bearing2", "Bearings, driven"],
@@ -66,9 +66,9 @@ export const RARE_OF_PAIR = {
       hint: "0.0001",
     },
     { path: "gear.pair.wear.exponent", label: "Exponent of parabolic wear", hint: "4" },
-    { path: "gear.pair.wear.floor", label: "Wear at the pitch point, part of the greatest", hint: "0.05" },
-    { path: "gear.pair.wear.tip_ratio", label: "Wear at the tip, part of that at the root", hint: "0.7" },
-    { path: "gear.pair.wear.coefficient", label: "Wear coefficient, after Archard", hint: "1.7e-7" },
+    { path: "gear.pair.wear.floor", label: "Wear at the pitch point, fraction of the maximum", hint: "0.05" },
+    { path: "gear.pair.wear.tip_ratio", label: "Wear at the tip, fraction of that at the root", hint: "0.7" },
+    { path: "gear.pair.wear.coefficient", label: "Wear coefficient (Archard)", hint: "1.7e-7" },
     ...both("gear.pair.wear.hardness_pa", ["Hardness, driving flanks", "Hardness, driven flanks"], {
       unit: "GPa",
       factor: 1e9,
@@ -78,9 +78,9 @@ export const RARE_OF_PAIR = {
   ].map((field) => ({ ...field, ofPair: true })),
 };
 
-/** Of bearings and zones. */
+/** Of bearings and velocity zones. */
 export const RARE_OF_BEARINGS = {
-  title: "Own limits of the zones, bearing on a geared shaft",
+  title: "Custom zone limits, bearing on a geared shaft",
   fields: [
     ...both("velocity_zones.limits_mm_per_s", ["Zone A to", "Zone B to", "Zone C to"], { unit: "mm/s" }),
     ...both(
@@ -95,42 +95,42 @@ export const RARE_OF_BEARINGS = {
   ],
 };
 
-/** Of the sensor and of what is worked out of its records. */
+/** Of the sensor and of what is computed from its records. */
 export const RARE_OF_SENSOR = {
-  title: "Unit and calibration of the channel, envelope, a band, another mesh that is heard",
+  title: "Unit and calibration of the channel, envelope, custom band, other meshes",
   fields: [
     {
       path: "sensor.channel",
-      label: "The one channel that speaks for the wear",
+      label: "Channel used for wear",
       kind: "text",
-      hint: "all together",
+      hint: "all combined",
     },
     { path: "points.0.unit", label: "Unit of the channel", kind: "text", hint: "as above" },
     { path: "points.0.calibrated_on", label: "Calibrated on", kind: "date" },
-    ...both("envelope_band_hz", ["Band of the envelope from", "Band of the envelope to"], {
+    ...both("envelope_band_hz", ["Envelope band from", "Envelope band to"], {
       unit: "Hz",
-      hint: "looked for",
+      hint: "automatic",
     }),
     choice(
       "envelope_band",
-      "How the band is looked for",
+      "Band selection",
       ["", "Around the strongest mesh harmonic"],
       ["mesh_harmonic", "Strongest mesh harmonic"],
       ["kurtogram", "Kurtogram"],
     ),
-    { path: "gear_indicators", label: "Leave out indicators over the shaft's angle", kind: "off" },
+    { path: "gear_indicators", label: "Omit order-tracked gear indicators", kind: "off" },
     {
       path: "bands.0.name",
-      label: "Name of a band of its own",
+      label: "Name of a custom band",
       kind: "text",
       hint: "low",
       together: "bands.0.band_hz",
     },
-    ...both("bands.0.band_hz", ["That band from", "That band to"], { unit: "Hz" }),
+    ...both("bands.0.band_hz", ["Custom band from", "Custom band to"], { unit: "Hz" }),
     choice(
       "bands.0.quantity",
-      "What is summed up in it",
-      ["", "The record's own quantity"],
+      "Quantity in the band",
+      ["", "As recorded (default)"],
       ["record", "As recorded"],
       ["velocity", "Velocity, mm/s"],
     ),
@@ -139,7 +139,7 @@ export const RARE_OF_SENSOR = {
     }),
     ...both(
       "gear.other_meshes.0.shaft_ratio",
-      ["Its driving shaft to the measured one: driving teeth", "… driven teeth"],
+      ["Ratio of its driving shaft to the measured one: driving teeth", "… driven teeth"],
       { kind: "integer", hint: "1", pairDefault: 1 },
     ),
   ],

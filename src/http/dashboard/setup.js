@@ -1,5 +1,4 @@
-// The form that describes an asset: a new one, a copy, or one that is there, with its gear pair drawn and
-// previewed as it is typed.
+// The form for a new, copied or existing asset, with a live drawing and preview of its gear pair.
 
 import * as api from "./api.js";
 import { crumbs } from "./asset-frame.js";
@@ -11,13 +10,13 @@ import { SETUP_GROUPS } from "./setup-fields.js";
 import { SetupInputs } from "./setup-inputs.js";
 import { showMeasures } from "./setup-measures.js";
 
-const TYPED_MS = 250; // so long nothing is typed before a preview is asked for
+const TYPED_MS = 250; // ms without typing before a preview is requested
 const FROM_SERVER = ["summary", "created_at", "updated_at"];
 const NUMBERS = "numbers";
 const NONE = "none";
 const NO_GEARS = "no-gears";
 
-/** An id from a name. */
+/** Derives an id from a name. */
 const slug = (name) =>
   name
     .toLowerCase()
@@ -26,7 +25,7 @@ const slug = (name) =>
     .replaceAll(/^[-_]+|-+$/g, "")
     .slice(0, 64);
 
-/** What a description cannot have, as far as the page can tell by itself. */
+/** Errors that the page can detect by itself. */
 function typedRefusals({ id, limits, points, velocity_zones: zones }) {
   const refusals = [];
   if (id && !/^[a-z0-9][a-z0-9_-]{0,63}$/.test(id))
@@ -39,19 +38,19 @@ function typedRefusals({ id, limits, points, velocity_zones: zones }) {
     refusals.push({
       field: "limits.warning_um",
       value: limits.warning_um,
-      expected: "a depth at or below that of danger",
+      expected: "a depth at or below the danger limit",
     });
   if (zones?.machine_class && zones.limits_mm_per_s)
     refusals.push({
       field: "velocity_zones.limits_mm_per_s",
-      expected: "nothing where a class of machine is chosen: that has limits of its own",
+      expected: "no custom limits together with a machine class",
     });
   if (points?.length && !points[0].channel)
-    refusals.push({ field: "points.0.channel", expected: "a name, as something is said of its sensor" });
+    refusals.push({ field: "points.0.channel", expected: "a name, as its sensor has data" });
   return refusals;
 }
 
-/** The page at `#/new`; `copy` or `edit` in its address name an asset. */
+/** The page at `#/new`; `copy` or `edit` in its address names an asset. */
 export class SetupPage {
   #query;
   #root;
@@ -59,7 +58,7 @@ export class SetupPage {
   #presets = [];
   #asked = false;
   #idTyped = false;
-  /** What is wrong at a field, by who says so: the page itself, the latest preview, the latest attempt to save. */
+  /** Errors by source: the page, the latest preview, the latest attempt to save. */
   #refusals = { typed: [], previewed: [], saved: [] };
   #title = h("h1", {}, "New asset");
   #pair = h("select", { id: "setup-pair", onchange: () => this.#choosePair() });
@@ -73,7 +72,7 @@ export class SetupPage {
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Create asset");
   #drawing = new PairDrawing();
-  #measures = h("ul", { class: "measures", "aria-label": "Geometry of the pair" });
+  #measures = h("ul", { class: "measures", "aria-label": "Pair geometry" });
   #faults = h("ul", { class: "setup-faults", role: "status" });
   #panel = new PreviewPanel({
     onPreview: (preview) => this.#previewed(preview),
@@ -122,14 +121,14 @@ export class SetupPage {
       h(
         "p",
         { class: "muted" },
-        "One gear mesh, or a machine without one, seen by one or more accelerometers. Teeth and speed suffice for indicators; the gear pair adds wear in µm, bearings add their lines.",
+        "One gear mesh, or a machine without gears, measured by one or more accelerometers. Teeth and speed are enough for indicators; the gear pair adds wear in µm, and bearings add their fault lines.",
       ),
     );
     setChildren(
       root,
       title,
       h("div", { class: "settings-grid setup-grid" }, this.#form, side),
-      h("h2", { class: "preview-title" }, "What wear does to this pair"),
+      h("h2", { class: "preview-title" }, "Wear preview"),
       this.#panel.element,
     );
     this.#fillChoices();
@@ -173,7 +172,7 @@ export class SetupPage {
 
   #jsonEditor() {
     const words =
-      "What no field above has, as JSON as the API takes it: alarm rules and operating bins, which the settings have forms for, and further measuring points, bearings, bands and meshes. The fields above count where both say something.";
+      "Anything without a field above, as API JSON: alarm rules and operating bins (see also the settings), and further measuring points, bearings, bands and meshes. Fields above take precedence.";
     return h(
       "details",
       { class: "card setup-more" },
@@ -185,10 +184,10 @@ export class SetupPage {
 
   #fillChoices() {
     const options = [
-      [NUMBERS, "By its numbers"],
-      ...this.#presets.map(({ name, pair }) => [name, `Begin with: ${pair.name || name}`]),
+      [NUMBERS, "Enter data"],
+      ...this.#presets.map(({ name, pair }) => [name, `Start from: ${pair.name || name}`]),
       [NONE, "None: indicators only"],
-      [NO_GEARS, "No gears: a shaft and its bearings"],
+      [NO_GEARS, "No gears: shaft and bearings only"],
     ];
     setChildren(
       this.#pair,
@@ -196,7 +195,7 @@ export class SetupPage {
     );
   }
 
-  /** Asks once for presets and for the asset to begin with. */
+  /** Fetches the presets and the asset to start from, once. */
   async refresh(signal) {
     if (this.#asked) return;
     const id = this.#query.edit ?? this.#query.copy;
@@ -209,7 +208,7 @@ export class SetupPage {
     const chosen = this.#pair.value;
     this.#fillChoices();
     this.#pair.value = chosen;
-    if (asset instanceof Error) return this.#say("bad", `${asset.message}.`);
+    if (asset instanceof Error) return this.#showNotice("bad", `${asset.message}.`);
     if (asset) this.#begin(asset);
   }
 
@@ -261,7 +260,7 @@ export class SetupPage {
     this.#check(0);
   }
 
-  /** What the JSON editor holds, null where it cannot be read. */
+  /** The content of the JSON editor; null when it is invalid. */
   #rest() {
     const text = this.#json.value.trim();
     let words = "";
@@ -269,7 +268,7 @@ export class SetupPage {
     try {
       rest = text ? JSON.parse(text) : {};
       if (typeof rest !== "object" || Array.isArray(rest) || rest === null)
-        words = "expected an object, in braces";
+        words = "expected an object in braces";
     } catch (error) {
       words = error.message;
     }
@@ -280,7 +279,7 @@ export class SetupPage {
     return words ? null : rest;
   }
 
-  /** The description as it stands, null where the JSON cannot be read. */
+  /** The current description; null when the JSON is invalid. */
   #description() {
     const rest = this.#rest();
     return rest && this.#inputs.description(rest, this.#shape);
@@ -295,10 +294,10 @@ export class SetupPage {
     this.#check(TYPED_MS);
   }
 
-  /** Checks what is typed; a gear pair by the service. */
+  /** Checks the input; the service checks the gear pair. */
   #check(wait) {
     this.#refusals.saved = [];
-    this.#say("", "");
+    this.#showNotice("", "");
     this.#inputs.show(this.#shape);
     for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
       folded.hidden = [...folded.querySelectorAll(".setup-field, .check")].every(({ hidden }) => hidden);
@@ -309,13 +308,13 @@ export class SetupPage {
     if (!this.#withPair)
       return this.#blank(
         this.#shape.mesh
-          ? "Without a gear pair there is nothing to preview: indicators are computed, and no wear is estimated."
-          : "Without gears there is nothing to preview: records are judged by their indicators and their novelty.",
+          ? "No preview without a gear pair: indicators are computed, but wear is not estimated."
+          : "No preview without gears: records are judged by their indicators and novelty.",
       );
     const lacking = this.#inputs.lacking(this.#shape).filter(({ path }) => path !== "id");
     if (lacking.length)
       return this.#blank(
-        `Still needed: ${lacking.map(({ label }) => label.charAt(0).toLowerCase() + label.slice(1)).join(", ")}.`,
+        `Still required: ${lacking.map(({ label }) => label.charAt(0).toLowerCase() + label.slice(1)).join(", ")}.`,
       );
     this.#panel.describe(spec.gear, wait, spec.name || spec.id);
   }
@@ -323,10 +322,10 @@ export class SetupPage {
   #blank(words) {
     this.#refusals.previewed = [];
     this.#showRefusals();
-    this.#drawing.say(words);
+    this.#drawing.showNotice(words);
     this.#panel.lacking(
       this.#withPair
-        ? "As soon as the gear pair is described, its wear can be tried out here. Or begin with one of the pairs above."
+        ? "Enter the gear pair to preview its wear, or start from one of the pairs above."
         : words,
     );
     setChildren(this.#measures);
@@ -342,16 +341,16 @@ export class SetupPage {
       own.filter((refusal) => !placed.has(refusal)).map(({ detail }) => h("li", {}, detail)),
     );
     if (geometry) this.#drawing.show(geometry);
-    else this.#drawing.say("These numbers give no gears that could be drawn.");
+    else this.#drawing.showNotice("These values do not define drawable gears.");
     showMeasures(this.#measures, geometry?.measures ?? []);
   }
 
   #refused({ problem, message }) {
     this.#refusals.previewed = problem?.field ? [problem] : [];
-    if (!this.#showRefusals().size) this.#say("bad", `${message}.`);
+    if (!this.#showRefusals().size) this.#showNotice("bad", `${message}.`);
   }
 
-  /** Shows what is wrong at the fields and gives what has a place there. */
+  /** Shows the errors at their fields; returns those that have a field. */
   #showRefusals() {
     this.#inputs.clearErrors();
     const { typed, previewed, saved } = this.#refusals;
@@ -365,9 +364,9 @@ export class SetupPage {
     this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
     this.#showRefusals();
     if (lacking.length || !spec) {
-      this.#say(
+      this.#showNotice(
         "bad",
-        spec ? `Still needed: ${lacking.map(({ label }) => label).join(", ")}.` : "The JSON cannot be read.",
+        spec ? `Still required: ${lacking.map(({ label }) => label).join(", ")}.` : "The JSON is invalid.",
       );
       return this.#inputs.focusError();
     }
@@ -379,14 +378,12 @@ export class SetupPage {
       go({ page: "asset", id });
     } catch (error) {
       const refusal =
-        error.status === 409
-          ? { field: "id", value: spec.id, expected: "an id that no other asset has" }
-          : error.problem;
+        error.status === 409 ? { field: "id", value: spec.id, expected: "an unused id" } : error.problem;
       this.#refusals.saved = refusal ? [refusal] : [];
       const placed = this.#showRefusals().has(refusal);
-      this.#say(
+      this.#showNotice(
         "bad",
-        placed ? "Not saved: one of the fields cannot be used." : `Not saved: ${error.message}.`,
+        placed ? "Saving failed: a field is invalid." : `Saving failed: ${error.message}.`,
       );
       if (placed) this.#inputs.focusError();
     } finally {
@@ -394,12 +391,12 @@ export class SetupPage {
     }
   }
 
-  #say(kind, words) {
+  #showNotice(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }
 
-  /** Another asset to begin with is another form. */
+  /** Another source asset needs another form. */
   update({ query }) {
     if (query.copy === this.#query.copy && query.edit === this.#query.edit) return false;
     this.#query = query;
@@ -413,7 +410,7 @@ export class SetupPage {
     return true;
   }
 
-  /** Draws in a changed theme. */
+  /** Redraws in a changed theme. */
   redraw() {
     return this.#panel.redraw();
   }

@@ -1,11 +1,11 @@
-// A small drawing of a waveform by its lowest and highest values.
+// A thumbnail of a waveform from its minima and maxima.
 
 import { svg } from "./dom.js";
 import { number } from "./format.js";
 
 const [WIDTH, HEIGHT] = [240, 44];
 
-/** An envelope, `[low, high]` a column, as SVG; null where it holds no number. */
+/** An envelope, one `[low, high]` per column, as SVG; null when it contains no number. */
 export function sketch({ columns }, label) {
   const finite = columns.filter(([low, high]) => Number.isFinite(low) && Number.isFinite(high));
   if (finite.length === 0) return null;

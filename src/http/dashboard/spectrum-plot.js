@@ -1,4 +1,4 @@
-// Amplitude spectrum with its mesh lines, and envelope spectrum with the shafts' lines.
+// Amplitude spectrum with mesh lines, and envelope spectrum with shaft lines.
 
 import { amplitudeAxis, height, place } from "./amplitude-scale.js";
 import { amplitudeAt } from "./fine-lines.js";
@@ -30,7 +30,8 @@ export const ORDERS = {
 };
 
 /**
- * An order spectrum in the shape of one over frequency: the unit of its axis is one turn of the driving shaft.
+ * Converts an order spectrum to the shape of a frequency spectrum; the axis unit is one order of the driving
+ * shaft.
  * @param {Answer<"/v1/segments/{segment}/orders">} orders
  */
 export function ofOrders({
@@ -42,7 +43,7 @@ export function ofOrders({
   resolution_orders: resolution,
   ...rest
 }) {
-  const [teeth] = numbers ?? []; // a machine without a mesh has none, and no harmonics
+  const [teeth] = numbers ?? []; // a machine without a mesh has no teeth and no harmonics
   const harmonics = mesh.map((height, index) => ({
     order: index + 1,
     frequency_hz: (index + 1) * teeth,
@@ -61,13 +62,13 @@ export function ofOrders({
   };
 }
 
-/** What the horizontal axis of a spectrum counts. */
+/** The horizontal axis of a spectrum. */
 export function axisOf(spectrum) {
   return spectrum.axis ?? HERTZ;
 }
 
 /**
- * A spectrum over hertz as one over orders of the shaft, by the record's mean speed.
+ * Converts a spectrum over hertz to shaft orders, using the record's mean speed.
  * @param {any} spectrum
  * @param {number} shaft
  */
@@ -97,18 +98,18 @@ function convention({
   const name = WINDOWS[window] ?? window;
   const lines = `${name} window, ${wide(bandwidth)} noise bandwidth, lines every ${wide(resolution)}`;
   return (part ?? { reduced }).reduced
-    ? `${lines}; drawn with fewer points, every peak kept`
-    : `${lines}, every one drawn`;
+    ? `${lines}; reduced for display, peaks preserved`
+    : `${lines}, all drawn`;
 }
 
-/** The amplitudes of what is in sight. */
+/** The visible amplitudes. */
 function visibleOf(layers, [from, to]) {
   return layers.flatMap(({ data: { frequency_hz: x, amplitude } }) =>
     amplitude.filter((_, index) => x[index] >= from && x[index] <= to),
   );
 }
 
-/** The axis of the amplitudes of several records, named after the first one. */
+/** The amplitude axis for several records, named after the first one. */
 function axisOfAmplitudes(layers, range, scale, revision) {
   const [{ data: first }] = layers;
   const title = QUANTITIES[first.quantity] ?? first.quantity;
@@ -127,7 +128,7 @@ function line({ data, colour, pointed }, scale) {
   };
 }
 
-/** What is drawn as columns; of a part that is looked at only its own lines, as the others are reduced. */
+/** The columns of a saved file; of a zoomed spectrum only its part, as the rest is reduced. */
 function columns(spectrum) {
   const { frequency_hz: x, amplitude } = spectrum.part ?? spectrum;
   return [
@@ -136,7 +137,7 @@ function columns(spectrum) {
   ];
 }
 
-/** Marks at frequencies: a marker on the peak that says more when pointed at. */
+/** Markers at peaks, with more text on hover. */
 function marks(points, colour, scale) {
   return {
     x: points.map((point) => point.frequency_hz),
@@ -149,7 +150,7 @@ function marks(points, colour, scale) {
   };
 }
 
-/** A label above a mark, with a ground of its own: the mark's line would strike it through. */
+/** A label above a marker, with a background so that the marker's line does not strike it through. */
 function label({ frequency_hz: x, amplitude, label: text }, colour, scale) {
   return {
     x,
@@ -163,7 +164,7 @@ function label({ frequency_hz: x, amplitude, label: text }, colour, scale) {
   };
 }
 
-/** Where the user may jump to: the whole spectrum or the surroundings of a mesh line. */
+/** A zoom range: the whole spectrum or the surroundings of a mesh line. */
 export function zoomRange(spectrum, choice) {
   const order = Number(choice);
   if (!order || !spectrum.mesh_frequency_hz) return null;
@@ -171,12 +172,12 @@ export function zoomRange(spectrum, choice) {
   return [order * spectrum.mesh_frequency_hz - reach, order * spectrum.mesh_frequency_hz + reach];
 }
 
-/** The sidebands that are marked around a mesh line. */
+/** The sidebands marked around a mesh line. */
 export function sidebandsOf(centre, shaft) {
   return [-3, -2, -1, 1, 2, 3].map((k) => ({ x: centre + k * shaft, label: k > 0 ? `+${k}` : `−${-k}` }));
 }
 
-/** The sidebands of the mesh lines; numbered only around the line that the plot is zoomed to. */
+/** The sidebands of the mesh lines; numbered only around the zoomed line. */
 function sidebandLines(harmonics, shaft, colour, zoom) {
   const shapes = [];
   const annotations = [];
@@ -199,12 +200,12 @@ function sidebandLines(harmonics, shaft, colour, zoom) {
   return { shapes, annotations };
 }
 
-/** Where the farthest of several spectra ends. */
+/** The largest end of several spectra. */
 const endOf = (layers) => Math.max(...layers.map(({ data }) => data.frequency_hz.at(-1)));
 
 /**
- * The drawing of the amplitude spectra of records; lines are marked in the first one. `zoom` is "" or the order of a mesh line, `part` the range that was dragged out or
- * null, `note` what else is to be said.
+ * Draws the amplitude spectra of records; lines are marked in the first one. `zoom` is "" or the order of a
+ * mesh line, `part` the dragged-out range or null, `note` additional text.
  * @param {import("./layers.js").Layer[]} layers
  * @param {{ scale: string, sidebands?: boolean, zoom?: string, part: number[] | null, note?: string }} view
  */
@@ -218,27 +219,29 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
     frequency_hz: frequency,
     amplitude,
     label: `${order}×`,
-    words: `mesh harmonic ${order}×: ${axis.say(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
+    words: `mesh harmonic ${order}×: ${axis.showNotice(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
   }));
   const shapes = harmonics.map(({ frequency_hz: frequency }) =>
     verticalLine(frequency, colour.reference, "dot"),
   );
-  // on a narrow screen there is room for every second name
+  // on a narrow screen only every second label fits
   const crowded = !zoom && !part && matchMedia("(max-width: 40rem)").matches && points.length > 6;
   const annotations = points
     .filter((_, index) => !crowded || index % 2 === 0)
     .map((point) => label(point, colour, scale));
-  const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${axis.say(mesh)}`]] : [];
+  const entries = points.length
+    ? [["diamond", colour.reference, `mesh harmonics of ${axis.showNotice(mesh)}`]]
+    : [];
   if (sidebands && shaft && mesh) {
     const lines = sidebandLines(harmonics, shaft, colour, zoom);
     shapes.push(...lines.shapes);
     annotations.push(...lines.annotations);
-    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.say(shaft)} shaft speed`]);
+    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.showNotice(shaft)} shaft speed`]);
   }
   const range = part ?? zoomRange(spectrum, zoom) ?? [0, endOf(layers)];
   const axisRevision = `${revision} ${zoom} ${axis.name}`;
   entries.unshift(...recordEntries(layers));
-  const none = mesh ? "" : "No shaft speed is known for this record, so mesh lines are not marked. ";
+  const none = mesh ? "" : "The shaft speed of this record is unknown, so mesh lines are not marked. ";
   return {
     traces: [line(layers[0], scale), marks(points, colour, scale)],
     others: others.map((layer) => line(layer, scale)),
@@ -264,10 +267,13 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
   };
 }
 
-const NEAR_SHAFTS = 6; // shaft rates that are shown near
+const NEAR_SHAFTS = 6; // shaft rates in the zoomed view
 const ENVELOPE_MESH_LINES = 3;
 
-/** `[from, to]` of what is looked at of an envelope spectrum, null for all of it; and of the lines that are marked in it. */
+/**
+ * The displayed range `[from, to]` of an envelope spectrum, null for all of it; and the range of its marked
+ * lines.
+ */
 export function envelopeParts(spectrum, near) {
   const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, resolution_hz: step } = spectrum;
   return {
@@ -277,11 +283,11 @@ export function envelopeParts(spectrum, near) {
 }
 
 const BAND_SOURCES = {
-  query: "as asked for",
+  query: "as requested",
   asset: "set for the asset",
   strongest_mesh_harmonic: "around the strongest mesh harmonic",
   kurtogram: "found by the kurtogram",
-  impacts: "where impacts of bearings ring",
+  impacts: "resonance excited by bearing impacts",
   whole: "the whole band",
 };
 
@@ -318,8 +324,8 @@ function knownLines(shaft, teeth, bearings) {
 }
 
 /**
- * The drawing of the envelope spectra of records, `near` the shafts' lines or whole; `teeth` are those of the driving and the driven gear where there are any, `bearings`
- * fault orders by name, both of the first record's machine.
+ * Draws the envelope spectra of records, `near` the shaft lines or whole; `teeth` are those of the driving
+ * and driven gear, if any, `bearings` fault orders by name, both of the first record's machine.
  * @param {import("./layers.js").Layer[]} layers
  */
 export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part, note = "" }, revision) {
@@ -344,7 +350,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
       return {
         ...point,
         amplitude,
-        words: `${point.name}: ${axis.say(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
+        words: `${point.name}: ${axis.showNotice(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
       };
     });
   return {
@@ -355,17 +361,11 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
     legend: [
       ...recordEntries(layers),
       ...(points.length
-        ? [
-            [
-              "diamond",
-              colour.reference,
-              `lines of the shafts (${axis.say(shaft)}) and of what turns with them`,
-            ],
-          ]
+        ? [["diamond", colour.reference, `lines of the shafts (${axis.showNotice(shaft)}) and related lines`]]
         : []),
     ],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.${note}`,
-    summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "no shaft speed known"}.`,
+    summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "shaft speed unknown"}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
@@ -377,7 +377,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
       },
       yaxis: axisOfAmplitudes(layers, range, scale, `${revision} ${range}`),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
-      // lines too close to be told apart have one label for all
+      // lines too close to distinguish share one label
       annotations: points
         .filter(({ isNamed }, index) => index === 0 || isNamed || apart)
         .map((point) => label(apart || point.isNamed ? point : { ...point, label: "shafts" }, colour, scale)),

@@ -1,5 +1,4 @@
-// What can be chosen for a spectrum: its axis, the part that is shown, cursors, sidebands, and a logarithmic
-// scale.
+// The controls of a spectrum: axis, zoom, cursors, sidebands, and logarithmic scale.
 
 import { formatCursor } from "./cursor-lines.js";
 import { h, setChildren } from "./dom.js";
@@ -22,7 +21,8 @@ function choice(id, label, options, onchange) {
 }
 
 /**
- * Where a cursor begins, as parameters of an address: where it most often leads, and in sight, on the mesh line, with sidebands one shaft speed apart.
+ * The initial position of a cursor as address parameters: on the visible mesh line, with sidebands spaced by
+ * the shaft speed.
  * @param {string} kind
  * @param {any} spectrum
  * @param {{ band?: string, zoom?: string }} query
@@ -35,19 +35,19 @@ export function firstCursor(kind, spectrum, { band: part, zoom: near }) {
   const zoom = band ? null : near || (mesh ? "1" : null);
   const [from, to] = band ?? zoomRange(spectrum, zoom) ?? [0, end];
   const middle = (from + to) / 2;
-  // of several mesh lines in sight the one nearest to the middle
+  // of several visible mesh lines the one nearest to the middle
   const nearest = mesh ? Math.max(1, Math.round(middle / mesh)) * mesh : middle;
   const base = nearest > from && nearest < to ? nearest : middle;
   const spacing = Math.min(shaft ?? Infinity, (to - base) / 2);
   return { cursor: formatCursor({ kind, base, spacing }), ...(zoom && { zoom }) };
 }
 
-/** The tools of the spectrum's card; everything chosen is in the address. */
+/** The tools of the spectrum's card; their state is in the address. */
 export class SpectrumTools {
   #spectrum;
   #axis = choice(
     "spectrum-axis",
-    "Axis of the spectrum",
+    "Spectrum axis",
     [
       ["", "Hz"],
       ["orders", "Orders"],
@@ -64,25 +64,25 @@ export class SpectrumTools {
     ],
     (kind) => this.#place(kind),
   );
-  #zoom = choice("spectrum-zoom", "Part of the spectrum", [["", "Whole spectrum"]], (zoom) =>
+  #zoom = choice("spectrum-zoom", "Zoom", [["", "Whole spectrum"]], (zoom) =>
     change({ zoom, band: null }, { quiet: true }),
   );
   #sidebands = check("sidebands", "Sidebands", (on) => this.#showSidebands(on));
   #log = check("spectrum-log", "Log", (on) => change({ slog: on ? "1" : null }, { quiet: true }));
   elements = [this.#axis, this.#zoom, this.#cursor, this.#sidebands.element, this.#log.element];
 
-  /** Sidebands are too close to be told apart in the whole spectrum, so they bring the first mesh line near. */
+  /** Sidebands are indistinguishable in the whole spectrum, so enabling them zooms to the first mesh line. */
   #showSidebands(on) {
     const nearer = on && !this.#zoom.value && !parse(location.hash).query.band;
     change({ side: on ? "1" : null, zoom: nearer ? "1" : this.#zoom.value }, { quiet: true });
   }
 
   #place(kind) {
-    // the address, not what is drawn: another choice may have come before the answer to the first
+    // uses the address, not the drawing: another choice may precede the answer to the first
     change(firstCursor(kind, this.#spectrum, parse(location.hash).query), { quiet: true });
   }
 
-  /** Follows the address and the spectrum; gives the view that they ask for. */
+  /** Updates from the address and the spectrum; returns the view they define. */
   update(spectrum, query) {
     const usable = spectrum && !(spectrum instanceof Error);
     this.#spectrum = spectrum;

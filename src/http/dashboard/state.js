@@ -1,11 +1,10 @@
-// What an asset's numbers mean for the person who looks after it: how severe it is, and its category after
-// NAMUR NE 107.
+// An asset's state: its severity, and its category after NAMUR NE 107.
 
 import { depth, featureName, number, span } from "./format.js";
 
 /**
- * Kinds of state, worst first. `severity` is what symbols and colours follow, the same for limits, alarms and states; `namur` is the NE 107
- * signal beside it; `title` says more where there is no signal.
+ * States, worst first. `severity` selects symbol and colour, the same for limits, alarms and states; `namur`
+ * is the NE 107 signal; `title` explains states without a signal.
  */
 export const STATES = {
   danger: { word: "Above danger limit", short: "Danger", severity: "danger", namur: "failure" },
@@ -30,14 +29,14 @@ export const STATES = {
     short: "Not comparable",
     severity: "unsure",
     namur: "specification",
-    title: "too short or too sparsely sampled for its baseline, or far from the described speed or torque",
+    title: "too short or sampled too slowly for its baseline, or far from the configured speed or torque",
   },
   speed_in_doubt: {
     word: "Speed in doubt",
     short: "Speed in doubt",
     severity: "unsure",
     namur: "specification",
-    title: "the lines do not fit the described teeth and speed",
+    title: "the lines do not fit the configured teeth and speed",
   },
   unclear: {
     word: "Not identifiable",
@@ -46,7 +45,7 @@ export const STATES = {
     namur: "specification",
   },
   collecting: { word: "Collecting baseline", short: "Baseline", severity: "learning", namur: "check" },
-  recomputing: { word: "Computing again", short: "Computing again", severity: "learning", namur: "check" },
+  recomputing: { word: "Recomputing", short: "Recomputing", severity: "learning", namur: "check" },
   building: { word: "Building library", short: "Building library", severity: "learning", namur: "check" },
   normal: { word: "Normal", short: "Normal", severity: "normal" },
   unlimited: {
@@ -59,9 +58,9 @@ export const STATES = {
     word: "Indicators only",
     short: "Indicators only",
     severity: "none",
-    title: "no gear pair described, so wear is not estimated",
+    title: "no gear pair defined, so wear is not estimated",
   },
-  empty: { word: "No records", short: "No records", severity: "none", title: "nothing received yet" },
+  empty: { word: "No records", short: "No records", severity: "none", title: "no records yet" },
 };
 
 const RANKS = Object.keys(STATES);
@@ -90,12 +89,12 @@ export function wearState(wear, limits) {
   return danger == null && warning == null ? "unlimited" : "normal";
 }
 
-/** The key into `STATES` of an asset as listed: what its wear says, or a raised alarm where that is worse. */
+/** The key into `STATES` of a listed asset: its wear state, or a raised alarm if that is worse. */
 export function assetState(asset) {
   return worse(ownState(asset, asset.summary.wear), asset.summary.alarms);
 }
 
-/** The same of one channel of several, whose latest estimate is `wear`; `alarms` are those of the channel. */
+/** The state of one of several channels, with its latest estimate `wear` and its `alarms`. */
 export function channelState(asset, wear, alarms) {
   const raised = (name) =>
     alarms.filter(({ severity, state }) => severity === name && state !== "shelved").length;
@@ -114,7 +113,7 @@ function ownState({ summary, limits }, wear) {
   return wear ? wearState(wear, limits) : "empty";
 }
 
-/** The limit that counts next and how much of it is used, or null without limits or a number. */
+/** The next relevant limit and the fraction of it used; null without limits or a number. */
 export function limitUse(wear, limits) {
   if (wear?.median_um == null) return null;
   const limit = limits?.danger_um ?? limits?.warning_um;
@@ -123,7 +122,9 @@ export function limitUse(wear, limits) {
     : { limit, name: limits.danger_um != null ? "danger" : "warning", share: wear.median_um / limit };
 }
 
-/** Wear and its interval in words: a median, or the least depth where the interval reaches the end of what the library holds. */
+/**
+ * Wear and its interval as text: a median, or a lower bound when the interval reaches the end of the library.
+ */
 export function depthWords({ status, at_least_um: least, median_um: median, p05_um: low, p95_um: high }) {
   if (least != null && status === "estimated")
     return {
@@ -133,46 +134,45 @@ export function depthWords({ status, at_least_um: least, median_um: median, p05_
   return { number: `${depth(median)} µm`, interval: `5 to 95 %: ${depth(low)} to ${depth(high)} µm` };
 }
 
-/** What the wear adds to the transmission error, in words; null where it is not known. */
+/** The transmission error due to wear as text; null when unknown. */
 export function transmissionWords({ transmission_error_um: error }) {
   if (!error) return null;
   const um = (value) => (value < 0.05 ? "0" : number(value, 2));
   return { number: `${um(error.median)} µm`, interval: `5 to 95 %: ${um(error.p05)} to ${um(error.p95)} µm` };
 }
 
-/** One or two sentences that say what is known of the wear and what to do with it. */
+/** A summary of the wear with a recommendation, in one or two sentences. */
 export function sentence(wear, limits, hasPair = true) {
-  if (!wear) return "No record has been received yet.";
+  if (!wear) return "No records yet.";
   const { have, need } = wear.baseline ?? {};
   if (wear.status === "collecting_baseline" && !hasPair) {
-    return `Learning what healthy looks like: ${have} of ${need} baseline records. After that, records unlike them are told. Wear in µm is not estimated: no gear pair is described for this asset.`;
+    return `Collecting the baseline: ${have} of ${need} records. After that, deviating records are flagged. Wear in µm is not estimated, because this asset has no gear pair.`;
   }
   if (wear.status === "collecting_baseline") {
-    return `Learning what healthy looks like: ${have} of ${need} baseline records. Wear is estimated after that.`;
+    return `Collecting the baseline: ${have} of ${need} records. Wear is estimated after that.`;
   }
   if (wear.status === "no_library")
-    return "No gear pair is described for this asset, so wear in µm is not estimated. Indicators are computed, and records unlike the baseline are told by their novelty.";
+    return "This asset has no gear pair, so wear in µm is not estimated. Indicators are computed, and deviations from the baseline show up as novelty.";
   if (wear.status === "no_mesh")
-    return "The machine has no gear mesh, so there is no wear to estimate. The record is like those of the baseline.";
+    return "The machine has no gear mesh, so there is no wear to estimate. The record matches the baseline.";
   if (wear.status === "awaiting_library")
-    return "The library of the gear pair is being simulated. Records are stored with their indicators, and their wear follows by itself.";
+    return "The library of the gear pair is being simulated. Records are stored with their indicators; their wear is estimated when it is complete.";
   if (wear.status === "provisional")
-    return `The rest of the library is being simulated, and the final answer follows: ${wear.reason}.`;
+    return `Provisional: the rest of the library is still being simulated. ${wear.reason}.`;
   if (wear.status === "library_failed")
-    return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the description to try again.`;
+    return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the asset's settings to try again.`;
   if (wear.status === "excluded")
-    return "This record is excluded: it takes no part in the baseline, the estimate and the alarms.";
+    return "This record is excluded from the baseline, the estimate and alarms.";
   if (wear.status === "not_comparable") return `This record is ${wear.reason}.`;
-  if (wear.status === "speed_in_doubt") return `This record does not count: ${wear.reason}.`;
+  if (wear.status === "speed_in_doubt") return `This record is not used: ${wear.reason}.`;
   if (wear.status === "no_features")
-    return `This record gives nothing to compare with the library: ${wear.reason}.`;
+    return `This record has no features to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault")
-    return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
+    return `The record cannot be judged: ${wear.reason}. Check the sensor first.`;
   if (wear.status === "outside_library") return unexplained(wear);
-  if (wear.status === "recomputing")
-    return "The records before are being computed again; the estimate follows.";
+  if (wear.status === "recomputing") return "Earlier records are being recomputed; the estimate follows.";
   if (wear.status === "not_identifiable")
-    return `The records do not tell how worn the gear is: ${wear.reason}.`;
+    return `The wear depth cannot be identified from the records: ${wear.reason}.`;
   const { p05_um: low, p95_um: high } = wear;
   const certain =
     wear.at_least_um != null
@@ -189,8 +189,7 @@ function transmissionSentence(wear) {
 function outlook(wear, limits) {
   const { warning_um: warning, danger_um: danger } = limits ?? {};
   const key = wearState(wear, limits);
-  if (key === "danger")
-    return `The median is above the danger limit of ${depth(danger)} µm: the gear must not run on.`;
+  if (key === "danger") return `The median is above the danger limit of ${depth(danger)} µm: stop the gear.`;
   if (key === "warning")
     return `The median is above the warning limit of ${depth(warning)} µm: plan maintenance.`;
   const next = warning ?? danger;
@@ -201,9 +200,9 @@ function outlook(wear, limits) {
     : `The whole interval is below the ${name} limit of ${depth(next)} µm.`;
 }
 
-const AGED = 0.1; // a last record so much of the remaining time ago is too old to count from now
+const AGED = 0.1; // age of the last record, as a fraction of the remaining time, above which time is counted from it and not from now
 
-/** The strongest line of a record's envelope, in a sentence; empty where none stands out. */
+/** The strongest line of a record's envelope, as a sentence; empty when none stands out. */
 export function envelopeWords(line) {
   if (!line) return "";
   const { frequency_hz: frequency, to_background: ratio, source } = line;
@@ -211,27 +210,27 @@ export function envelopeWords(line) {
     source?.kind === "bearing"
       ? `, ${source.harmonic} × ${source.line.toUpperCase()} of bearing ${source.bearing}`
       : source
-        ? `, ${source.harmonic} × the shaft's rate`
+        ? `, ${source.harmonic} × the shaft rate`
         : "";
-  return ` The envelope's strongest line is at ${number(frequency, 4)} Hz${of}, ${number(ratio, 2)} times its background.`;
+  return ` The strongest envelope line is at ${number(frequency, 4)} Hz${of}, ${number(ratio, 2)} times its background.`;
 }
 
-/** What is not as wear would have it. */
+/** Describes deviations that wear does not explain. */
 function unexplained({ novelty, reason }) {
   const most = (novelty?.most ?? []).filter(({ deviations }) => Math.abs(deviations) > 3);
-  if (most.length === 0) return `Something other than wear has changed: ${reason}.`;
+  if (most.length === 0) return `Change not explained by wear: ${reason}.`;
   const words = most
     .map(({ feature, ln_ratio: ratio }) => `${featureName(feature)}, × ${number(Math.exp(ratio), 2)}`)
     .join("; ");
-  return `Something other than wear has changed. Against what the best wear state expects: ${words}. Look at bearings, mounting and load.${envelopeWords(novelty?.envelope_line)}`;
+  return `Change not explained by wear. Relative to the best wear state: ${words}. Check bearings, mounting and load.${envelopeWords(novelty?.envelope_line)}`;
 }
 
-/** How long until the limit is passed, in words, from the prognosis after the record of `last`; null where none is known. */
+/** The time until the limit is reached, from the prognosis after the record of `last`; null when unknown. */
 export function timeToLimit(wear, last = wear?.start_time, now = Date.now()) {
   const { prognosis } = wear ?? {};
   if (!prognosis) return null;
   const recorded = Date.parse(last);
-  // after an old record nobody knows whether the gear ran on: the time is then counted from that record
+  // after an old record it is unknown whether the gear kept running, so the time counts from that record
   const aged = now - recorded > AGED * (Date.parse(prognosis.median) - recorded);
   const seconds = (time) => (Date.parse(time) - (aged ? recorded : now)) / 1000;
   const words = (time) => (seconds(time) <= 0 ? "at once" : span(seconds(time)));

@@ -1,5 +1,4 @@
-// The live view of a stream as the server sends it, for as long as somebody looks: a page in the background
-// is sent nothing.
+// The live view of a stream, fetched while the page is visible; a page in the background is sent nothing.
 
 import { address, ApiError } from "./api.js";
 import { readEvents } from "./server-events.js";
@@ -7,8 +6,8 @@ import { readEvents } from "./server-events.js";
 const AGAIN_MS = 1500;
 
 /**
- * Follows a stream until it is closed: `onFrame(frame)` for each, `onState({ state, seconds?, error? })` with
- * "live", "waiting", "lost" or "refused".
+ * Follows a stream until it is closed: calls `onFrame(frame)` for each frame, and `onState({ state, seconds?,
+ * error? })` with "live", "waiting", "lost" or "refused".
  */
 export class StreamFeed {
   #href;
@@ -45,12 +44,12 @@ export class StreamFeed {
 
   #take({ kind, data }, abort) {
     if (abort.signal.aborted) return;
-    const told = JSON.parse(data);
-    if (kind === "frame") this.#onFrame(told);
-    if (kind === "waiting") this.#onState({ state: "waiting", seconds: told.seconds });
+    const message = JSON.parse(data);
+    if (kind === "frame") this.#onFrame(message);
+    if (kind === "waiting") this.#onState({ state: "waiting", seconds: message.seconds });
   }
 
-  /** Ends it. */
+  /** Closes the stream. */
   close() {
     this.#closed = true;
     clearTimeout(this.#again);

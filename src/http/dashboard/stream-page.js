@@ -1,11 +1,11 @@
-// The live streams of an asset: scope, spectrum and level as they come.
+// The live streams of an asset: scope, spectrum and level.
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { clock, hertz, number, span, unit } from "./format.js";
-import { HeldRange } from "./held-range.js";
+import { StickyRange } from "./sticky-range.js";
 import { PlotCard } from "./plot-card.js";
 import { replaceLine } from "./plots.js";
 import { change, format } from "./route.js";
@@ -21,7 +21,7 @@ import {
 
 const TREND_S = 60;
 const KEPT_S = ["5", "10", "30", "60"];
-const FIND_MS = 500; // between two looks for a record that was kept
+const FIND_MS = 500; // between polls for a saved record
 const FIND_TIMES = 40;
 
 function choice(id, label, options, onchange) {
@@ -30,7 +30,7 @@ function choice(id, label, options, onchange) {
   return { select, element: h("label", { class: "check", for: id }, label, select) };
 }
 
-/** Offers options, `[value, text]` each, where they are not offered yet. */
+/** Sets the options, `[value, text]` each, if they have changed. */
 function fillChoice(select, options) {
   if (select.dataset.options === JSON.stringify(options)) return;
   select.dataset.options = JSON.stringify(options);
@@ -57,8 +57,8 @@ export class StreamPage {
   #names = [];
   #record = null;
   #assetName = "";
-  #scopeRange = new HeldRange();
-  #spectrumRange = new HeldRange();
+  #scopeRange = new StickyRange();
+  #spectrumRange = new StickyRange();
   #drawnAs = { scope: "", spectrum: "" };
   #scope = new PlotCard("scope", "Scope");
   #spectrum = new PlotCard("live-spectrum", "Spectrum");
@@ -83,8 +83,12 @@ export class StreamPage {
     KEPT_S.map((seconds) => [seconds, `${seconds} s`]),
     (seconds) => this.#go({ keep: seconds === "10" ? null : seconds }),
   );
-  #keep = h("button", { type: "button", id: "stream-keep", onclick: () => this.#keepNow() }, "Keep this now");
-  #kept = h("p", { class: "stream-kept", role: "status" });
+  #keep = h(
+    "button",
+    { type: "button", id: "stream-keep", onclick: () => this.#saveRecord() },
+    "Save as record",
+  );
+  #saveStatus = h("p", { class: "stream-kept", role: "status" });
   #axis = choice(
     "stream-axis",
     "Axis",
@@ -95,7 +99,7 @@ export class StreamPage {
     (axis) => this.#go({ axis }),
   );
   #log = this.#check("stream-log", "Log", "slog");
-  #compare = this.#check("stream-compare", "Last stored record", "compare");
+  #compare = this.#check("stream-compare", "Compare with last record", "compare");
   #body;
 
   constructor(root, route) {
@@ -119,7 +123,7 @@ export class StreamPage {
           this.#freeze,
           h("span", { class: "stream-keep" }, this.#keep, this.#seconds.element),
         ),
-        this.#kept,
+        this.#saveStatus,
         h(
           "div",
           { class: "stream-levels" },
@@ -128,7 +132,7 @@ export class StreamPage {
             "figure",
             { class: "stream-trend" },
             this.#trend.element,
-            h("figcaption", {}, `RMS (line) and peak (dashes) over the last ${TREND_S} s`),
+            h("figcaption", {}, `RMS (solid) and peak (dashed) over the last ${TREND_S} s`),
           ),
         ),
       ),
@@ -152,7 +156,7 @@ export class StreamPage {
     change(parameters, { quiet: true });
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     const before = this.#query;
     this.#query = route.query;
@@ -167,7 +171,7 @@ export class StreamPage {
     return true;
   }
 
-  /** Asks which streams there are, and for the record to compare with. */
+  /** Fetches the streams and the record to compare with. */
   async refresh(signal) {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) {
@@ -177,10 +181,10 @@ export class StreamPage {
     this.#assetName = assetName(asset);
     this.#head.update(this.#assetName, this.#query);
     const streams = await api.answer(api.streams(this.#id, signal));
-    if (streams instanceof Error) return this.#say({ state: "refused", error: streams });
+    if (streams instanceof Error) return this.#showNotice({ state: "refused", error: streams });
     this.#names = streams.items.map(({ name }) => name);
     this.#showChoices();
-    if (this.#names.length === 0) return this.#say({ state: "none" });
+    if (this.#names.length === 0) return this.#showNotice({ state: "none" });
     if (!this.#feed && !this.#frozen) this.#follow();
     await this.#compareWith(signal);
   }
@@ -203,7 +207,7 @@ export class StreamPage {
       this.#id,
       this.#name,
       (frame) => this.#take(frame),
-      (status) => this.#say(status),
+      (status) => this.#showNotice(status),
     );
   }
 
@@ -211,20 +215,20 @@ export class StreamPage {
   #setFrozen(is, silent = false) {
     this.#frozen = is;
     this.#freeze.setAttribute("aria-pressed", String(is));
-    setText(this.#freeze, is ? "Go on" : "Freeze");
+    setText(this.#freeze, is ? "Resume" : "Freeze");
     if (silent) return;
     if (is) {
       this.#feed?.close();
       this.#feed = null;
-      this.#say({ state: "frozen" });
-      this.redraw(); // what is held can be pointed at and saved
+      this.#showNotice({ state: "frozen" });
+      this.redraw(); // enables hover text and saving for the frozen frame
     } else {
-      this.#say({ state: "connecting" });
+      this.#showNotice({ state: "connecting" });
       this.#follow();
     }
   }
 
-  #say(status) {
+  #showNotice(status) {
     this.#status = status;
     const { state, seconds, error } = status;
     const words = {
@@ -232,23 +236,23 @@ export class StreamPage {
       live: () => "Live",
       frozen: () => `Frozen at ${clock(this.#frame?.time)}`,
       waiting: () => `No samples for ${span(seconds)}`,
-      lost: () => "Connection lost, trying again…",
+      lost: () => "Connection lost, retrying…",
       refused: () => error.message,
       none: () =>
-        "This asset has no live streams. The page “Live streams” of the documentation says how they are sent.",
+        "This asset has no live streams. See “Live streams” in the documentation for how to send one.",
     }[state]();
     this.#state.dataset.state = state;
     this.#body.dataset.state = state;
     setText(this.#state, words);
     this.#freeze.disabled = this.#keep.disabled = ["none", "refused"].includes(state);
     if (!this.#frame && state !== "connecting") {
-      this.#scope.say(words);
-      this.#spectrum.say(words);
+      this.#scope.showNotice(words);
+      this.#spectrum.showNotice(words);
     }
   }
 
   #take(frame) {
-    // the record to compare with is that of a channel, whose name came just now
+    // the comparison record depends on the channel, whose name has just arrived
     if (!this.#frame && this.#query.compare === "1") document.dispatchEvent(new CustomEvent("recordschange"));
     this.#frame = frame;
     const before = this.#channel?.name;
@@ -258,12 +262,12 @@ export class StreamPage {
     const now = Date.now();
     this.#levels.push({ at: now, rms, peak });
     while (this.#levels[0].at < now - 1000 * TREND_S) this.#levels.shift();
-    if (this.#status.state !== "live") this.#say({ state: "live" });
+    if (this.#status.state !== "live") this.#showNotice({ state: "live" });
     this.#showChoices();
     if (!this.#drawing) this.#draw();
   }
 
-  /** Begins the trend with the levels of the seconds before, which the service keeps of every stream. */
+  /** Starts the trend with earlier levels, which the service keeps for every stream. */
   async #recall(frame) {
     const [channel, name] = [frame.channels.indexOf(this.#channel), this.#name];
     const [last, now] = [Date.parse(frame.time), Date.now()];
@@ -274,14 +278,14 @@ export class StreamPage {
       if (name !== this.#name || frame.channels[channel].name !== this.#channel?.name) return;
       const recalled = items
         .map(({ time, rms, peak }) => ({
-          at: now - (last - Date.parse(time)) + 1000, // the end of the second, as that of a frame
+          at: now - (last - Date.parse(time)) + 1000, // the end of the second, as for a frame
           rms: rms[channel] ?? NaN,
           peak: peak[channel] ?? NaN,
         }))
         .filter(({ at }) => at < now);
       this.#levels = [...recalled, ...this.#levels.filter(({ at }) => at >= now)];
     } catch {
-      // the trend then begins here
+      // the trend then starts here
     }
   }
 
@@ -311,7 +315,7 @@ export class StreamPage {
     this.#seconds.select.value = KEPT_S.includes(keep) ? keep : "10";
   }
 
-  /** The spectrum of the latest record, where it is wanted and may have changed. */
+  /** Fetches the spectrum of the latest record, if wanted and possibly changed. */
   async #compareWith(signal) {
     if (this.#query.compare !== "1") {
       this.#record = null;
@@ -331,7 +335,7 @@ export class StreamPage {
     await this.redraw();
   }
 
-  /** Draws again from what is known, for a changed address or theme. */
+  /** Redraws from known data, for a changed address or theme. */
   async redraw() {
     this.#drawnAs = { scope: "", spectrum: "" };
     if (!this.#frame) return;
@@ -353,7 +357,7 @@ export class StreamPage {
     }
   }
 
-  /** Draws a plot anew where more than its last line has changed; `drawing(frame, channel)` is that of a frame. */
+  /** Redraws a plot fully if more than its last line has changed; `drawing(frame, channel)` draws a frame. */
   async #show(which, card, key, line, drawing) {
     const drawn = JSON.stringify(key);
     if (this.#drawnAs[which] === drawn) return replaceLine(card.plot, line);
@@ -378,10 +382,10 @@ export class StreamPage {
   #drawSpectrum(frame, channel) {
     if (channel.bin.length === 0) {
       this.#drawnAs.spectrum = "";
-      return this.#spectrum.say(
+      return this.#spectrum.showNotice(
         channel.invalid_samples
-          ? `No spectrum: ${channel.invalid_samples} of the last samples are no numbers.`
-          : "Too few samples for a spectrum yet.",
+          ? `No spectrum: ${channel.invalid_samples} of the last samples are invalid.`
+          : "Not enough samples for a spectrum yet.",
       );
     }
     const inOrders = this.#query.axis === "orders" && Boolean(frame.shaft_speed_hz);
@@ -400,7 +404,7 @@ export class StreamPage {
     );
   }
 
-  /** The range of the amplitudes; on a log scale from below the median, so that noise stays in sight. */
+  /** The range of the amplitudes; on a log scale it starts below the median, so that noise stays visible. */
   #amplitudes(channel, record, logarithmic) {
     const seen = record ? [...channel.amplitude, ...record.spectrum.amplitude] : [...channel.amplitude];
     const top = seen.reduce((most, value) => Math.max(most, value), 0) || 1;
@@ -412,11 +416,11 @@ export class StreamPage {
 
   #showValues(frame, channel) {
     const inUnit = (value) => `${number(value, 3)} ${unit(frame.unit)}`.trim();
-    const from = { stream: "said by the stream", asset: "nominal, of the asset" }[frame.shaft_speed_source];
+    const from = { stream: "from the stream", asset: "nominal speed of the asset" }[frame.shaft_speed_source];
     const values = [
       ["RMS", inUnit(channel.rms), "rms"],
       ["Peak", inUnit(channel.peak), "peak"],
-      ["Shaft speed", frame.shaft_speed_hz ? hertz(frame.shaft_speed_hz) : "not known", "speed", from],
+      ["Shaft speed", frame.shaft_speed_hz ? hertz(frame.shaft_speed_hz) : "unknown", "speed", from],
       ["Mesh frequency", frame.mesh_frequency_hz ? hertz(frame.mesh_frequency_hz) : "–", "mesh"],
       [
         "Last sample",
@@ -439,31 +443,32 @@ export class StreamPage {
     });
   }
 
-  /** Makes a record of the last seconds, and leads to it once it is stored. */
-  async #keepNow() {
+  /** Saves the last seconds as a record, and links to it once it is stored. */
+  async #saveRecord() {
     const seconds = Number(this.#seconds.select.value);
     const channel = this.#channel?.name;
     this.#keep.disabled = true;
-    setText(this.#kept, "Keeping…");
+    setText(this.#saveStatus, "Saving…");
     try {
-      const kept = await api.answer(api.keepStream(this.#id, this.#name, seconds));
-      if (kept instanceof Error) return setText(this.#kept, `Nothing was kept: ${kept.message}`);
+      const saved = await api.answer(api.keepStream(this.#id, this.#name, seconds));
+      if (saved instanceof Error) return setText(this.#saveStatus, `Saving failed: ${saved.message}`);
       const rate = this.#frame?.sample_rate_hz;
-      const length = rate ? `${number(kept.samples / rate, 3)} s` : `${kept.samples} samples`;
-      const what = `Kept ${length} from ${clock(kept.start_time)} as a record`;
-      setText(this.#kept, `${what}, which is being stored…`);
-      const segment = await this.#find(kept, channel);
-      if (!segment) return setText(this.#kept, `${what}. It is not stored yet; the records will list it.`);
+      const length = rate ? `${number(saved.samples / rate, 3)} s` : `${saved.samples} samples`;
+      const what = `Saved ${length} from ${clock(saved.start_time)} as a record`;
+      setText(this.#saveStatus, `${what}; storing…`);
+      const segment = await this.#find(saved, channel);
+      if (!segment)
+        return setText(this.#saveStatus, `${what}. It is still being stored and will appear under Records.`);
       const href = format({ page: "asset", id: this.#id, query: { channel, segment: segment.id } });
-      setChildren(this.#kept, `${what}. `, h("a", { href }, "Open the record"));
+      setChildren(this.#saveStatus, `${what}. `, h("a", { href }, "Open record"));
     } catch (error) {
-      setText(this.#kept, `Nothing was kept: ${error.message}`);
+      setText(this.#saveStatus, `Saving failed: ${error.message}`);
     } finally {
       this.#keep.disabled = false;
     }
   }
 
-  /** The record that was kept; another may begin at the same time. */
+  /** The saved record; another one may have the same start. */
   async #find({ start_time: time, samples }, channel) {
     for (let look = 0; look < FIND_TIMES; look++) {
       await new Promise((resolve) => setTimeout(resolve, look ? FIND_MS : 150));
@@ -477,7 +482,7 @@ export class StreamPage {
 
   tick() {}
 
-  /** Ends the connection and frees the plots. */
+  /** Closes the connection and releases the plots. */
   dispose() {
     this.#feed?.close();
     this.#scope.dispose();

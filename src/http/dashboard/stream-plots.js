@@ -8,25 +8,27 @@ const HARMONICS = 20; // mesh lines that are marked
 const NAMED = 10;
 const NAME_PX = 30;
 
-/** `[x, y]` of the scope of a channel: seconds before the last sample. */
+/** `[x, y]` of a channel's scope: seconds before the last sample. */
 export function scopeLine(frame, channel) {
   const { scope_samples: samples, sample_rate_hz: rate } = frame;
   return [channel.scope_index.map((index) => (index - (samples - 1)) / rate), channel.scope];
 }
 
-/** `[x, y]` of the spectrum of a channel, in orders of the shaft where asked for and known. */
+/** `[x, y]` of a channel's spectrum; in shaft orders if requested and the speed is known. */
 export function spectrumLine(frame, channel, inOrders) {
   const step = frame.resolution_hz / (inOrders ? frame.shaft_speed_hz : 1);
   return [channel.bin.map((bin) => bin * step), channel.amplitude];
 }
 
-/** `[x, y]` of the spectrum of a record, beside the stream's; null where it has no speed for orders. */
+/**
+ * `[x, y]` of a record's spectrum for comparison; null when orders are requested and its speed is unknown.
+ */
 export function recordLine(spectrum, inOrders) {
   const shaft = inOrders ? spectrum.shaft_speed_hz : 1;
   return shaft ? [spectrum.frequency_hz.map((hz) => hz / shaft), spectrum.amplitude] : null;
 }
 
-/** The drawing of a scope; `range` is that of its values. */
+/** Draws a scope; `range` is its value range. */
 export function scopeDrawing(frame, channel, range) {
   const colour = palette();
   const [x, y] = scopeLine(frame, channel);
@@ -41,7 +43,7 @@ export function scopeDrawing(frame, channel, range) {
         hovertemplate: `%{x:.4f} s: %{y:.4g} ${unit(frame.unit)}<extra></extra>`,
       },
     ],
-    sub: `The last ${number(length, 3)} s, drawn by the lowest and highest sample of each stretch.`,
+    sub: `The last ${number(length, 3)} s, as minimum and maximum of each interval.`,
     summary: `Samples of channel ${channel.name} over the last ${number(length, 3)} s.`,
     table: () => [
       ["time_s", x],
@@ -56,10 +58,10 @@ export function scopeDrawing(frame, channel, range) {
   };
 }
 
-/** Lines of the mesh with their names at the top, where they are in no peak's way. */
+/** Mesh lines with labels at the top, where they cover no peak. */
 function meshMarks(spacing, end, colour) {
   const orders = Array.from({ length: HARMONICS }, (_, n) => n + 1).filter((order) => order * spacing <= end);
-  // every so manyth is named where there is no room for all
+  // only every n-th line is labelled when there is no space for all
   const step = Math.ceil((NAME_PX * end) / (spacing * 0.85 * Math.min(innerWidth, 1400)));
   const annotations = orders
     .filter((order) => order <= NAMED && (order - 1) % step === 0)
@@ -80,7 +82,10 @@ function meshMarks(spacing, end, colour) {
   };
 }
 
-/** The drawing of a spectrum; `record` is `{ spectrum, segment }` to compare with or null, `range` that of the amplitudes (their decades on a log scale). */
+/**
+ * Draws a spectrum; `record` is `{ spectrum, segment }` to compare with, or null; `range` is the amplitude
+ * range (in decades on a log scale).
+ */
 export function liveSpectrumDrawing(frame, channel, record, { inOrders, logarithmic, range }) {
   const colour = palette();
   const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, resolution_hz: step } = frame;
@@ -114,14 +119,14 @@ export function liveSpectrumDrawing(frame, channel, record, { inOrders, logarith
       ["line", colour.other, `record of ${clock(record.segment.start_time)}`],
     );
   const beside = compared
-    ? ` Those of the record every ${hertz(record.spectrum.resolution_hz)}: noise lies lower where lines are closer.`
+    ? ` Record: lines every ${hertz(record.spectrum.resolution_hz)}; closer lines have a lower noise floor.`
     : "";
-  const none = shaft ? "" : "No shaft speed is known, so mesh lines are not marked. ";
+  const none = shaft ? "" : "The shaft speed is unknown, so mesh lines are not marked. ";
   return {
-    // the record's line is drawn first: behind the stream's
+    // the record's line is drawn first, behind the stream's
     traces: compared ? [theirs, ours] : [ours],
     legend,
-    sub: `${none}Hann window over ${number(frame.samples / frame.sample_rate_hz, 3)} s, lines every ${hertz(step)}, every peak kept.${beside}`,
+    sub: `${none}Hann window over ${number(frame.samples / frame.sample_rate_hz, 3)} s, lines every ${hertz(step)}, peaks preserved.${beside}`,
     summary: `Amplitude spectrum of channel ${channel.name}, live.`,
     table: () => [
       [inOrders ? "order" : "frequency_hz", x],
@@ -150,7 +155,7 @@ export function liveSpectrumDrawing(frame, channel, record, { inOrders, logarith
 
 const [WIDTH, HEIGHT] = [600, 60];
 
-/** The running level: `update([{ at, rms, peak }])` with times in ms draws the last `seconds`. */
+/** The running level: `update([{ at, rms, peak }])`, with times in ms, draws the last `seconds`. */
 export class LevelTrend {
   #rms = svg("path", { class: "level-rms" });
   #peak = svg("path", { class: "level-peak" });
@@ -172,7 +177,7 @@ export class LevelTrend {
     this.#seconds = seconds;
   }
 
-  /** Draws levels; the latest is at the right end. */
+  /** Draws levels; the latest is at the right edge. */
   update(levels) {
     const now = levels.at(-1)?.at ?? 0;
     const top = Math.max(...levels.map(({ peak }) => peak), Number.MIN_VALUE);

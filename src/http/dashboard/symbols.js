@@ -1,5 +1,5 @@
 // Symbols of states. Each severity has its own colour, outline and glyph, so that none depends on colour
-// alone; the small signal beside it is that of NAMUR NE 107, in the colours that the recommendation gives.
+// alone; the small signal is that of NAMUR NE 107, in the recommended colours.
 
 import { h, svg } from "./dom.js";
 import { STATES } from "./state.js";
@@ -52,14 +52,14 @@ function drawn(classes, outline, glyph, size, properties) {
   );
 }
 
-/** The symbol of a state's severity, hidden from screen readers: its word stands beside it. */
+/** The symbol of a state's severity; hidden from screen readers, because its label is beside it. */
 export function symbol(key, size = 22) {
   const { severity } = STATES[key];
   const [outline, glyph] = SEVERITIES[severity];
   return drawn(`symbol symbol-${severity}`, outline, glyph, size, { "aria-hidden": "true" });
 }
 
-/** The NE 107 signal of a state, null where it has none. */
+/** The NE 107 signal of a state, or null. */
 function signal(key, size) {
   const { words, outline, glyph } = SIGNALS[STATES[key].namur] ?? {};
   if (!words) return null;
@@ -70,7 +70,7 @@ function signal(key, size) {
   );
 }
 
-/** Symbol, word and NE 107 signal together; the word is that of the state unless another is given. */
+/** Symbol, label and NE 107 signal together; the label defaults to the state's. */
 export function badge(key, size = 22, word = STATES[key].word) {
   const { severity, title } = STATES[key];
   return h(

@@ -1,5 +1,4 @@
-// Light, dark, or as the system has it; and the colours of the style sheet for plots, which need them as
-// values.
+// Light, dark or system theme; and the style sheet's colours as values, for plots.
 
 import { h, setChildren } from "./dom.js";
 
@@ -12,7 +11,7 @@ function stored() {
     const choice = localStorage.getItem(KEY);
     return ORDER.includes(choice) ? choice : "auto";
   } catch {
-    return "auto"; // storage is refused in some private windows
+    return "auto"; // storage is unavailable in some private windows
   }
 }
 
@@ -27,7 +26,7 @@ function announce() {
   document.dispatchEvent(new CustomEvent("themechange"));
 }
 
-/** Makes a button walk through auto, light and dark. */
+/** Makes a button cycle through auto, light and dark. */
 export function bindThemeButton(button) {
   const label = () => {
     setChildren(button, h("span", { class: "wide-only" }, "Theme: "), choice);
@@ -37,7 +36,7 @@ export function bindThemeButton(button) {
     try {
       localStorage.setItem(KEY, choice);
     } catch {
-      // the choice then lasts as long as the page
+      // the choice then lasts until the page is closed
     }
     apply();
     label();
@@ -46,7 +45,7 @@ export function bindThemeButton(button) {
   label();
 }
 
-const known = new Map(); // what was read in this theme: to read one costs a new style of the page
+const known = new Map(); // colours read in this theme: reading one forces a style recalculation
 document.addEventListener("themechange", () => known.clear(), { capture: true });
 
 /** The current values of custom properties, as `rgb(…)`. */
@@ -69,7 +68,7 @@ function read(names) {
   );
 }
 
-/** What a function gives that takes its colours from the light theme, whatever is shown. */
+/** Runs a function with the colours of the light theme, whatever the current one. */
 export function inLight(build) {
   probe.style.colorScheme = "light";
   try {

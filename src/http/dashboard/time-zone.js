@@ -1,4 +1,4 @@
-// The clock that times are shown by: UTC, or that of the browser.
+// The time zone of displayed times: UTC, or the browser's.
 
 const KEY = "flankwatch-times";
 
@@ -6,26 +6,26 @@ function stored() {
   try {
     return localStorage.getItem(KEY) === "local" ? "local" : "utc";
   } catch {
-    return "utc"; // storage is refused in some private windows
+    return "utc"; // storage is unavailable in some private windows
   }
 }
 
 let choice = stored();
 
-/** Whether times are those of the browser's zone. */
+/** Whether times are shown in the browser's time zone. */
 export const isLocal = () => choice === "local";
 
-/** What the clock is called beside a field or an axis. */
+/** The time zone's name beside a field or an axis. */
 export const zoneName = () => (isLocal() ? "local time" : "UTC");
 
-/** A time as the clock shows it: ISO 8601 without a zone, to the millisecond. */
+/** A time in the selected zone: ISO 8601 without a zone, to the millisecond. */
 export function written(time) {
   const date = new Date(time);
   const offset_ms = isLocal() ? date.getTimezoneOffset() * 60_000 : 0;
   return new Date(date.getTime() - offset_ms).toISOString().slice(0, -1);
 }
 
-/** The zone of a time so written: `UTC`, or how far the clock is ahead of it. */
+/** The zone of such a time: `UTC`, or its offset. */
 export function zoneOf(time) {
   if (!isLocal()) return "UTC";
   const ahead = -new Date(time).getTimezoneOffset();
@@ -33,13 +33,16 @@ export function zoneOf(time) {
   return `${ahead < 0 ? "−" : "+"}${two(Math.abs(ahead) / 60)}:${two(Math.abs(ahead) % 60)}`;
 }
 
-/** The time that the clock shows so, as an ISO time in UTC; takes a day alone and a space before the hour too. */
+/**
+ * Parses a time in the selected zone into an ISO time in UTC; also accepts a date alone and a space before
+ * the time.
+ */
 export function instant(text) {
   const full = text.replace(" ", "T").replace(/^(\d+-\d+-\d+)$/, "$1T00:00");
   return new Date(isLocal() ? full : `${full}Z`).toISOString();
 }
 
-/** Makes a select choose the clock; `onChange` shows everything anew. */
+/** Binds the time-zone selector; `onChange` redraws everything. */
 export function bindTimeChoice(select, onChange) {
   select.value = choice;
   select.addEventListener("change", () => {
@@ -47,7 +50,7 @@ export function bindTimeChoice(select, onChange) {
     try {
       localStorage.setItem(KEY, choice);
     } catch {
-      // the choice then lasts as long as the page
+      // the choice then lasts until the page is closed
     }
     onChange();
   });

@@ -1,13 +1,13 @@
-// The tokens of the service: made, shown once, and revoked.
+// The tokens of the service: created, shown once, and revoked.
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { clock } from "./format.js";
 
 const SCOPES = {
-  read: "look at everything",
-  write: "also send records, start replays, act on alarms and enter maintenance",
-  admin: "also make, change and delete assets, delete records, and make and revoke tokens",
+  read: "view everything",
+  write: "also upload records, start replays, handle alarms and add maintenance",
+  admin: "also create, edit and delete assets, delete records, and create and revoke tokens",
 };
 
 /** The page of tokens. */
@@ -18,7 +18,7 @@ export class TokensPage {
     id: "token-name",
     maxlength: 200,
     autocomplete: "off",
-    placeholder: "for example press line 3",
+    placeholder: "e.g. press line 3",
   });
   #scopes = Object.entries(SCOPES).map(([scope, words], n) => ({
     scope,
@@ -29,7 +29,7 @@ export class TokensPage {
   #first = h(
     "p",
     { class: "result", "data-kind": "part", hidden: true },
-    "There is no token yet, and nobody is asked for one. With the first one, every request needs one. It has the scope admin, and this browser begins a session with it.",
+    "No tokens yet: access is open. Once the first token exists, every request needs one. The first token has the scope admin, and this browser is logged in with it.",
   );
   #made = h("div", { class: "token-made", hidden: true });
   #body = h("tbody");
@@ -42,14 +42,14 @@ export class TokensPage {
       h(
         "tr",
         {},
-        ["Name", "Scope", "Made", "Identifier", ""].map((text) =>
+        ["Name", "Scope", "Created", "Identifier", ""].map((text) =>
           text ? h("th", { scope: "col" }, text) : h("td", {}),
         ),
       ),
     ),
     this.#body,
   );
-  #notice = h("p", { class: "notice" }, "Loading the tokens…");
+  #notice = h("p", { class: "notice" }, "Loading tokens…");
   #form;
 
   constructor(root) {
@@ -59,15 +59,11 @@ export class TokensPage {
     this.#form = h(
       "form",
       { class: "card token-form", onsubmit: (event) => this.#create(event) },
-      h("h2", {}, "Make a token"),
+      h("h2", {}, "Create token"),
       this.#first,
-      h("label", { class: "field", for: "token-name" }, h("span", {}, "What it is for"), this.#name),
-      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "What it may do"), scopes),
-      h(
-        "div",
-        { class: "form-buttons" },
-        h("button", { type: "submit", class: "primary" }, "Make the token"),
-      ),
+      h("label", { class: "field", for: "token-name" }, h("span", {}, "Name"), this.#name),
+      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "Scope"), scopes),
+      h("div", { class: "form-buttons" }, h("button", { type: "submit", class: "primary" }, "Create token")),
       this.#result,
       this.#made,
     );
@@ -85,7 +81,7 @@ export class TokensPage {
     return true;
   }
 
-  /** Asks the server and shows what changed. */
+  /** Fetches the tokens and shows what changed. */
   async refresh(signal) {
     const [answer, session] = await Promise.all([
       api.answer(api.tokens(signal)),
@@ -103,7 +99,7 @@ export class TokensPage {
     }
     this.#table.hidden = items.length === 0;
     this.#notice.hidden = items.length > 0;
-    setText(this.#notice, answer instanceof Error ? answer.message : "There is no token yet.");
+    setText(this.#notice, answer instanceof Error ? answer.message : "No tokens yet.");
     setChildren(
       this.#body,
       items.map((token) => this.#row(token)),
@@ -115,7 +111,7 @@ export class TokensPage {
     const own = id === this.#session?.id;
     const revoke = h(
       "button",
-      { type: "button", "aria-label": `Revoke the token ${name}`, onclick: () => this.#revoke(token, own) },
+      { type: "button", "aria-label": `Revoke token ${name}`, onclick: () => this.#revoke(token, own) },
       "Revoke",
     );
     return h(
@@ -123,7 +119,7 @@ export class TokensPage {
       { "data-token": id },
       h("th", { scope: "row" }, name, own ? h("span", { class: "muted id" }, "this session") : null),
       h("td", { "data-label": "Scope" }, scope),
-      h("td", { "data-label": "Made" }, clock(made)),
+      h("td", { "data-label": "Created" }, clock(made)),
       h("td", { "data-label": "Identifier" }, h("code", {}, id)),
       h("td", {}, revoke),
     );
@@ -136,13 +132,13 @@ export class TokensPage {
     if (!name) {
       this.#name.setAttribute("aria-invalid", "true");
       this.#name.focus();
-      return this.#said("bad", "The name is empty, expected what the token is for.");
+      return this.#showStatus("bad", "Enter a name.");
     }
     const { scope } = this.#scopes.find(({ radio }) => radio.checked);
     try {
       const made = await api.createToken({ name, scope });
       this.#name.value = "";
-      this.#said("", "");
+      this.#showStatus("", "");
       this.#show(made);
       if (!this.#first.hidden) {
         await api.logIn(made.token);
@@ -150,16 +146,16 @@ export class TokensPage {
       }
       await this.refresh();
     } catch (error) {
-      this.#said("bad", `Not made: ${error.message}.`);
+      this.#showStatus("bad", `Creating failed: ${error.message}.`);
     }
   }
 
-  /** Shows a new token, the only time that it can be seen. */
+  /** Shows a new token; this is the only time that it is visible. */
   #show({ name, token }) {
     const shown = h("input", {
       readonly: true,
       value: token,
-      "aria-label": `The token ${name}`,
+      "aria-label": `Token ${name}`,
       onfocus: (event) => event.target.select(),
     });
     const copy = h("button", { type: "button" }, "Copy");
@@ -168,20 +164,15 @@ export class TokensPage {
         await navigator.clipboard.writeText(token);
         setText(copy, "Copied");
       } catch {
-        shown.select(); // browsers give no access to the clipboard without TLS
-        setText(copy, "Selected: copy it by hand");
+        shown.select(); // without TLS, browsers give no access to the clipboard
+        setText(copy, "Selected: copy it manually");
       }
     });
     const hide = h("button", { type: "button", class: "quiet", onclick: () => this.#hide() }, "Hide");
     this.#made.hidden = false;
     setChildren(
       this.#made,
-      h(
-        "p",
-        {},
-        h("strong", {}, `The token “${name}”. `),
-        "It is shown this once: copy it where it is needed.",
-      ),
+      h("p", {}, h("strong", {}, `Token “${name}”. `), "It is shown only once: copy it now."),
       shown,
       h("div", { class: "form-buttons" }, copy, hide),
     );
@@ -193,24 +184,24 @@ export class TokensPage {
   }
 
   async #revoke({ id, name }, own) {
-    const words = own ? "This session ends with it." : "Who uses it is refused from then on.";
-    if (!confirm(`Revoke the token “${name}”? ${words}`)) return;
+    const words = own ? "This ends your session." : "Clients that use it lose access.";
+    if (!confirm(`Revoke token “${name}”? ${words}`)) return;
     const answer = await api.answer(api.revokeToken(id));
-    this.#said(
+    this.#showStatus(
       answer instanceof Error ? "bad" : "good",
-      answer instanceof Error ? `Not revoked: ${answer.message}.` : `The token “${name}” is revoked.`,
+      answer instanceof Error ? `Revoking failed: ${answer.message}.` : `Token “${name}” revoked.`,
     );
     await this.refresh().catch(() => {});
   }
 
-  #said(kind, words) {
+  #showStatus(kind, words) {
     this.#result.dataset.kind = kind;
     setText(this.#result, words);
   }
 
   tick() {}
 
-  /** Forgets what is shown once. */
+  /** Clears the displayed token. */
   dispose() {
     this.#hide();
   }

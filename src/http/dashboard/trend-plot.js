@@ -1,4 +1,4 @@
-// Indicator trends: one pane a kind of indicator over a common time axis.
+// Indicator trends: one pane per kind of indicator over a common time axis.
 
 import { binEntries, binTraces } from "./operating-bins.js";
 import { indicatorName, number, titled, unit } from "./format.js";
@@ -6,7 +6,7 @@ import { eventMarks, wordsAt } from "./life-events.js";
 import { velocityZones } from "./velocity-zones.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
-/** The panes to choose from; `mesh` holds every mesh harmonic that the records have. */
+/** The standard panes; `mesh` holds every mesh harmonic in the records. */
 export const PANES = [
   { key: "rms", label: "RMS", names: ["rms"] },
   { key: "velocity_rms", label: "Velocity", names: ["velocity_rms"] },
@@ -20,9 +20,9 @@ export const PANES = [
 ];
 const DEFAULT = "rms,kurtosis,omx";
 const GAP = 0.05;
-const LEVEL_REACH = 4; // an alarm's level up to this many times the greatest value is brought into view
+const LEVEL_REACH = 4; // an alarm level up to this many times the largest value is brought into view
 
-/** The panes that an address asks for, never none; a name that is none of the usual ones is an indicator's. */
+/** The panes of an address, at least one; a non-standard name is an indicator. */
 export function chosenPanes(text) {
   const keys = (text ?? DEFAULT).split(",").filter((key) => /^[a-z][a-z0-9_]*$/.test(key));
   const usual = PANES.filter((pane) => keys.includes(pane.key));
@@ -33,7 +33,7 @@ export function chosenPanes(text) {
   return chosen.length ? chosen : PANES.slice(0, 1);
 }
 
-/** Names of a record's indicators that no usual pane shows. */
+/** A record's indicators without a standard pane. */
 export function otherNames(record) {
   const shown = new Set(PANES.flatMap((pane) => pane.names));
   const { indicators = {}, absent = {} } = record ?? {};
@@ -42,7 +42,7 @@ export function otherNames(record) {
     .sort();
 }
 
-/** The indicators to ask the server for. A record's own indicators say how many mesh harmonics there are. */
+/** The indicators to fetch. The record's own indicators give the number of mesh harmonics. */
 export function paneNames(panes, record) {
   const { indicators: values = {}, absent = {} } = record ?? {};
   const mesh = [...Object.keys(values), ...Object.keys(absent)]
@@ -51,11 +51,11 @@ export function paneNames(panes, record) {
   return panes.flatMap((pane) => (pane.key === "mesh" ? mesh : pane.names));
 }
 
-const MOST_TICKS = 7;
+const MAX_TICKS = 7;
 
 /**
- * Ticks of a logarithmic axis as whole numbers: between decades Plotly writes single digits, a 5 for 0.5 as for 50. Where values lie within
- * less than a few of them its own ticks are whole.
+ * Ticks of a logarithmic axis as full numbers: between decades Plotly writes single digits, so 0.5 and 50
+ * both read 5. Narrow ranges keep Plotly's ticks, which are full numbers.
  */
 function logarithmicTicks(values) {
   const positive = values.filter((value) => value > 0);
@@ -65,7 +65,7 @@ function logarithmicTicks(values) {
     decades
       .flatMap((decade) => steps.map((step) => step * decade))
       .filter((value) => value > 0.8 * low && value < 1.25 * high);
-  const ticks = [[1, 2, 5], [1]].map(within).find(({ length }) => length <= MOST_TICKS) ?? [];
+  const ticks = [[1, 2, 5], [1]].map(within).find(({ length }) => length <= MAX_TICKS) ?? [];
   if (ticks.length < 2) return { tickmode: "auto" };
   return { tickmode: "array", tickvals: ticks, ticktext: ticks.map((value) => number(value, 3)) };
 }
@@ -82,7 +82,7 @@ function axisTitle(pane, units) {
   return titled(pane.label, units[pane.names[0]]);
 }
 
-/** The levels at which an alarm on an indicator is raised, as lines over its pane with their names. */
+/** Alarm levels of an indicator as labelled lines over its pane. */
 function levelLines(name, rules, suffix, colour, logarithmic) {
   const rule = rules.find(({ quantity }) => quantity === name || quantity?.indicator === name);
   const all = ["warning", "danger"].flatMap((severity) => [
@@ -117,8 +117,8 @@ function levelLines(name, rules, suffix, colour, logarithmic) {
 }
 
 /**
- * The drawing for indicators over time; `rules` are the alarm rules in force; `range` is that of the wear above where it holds a forecast; `limits` are those
- * between the zones of velocity.
+ * Draws indicators over time. `rules` are the alarm rules in force, `range` the range of the wear plot above
+ * when it contains a forecast, `limits` the velocity zone limits.
  */
 export function trendDrawing(
   { items, units, channel },
@@ -223,7 +223,7 @@ export function trendDrawing(
       if (shown.length > 1) entries.push([order < 5 ? "line" : "dot", line.color, indicatorName(name)]);
     });
   });
-  // points at the ends would widen the axis, and it must stay in step with the wear above
+  // points at the ends would widen the axis, which must match the wear plot above
   if (range ?? bins) layout.xaxis.range = range ?? [times[0], times.at(-1)];
   const happened = eventMarks(events, colour, items);
   layout.shapes.push(...happened.shapes);
@@ -240,7 +240,7 @@ export function trendDrawing(
         units[key] ? `${key} (${units[key]})` : key,
         items.map((item) => item[key]),
       ]),
-    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise; novelty is how unlike what wear explains a record is.${bins?.words ? ` ${bins.words}` : ""}`,
+    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise; novelty measures deviations that wear does not explain.${bins?.words ? ` ${bins.words}` : ""}`,
     summary: `Trends of ${panes.map((pane) => pane.label).join(", ")} over ${items.length} records.`,
   };
 }

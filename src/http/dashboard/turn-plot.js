@@ -1,25 +1,25 @@
-// The average over one turn of either gear: what repeats with each turn.
+// The synchronous average over one turn of either gear.
 
 import { count, number, titled, unit } from "./format.js";
 import { recordColumns, recordEntries } from "./layers.js";
 import { palette } from "./plots.js";
 
 const PARTS = [
-  ["average", "average over the turns"],
-  ["residual", "residual, without the regular mesh"],
+  ["average", "synchronous average"],
+  ["residual", "residual, without the mesh harmonics"],
   ["mesh_envelope", "envelope of the first mesh line"],
 ];
 
 function angleWords({ source, harmonic, angle_error_deg: error, pulses }) {
   if (source === "tachometer")
-    return `angle from ${count(pulses)} tachometer pulses${error == null ? "" : `, within ${number(error, 2)}°`}`;
+    return `angle from ${count(pulses)} tachometer pulses${error == null ? "" : `, accurate to ${number(error, 2)}°`}`;
   if (source === "mesh_phase")
-    return `angle from the phase of mesh harmonic ${harmonic}×, steady within ${error < 0.01 ? "0.01" : number(error, 2)}°`;
-  return "speed taken to be constant: no line could be followed";
+    return `angle from the phase of mesh harmonic ${harmonic}×, accurate to ${error < 0.01 ? "0.01" : number(error, 2)}°`;
+  return "constant speed assumed: no line could be tracked";
 }
 
 /**
- * The drawing of synchronous averages over one turn; of records in colours of their own the average alone.
+ * Draws synchronous averages over one turn; for several records only the averages.
  * @param {import("./layers.js").Layer[]} layers
  */
 export function turnDrawing(layers, revision) {
@@ -52,7 +52,7 @@ export function turnDrawing(layers, revision) {
         [`gear_${gear}_angle_deg`, data.angle_deg],
         ...PARTS.map(([key]) => [`${key} (${data.unit})`, data[key]]),
       ]),
-    sub: `${count(turn.turns)} turns of the ${gearName} averaged, ${angleWords(turn.angle)}. One tooth is ${number(360 / turn.teeth[gear - 1], 4)}°: a single bad tooth stands out of the residual once a turn.`,
+    sub: `${count(turn.turns)} turns of the ${gearName} averaged, ${angleWords(turn.angle)}. One tooth is ${number(360 / turn.teeth[gear - 1], 4)}°: a single damaged tooth shows once per turn in the residual.`,
     summary: `Average over one turn of the ${gearName} from ${turn.turns} turns.`,
     layout: {
       uirevision: revision,

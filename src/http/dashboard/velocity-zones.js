@@ -1,9 +1,9 @@
-// The zones of ISO 20816 behind the trend of a machine's velocity, as far as its description has them.
+// The ISO 20816 zones behind the velocity trend.
 
 import { number } from "./format.js";
 import { translucent } from "./theme.js";
 
-/** Each zone with its colour of the one palette of severity; B is as calm as what is still being learnt. */
+/** Each zone with its severity colour; B uses the colour of the learning state. */
 const ZONES = [
   ["A", "normal"],
   ["B", "learning"],
@@ -12,19 +12,18 @@ const ZONES = [
 ];
 const OPACITY = 0.16;
 
-/** A limit up to this many times the greatest value is brought into view. */
+/** A limit up to this many times the largest value is brought into view. */
 const REACH = 2;
 
-/** Room above the greatest and, on a log scale, below the least of what is in view. */
+/** Margin above the largest and, on a log scale, below the smallest visible value. */
 const ROOM = 1.1;
 
-/** How far the outer zones go beyond what is in view, for who zooms out. */
+/** How far the outer zones extend beyond the view, for zooming out. */
 const BEYOND = 3;
 
 /**
- * What is drawn for `limits` in mm/s, those between A and B, B and C, C and D, behind `values` on the vertical
- * axis with this suffix, on which `levels` are to be in view. `range` is that of the axis, which the zones
- * would widen by themselves.
+ * Zone shapes for `limits` in mm/s (A/B, B/C, C/D) behind `values` on the vertical axis with this suffix;
+ * `levels` stay in view. `range` fixes the axis, which the shapes would otherwise widen.
  */
 export function velocityZones(limits, suffix, { colour, logarithmic, values, levels }) {
   const seen = values.filter((value) => value > 0);
@@ -35,7 +34,7 @@ export function velocityZones(limits, suffix, { colour, logarithmic, values, lev
   const ends = [bottom / BEYOND, ...limits, BEYOND * Math.max(top, limits[2])];
   const yref = `y${suffix}`;
   const height = (value) => (logarithmic ? Math.log10(value) : value);
-  const said = ["to", "to", "to", "above"];
+  const bounds = ["to", "to", "to", "above"];
   return {
     shapes: ZONES.map(([zone, name], index) => ({
       name: `zone ${zone}`,
@@ -50,7 +49,7 @@ export function velocityZones(limits, suffix, { colour, logarithmic, values, lev
       fillcolor: translucent(colour[name], OPACITY),
       line: { width: 0 },
     })),
-    // the letter of a zone stands beside its lower end
+    // a zone's letter is beside its lower end
     annotations: ZONES.map(([zone, name], index) => ({
       xref: "paper",
       x: 1.002,
@@ -66,7 +65,7 @@ export function velocityZones(limits, suffix, { colour, logarithmic, values, lev
     entries: ZONES.map(([zone, name], index) => [
       "band",
       translucent(colour[name], 2 * OPACITY),
-      `zone ${zone}, ${said[index]} ${number(limits[Math.min(index, 2)], 3)} mm/s`,
+      `zone ${zone}, ${bounds[index]} ${number(limits[Math.min(index, 2)], 3)} mm/s`,
     ]),
   };
 }

@@ -1,4 +1,4 @@
-// What a cursor over a waterfall reads: the latest record, by its cells.
+// The readings of a cursor over a waterfall: the cells of the latest record.
 
 import { ORDERS } from "./spectrum-plot.js";
 

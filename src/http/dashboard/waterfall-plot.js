@@ -1,10 +1,10 @@
-// The drawing of a waterfall: one line of cells a record, coloured by level.
+// Draws a waterfall: one row of cells per record, coloured by level.
 
 import { clock, count, number, unit } from "./format.js";
 import { palette } from "./plots.js";
 import { written, zoneName } from "./time-zone.js";
 
-// dark to bright with even steps in lightness, told apart with any colour vision (after viridis)
+// dark to bright in even lightness steps, for any colour vision (after viridis)
 /** @type {[number, string][]} */
 const SCALE = [
   [0, "#0d0a2b"],
@@ -32,7 +32,7 @@ function timeTicks(items) {
   };
 }
 
-/** Red, green and blue of 256 levels from the lowest to the highest. */
+/** Red, green and blue of 256 levels from lowest to highest. */
 function lookup() {
   const stops = SCALE.map(([at, colour]) => ({
     at,
@@ -49,7 +49,7 @@ function lookup() {
   });
 }
 
-/** A picture with one pixel a cell, the first record on top; a zoom moves it and does not paint it anew. */
+/** An image with one pixel per cell, first record on top; zooming moves it without repainting. */
 function painted(items, cells, [low, high]) {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [cells, items.length];
@@ -67,7 +67,7 @@ function painted(items, cells, [low, high]) {
   return canvas.toDataURL("image/png");
 }
 
-/** The drawing of `range` decibels below the highest level, or words where there is nothing to draw. */
+/** Draws `range` decibels below the highest level, or returns a text when there is nothing to draw. */
 export function waterfallDrawing(
   { items, position, axis, unit: unitName, window, mesh_position: mesh, channel, reduced },
   range,
@@ -77,8 +77,8 @@ export function waterfallDrawing(
   const known = items.filter((item) => item.level_db);
   if (known.length === 0)
     return axis === "orders"
-      ? "No record of this channel has a known shaft speed, so there are no orders."
-      : "No records of this channel yet.";
+      ? "No record of this channel has a shaft speed, so there are no orders."
+      : "This channel has no records yet.";
   const colour = palette();
   const top = known.reduce(
     (highest, { level_db: levels }) => levels.reduce((a, b) => Math.max(a, b), highest),
@@ -95,7 +95,7 @@ export function waterfallDrawing(
     dy: 1,
     hoverinfo: "none",
   };
-  // an image has no colour bar: that of a trace without a point
+  // an image has no colour bar; an empty trace provides it
   const bar = {
     title: { text: `Peak amplitude (dB re 1 ${unit(unitName) || "unit"})`, side: "right" },
     thickness: 14,
@@ -128,7 +128,7 @@ export function waterfallDrawing(
             line: { color: "#ffffff", width: 1.5, dash: "dot" },
           },
         ];
-  // where the names would run into one another only some are written
+  // only some labels are written where they would overlap
   const width = matchMedia("(max-width: 40rem)").matches ? 200 : 800;
   const every = mesh ? Math.ceil(26 / ((mesh / position.at(-1)) * width)) : 1;
   const annotations = harmonics
@@ -157,7 +157,7 @@ export function waterfallDrawing(
       ["segment_id", known.map((item) => item.segment_id)],
       ...position.map((x, n) => [`${number(x, 6)} ${suffix} (dB)`, known.map((item) => item.level_db[n])]),
     ],
-    sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " picked evenly over the life" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. Click a line to open its record; a cursor reads the latest one.${harmonics.length ? " 1×, 2×… are mesh harmonics." : ""}`,
+    sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " sampled evenly" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. Click a line to open its record; a cursor reads the latest one.${harmonics.length ? " 1×, 2×… are mesh harmonics." : ""}`,
     summary: `Heat map of ${known.length} spectra from ${clock(known[0].start_time)} to ${clock(known.at(-1).start_time)}.`,
     layout: {
       uirevision: revision,

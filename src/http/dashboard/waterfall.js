@@ -1,4 +1,4 @@
-// Spectra over an asset's life as a heat map; a click on a line opens its record.
+// Spectra over an asset's life as a heat map; a click on a row opens its record.
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
@@ -23,7 +23,7 @@ export class WaterfallPage {
   #root;
   #query;
   #frame;
-  #card = new PlotCard("waterfall", "Spectra over the life");
+  #card = new PlotCard("waterfall", "Spectra over time");
   #axis = h(
     "select",
     { id: "waterfall-axis", onchange: () => change({ axis: this.#axis.value, max: null, cursor: null }) },
@@ -80,7 +80,7 @@ export class WaterfallPage {
     this.#frame.update(route.id, route.query);
   }
 
-  /** Follows a changed address. */
+  /** Reacts to a changed address. */
   update(route) {
     const before = this.#query;
     this.#query = route.query;
@@ -94,7 +94,7 @@ export class WaterfallPage {
     return true;
   }
 
-  /** Asks the server, for spectra only when some may have been added. */
+  /** Fetches the data; spectra only when some may have been added. */
   async refresh(signal) {
     const asset = await api.answer(api.asset(this.#id, signal));
     if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
@@ -103,22 +103,21 @@ export class WaterfallPage {
     const same = asset === this.#asset || Date.now() - this.#askedAt < AGAIN_MS;
     this.#frame.update(assetName(asset), this.#query);
     if (asked === this.#asked && same) return;
-    if (!asset.summary.segments)
-      return this.#card.say("No records yet: the waterfall begins with the first one.");
+    if (!asset.summary.segments) return this.#card.showNotice("No records yet.");
     const answer = await api.answer(
       api.waterfall(this.#id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal),
     );
     [this.#asset, this.#asked, this.#askedAt] = [asset, asked, Date.now()];
     this.#card.busy(false);
     this.#axis.value = axis ?? "";
-    // not while somebody types into it: an address that changed a moment ago would take the number away
+    // not while the user is typing: a change of the address would overwrite the input
     if (document.activeElement !== this.#max) this.#max.value = max ?? "";
-    if (answer instanceof Error) return this.#card.say(answer.message);
+    if (answer instanceof Error) return this.#card.showNotice(answer.message);
     this.#shown = answer;
     await this.redraw();
   }
 
-  /** Draws what is known anew. */
+  /** Redraws from known data. */
   async redraw() {
     if (!this.#shown) return;
     this.#floor.value = this.#query.floor ?? "";
@@ -134,14 +133,14 @@ export class WaterfallPage {
     this.#showCursor();
   }
 
-  /** Puts the cursor of the address over the plot; it reads the latest record. */
+  /** Shows the address's cursor over the plot; it reads the latest record. */
   #showCursor() {
     const spectrum = latestSpectrum(this.#shown, this.#asset.gear?.teeth[0]);
     this.#choice.show(this.#query, spectrum);
     this.#cursor.show(spectrum && cursorOf(this.#query, spectrum), spectrum);
   }
 
-  /** Tells the cell that is pointed at, and opens the record of a clicked one. */
+  /** Describes the cell under the pointer, and opens the record of a clicked one. */
   #follow() {
     const { plot } = this.#card;
     if (plot.dataset.followed) return;
@@ -170,7 +169,7 @@ export class WaterfallPage {
 
   tick() {}
 
-  /** Frees the plot. */
+  /** Releases the plot. */
   dispose() {
     this.#card.dispose();
   }

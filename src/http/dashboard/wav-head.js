@@ -1,11 +1,11 @@
-// The head of a WAV file and a sketch of its samples, read in slices: a file may be larger than the memory
-// that a page may take.
+// The header of a WAV file and a thumbnail of its samples, read in slices: a file may exceed the page's
+// memory.
 
-const CHUNKS = 64; // that are looked through for the samples
+const CHUNKS = 64; // searched for the samples
 const EXTENSIBLE = 0xfffe;
-const COLUMNS = 240; // of a sketch
-const WHOLE_BYTES = 4 * 1024 * 1024; // up to here every sample is looked at
-const PIECE_BYTES = 4096; // of a larger file, at each column
+const COLUMNS = 240; // of a thumbnail
+const WHOLE_BYTES = 4 * 1024 * 1024; // up to this size every sample is read
+const PIECE_BYTES = 4096; // of a larger file, read at each column
 
 const FORMATS = {
   "1/8": [1, (view, at) => (view.getUint8(at) - 128) / 128],
@@ -22,14 +22,17 @@ const FORMATS = {
 const view = async (file, from, to) => new DataView(await file.slice(from, to).arrayBuffer());
 const tag = (data, at) => String.fromCharCode(...Array.from({ length: 4 }, (_, n) => data.getUint8(at + n)));
 
-/** What is wrong with a file that is to be a WAV file. */
+/** An error in a supposed WAV file. */
 export class WavError extends Error {}
 
-/** `{ format, bits, channels, rate, at, bytes, frames, frameBytes }` of a WAV file; `at` is where its samples begin. */
+/**
+ * `{ format, bits, channels, rate, at, bytes, frames, frameBytes }` of a WAV file; `at` is the offset of its
+ * samples.
+ */
 export async function wavHead(file) {
   const begin = await view(file, 0, 12);
   if (begin.byteLength < 12 || tag(begin, 0) !== "RIFF" || tag(begin, 8) !== "WAVE")
-    throw new WavError("it does not begin like a WAV file (RIFF, WAVE)");
+    throw new WavError("it does not start like a WAV file (RIFF, WAVE)");
   let form = null;
   for (let at = 12, n = 0; n < CHUNKS && at + 8 <= file.size; n++) {
     const head = await view(file, at, at + 48);
@@ -47,18 +50,18 @@ export async function wavHead(file) {
       };
     }
     if (name === "data") {
-      if (!form) throw new WavError("its samples come before their format");
-      const bytes = Math.min(size, file.size - at - 8); // recorders that stop in a hurry leave a size that is too large
+      if (!form) throw new WavError("the data chunk precedes the format chunk");
+      const bytes = Math.min(size, file.size - at - 8); // recorders that stop abruptly leave a size that is too large
       if (!form.frameBytes || !form.channels || !form.rate)
-        throw new WavError("its format says nothing of rate or channels");
+        throw new WavError("its format chunk has no rate or channels");
       return { ...form, at: at + 8, bytes, frames: Math.floor(bytes / form.frameBytes) };
     }
     at += 8 + size + (size % 2);
   }
-  throw new WavError(form ? "it has no samples" : "it has no format");
+  throw new WavError(form ? "it has no data chunk" : "it has no format chunk");
 }
 
-/** The lowest and highest sample of `values` in each of up to `COLUMNS` stretches: `[low, high]` each. */
+/** The minimum and maximum of `values` in up to `COLUMNS` intervals: `[low, high]` each. */
 export function envelopeOf(values) {
   const columns = Math.min(COLUMNS, values.length);
   return Array.from({ length: columns }, (_, column) => {
@@ -80,7 +83,10 @@ function samplesOf(data, head, read, size, channel) {
   return Float64Array.from({ length: frames }, (_, n) => read(data, n * head.frameBytes + channel * size));
 }
 
-/** A sketch of a channel: `{ columns, whole }`; of a large file a piece at each column is looked at. Null where its samples cannot be read here. */
+/**
+ * A thumbnail of a channel: `{ columns, whole }`; a large file is sampled at each column. Null when its
+ * samples cannot be read here.
+ */
 export async function wavSketch(file, head, channel) {
   const [size, read] = FORMATS[`${head.format}/${head.bits}`] ?? [];
   if (!size || head.frames === 0 || head.frameBytes < size * head.channels) return null;

@@ -1,9 +1,9 @@
-// Samples over time, down to the single one.
+// Samples over time, down to single ones.
 
 import { clock, count, number, span, titled, unit } from "./format.js";
 import { recordColumns, recordEntries } from "./layers.js";
 
-const FEW = 400; // from here on each sample is a point of its own
+const FEW = 400; // up to this many samples, each is a point of its own
 
 function curve({ data: { time_s: x, value: y, unit: unitName, reduced }, colour, pointed }) {
   const mode = !reduced && x.length <= FEW ? "lines+markers" : "lines";
@@ -12,7 +12,7 @@ function curve({ data: { time_s: x, value: y, unit: unitName, reduced }, colour,
 }
 
 /**
- * The drawing of waveforms; `range` is the part that is looked at, null for the whole of the longest record, `duration`.
+ * Draws waveforms; `range` is the visible part, null for the whole of the longest record, `duration`.
  * @param {import("./layers.js").Layer[]} layers
  */
 export function waveformDrawing(layers, range, duration, revision) {
@@ -20,8 +20,8 @@ export function waveformDrawing(layers, range, duration, revision) {
   const shown = range ?? [0, duration];
   const part = range ? `${number(shown[0], 5)} to ${number(shown[1], 5)} s` : `All ${number(duration, 4)} s`;
   const detail = layers.some(({ data }) => data.reduced)
-    ? "drawn by the lowest and highest sample of each stretch; zoom in for every sample"
-    : `every sample, ${count(wave.time_s.length)} of them`;
+    ? "minimum and maximum of each interval; zoom in for every sample"
+    : `every sample (${count(wave.time_s.length)})`;
   return {
     traces: [curve(layers[0])],
     others: others.map(curve),
@@ -31,7 +31,7 @@ export function waveformDrawing(layers, range, duration, revision) {
         [`value (${data.unit})`, data.value],
       ]),
     legend: recordEntries(layers),
-    sub: `${part}: ${detail}. Drag to zoom, double-click for the whole.`,
+    sub: `${part}: ${detail}. Drag to zoom, double-click to reset.`,
     summary: `Waveform from ${clock(wave.start_time)}, ${span(duration)} long: ${part}.`,
     layout: {
       uirevision: `${revision} ${wave.segment_id}`,

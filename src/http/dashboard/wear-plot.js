@@ -1,5 +1,4 @@
-// Wear over time: median with its 50 and 90 % bands, limits, the baseline's stretch, and the reference where
-// there is one.
+// Wear over time: median with 50 and 90 % bands, limits, the baseline, and the reference if any.
 
 import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
@@ -8,7 +7,7 @@ import { inspectionMarks } from "./inspection.js";
 import { eventMarks, wordsAt } from "./life-events.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
-/** The outline of a band, one closed polygon for every stretch of records that have both of its edges. */
+/** The outline of a band: one closed polygon per run of records that have both edges. */
 function bandOutline(items, low, high) {
   const x = [];
   const y = [];
@@ -87,17 +86,17 @@ function hoverWords(
   return [...lines, ...(events.get(time) ?? [])].join("<br>");
 }
 
-/** Why there is no estimate at all, or null where there is one or the baseline is under way. */
+/** Why there is no estimate at all; null when there is one or the baseline is being collected. */
 export function withoutEstimate(items, hasPair) {
   if (!hasPair && items.every((item) => item.median_um == null))
-    return "Wear in µm is not estimated: no gear pair is described for this asset. Its indicators are below.";
+    return "Wear in µm is not estimated, because this asset has no gear pair. Its indicators are below.";
   const none = items.every((item) => item.median_um == null && item.status !== "collecting_baseline");
   return none
     ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.`
     : null;
 }
 
-/** What happened but for inspections, which are points of this plot instead of lines over it. */
+/** The events without inspections, which are points of this plot instead of lines over it. */
 function withoutInspections(events) {
   const { maintenance } = events;
   return maintenance instanceof Error
@@ -105,7 +104,7 @@ function withoutInspections(events) {
     : { ...events, maintenance: { items: maintenance.items.filter(({ inspection }) => !inspection) } };
 }
 
-/** The stretches of records in a row that a baseline was learnt from; after maintenance there is another one. */
+/** Runs of consecutive baseline records; maintenance starts a new one. */
 function baselineStretches(items) {
   const stretches = [];
   items.forEach((item, index) => {
@@ -116,7 +115,7 @@ function baselineStretches(items) {
   return stretches.filter((stretch) => stretch.length > 1);
 }
 
-/** Shaded stretches of baselines with their word. */
+/** Labelled shading of the baselines. */
 function baselineZones(items, colour) {
   const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
   return baselineStretches(items).map((stretch) => {
@@ -154,34 +153,40 @@ function baselineZones(items, colour) {
   });
 }
 
-const STRIP = 0.06; // of the plot's height, below it, for the records without an estimate
-const ROOM = 0.02; // of the range, beside the first and the last record
+const STRIP = 0.06; // height of the strip below the plot for records without an estimate, as a fraction of the plot
+const ROOM = 0.02; // beside the first and the last record, as a fraction of the range
 
-/** From the first to the last record. Said and not left to Plotly, which loses all points where a forecast and its range go. */
+/**
+ * The range from the first to the last record. Set explicitly: Plotly loses all points when a forecast and
+ * its range disappear.
+ */
 function rangeOf(items) {
   const [first, last] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
   const room = Math.max(ROOM * (last - first), 500);
   return [first - room, last + room].map((time) => new Date(time).toISOString());
 }
 
-/** The time range of the plots over an asset's life, with room for the forecast; undefined without records. */
+/** The time range of the plots over an asset's life, including the forecast; undefined without records. */
 export function timeRange(history, latest) {
   if (history instanceof Error || history.items.length === 0) return undefined;
   return forecastOf(history.items, latest, palette())?.range ?? rangeOf(history.items);
 }
 
-/** The range of an address's `time`, or null. */
+/** Parses `time` of an address into a range, or null. */
 export function timeOf(text) {
   const ends = (text ?? "").split("~").map((end) => new Date(end));
   return ends.length === 2 && ends[1] > ends[0] ? ends.map((end) => end.toISOString()) : null;
 }
 
-/** The same for an address. */
+/** Formats a range for an address. */
 export function formatTime(range) {
   return range && range.map((end) => `${new Date(end).toISOString().slice(0, 19)}Z`).join("~");
 }
 
-/** The drawing for a wear history; `selected` is the start time of the record that the page shows, `zoomed` a range of time or null, `rule` the alarm rule on the depth. */
+/**
+ * Draws a wear history; `selected` is the start time of the displayed record, `zoomed` a time range or null,
+ * `rule` the alarm rule on the depth.
+ */
 export function wearDrawing({ channel, items }, limits, selected, revision, latest, events, zoomed, rule) {
   const colour = palette();
   const ends = [items[0].start_time, items.at(-1).start_time];
@@ -230,7 +235,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
   ];
   const unknown = items.filter((item) => item.median_um == null);
   if (unknown.length) {
-    // ticks below the depths: a record without an estimate does not say that there is no wear
+    // ticks below the depths: a record without an estimate does not mean zero wear
     traces.push({
       x: unknown.map((item) => item.start_time),
       y: unknown.map(() => 0.5),

@@ -1,5 +1,5 @@
-//! A table as a Parquet file: times in nanoseconds of UTC, words in UTF-8, numbers as doubles that may be null.
-//! The file's metadata has `unit.NAME` for each column of numbers.
+//! A table as a Parquet file: times in nanoseconds UTC, strings in UTF-8, numbers as nullable doubles. The
+//! file's metadata has `unit.NAME` for each numeric column.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use parquet::schema::types::Type;
 
 use super::{Column, Table, Values};
 
-/// The whole file.
+/// Writes the whole file.
 pub(super) fn file(table: &Table) -> Result<Vec<u8>> {
     let fields: Result<Vec<_>> = table.columns.iter().map(|column| field(column).map(Arc::new)).collect();
     let schema = Type::group_type_builder("schema").with_fields(fields?).build()?;

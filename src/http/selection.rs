@@ -1,4 +1,4 @@
-//! Which records of a trend are asked for: a stretch of time, and of it those of one operating bin.
+//! Selects records of a trend by time range and operating bin.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -9,16 +9,16 @@ use super::problem::Problem;
 use crate::asset::{AssetSpec, OperatingBin};
 use crate::store::Trend;
 
-/// Positions in a trend.
+/// Selected positions in a trend.
 #[derive(Debug)]
-pub(super) struct Chosen {
+pub(super) struct Selection {
     range: Range<usize>,
-    /// Those of the range that were asked for; all where there is none.
+    /// The selected positions within the range; all if `None`.
     some: Option<Vec<usize>>,
 }
 
-impl Chosen {
-    /// The records that start at `from` or later and before `to`, of a bin where one is given.
+impl Selection {
+    /// Selects the records that start at `from` or later and before `to`, optionally of one bin.
     pub(super) fn of(
         trend: &Trend,
         from: Option<Timestamp>,
@@ -30,7 +30,7 @@ impl Chosen {
         Self { range, some }
     }
 
-    /// Of these those whose position in the trend `holds`.
+    /// Keeps only the records whose position in the trend satisfies `holds`.
     pub(super) fn only(self, holds: impl Fn(usize) -> bool) -> Self {
         let all = 0..self.len();
         let some = all.map(|n| self.position(n)).filter(|n| holds(*n)).collect();
@@ -41,12 +41,12 @@ impl Chosen {
         self.some.as_ref().map_or(self.range.len(), Vec::len)
     }
 
-    /// The position in the trend of the `n`-th record.
+    /// The position in the trend of the `n`-th selected record.
     pub(super) fn position(&self, n: usize) -> usize {
         self.some.as_ref().map_or(self.range.start + n, |some| some[n])
     }
 
-    /// A column of the trend for these records.
+    /// A column of the trend for the selected records.
     pub(super) fn column<'a, T: Copy>(&self, whole: &'a [T]) -> Cow<'a, [T]> {
         match &self.some {
             None => Cow::Borrowed(&whole[self.range.clone()]),
@@ -55,15 +55,15 @@ impl Chosen {
     }
 }
 
-/// The bin of an asset that a client asks for.
-pub(super) fn asked_bin(spec: &AssetSpec, name: Option<&str>) -> Result<Option<OperatingBin>, Problem> {
+/// The requested operating bin of an asset.
+pub(super) fn requested_bin(spec: &AssetSpec, name: Option<&str>) -> Result<Option<OperatingBin>, Problem> {
     let Some(name) = name else { return Ok(None) };
     let bin = spec.operating_bins.iter().find(|bin| bin.name == name);
     let unknown = || Problem::query("operating_bin", name, "the name of one of the asset's operating_bins");
     bin.cloned().map(Some).ok_or_else(unknown)
 }
 
-/// The bin that a record of a trend lies in; none where it lies in none.
+/// The bin of a trend's record; `None` if it is in none.
 pub(super) fn bin_of<'a>(bins: &'a [OperatingBin], trend: &Trend, position: usize) -> Option<&'a str> {
     bins.iter().find(|bin| holds(bin, trend, position)).map(|bin| bin.name.as_str())
 }

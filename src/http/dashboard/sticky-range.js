@@ -1,15 +1,16 @@
-// The range of an axis that stays while it fits: values that come several times a second would make it jump.
+// An axis range that stays while it fits: values arriving several times a second would otherwise make it
+// jump.
 
 const ROOM = 0.15;
-const TOO_WIDE = 0.35; // less than this part of the range in use
+const TOO_WIDE = 0.35; // fraction of the range in use below which it shrinks
 const SHRINK_MS = 3000;
 
 /** A range that grows at once and shrinks after a while. */
-export class HeldRange {
+export class StickyRange {
   #range = null;
   #fittedAt = 0;
 
-  /** The range to show values from `low` to `high` in, and whether `low` is an end that needs no room. */
+  /** The range that shows values from `low` to `high`; whether `low` is a fixed end that needs no margin. */
   fit(low, high, { isFloor = false } = {}, now = Date.now()) {
     if (!Number.isFinite(low) || !Number.isFinite(high)) return this.#range ?? [0, 1];
     const span = high - low || Math.abs(high) || 1;
@@ -23,7 +24,7 @@ export class HeldRange {
     return this.#range;
   }
 
-  /** Forgets it, for another unit or another channel. */
+  /** Forgets the range, for another unit or channel. */
   forget() {
     this.#range = null;
   }
