@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::run::Observation;
 use super::score::rank_correlation;
 use flankwatch_wear::estimate::{
-    EstimatorSettings, Inspection, JointEstimate, LifeStep, MaintenanceEvent, MaintenanceKind, Tracker,
+    EstimatorSettings, HistoryStep, Inspection, JointEstimate, MaintenanceEvent, MaintenanceKind, Tracker,
     WearEstimate, WearStatus,
 };
 use flankwatch_wear::library::{Ensemble, FlankPlace};
@@ -114,9 +114,10 @@ pub fn look_back(
     let half = run.records.len() / 2;
     let event = inspected(at(half), run.records.get(half)?.wear_um, error_um);
     let before = || run.records[..half].iter().enumerate();
-    let mut steps: Vec<LifeStep<'_>> =
-        before().map(|(record, observation)| LifeStep::Record(at(record), &observation.features)).collect();
-    steps.push(LifeStep::Event(&event));
+    let mut steps: Vec<HistoryStep<'_>> = before()
+        .map(|(record, observation)| HistoryStep::Record(at(record), &observation.features))
+        .collect();
+    steps.push(HistoryStep::Event(&event));
     let looked_back = tracker.in_hindsight(&steps);
     let mut state = tracker.start();
     let mut both = Vec::new();

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::alarm::{AlarmPanel, AlarmRule, PanelAction, PanelChange};
 use super::event::MaintenanceEvent;
-use super::tracker::{EstimatorSettings, LifeStep, Tracker, TrackerState};
-use super::wear::{LibraryLack, WearEstimate};
+use super::tracker::{EstimatorSettings, HistoryStep, Tracker, TrackerState};
+use super::wear::{MissingLibrary, WearEstimate};
 use crate::library::Ensemble;
 
 /// Estimates wear and alarms along a channel's records.
@@ -53,8 +53,12 @@ impl ChannelEstimator {
     }
 
     /// One while there is no library: as without a pair, and records are told why.
-    pub fn without_library(settings: EstimatorSettings, lack: LibraryLack, rules: Vec<AlarmRule>) -> Self {
-        Self { tracker: Arc::new(Tracker::without_library(settings, lack)), rules: rules.into() }
+    pub fn without_library(
+        settings: EstimatorSettings,
+        missing_library: MissingLibrary,
+        rules: Vec<AlarmRule>,
+    ) -> Self {
+        Self { tracker: Arc::new(Tracker::without_library(settings, missing_library)), rules: rules.into() }
     }
 
     /// The rules of its alarms.
@@ -87,7 +91,7 @@ impl ChannelEstimator {
     }
 
     /// The estimates of records before the last inspection of the same teeth, with what it taught; by step.
-    pub fn in_hindsight(&self, steps: &[LifeStep<'_>]) -> Vec<Option<WearEstimate>> {
+    pub fn in_hindsight(&self, steps: &[HistoryStep<'_>]) -> Vec<Option<WearEstimate>> {
         self.tracker.in_hindsight(steps)
     }
 

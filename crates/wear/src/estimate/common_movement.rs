@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-use super::healthy_lines::Measured;
+use super::healthy_lines::MeasuredLines;
 
 /// Fewest lines and records that a direction is told from.
 const MIN_LINES: usize = 6;
@@ -52,7 +52,7 @@ impl CommonMovement {
     }
 
     /// Whether a record's lines have moved as they move together in the baseline, and much further.
-    pub(super) fn explains(&self, record: &Measured) -> bool {
+    pub(super) fn explains(&self, record: &MeasuredLines) -> bool {
         let (mut along, mut square, mut change) = (0.0, 0.0, 0.0);
         for line in &record.lines {
             if let Some((_, part)) = self.lines.iter().find(|(index, _)| *index == line.index) {
@@ -100,9 +100,9 @@ mod tests {
         CommonMovement::of(&lines.iter().map(Vec::as_slice).enumerate().collect::<Vec<_>>())
     }
 
-    fn record(change: impl Fn(usize) -> f64) -> Measured {
+    fn record(change: impl Fn(usize) -> f64) -> MeasuredLines {
         let line = |index| MeasuredLine { index, change: change(index), variance: 0.01, floor: -9.0 };
-        Measured { lines: (0..LINES).map(line).collect(), load: 1.0 }
+        MeasuredLines { lines: (0..LINES).map(line).collect(), load: 1.0 }
     }
 
     #[test]

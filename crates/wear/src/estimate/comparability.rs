@@ -23,20 +23,21 @@ pub(super) struct Comparability {
     #[serde(default)]
     sample_rate_hz: Option<f64>,
     /// Whether mesh lines are read apart from their sidebands.
-    apart: Option<bool>,
+    #[serde(rename = "apart")]
+    resolves_sidebands: Option<bool>,
 }
 
 /// Whether a record's mesh lines are read apart from their sidebands, where its speed and length are known.
-fn lines_are_apart(record: &Features) -> Option<bool> {
+fn resolves_sidebands(record: &Features) -> Option<bool> {
     let speed_hz = record.operating_point.shaft_speed_hz.filter(|_| record.has_mesh())?;
     Some(record.extent?.seconds >= Extent::seconds_apart(speed_hz))
 }
 
 /// Whether two records can be part of one baseline.
-pub(super) fn go_together(one: &Features, other: &Features) -> bool {
+pub(super) fn can_share_baseline(one: &Features, other: &Features) -> bool {
     let same_length = |one: Extent, other: Extent| (one.seconds / other.seconds).ln().abs() < SAME_LENGTH;
     let same = one.extent.zip(other.extent).is_none_or(|(one, other)| same_length(one, other));
-    same || lines_are_apart(one) == lines_are_apart(other)
+    same || resolves_sidebands(one) == resolves_sidebands(other)
 }
 
 impl Comparability {
@@ -47,19 +48,19 @@ impl Comparability {
             seconds: mean(records.clone().filter_map(|record| Some(record.extent?.seconds))),
             shaft_speed_hz: mean(speeds),
             sample_rate_hz: mean(records.clone().filter_map(|record| Some(record.extent?.sample_rate_hz))),
-            apart: records.into_iter().next().and_then(lines_are_apart),
+            resolves_sidebands: records.into_iter().next().and_then(resolves_sidebands),
         }
     }
 
     /// Why a record's length makes it incomparable.
-    pub(super) fn refuses(&self, record: &Features) -> Option<String> {
+    pub(super) fn rejection(&self, record: &Features) -> Option<String> {
         let seconds = record.extent?.seconds;
         if (seconds / self.seconds?).ln().abs() < SAME_LENGTH {
             return None;
         }
         let speed_hz = record.operating_point.shaft_speed_hz.or(self.shaft_speed_hz)?;
         let needed_s = Extent::seconds_apart(speed_hz);
-        match (self.apart?, seconds >= needed_s) {
+        match (self.resolves_sidebands?, seconds >= needed_s) {
             (true, false) => Some(format!(
                 "not comparable with the baseline: a record of {seconds:.2} s, and {needed_s:.2} s are needed to tell the mesh lines from their sidebands"
             )),
@@ -128,20 +129,20 @@ mod tests {
     #[test]
     fn lines_and_sidebands_that_run_together_are_not_compared_with_such_that_do_not() {
         let long = Comparability::of([record(1.0), record(0.5)].iter());
-        assert_eq!(long.refuses(&record(0.26)), None);
-        let why = long.refuses(&record(0.2)).unwrap();
+        assert_eq!(long.rejection(&record(0.26)), None);
+        let why = long.rejection(&record(0.2)).unwrap();
         assert!(why.contains("0.20 s") && why.contains("0.25 s"), "{why}");
         let short = Comparability::of([record(0.2)].iter());
-        assert_eq!(short.refuses(&record(0.1)), None);
-        assert_eq!(Comparability::of([record(0.26)].iter()).refuses(&record(0.24)), None, "nearly as long");
-        assert!(short.refuses(&record(1.0)).is_some());
+        assert_eq!(short.rejection(&record(0.1)), None);
+        assert_eq!(Comparability::of([record(0.26)].iter()).rejection(&record(0.24)), None, "nearly as long");
+        assert!(short.rejection(&record(1.0)).is_some());
     }
 
     #[test]
     fn a_baseline_is_of_records_that_are_alike_in_length_or_in_what_they_tell_apart() {
-        assert!(go_together(&record(0.24), &record(0.26)));
-        assert!(go_together(&record(0.3), &record(3.0)));
-        assert!(!go_together(&record(0.2), &record(0.3)));
+        assert!(can_share_baseline(&record(0.24), &record(0.26)));
+        assert!(can_share_baseline(&record(0.3), &record(3.0)));
+        assert!(!can_share_baseline(&record(0.2), &record(0.3)));
     }
 
     #[test]

@@ -77,12 +77,12 @@ mod tests {
     #[test]
     fn healthy_records_pass_a_level_as_often_as_is_told() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut charts = Cusums::default();
+        let mut cusums = Cusums::default();
         let levels = [1e-1, 1e-2, 1e-3];
         let mut passed = [0_u32; 3];
         for _ in 0..100_000 {
-            charts.update(["a", "b", "c", "d"].into_iter().map(|name| (name, normal(&mut random))));
-            if let Some((_, p)) = charts.highest() {
+            cusums.update(["a", "b", "c", "d"].into_iter().map(|name| (name, normal(&mut random))));
+            if let Some((_, p)) = cusums.highest() {
                 for (passed, level) in passed.iter_mut().zip(levels) {
                     *passed += u32::from(p < level);
                 }
@@ -99,19 +99,19 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let mut seen = 0;
         for _ in 0..200 {
-            let mut charts = Cusums::default();
+            let mut cusums = Cusums::default();
             for _ in 0..50 {
-                charts.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
+                cusums.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
             }
             for _ in 0..10 {
-                charts.update([("a", 2.0 + normal(&mut random)), ("b", normal(&mut random))].into_iter());
+                cusums.update([("a", 2.0 + normal(&mut random)), ("b", normal(&mut random))].into_iter());
             }
-            let (name, p) = charts.highest().unwrap();
+            let (name, p) = cusums.highest().unwrap();
             seen += u32::from(name == "a" && p < 1e-4);
             for _ in 0..30 {
-                charts.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
+                cusums.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
             }
-            assert!(charts.highest().is_none_or(|(_, p)| p > 1e-4));
+            assert!(cusums.highest().is_none_or(|(_, p)| p > 1e-4));
         }
         assert!(seen > 180, "{seen} of 200");
     }

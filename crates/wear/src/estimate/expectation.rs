@@ -4,7 +4,7 @@ use super::anchor::{Anchor, anchor_reach};
 use super::deviation::Deviation;
 use super::discrepancy::Discrepancy;
 use super::extrapolation::Extrapolation;
-use super::healthy_lines::{Measured, MeasuredLine};
+use super::healthy_lines::{MeasuredLine, MeasuredLines};
 use super::load::Load;
 use crate::library::{DEPTHS, Ensemble, LANES, Lanes, line_name};
 
@@ -65,7 +65,7 @@ impl<'a> Expectations<'a> {
     pub(super) fn of(
         discrepancy: &'a Discrepancy,
         ensemble: &'a Ensemble,
-        measured: &'a Measured,
+        measured: &'a MeasuredLines,
         reference: Reference<'a>,
     ) -> Self {
         let depths_um: Vec<f32> = ensemble.depths_um().iter().map(|um| *um as f32).collect();

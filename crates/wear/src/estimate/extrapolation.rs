@@ -21,8 +21,8 @@ const SPEEDS: [f64; 2] = [0.5, 2.0];
 const TORQUES: [f64; 2] = [0.4, 2.5];
 
 /// From these factors on, either way, an answer says that it is less certain.
-const SAID_SPEED: f64 = 1.1;
-const SAID_TORQUE: f64 = 1.25;
+const CAVEAT_SPEED: f64 = 1.1;
+const CAVEAT_TORQUE: f64 = 1.25;
 
 /// A record's speed and torque in parts of the described ones; 1 where one is not known.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,7 +46,7 @@ impl Extrapolation {
     }
 
     /// Why nothing can be said at this operating point.
-    pub(super) fn refuses(&self) -> Option<String> {
+    pub(super) fn rejection(&self) -> Option<String> {
         let refused = |what, part: f64, [least, most]: [f64; 2]| {
             let inside = (least..=most).contains(&part);
             (!inside).then(|| {
@@ -65,12 +65,12 @@ impl Extrapolation {
     }
 
     /// Why an answer is less certain than at the described operating point.
-    pub(super) fn words(&self) -> Option<String> {
+    pub(super) fn caveat(&self) -> Option<String> {
         let far = |what, part: f64, said: f64| {
             (part.ln().abs() > said.ln()).then(|| format!("the {what} is {part:.2} of the described one"))
         };
-        let speed = far("shaft speed", self.speed, SAID_SPEED);
-        let torque = far("torque", self.torque, SAID_TORQUE);
+        let speed = far("shaft speed", self.speed, CAVEAT_SPEED);
+        let torque = far("torque", self.torque, CAVEAT_TORQUE);
         let words: Vec<String> = speed.into_iter().chain(torque).collect();
         (!words.is_empty()).then(|| format!("less certain, as {}", words.join(" and ")))
     }
@@ -84,24 +84,24 @@ mod tests {
     fn doubt_grows_with_the_distance_to_the_described_point() {
         let at = |speed, torque| Extrapolation { speed, torque };
         assert_eq!(at(1.0, 1.0).variance_factor(0.45), 1.0);
-        assert_eq!((at(1.05, 0.85).words(), at(1.0, 1.0).refuses()), (None, None));
+        assert_eq!((at(1.05, 0.85).caveat(), at(1.0, 1.0).rejection()), (None, None));
         // As simulated: 0.20 in the logarithm at 10 %, 0.38 at 25 %.
         for (speed, simulated) in [(1.1, 0.2), (1.0 / 1.25, 0.38), (2.0, 0.64)] {
             let wrong = (at(speed, 1.0).variance_factor(1.0) - 1.0).sqrt();
             assert!((wrong - simulated).abs() < 0.02, "{speed}: {wrong}");
         }
         assert_eq!(
-            at(0.8, 1.5).words().as_deref(),
+            at(0.8, 1.5).caveat().as_deref(),
             Some(
                 "less certain, as the shaft speed is 0.80 of the described one and the torque is 1.50 of the described one"
             )
         );
         assert!(
             at(0.4, 1.0)
-                .refuses()
+                .rejection()
                 .unwrap()
                 .contains("the shaft speed is 0.40 of the described one, expected 0.5 to 2")
         );
-        assert!(at(1.0, 3.0).refuses().unwrap().contains("the torque is 3.00"));
+        assert!(at(1.0, 3.0).rejection().unwrap().contains("the torque is 3.00"));
     }
 }

@@ -50,14 +50,14 @@ pub(super) struct Filter {
 }
 
 /// What is believed after a record, and by the record itself.
-pub(super) struct Believed {
+pub(super) struct JointPosterior {
     /// By group of members and depth; the sum is 1.
     pub(super) joint: Vec<f32>,
     /// By rate and depth; the sum is 1.
     pub(super) by_rate: Vec<f32>,
 }
 
-impl Believed {
+impl JointPosterior {
     /// The same where, with this probability, there is no wear at all.
     pub(super) fn or_no_wear(mut self, probability: f32) -> Self {
         let groups = (self.joint.len() / DEPTHS).max(1) as f32;
@@ -117,7 +117,7 @@ impl Filter {
     }
 
     /// Lets wear grow over `units` and takes one record.
-    pub(super) fn update(&mut self, growth: &Growth, units: f64, likelihood: &Likelihood) -> Believed {
+    pub(super) fn update(&mut self, growth: &Growth, units: f64, likelihood: &Likelihood) -> JointPosterior {
         let (mut cells, mut parts) = self.unpacked();
         growth.advance(&mut self.prior, units);
         normalise(&mut self.prior);
@@ -130,9 +130,9 @@ impl Filter {
             cells: &mut cells,
             parts: &mut parts,
         };
-        let believed = Arch::new().dispatch(step);
+        let posterior = Arch::new().dispatch(step);
         self.pack(&cells, &parts);
-        believed
+        posterior
     }
 
     /// Takes what an inspection says: a likelihood by member and depth, in full.
@@ -205,10 +205,10 @@ struct Step<'a> {
 }
 
 impl WithSimd for Step<'_> {
-    type Output = Believed;
+    type Output = JointPosterior;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Believed {
+    fn with_simd<S: Simd>(self, _: S) -> JointPosterior {
         let Self { growth, units, carried, prior, likelihood, cells, parts } = self;
         growth.advance(cells, units);
         let groups = cells.len() / BLOCK;
@@ -233,7 +233,7 @@ impl WithSimd for Step<'_> {
         }
         normalise(&mut joint);
         normalise(&mut by_rate);
-        Believed { joint, by_rate }
+        JointPosterior { joint, by_rate }
     }
 }
 
@@ -395,7 +395,7 @@ mod tests {
         joint[DEPTHS + 7] = 1.0;
         let mut by_rate = vec![0.0; BLOCK];
         by_rate[2 * DEPTHS + 7] = 1.0;
-        let less = Believed { joint, by_rate }.or_no_wear(0.25);
+        let less = JointPosterior { joint, by_rate }.or_no_wear(0.25);
         let depths = less.by_depth();
         assert!((depths[0] - 0.25).abs() < 1e-6 && (depths[7] - 0.75).abs() < 1e-6);
         assert_eq!((less.by_rate[0], less.by_rate[2 * DEPTHS + 7]), (0.25, 0.75));

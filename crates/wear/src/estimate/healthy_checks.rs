@@ -19,20 +19,20 @@ const CHECK_PART: f64 = 0.5;
 
 /// Wear that moves the mesh lines apart from each other moves what lies between them too, by something that
 /// no library knows: at most this part of how far the lines have moved apart, by kind of check.
-const MOVED_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.5), ("ln_tooth_", 0.5), ("ln_", 0.6)];
+const DRIFT_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.5), ("ln_tooth_", 0.5), ("ln_", 0.6)];
 
 /// How far wear moves the lines apart from each other within a unit of growth, at most: what moves at once is
 /// no wear.
-const SUDDEN: f64 = 0.1;
+const MAX_SPREAD_STEP: f64 = 0.1;
 
 /// Part of what a check may have moved by that differs from record to record.
-const UNSTEADY: f64 = 0.1;
+const DRIFT_SCATTER: f64 = 0.1;
 
 /// Part of the newest record in what is known of the drift.
 const NEWEST_PART: f64 = 0.15;
 
 /// Checks in which a simulation without noise has rounding, and no wear.
-const UNMOVED: [&str; 2] = ["ln_shaft_", "ln_tooth_"];
+const UNSIMULATED: [&str; 2] = ["ln_shaft_", "ln_tooth_"];
 
 /// What the check of what the teeth repeat begins with.
 const REPEATED: &str = "ln_tooth_repeated_";
@@ -56,54 +56,59 @@ struct Check {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Drift {
     /// How far the lines have moved apart.
-    apart: f64,
+    #[serde(rename = "apart")]
+    line_spread: f64,
     /// By check.
     offsets: BTreeMap<String, f64>,
 }
 
 /// The drift that a record may show.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Drifting<'a> {
+pub(super) struct AllowedDrift<'a> {
     drift: &'a Drift,
-    apart: f64,
+    line_spread: f64,
     units: f64,
 }
 
 impl Drift {
     /// What a record may show whose lines are `apart` from each other, `units` of growth after the one
     /// before.
-    pub(super) fn at(&self, apart: f64, units: f64) -> Drifting<'_> {
-        Drifting { drift: self, apart: apart.min(self.apart + SUDDEN * units), units }
+    pub(super) fn at(&self, line_spread: f64, units: f64) -> AllowedDrift<'_> {
+        AllowedDrift {
+            drift: self,
+            line_spread: line_spread.min(self.line_spread + MAX_SPREAD_STEP * units),
+            units,
+        }
     }
 
     /// What is known after a record that wear explains.
-    pub(super) fn after(&self, apart: f64, units: f64, checks: &[Deviation]) -> Self {
-        let apart = self.at(apart, units).apart;
+    pub(super) fn after(&self, line_spread: f64, units: f64, checks: &[Deviation]) -> Self {
+        let line_spread = self.at(line_spread, units).line_spread;
         let offset = |check: &Deviation| {
             let before = self.offsets.get(&check.name).copied().unwrap_or(0.0);
-            let most = part(&check.name) * apart;
+            let most = max_drift_part(&check.name) * line_spread;
             (check.name.clone(), (before + NEWEST_PART * check.residual).clamp(-most, most))
         };
         Self {
-            apart: self.apart + NEWEST_PART * (apart - self.apart),
+            line_spread: self.line_spread + NEWEST_PART * (line_spread - self.line_spread),
             offsets: checks.iter().map(offset).collect(),
         }
     }
 }
 
-impl Drifting<'_> {
+impl AllowedDrift<'_> {
     /// Where a check is expected, and the variance of that.
     fn of(&self, check: &str) -> (f64, f64) {
         let offset = self.drift.offsets.get(check).copied().unwrap_or(0.0);
-        let step = part(check) * (SUDDEN * self.units).min(self.apart);
-        let scatter = part(check) * UNSTEADY * self.apart;
+        let step = max_drift_part(check) * (MAX_SPREAD_STEP * self.units).min(self.line_spread);
+        let scatter = max_drift_part(check) * DRIFT_SCATTER * self.line_spread;
         (offset, step * step + scatter * scatter)
     }
 }
 
 /// How far a check moves at most for what the lines have moved apart.
-fn part(check: &str) -> f64 {
-    let kind = MOVED_PARTS.iter().find(|(kind, _)| check.starts_with(kind));
+fn max_drift_part(check: &str) -> f64 {
+    let kind = DRIFT_PARTS.iter().find(|(kind, _)| check.starts_with(kind));
     kind.map_or(0.0, |(_, part)| *part)
 }
 
@@ -145,8 +150,8 @@ impl HealthyChecks {
                 (0..kernels.len()).map(|kernel| kernels.log_evidence(kernel, &values)).collect();
             let kernel =
                 (0..evidence.len()).max_by(|&a, &b| evidence[a].total_cmp(&evidence[b])).unwrap_or(0);
-            let wears = !UNMOVED.iter().any(|kind| feature.name.starts_with(kind));
-            let change = match ensemble.filter(|_| wears) {
+            let is_simulated = !UNSIMULATED.iter().any(|kind| feature.name.starts_with(kind));
+            let change = match ensemble.filter(|_| is_simulated) {
                 None => vec![0.0],
                 Some(ensemble) => {
                     let library = ensemble.described();
@@ -181,7 +186,7 @@ impl HealthyChecks {
         record: &Features,
         log_speed: f64,
         depth: usize,
-        drifting: Drifting<'_>,
+        drift: AllowedDrift<'_>,
     ) -> Vec<Deviation> {
         let scatter = self.comparability.scatter(record);
         let at = self.kernels.weights(log_speed);
@@ -196,7 +201,7 @@ impl HealthyChecks {
             }
             let value = record.checks.get(&check.name)?;
             let change = check.change[depth.min(check.change.len() - 1)];
-            let (offset, drift_variance) = drifting.of(&check.name);
+            let (offset, drift_variance) = drift.of(&check.name);
             let wrong = CHECK_DISCREPANCY + CHECK_RELATIVE_DISCREPANCY * change.abs();
             let expected = check.constant + at.path(check.kernel, &check.weights) + change + offset;
             Some(Deviation {
@@ -212,19 +217,21 @@ impl HealthyChecks {
     }
 
     /// How what a gain multiplies stands to the healthy values, whatever wear does.
-    pub(super) fn gained(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
-        let gained = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
-        gained
-            .filter_map(|check| self.against_healthy(check, *record.checks.get(&check.name)?, log_speed))
+    pub(super) fn gain_sensitive(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
+        let gain_sensitive = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
+        gain_sensitive
+            .filter_map(|check| {
+                self.deviation_from_healthy(check, *record.checks.get(&check.name)?, log_speed)
+            })
             .collect()
     }
 
     /// How a record's kurtosis stands to the healthy ones.
     pub(super) fn kurtosis(&self, record: &Features, log_speed: f64) -> Option<Deviation> {
-        self.against_healthy(self.kurtosis.as_ref()?, *record.values.get(KURTOSIS)?, log_speed)
+        self.deviation_from_healthy(self.kurtosis.as_ref()?, *record.values.get(KURTOSIS)?, log_speed)
     }
 
-    fn against_healthy(&self, check: &Check, value: f64, log_speed: f64) -> Option<Deviation> {
+    fn deviation_from_healthy(&self, check: &Check, value: f64, log_speed: f64) -> Option<Deviation> {
         let at = self.kernels.weights(log_speed);
         Some(Deviation {
             name: check.name.clone(),

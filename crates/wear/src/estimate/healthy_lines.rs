@@ -35,7 +35,7 @@ const TORQUE_POWER: f64 = 1.0;
 const AFTER_BASELINE: f64 = 0.02;
 
 /// Greatest distance of the lines from each other that counts.
-const MAX_APART: f64 = 1.5;
+const MAX_LINE_SPREAD: f64 = 1.5;
 
 /// The fit of one line over the baseline's speeds.
 #[derive(Debug, Clone)]
@@ -89,7 +89,7 @@ pub(super) struct HealthyLines {
     kernels: SpeedKernels,
     lines: Vec<Line>,
     /// Where no record has its torque.
-    together: Option<CommonMovement>,
+    common_movement: Option<CommonMovement>,
     nominal_speed_hz: f64,
     nominal_torque_nm: f64,
 }
@@ -116,13 +116,13 @@ impl MeasuredLine {
 
 /// The lines of a record and its torque.
 #[derive(Debug, Clone)]
-pub(super) struct Measured {
+pub(super) struct MeasuredLines {
     pub(super) lines: Vec<MeasuredLine>,
     /// Torque over the described one; 1 where it is not given.
     pub(super) load: f64,
 }
 
-impl Measured {
+impl MeasuredLines {
     /// The lines' changes from the healthy ones, whatever wear does.
     pub(super) fn deviations(&self) -> impl Iterator<Item = Deviation> {
         self.lines.iter().map(|line| Deviation {
@@ -140,11 +140,11 @@ impl Measured {
 
     /// How far the lines have moved apart from each other: the standard deviation of their changes beyond
     /// their scatter. A change of the sensor's gain moves all alike.
-    pub(super) fn apart(&self) -> f64 {
+    pub(super) fn line_spread(&self) -> f64 {
         let count = self.lines.len().max(2) as f64;
         let mean = self.lines.iter().map(|line| line.change).sum::<f64>() / count;
         let square: f64 = self.lines.iter().map(|line| (line.change - mean).powi(2) - line.variance).sum();
-        (square / (count - 1.0)).max(0.0).sqrt().min(MAX_APART)
+        (square / (count - 1.0)).max(0.0).sqrt().min(MAX_LINE_SPREAD)
     }
 }
 
@@ -190,14 +190,15 @@ impl HealthyLines {
         // The weights are what is left of each record beside the fit.
         let left: Vec<(usize, &[f64])> =
             lines.iter().map(|line| (line.index, line.weights.as_slice())).collect();
-        let together = if has_torque { None } else { CommonMovement::of(&left) };
-        Self { kernels, lines, together, nominal_speed_hz, nominal_torque_nm }
+        let common_movement = if has_torque { None } else { CommonMovement::of(&left) };
+        Self { kernels, lines, common_movement, nominal_speed_hz, nominal_torque_nm }
     }
 
     /// Whether a record without its torque has lines that moved as load moves them.
-    pub(super) fn moved_like_load(&self, record: &Features, measured: &Measured) -> bool {
-        let together = self.together.as_ref().filter(|_| record.operating_point.torque_nm.is_none());
-        together.is_some_and(|together| together.explains(measured))
+    pub(super) fn moved_like_load(&self, record: &Features, measured: &MeasuredLines) -> bool {
+        let common_movement =
+            self.common_movement.as_ref().filter(|_| record.operating_point.torque_nm.is_none());
+        common_movement.is_some_and(|common_movement| common_movement.explains(measured))
     }
 
     /// Lines that are compared.
@@ -223,7 +224,7 @@ impl HealthyLines {
 
     /// A record's lines against the healthy ones; `scatter` times as large is the variance of one that is
     /// shorter than they are.
-    pub(super) fn measured(&self, record: &Features, scatter: f64) -> Measured {
+    pub(super) fn measure(&self, record: &Features, scatter: f64) -> MeasuredLines {
         let at = self.kernels.weights(self.log_speed(record));
         let load = relative(record.operating_point.torque_nm, self.nominal_torque_nm);
         let log_torque = load.ln();
@@ -243,7 +244,7 @@ impl HealthyLines {
                 floor: line.floor,
             })
         };
-        Measured { lines: self.lines.iter().filter_map(line).collect(), load }
+        MeasuredLines { lines: self.lines.iter().filter_map(line).collect(), load }
     }
 }
 

@@ -17,13 +17,13 @@ use super::wear::{Interval, WearEstimate, WearStatus};
 const CORRELATION: f64 = 0.7;
 
 /// From this p-value on a channel is named as one that contributes.
-const CONTRIBUTES: f64 = 0.05;
+const CONTRIBUTING_P_VALUE: f64 = 0.05;
 
 /// A channel is silent where it has missed so many of its records while another one went on.
-const MISSED_RECORDS: i32 = 10;
+const MAX_MISSED_RECORDS: i32 = 10;
 
 /// A mixture wider than this part of the library says that the channels do not tell.
-const WIDEST_MIXTURE: f64 = 0.6;
+const MAX_MIXTURE_PART: f64 = 0.6;
 
 /// What one channel adds to the asset's answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -73,14 +73,17 @@ impl RecordTimes {
     /// Whether this channel has ended while others went on: `newest` is the latest record of them all. A
     /// channel with a single record is measured by the `usual` interval.
     fn is_silent(&self, newest: Timestamp, usual: SignedDuration) -> bool {
-        newest.duration_since(self.latest) > self.interval().unwrap_or(usual) * MISSED_RECORDS
+        newest.duration_since(self.latest) > self.interval().unwrap_or(usual) * MAX_MISSED_RECORDS
     }
 
     /// Which of an asset's channels are silent. Never all of them: the one with the newest record is not.
     pub fn silent(channels: &[Self]) -> Vec<bool> {
         let newest = channels.iter().map(|times| times.latest).max().unwrap_or_default();
-        let usual =
-            channels.iter().filter_map(Self::interval).max().unwrap_or(SignedDuration::MAX / MISSED_RECORDS);
+        let usual = channels
+            .iter()
+            .filter_map(Self::interval)
+            .max()
+            .unwrap_or(SignedDuration::MAX / MAX_MISSED_RECORDS);
         channels.iter().map(|times| times.is_silent(newest, usual)).collect()
     }
 }
@@ -114,7 +117,7 @@ impl JointEstimate {
         match pooled {
             Some(p_value) if !alone && !is_open && p_value < MIN_P_VALUE => {
                 leading = most_novel(latest).unwrap_or(leading);
-                wear = outside(latest, leading, p_value);
+                wear = jointly_outside(latest, leading, p_value);
             }
             _ if wear.status == WearStatus::Estimated => mix(latest, &mut wear),
             _ => {}
@@ -139,7 +142,7 @@ impl JointEstimate {
     }
 
     /// Names a channel that took no part, since it is silent.
-    pub fn name_silent(&mut self, channel: &str, wear: &WearEstimate, since: Timestamp) {
+    pub fn add_silent_channel(&mut self, channel: &str, wear: &WearEstimate, since: Timestamp) {
         self.wear.reason =
             format!("{}; channel {channel} takes no part: no record since {since:.0}", self.wear.reason);
         let silent =
@@ -164,7 +167,7 @@ impl ChannelContribution {
 }
 
 /// How much a channel's latest estimate has to say about the machine.
-fn urgency(status: WearStatus) -> u8 {
+fn priority(status: WearStatus) -> u8 {
     match status {
         WearStatus::OutsideLibrary => 4,
         WearStatus::Estimated => 3,
@@ -176,13 +179,13 @@ fn urgency(status: WearStatus) -> u8 {
 
 /// Of several that are outside the library the one that is so with the most certainty, else the first.
 fn leading(latest: &[(&str, &WearEstimate)]) -> usize {
-    let says = |wear: &WearEstimate| {
+    let rank = |wear: &WearEstimate| {
         let score = wear.novelty.as_ref().map_or(0.0, |novelty| novelty.score);
-        (urgency(wear.status), if wear.status == WearStatus::OutsideLibrary { score } else { 0.0 })
+        (priority(wear.status), if wear.status == WearStatus::OutsideLibrary { score } else { 0.0 })
     };
     let mut best = 0;
     for (n, (_, wear)) in latest.iter().enumerate().skip(1) {
-        if says(wear) > says(latest[best].1) {
+        if rank(wear) > rank(latest[best].1) {
             best = n;
         }
     }
@@ -233,10 +236,10 @@ fn normal_deviate(p: f64) -> f64 {
 }
 
 /// The answer where no channel stands out by itself, and all of them together do.
-fn outside(latest: &[(&str, &WearEstimate)], leading: usize, p_value: f64) -> WearEstimate {
+fn jointly_outside(latest: &[(&str, &WearEstimate)], leading: usize, p_value: f64) -> WearEstimate {
     let leader = latest[leading].1;
     let part = |(channel, wear): &(&str, &WearEstimate)| {
-        let p = judged(wear).filter(|p| *p < CONTRIBUTES)?;
+        let p = judged(wear).filter(|p| *p < CONTRIBUTING_P_VALUE)?;
         Some(format!("{channel} (novelty {:.1})", Novelty::score_of(p)))
     };
     let parts: Vec<String> = latest.iter().filter_map(part).collect();
@@ -281,7 +284,7 @@ fn mix(latest: &[(&str, &WearEstimate)], wear: &mut WearEstimate) {
     let at_end = p95 >= grid.cell_um(mixture.wear_um.len().saturating_sub(2))[0];
     let names: Vec<&str> = estimated.iter().map(|(channel, _)| *channel).collect();
     let names = names.join(", ");
-    (wear.status, wear.reason) = if p95 - p05 > WIDEST_MIXTURE * end_um {
+    (wear.status, wear.reason) = if p95 - p05 > MAX_MIXTURE_PART * end_um {
         let reason = format!("channels {names} disagree: wear anywhere between {p05:.0} and {p95:.0} µm");
         (WearStatus::NotIdentifiable, reason)
     } else if at_end {

@@ -20,14 +20,14 @@ const LEVEL_VARIANCE: f64 = NEWEST_PART / (2.0 - NEWEST_PART);
 const MIN_GAIN: f64 = 0.15;
 
 /// ... leaves no more than this part of the sum of squares ...
-const GAIN_LEAVES: f64 = 0.3;
+const MAX_RESIDUAL_PART: f64 = 0.3;
 
 /// ... which is no more than chance leaves: so many standard deviations, of values that are correlated.
-const MAX_LEFT: f64 = 3.0;
+const MAX_RESIDUAL_SCORE: f64 = 3.0;
 const INFLATION: f64 = 2.0;
 
 /// It stays what it is to this logarithm.
-const UNSTEADY: f64 = 0.2;
+const GAIN_TOLERANCE: f64 = 0.2;
 
 /// It shows in one of the first records that wear does not explain: what began as something else is no gain.
 const RECORDS_TO_PROVE: u8 = 3;
@@ -37,7 +37,7 @@ const MIN_SCATTER: f64 = 0.03;
 
 /// Lines fall with the noise floor where none is left higher than this logarithm above it: what wear and the
 /// slope of a loss within the octave do to a line is less.
-const FELL_TOGETHER: f64 = 1.8;
+const FALL_TOLERANCE: f64 = 1.8;
 
 /// Fewest values that a gain is told from.
 const MIN_VALUES: usize = 6;
@@ -53,20 +53,22 @@ pub(super) struct Levels {
     /// By value, measured less healthy, of the records that wear explained: its level, and the variance
     /// around it.
     levels: BTreeMap<String, [f32; 2]>,
-    since: Since,
+    #[serde(rename = "since")]
+    last_outcome: Outcome,
 }
 
 /// What the records since the last explained one were.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Since {
+enum Outcome {
     /// There is none.
     #[default]
     Explained,
     /// All values moved by this logarithm.
     Gain(f32),
     /// So many that something else explains, or chance.
-    Else(u8),
+    #[serde(rename = "else")]
+    Other(u8),
 }
 
 /// Whether a record's kurtosis deviates from the healthy ones.
@@ -86,7 +88,7 @@ impl Levels {
         if values.len() < MIN_VALUES {
             return None;
         }
-        let moved: Vec<Deviation> = values.iter().map(|value| self.moved(value)).collect();
+        let moved: Vec<Deviation> = values.iter().map(|value| self.deviation_from_level(value)).collect();
         let weight = |d: &Deviation| d.deviation.powi(-2);
         let gain =
             moved.iter().map(|d| weight(d) * d.residual).sum::<f64>() / moved.iter().map(weight).sum::<f64>();
@@ -95,15 +97,15 @@ impl Levels {
             moved.iter().map(|d| left(d).normal_score(freedom).powi(2)).sum()
         };
         let left = squares(gain);
-        let alike = left < GAIN_LEAVES * squares(0.0);
-        let by_chance = chi_square_score(left / INFLATION, moved.len() - 1) < MAX_LEFT;
+        let alike = left < MAX_RESIDUAL_PART * squares(0.0);
+        let by_chance = chi_square_score(left / INFLATION, moved.len() - 1) < MAX_RESIDUAL_SCORE;
         let shape_stays =
             |d: &Deviation| d.residual.abs() <= IMPULSIVE_LOGARITHM.max(IMPULSIVE_DEVIATIONS * d.deviation);
-        let proven = match self.since {
-            Since::Gain(before) => (gain - f64::from(before)).abs() < UNSTEADY,
-            Since::Else(records) if records >= RECORDS_TO_PROVE => false,
-            Since::Explained | Since::Else(_) => {
-                by_chance && kurtosis.is_none_or(|kurtosis| shape_stays(&self.moved(kurtosis)))
+        let proven = match self.last_outcome {
+            Outcome::Gain(before) => (gain - f64::from(before)).abs() < GAIN_TOLERANCE,
+            Outcome::Other(records) if records >= RECORDS_TO_PROVE => false,
+            Outcome::Explained | Outcome::Other(_) => {
+                by_chance && kurtosis.is_none_or(|kurtosis| shape_stays(&self.deviation_from_level(kurtosis)))
             }
         };
         (gain.abs() > MIN_GAIN && alike && proven).then_some(gain)
@@ -113,17 +115,19 @@ impl Levels {
     /// their `frequencies_hz` given by name; none where no line lies there.
     pub(super) fn lines_fell(&self, values: &[Deviation], frequencies_hz: &[(String, f64)]) -> Option<bool> {
         let floors = values.iter().filter(|value| value.name.starts_with("ln_floor_"));
-        let octaves = floors.filter_map(|floor| Some((octave_hz(&floor.name)?, self.moved(floor).residual)));
+        let octaves = floors
+            .filter_map(|floor| Some((octave_hz(&floor.name)?, self.deviation_from_level(floor).residual)));
         let ([low, high], floor) = octaves.max_by(|a, b| a.0[0].total_cmp(&b.0[0]))?;
         let inside = frequencies_hz.iter().filter(|(_, hz)| (low..high).contains(hz));
         let lines = inside.filter_map(|(name, _)| values.iter().find(|value| value.name == *name));
-        let highest = lines.map(|line| self.moved(line).residual - floor).max_by(f64::total_cmp);
-        highest.map(|beside| beside < FELL_TOGETHER)
+        let highest =
+            lines.map(|line| self.deviation_from_level(line).residual - floor).max_by(f64::total_cmp);
+        highest.map(|beside| beside < FALL_TOLERANCE)
     }
 
     /// Takes a record that wear explains.
-    pub(super) fn explained<'a>(&mut self, values: impl Iterator<Item = &'a Deviation>) {
-        self.since = Since::Explained;
+    pub(super) fn add_explained<'a>(&mut self, values: impl Iterator<Item = &'a Deviation>) {
+        self.last_outcome = Outcome::Explained;
         for value in values {
             let [level, variance] = self.levels.entry(value.name.clone()).or_insert([0.0; 2]);
             let beside = value.residual - f64::from(*level);
@@ -133,16 +137,16 @@ impl Levels {
     }
 
     /// Takes a record that wear does not explain, with the gain that does.
-    pub(super) fn unexplained(&mut self, gain: Option<f64>) {
-        self.since = match (gain, self.since) {
-            (Some(gain), _) => Since::Gain(gain as f32),
-            (None, Since::Gain(before)) => Since::Gain(before),
-            (None, Since::Else(records)) => Since::Else(records.saturating_add(1)),
-            (None, Since::Explained) => Since::Else(1),
+    pub(super) fn add_unexplained(&mut self, gain: Option<f64>) {
+        self.last_outcome = match (gain, self.last_outcome) {
+            (Some(gain), _) => Outcome::Gain(gain as f32),
+            (None, Outcome::Gain(before)) => Outcome::Gain(before),
+            (None, Outcome::Other(records)) => Outcome::Other(records.saturating_add(1)),
+            (None, Outcome::Explained) => Outcome::Other(1),
         };
     }
 
-    fn moved(&self, value: &Deviation) -> Deviation {
+    fn deviation_from_level(&self, value: &Deviation) -> Deviation {
         let [level, lately] = self.levels.get(&value.name).map_or([0.0; 2], |level| level.map(f64::from));
         // With wear, a line may scatter more than when it was healthy.
         let variance = (1.0 + LEVEL_VARIANCE) * (value.deviation * value.deviation).max(lately)
@@ -167,11 +171,11 @@ mod tests {
     #[test]
     fn one_factor_at_once_is_a_gain_and_stays_one() {
         let mut levels = Levels::default();
-        levels.explained(values([0.02; 8]).iter());
+        levels.add_explained(values([0.02; 8]).iter());
         for _ in 0..5 {
             let gain = levels.gain(&values([0.69, 0.71, 0.66, 0.7, 0.72, 0.69, 0.68, 0.7]), None, 20.0);
             assert!(gain.is_some_and(|gain| (gain - 0.69).abs() < 0.03), "{gain:?}");
-            levels.unexplained(gain);
+            levels.add_unexplained(gain);
         }
         assert_eq!(levels.gain(&values([1.4; 8]), None, 20.0), None, "it has moved on");
     }
@@ -194,7 +198,7 @@ mod tests {
     fn what_creeps_is_no_gain() {
         let mut levels = Levels::default();
         for record in 1..40 {
-            levels.explained(values([0.02 * f64::from(record); 8]).iter());
+            levels.add_explained(values([0.02 * f64::from(record); 8]).iter());
         }
         assert_eq!(levels.gain(&values([0.8; 8]), None, 20.0), None);
     }
@@ -218,10 +222,10 @@ mod tests {
     fn what_began_as_something_else_is_no_gain() {
         let mut levels = Levels::default();
         for _ in 0..3 {
-            levels.unexplained(None);
+            levels.add_unexplained(None);
         }
         assert_eq!(levels.gain(&values([0.7; 8]), None, 20.0), None);
-        levels.explained(values([0.0; 8]).iter());
+        levels.add_explained(values([0.0; 8]).iter());
         assert!(levels.gain(&values([0.7; 8]), None, 20.0).is_some());
     }
 }

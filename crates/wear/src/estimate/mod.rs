@@ -42,7 +42,7 @@ pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
 pub use joint::{ChannelContribution, JointEstimate, RecordTimes};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
-pub use tracker::{EstimatorSettings, LifeStep, Tracker, TrackerState};
+pub use tracker::{EstimatorSettings, HistoryStep, Tracker, TrackerState};
 pub use wear::{
-    BaselineProgress, BestState, Interval, LibraryLack, METHOD, Posterior, WearEstimate, WearStatus,
+    BaselineProgress, BestState, Interval, METHOD, MissingLibrary, Posterior, WearEstimate, WearStatus,
 };

@@ -21,31 +21,31 @@ const INFLATION_CHECKS: f64 = 1.6;
 
 /// Weight of a check's deviation where it has fallen: a fault of the machine adds energy beside its mesh lines,
 /// while wear, load and speed may take some away. What a sensor loses is judged at full weight.
-const FALLEN: f64 = 0.5;
+const FALLEN_WEIGHT: f64 = 0.5;
 
 /// The same where no mesh lines are compared: nothing else then tells a fault from a machine that runs down.
-const FALLEN_WITHOUT_LINES: f64 = 0.25;
+const FALLEN_WEIGHT_WITHOUT_LINES: f64 = 0.25;
 
 /// Checks that are followed over records: faults of one tooth and of the shaft raise them, and wear does not.
-const CHARTED: [&str; 2] = [TEETH, "ln_shaft_"];
+const CUSUM_CHECKS: [&str; 2] = [TEETH, "ln_shaft_"];
 
 /// Their scatter is larger than the baseline's by this factor: they are no normal deviates.
-const CHARTED_SCATTER: f64 = 1.25;
+const CUSUM_SCATTER: f64 = 1.25;
 
 /// The fit as a whole in the charts: that of the lines to the best state, and that of what wear hardly moves.
-const WHOLE: [&str; 2] = ["lines", "checks"];
+const OVERALL_FIT: [&str; 2] = ["lines", "checks"];
 
 /// What a poor fit has to exceed beyond a chart's own allowance to count, in standard deviations: what is
 /// wrong with a library is wrong in every record too. With twice the described mesh damping 1.5 % of records
 /// are flagged without these two charts, 2.8 % with 0.8, 8 % with 0.5; a broken tooth that moves the lines
 /// alone is seen after 3 to 6 records with 0.8, hardly at all with 1.
-const WHOLE_ALLOWANCE: f64 = 0.8;
+const FIT_ALLOWANCE: f64 = 0.8;
 
 /// The same where no library is compared that could be wrong.
-const WHOLE_ALLOWANCE_WITHOUT_LINES: f64 = 0.5;
+const FIT_ALLOWANCE_WITHOUT_LINES: f64 = 0.5;
 
 /// A dead sensor's noise floors lie this logarithm below the baseline's (a factor of 50).
-const DEAD: f64 = -3.9;
+const DEAD_DROP: f64 = -3.9;
 
 /// A loose mount loses at least this logarithm (a factor of 4, as beyond twice the resonance of a mass on a
 /// spring) in the highest band ...
@@ -58,11 +58,11 @@ const LOOSE_SLOPE: f64 = -0.7;
 const MIN_FLOORS: usize = 4;
 
 /// So many standard deviations of a check of the teeth are one tooth's doing, whatever else has grown.
-const TOOTH_STANDS_OUT: f64 = 4.0;
+const MIN_TOOTH_SCORE: f64 = 4.0;
 
 /// What has grown by fewer standard deviations is no sign of anything where the record does not deviate by
 /// itself.
-const MIN_GROWN: f64 = 3.0;
+const MIN_GROWN_SCORE: f64 = 3.0;
 
 /// How one feature deviates from what the best state expects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -119,7 +119,7 @@ impl Novelty {
 
 /// What a record shows beside its deviations from the best state.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Circumstances {
+pub(super) struct RecordContext {
     /// Natural logarithm of the factor by which all values moved at once, where they did.
     pub(super) gain: Option<f64>,
     /// Whether the lines of the highest octave fell as its noise floor did, as far as there are any.
@@ -134,8 +134,8 @@ pub(super) fn judge(
     record: &Features,
     [lines, checks]: &[Vec<Deviation>; 2],
     freedom: f64,
-    circumstances: Circumstances,
-    charts: &mut Cusums,
+    context: RecordContext,
+    cusums: &mut Cusums,
 ) -> Novelty {
     let squares = |deviations: &[Deviation], fallen: f64| -> f64 {
         let weight = |d: &Deviation| if d.residual < 0.0 { fallen } else { 1.0 };
@@ -144,9 +144,9 @@ pub(super) fn judge(
     let z_lines = chi_square_score(squares(lines, 1.0) / INFLATION_LINES, lines.len());
     let of_checks = |fallen| chi_square_score(squares(checks, fallen) / INFLATION_CHECKS, checks.len());
     let (fallen, allowance) = if lines.is_empty() {
-        (FALLEN_WITHOUT_LINES, WHOLE_ALLOWANCE_WITHOUT_LINES)
+        (FALLEN_WEIGHT_WITHOUT_LINES, FIT_ALLOWANCE_WITHOUT_LINES)
     } else {
-        (FALLEN, WHOLE_ALLOWANCE)
+        (FALLEN_WEIGHT, FIT_ALLOWANCE)
     };
     let z_checks = of_checks(fallen);
     let (p_lines, p_checks) = (normal_tail(z_lines), normal_tail(z_checks));
@@ -154,41 +154,42 @@ pub(super) fn judge(
     let p_record = twice(p_lines.min(p_checks));
     let p_with_falls = twice(p_lines.min(normal_tail(of_checks(1.0))));
     // What has been unlike the healthy records and now reaches the end of the range is no fault of the sensor.
-    let has_lasted = charts.highest().is_some_and(|(_, p)| p < MIN_P_VALUE);
+    let has_lasted = cusums.highest().is_some_and(|(_, p)| p < MIN_P_VALUE);
     let sensor_fault = match record.fault {
         Some(NotComputed::Constant) => Some(SensorFault::Dead),
         Some(NotComputed::Clipped) if !has_lasted => Some(SensorFault::Clipped),
         Some(NotComputed::Gaps) => Some(SensorFault::Gaps),
-        _ if p_with_falls < MIN_P_VALUE => sensor_fault(checks, circumstances.lines_fell)
-            .or(circumstances.gain.map(|_| SensorFault::GainChanged)),
+        _ if p_with_falls < MIN_P_VALUE => {
+            sensor_fault(checks, context.lines_fell).or(context.gain.map(|_| SensorFault::GainChanged))
+        }
         _ => None,
     };
     // A fault of the sensor says nothing of the machine.
     if sensor_fault.is_none() {
-        let charted = checks.iter().filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
-        let charted = charted
-            .map(|d| (d.name.as_str(), d.normal_score(freedom).copysign(d.residual) / CHARTED_SCATTER));
-        let whole = WHOLE.into_iter().zip([z_lines, z_checks].map(|z| z - allowance));
-        charts.update(charted.chain(whole));
+        let followed = checks.iter().filter(|d| CUSUM_CHECKS.iter().any(|kind| d.name.starts_with(kind)));
+        let followed =
+            followed.map(|d| (d.name.as_str(), d.normal_score(freedom).copysign(d.residual) / CUSUM_SCATTER));
+        let whole = OVERALL_FIT.into_iter().zip([z_lines, z_checks].map(|z| z - allowance));
+        cusums.update(followed.chain(whole));
     }
-    let lasting = charts.highest().filter(|_| sensor_fault.is_none());
+    let lasting = cusums.highest().filter(|_| sensor_fault.is_none());
     let p_value = lasting.map_or(p_record, |(_, p)| p.min(p_record));
     let outside = p_value < MIN_P_VALUE;
     // What a record says by itself comes before what has lasted.
-    let by_itself = if sensor_fault.is_none() && p_checks < MIN_P_VALUE { grown_most(checks) } else { None };
+    let by_itself = if sensor_fault.is_none() && p_checks < MIN_P_VALUE { most_grown(checks) } else { None };
     let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < MIN_P_VALUE);
-    let sign_of = |check: &str| MachineSign::of(check, circumstances.impulsive);
+    let sign_of = |check: &str| MachineSign::of(check, context.impulsive);
     // Where the fit as a whole has been poor, what has grown is what this record shows.
     let whole = |check: &str| {
-        let grown = WHOLE.contains(&check).then(|| grown_most(checks)).flatten();
-        grown.filter(|grown| grown.score() > MIN_GROWN)
+        let grown = OVERALL_FIT.contains(&check).then(|| most_grown(checks)).flatten();
+        grown.filter(|grown| grown.score() > MIN_GROWN_SCORE)
     };
     let check = by_itself.or_else(|| {
         let (check, _) = lasting?;
         whole(check).or_else(|| checks.iter().find(|d| d.name == check))
     });
     // What one tooth does is heard between the mesh lines too, in some records more than over its own pitch.
-    let tooth = charts.highest_of(TEETH).filter(|(_, p)| *p < MIN_P_VALUE);
+    let tooth = cusums.highest_of(TEETH).filter(|(_, p)| *p < MIN_P_VALUE);
     let tooth = tooth.and_then(|(tooth, _)| checks.iter().find(|d| d.name == tooth));
     let check = check.map(|check| tooth.filter(|tooth| tooth.residual > 0.0).unwrap_or(check));
     let machine_sign = check.and_then(|check| sign_of(&check.name));
@@ -221,8 +222,8 @@ pub(super) fn judge(
 
 /// The check that has deviated most, where it has grown; one of the teeth's before others where it stands out
 /// by itself, as what one tooth does is heard between the mesh lines too.
-fn grown_most(checks: &[Deviation]) -> Option<&Deviation> {
-    let teeth = checks.iter().filter(|d| d.name.starts_with(TEETH) && d.score() > TOOTH_STANDS_OUT);
+fn most_grown(checks: &[Deviation]) -> Option<&Deviation> {
+    let teeth = checks.iter().filter(|d| d.name.starts_with(TEETH) && d.score() > MIN_TOOTH_SCORE);
     if let Some(tooth) = teeth.max_by(|a, b| a.score().total_cmp(&b.score())) {
         return Some(tooth);
     }
@@ -237,7 +238,7 @@ fn also(
     sign_of: impl Fn(&str) -> Option<MachineSign>,
 ) -> Vec<MachineSign> {
     let mut grown: Vec<&Deviation> =
-        checks.iter().filter(|d| d.score() > MIN_GROWN.max(0.5 * most.score())).collect();
+        checks.iter().filter(|d| d.score() > MIN_GROWN_SCORE.max(0.5 * most.score())).collect();
     grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
     for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {
@@ -263,7 +264,7 @@ fn sensor_fault(checks: &[Deviation], lines_fell: Option<bool>) -> Option<Sensor
     if noise.len() < MIN_FLOORS {
         return None;
     }
-    if noise.iter().all(|d| d.residual < DEAD) {
+    if noise.iter().all(|d| d.residual < DEAD_DROP) {
         return Some(SensorFault::Dead);
     }
     let floors = checks.iter().filter(|d| d.name.starts_with("ln_floor_"));
@@ -292,7 +293,7 @@ mod tests {
             &Features::default(),
             &[deviations("ln_mesh", lines), checks],
             20.0,
-            Circumstances::default(),
+            RecordContext::default(),
             &mut Cusums::default(),
         )
     }
@@ -316,7 +317,7 @@ mod tests {
     /// Records that each deviate too little by themselves, and then a strong one.
     #[test]
     fn what_lasts_is_told_and_named() {
-        let mut charts = Cusums::default();
+        let mut cusums = Cusums::default();
         let mut take = |tooth: f64, shaft: f64| {
             let checks =
                 [("ln_tooth_worst", tooth), ("ln_shaft_1", shaft), ("ln_rest_1", 0.0), ("ln_rest_2", 0.01)];
@@ -326,8 +327,8 @@ mod tests {
                 &Features::default(),
                 &[Vec::new(), checks.to_vec()],
                 20.0,
-                Circumstances::default(),
-                &mut charts,
+                RecordContext::default(),
+                &mut cusums,
             )
         };
         for _ in 0..20 {
@@ -352,14 +353,14 @@ mod tests {
     /// lasts.
     #[test]
     fn a_fit_that_stays_poor_is_told() {
-        let mut charts = Cusums::default();
+        let mut cusums = Cusums::default();
         let mut take = |off: f64| {
             judge(
                 &Features::default(),
                 &[deviations("ln_mesh", &[off; 8]), deviations("ln_floor", &[0.01; 4])],
                 20.0,
-                Circumstances::default(),
-                &mut charts,
+                RecordContext::default(),
+                &mut cusums,
             )
         };
         let poor: Vec<Novelty> = (0..8).map(|_| take(0.125)).collect();
@@ -373,18 +374,18 @@ mod tests {
     fn faults_of_the_samples_speak_for_themselves() {
         let record = Features { fault: Some(NotComputed::Clipped), ..Features::default() };
         let judged =
-            judge(&record, &[Vec::new(), Vec::new()], 20.0, Circumstances::default(), &mut Cusums::default());
+            judge(&record, &[Vec::new(), Vec::new()], 20.0, RecordContext::default(), &mut Cusums::default());
         assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
     }
 
     /// A record of a failing bearing that reaches the end of the converter's range.
     #[test]
     fn a_machine_that_has_become_too_loud_for_its_sensor_is_no_fault_of_the_sensor() {
-        let mut charts = Cusums::default();
+        let mut cusums = Cusums::default();
         let mut take = |rest: f64, fault: Option<NotComputed>| {
             let record = Features { fault, ..Features::default() };
             let checks = deviations("ln_rest", &[rest; 8]);
-            judge(&record, &[Vec::new(), checks], 20.0, Circumstances::default(), &mut charts).sensor_fault
+            judge(&record, &[Vec::new(), checks], 20.0, RecordContext::default(), &mut cusums).sensor_fault
         };
         assert_eq!(take(0.0, Some(NotComputed::Clipped)), Some(SensorFault::Clipped));
         assert!((0..5).all(|_| take(1.0, None).is_none()));

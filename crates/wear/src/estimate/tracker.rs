@@ -13,14 +13,14 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use self::collecting::Collecting;
-pub use self::hindsight::LifeStep;
+pub use self::hindsight::HistoryStep;
 use self::tracking::Tracking;
 use super::depth_grid::DepthGrid;
 use super::discrepancy::Discrepancy;
 use super::event::{MaintenanceEvent, MaintenanceKind};
 use super::filter::Filter;
 use super::growth::Growth;
-use super::wear::{LibraryLack, WearEstimate, WearStatus};
+use super::wear::{MissingLibrary, WearEstimate, WearStatus};
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 
@@ -49,7 +49,7 @@ enum Stage {
 pub struct Tracker {
     settings: EstimatorSettings,
     ensemble: Option<Arc<Ensemble>>,
-    lack: LibraryLack,
+    missing_library: MissingLibrary,
     /// Whether more members of the ensemble follow.
     is_provisional: bool,
     grid: DepthGrid,
@@ -69,7 +69,7 @@ impl Tracker {
             discrepancy: ensemble.as_deref().map(Discrepancy::of),
             grid,
             ensemble,
-            lack: LibraryLack::default(),
+            missing_library: MissingLibrary::default(),
             is_provisional: false,
         }
     }
@@ -81,8 +81,8 @@ impl Tracker {
     }
 
     /// A tracker while there is no library: as without one, and records are told why.
-    pub fn without_library(settings: EstimatorSettings, lack: LibraryLack) -> Self {
-        Self { lack, ..Self::new(settings, None) }
+    pub fn without_library(settings: EstimatorSettings, missing_library: MissingLibrary) -> Self {
+        Self { missing_library, ..Self::new(settings, None) }
     }
 
     /// The state before the first record.
@@ -92,8 +92,8 @@ impl Tracker {
 
     /// Takes one more record that began at `at`; records and events come in time order.
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
-        let mut answer = self.take_record(state, at, features);
-        self.lack.tell(&mut answer);
+        let mut answer = self.update_state(state, at, features);
+        self.missing_library.apply_to(&mut answer);
         if self.is_provisional {
             answer.make_provisional();
         }
@@ -107,17 +107,17 @@ impl Tracker {
             Stage::Tracking(_) => self.settings.baseline_records,
         };
         let reason = "the record is excluded: it takes no part in the baseline, the estimate and the alarms";
-        self.no_number(WearStatus::Excluded, have, reason)
+        self.without_depth(WearStatus::Excluded, have, reason)
     }
 
-    fn take_record(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
+    fn update_state(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         match &mut state.0 {
             Stage::Collecting(collecting) => {
-                if collecting.is_chosen_until(at)
-                    && let Some(tracking) = self.end_chosen(collecting, at)
+                if collecting.ends_chosen_baseline(at)
+                    && let Some(tracking) = self.finish_chosen_baseline(collecting, at)
                 {
                     state.0 = Stage::Tracking(Box::new(tracking));
-                    return self.take_record(state, at, features);
+                    return self.update_state(state, at, features);
                 }
                 let (answer, tracking) = self.collect(collecting, at, features);
                 if let Some(tracking) = tracking {
@@ -153,7 +153,7 @@ impl Tracker {
     }
 
     /// A filter for this ensemble: the kept one where it fits, else that of a new machine.
-    fn fitting(&self, kept: Option<Filter>, members: usize) -> Filter {
+    fn filter_for(&self, kept: Option<Filter>, members: usize) -> Filter {
         match kept {
             Some(filter) if filter.fits(members, self.variants()) => filter,
             _ => Filter::start(self.grid.depths_um(), members, self.variants()),

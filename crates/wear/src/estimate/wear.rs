@@ -48,19 +48,19 @@ pub enum WearStatus {
 
 /// Why there is no library to compare with.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub enum LibraryLack {
+pub enum MissingLibrary {
     /// No gear pair is described.
     #[default]
     NotDescribed,
     /// The machine has no gear mesh.
     NoMesh,
     /// It is still being simulated.
-    Simulated,
+    Simulating,
     /// It could not be simulated, with the reason.
     Failed(String),
 }
 
-impl LibraryLack {
+impl MissingLibrary {
     /// What is answered to a record meanwhile; none where that does not depend on the library.
     fn answer(&self) -> Option<(WearStatus, String)> {
         match self {
@@ -70,7 +70,7 @@ impl LibraryLack {
                 "the machine has no gear mesh, so there is no wear to estimate; the record is like the healthy ones"
                     .to_owned(),
             )),
-            Self::Simulated => Some((
+            Self::Simulating => Some((
                 WearStatus::AwaitingLibrary,
                 "the library of the gear pair is being simulated, the wear follows".to_owned(),
             )),
@@ -82,7 +82,7 @@ impl LibraryLack {
     }
 
     /// Puts it into the answer to a record of which nothing else is to be told.
-    pub(super) fn tell(&self, wear: &mut WearEstimate) {
+    pub(super) fn apply_to(&self, wear: &mut WearEstimate) {
         let is_open = match wear.status {
             WearStatus::NoLibrary => true,
             // A library that is awaited comes before the baseline; without a mesh none is.

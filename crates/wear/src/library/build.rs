@@ -26,7 +26,7 @@ use flankwatch_signal::{
 const CYCLE_POINTS: usize = 1000;
 
 /// Every how many-th of them is kept in the library for display.
-const KEPT_EVERY: usize = 5;
+const CYCLE_STRIDE: usize = 5;
 
 /// Most wear states of a part, the unit of work that is kept when a build is stopped.
 const PART_STATES: usize = 8;
@@ -300,7 +300,7 @@ fn assemble(manifest: Manifest, parts: Vec<Part>) -> Library {
 impl CycleTable {
     fn thinned(cycle: &MeshCycle) -> Self {
         fn every<T: Copy>(values: &[T]) -> Vec<T> {
-            values.iter().copied().step_by(KEPT_EVERY).collect()
+            values.iter().copied().step_by(CYCLE_STRIDE).collect()
         }
         Self {
             phi1_rad: every(&cycle.phi1_rad),

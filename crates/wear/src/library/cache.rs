@@ -70,7 +70,7 @@ impl LibraryCache {
         settings: &EnsembleSettings,
         control: &BuildControl<'_>,
     ) -> Result<Ensemble, LibraryError> {
-        if let Some(kept) = self.kept_ensemble(&library, settings)? {
+        if let Some(kept) = self.get_ensemble(&library, settings)? {
             return Ok(kept);
         }
         let ensemble = Ensemble::build(library, settings, control)?;
@@ -83,7 +83,7 @@ impl LibraryCache {
     ///
     /// # Errors
     /// [`LibraryError::Io`].
-    pub fn kept_ensemble(
+    pub fn get_ensemble(
         &self,
         library: &Arc<Library>,
         settings: &EnsembleSettings,
@@ -110,7 +110,7 @@ impl LibraryCache {
     /// # Errors
     /// [`LibraryError::Io`].
     pub fn put_ensemble(&self, ensemble: &Ensemble) -> Result<(), LibraryError> {
-        keep_bytes(&self.ensemble_path(ensemble.id()), &encode_ensemble(ensemble))
+        write_atomically(&self.ensemble_path(ensemble.id()), &encode_ensemble(ensemble))
     }
 
     fn ensemble_path(&self, id: &str) -> PathBuf {
@@ -119,7 +119,7 @@ impl LibraryCache {
 
     /// Keeps a library.
     pub fn put(&self, library: &Library) -> Result<(), LibraryError> {
-        keep(&self.path(library.id()), library)
+        save_library(&self.path(library.id()), library)
     }
 
     /// The library with this name, where it is kept.
@@ -181,26 +181,26 @@ impl LibraryCache {
 /// until then.
 ///
 /// # Errors
-/// Those of [`build`] and [`keep`].
+/// Those of [`build`] and [`save_library`].
 pub fn build_into(
     path: &Path,
     pair: &PairSpec,
     grid: &GridSettings,
     control: &BuildControl<'_>,
 ) -> Result<Library, LibraryError> {
-    let checkpoint = Checkpoint::beside(path);
+    let checkpoint = Checkpoint::for_library(path);
     let library = build(pair, grid, &control.resumed_from(&checkpoint))?;
-    keep(path, &library)?;
+    save_library(path, &library)?;
     checkpoint.remove()?;
     Ok(library)
 }
 
 /// Writes a library to a file so that a reader sees all of it or none.
-pub fn keep(path: &Path, library: &Library) -> Result<(), LibraryError> {
-    keep_bytes(path, &encode(library))
+pub fn save_library(path: &Path, library: &Library) -> Result<(), LibraryError> {
+    write_atomically(path, &encode(library))
 }
 
-fn keep_bytes(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
+fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
     // Two threads may keep the same library: one that nobody needed any more ends beside its successor.
     static WRITERS: AtomicU64 = AtomicU64::new(0);
     let writer = WRITERS.fetch_add(1, Ordering::Relaxed);
@@ -218,13 +218,13 @@ fn keep_bytes(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
 mod tests {
     use std::thread;
 
-    use super::super::testing::made_up_library;
+    use super::super::testing::synthetic_library;
     use super::*;
 
     #[test]
     fn threads_that_keep_the_same_library_do_not_disturb_each_other() {
         let folder = tempfile::tempdir().unwrap();
-        let (cache, library) = (LibraryCache::new(folder.path()), made_up_library());
+        let (cache, library) = (LibraryCache::new(folder.path()), synthetic_library());
         thread::scope(|scope| {
             for _ in 0..8 {
                 scope.spawn(|| (0..10).for_each(|_| cache.put(&library).unwrap()));

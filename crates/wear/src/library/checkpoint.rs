@@ -17,7 +17,7 @@ const MAGIC: &str = "flankwatch-library-parts";
 
 /// Where the parts of a library that will be kept in `path` are kept while it is built: beside it, with
 /// `.parts` added to its name.
-pub fn checkpoint_beside(path: &Path) -> PathBuf {
+pub fn checkpoint_path(path: &Path) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".parts");
     PathBuf::from(name)
@@ -33,8 +33,8 @@ pub(super) struct Checkpoint {
 
 impl Checkpoint {
     /// The checkpoint of a library that will be kept in `library`.
-    pub(super) fn beside(library: &Path) -> Self {
-        Self::at(checkpoint_beside(library))
+    pub(super) fn for_library(library: &Path) -> Self {
+        Self::at(checkpoint_path(library))
     }
 
     fn at(path: PathBuf) -> Self {
@@ -117,7 +117,7 @@ mod tests {
     use std::io::Write;
     use std::path::Path;
 
-    use super::{Checkpoint, Part, PartStore, checkpoint_beside};
+    use super::{Checkpoint, Part, PartStore, checkpoint_path};
 
     fn open(path: &Path, id: &str) -> (Checkpoint, Vec<Part>) {
         let checkpoint = Checkpoint::at(path.to_owned());
@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn whole_parts_are_taken_up_and_broken_ones_left_out() {
         let folder = tempfile::tempdir().unwrap();
-        let path = checkpoint_beside(&folder.path().join("new/library.fwlib"));
+        let path = checkpoint_path(&folder.path().join("new/library.fwlib"));
         assert!(path.ends_with("new/library.fwlib.parts"));
         let (checkpoint, parts) = open(&path, "a");
         assert_eq!(parts, []);

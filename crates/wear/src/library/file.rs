@@ -93,12 +93,12 @@ pub(super) fn hex(bytes: &[u8]) -> String {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing::made_up_library;
+    use super::super::testing::synthetic_library;
     use super::*;
 
     #[test]
     fn a_library_reads_back_as_it_was_written() {
-        let library = made_up_library();
+        let library = synthetic_library();
         assert_eq!(decode(&encode(&library)).unwrap(), library);
     }
 
@@ -113,7 +113,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_changed_byte_or_a_missing_end_is_found(position in 0.0..1.0f64, flip in 1u8.., cut in any::<bool>()) {
-            let mut bytes = encode(&made_up_library());
+            let mut bytes = encode(&synthetic_library());
             let at = (position * bytes.len() as f64) as usize;
             if cut { bytes.truncate(at) } else { bytes[at] ^= flip }
             prop_assert!(decode(&bytes).is_err());

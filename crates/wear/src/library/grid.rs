@@ -149,12 +149,12 @@ pub(super) fn place(factors: &[f64], factor: f64) -> (usize, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::made_up_library;
+    use super::super::testing::synthetic_library;
     use super::{GridSettings, place};
 
     #[test]
     fn depths_go_with_the_module() {
-        let mut pair = made_up_library().pair().clone();
+        let mut pair = synthetic_library().pair().clone();
         let usual = GridSettings::default();
         assert_eq!(usual.for_pair(&pair), usual);
         pair.geometry.module_mm = 0.3;

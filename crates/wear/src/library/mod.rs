@@ -24,9 +24,9 @@ use thiserror::Error;
 
 pub use build::{build, library_id};
 #[cfg(feature = "files")]
-pub use cache::{LibraryCache, build_into, keep};
+pub use cache::{LibraryCache, build_into, save_library};
 #[cfg(feature = "files")]
-pub use checkpoint::checkpoint_beside;
+pub use checkpoint::checkpoint_path;
 pub use control::BuildControl;
 pub use ensemble::{
     DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, VARIANTS,

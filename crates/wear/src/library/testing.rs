@@ -20,7 +20,7 @@ const CURVES: [(&str, Curve); 4] = [
 ];
 
 /// 50 states from 0 to 245 µm.
-pub(crate) fn made_up_library() -> Library {
+pub(crate) fn synthetic_library() -> Library {
     let grid = GridSettings::default();
     let states: Vec<LibraryState> = (0..grid.states)
         .map(|index| {
@@ -47,14 +47,14 @@ pub(crate) fn made_up_library() -> Library {
         id: "0123456789abcdef".to_owned(),
         model_version: "made-up".to_owned(),
         preprocessing: "made-up".to_owned(),
-        pair: made_up_pair(),
+        pair: synthetic_pair(),
         grid,
     };
     let tables = vec![state_curves(&states)];
     Library::from_parts(manifest, states, tables)
 }
 
-fn made_up_pair() -> PairSpec {
+fn synthetic_pair() -> PairSpec {
     PairSpec {
         name: "made up".to_owned(),
         geometry: GeometrySpec {

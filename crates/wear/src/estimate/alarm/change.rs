@@ -82,7 +82,7 @@ pub enum AlarmAction {
 
 impl AlarmAction {
     /// The severity and the reading of what nobody did: of silence, or of all channels together.
-    pub fn told(&self) -> Option<(Option<Severity>, f64)> {
+    pub fn automatic_reading(&self) -> Option<(Option<Severity>, f64)> {
         match *self {
             Self::Stale { severity, silent_s } => Some((severity, silent_s as f64)),
             Self::Joint { severity, value } => Some((severity, value)),
@@ -154,7 +154,7 @@ pub struct AlarmChange {
 
 impl AlarmChange {
     /// Whether both tell the same: readings that were computed again may differ in their last digits.
-    pub fn tells_the_same_as(&self, other: &Self) -> bool {
+    pub fn is_equivalent_to(&self, other: &Self) -> bool {
         let value = other.value;
         Self { value, ..self.clone() } == *other
     }

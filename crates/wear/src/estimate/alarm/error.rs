@@ -24,7 +24,7 @@ pub enum AlarmError {
     #[error(
         "the alarm on a rate has no over_s, expected the number of seconds over which the change is measured"
     )]
-    NoStretch,
+    NoRateWindow,
     /// The alarm is in a state in which this cannot be done.
     #[error("the alarm is {}, expected {expected}", state.name())]
     State {

@@ -64,11 +64,11 @@ impl Alarm {
         if self.shelved_until.is_some_and(|until| now < until) {
             return AlarmState::Shelved;
         }
-        self.standing()
+        self.unshelved_state()
     }
 
     /// Where it stands apart from being put aside.
-    pub fn standing(&self) -> AlarmState {
+    pub fn unshelved_state(&self) -> AlarmState {
         match (self.raised, self.acknowledged, self.outstanding) {
             (Some(_), true, _) => AlarmState::Acknowledged,
             (Some(_), false, _) => AlarmState::Unacknowledged,
@@ -120,14 +120,14 @@ impl Alarm {
         if severity == self.raised {
             return None;
         }
-        self.stands_at(severity, reading.time);
+        self.set_severity(severity, reading.time);
         self.value = Some(value);
-        Some(self.changed(reading.time, |change| change.value = Some(value)))
+        Some(self.record_change(reading.time, |change| change.value = Some(value)))
     }
 
     /// The severity that these latest readings of a rule call for, in order, as it stands before them; the
     /// alarm stays as it is.
-    pub fn severity_by(&self, rule: &AlarmRule, readings: &[AlarmReading]) -> Option<Severity> {
+    pub fn severity_after(&self, rule: &AlarmRule, readings: &[AlarmReading]) -> Option<Severity> {
         let mut alarm = Self { raised: self.raised, ..Self::default() };
         for reading in readings {
             alarm.reading(rule, *reading);
@@ -136,19 +136,19 @@ impl Alarm {
     }
 
     /// Takes that a record came, where its absence is what is watched; the change where that was raised.
-    pub fn record_came(&mut self, time: Timestamp) -> Option<AlarmChange> {
+    pub fn record_arrived(&mut self, time: Timestamp) -> Option<AlarmChange> {
         self.raised?;
-        self.stands_at(None, time);
+        self.set_severity(None, time);
         self.value = Some(0.0);
-        Some(self.changed(time, |change| change.value = Some(0.0)))
+        Some(self.record_change(time, |change| change.value = Some(0.0)))
     }
 
     /// Forgets what a rate is measured from.
-    pub(crate) fn forget_rate(&mut self) {
+    pub(crate) fn clear_rate(&mut self) {
         self.rate.clear();
     }
 
-    fn stands_at(&mut self, severity: Option<Severity>, time: Timestamp) {
+    fn set_severity(&mut self, severity: Option<Severity>, time: Timestamp) {
         let before = std::mem::replace(&mut self.raised, severity);
         // What is worse than before has to be acknowledged again; what is less bad does not.
         if severity > before {
@@ -157,7 +157,7 @@ impl Alarm {
             self.raised_at.get_or_insert(time);
         }
         if severity.is_none() {
-            self.is_over();
+            self.close();
         }
     }
 
@@ -173,15 +173,15 @@ impl Alarm {
                 AlarmAction::Shelve { until } => self.shelved_until = Some(until),
                 AlarmAction::Unshelve | AlarmAction::ShelvingOver => self.shelved_until = None,
                 AlarmAction::Stale { .. } | AlarmAction::Joint { .. } => {
-                    let (severity, value) = taken.action.told().unzip();
-                    self.stands_at(severity.flatten(), taken.time);
+                    let (severity, value) = taken.action.automatic_reading().unzip();
+                    self.set_severity(severity.flatten(), taken.time);
                     self.value = value;
                 }
                 AlarmAction::Acknowledge | AlarmAction::Comment => {}
             }
         }
-        self.changed(taken.time, |change| {
-            change.value = taken.action.told().map(|(_, value)| value);
+        self.record_change(taken.time, |change| {
+            change.value = taken.action.automatic_reading().map(|(_, value)| value);
             change.action = Some(taken.action.clone());
             change.by.clone_from(&taken.by);
             change.comment.clone_from(&taken.comment);
@@ -220,15 +220,15 @@ impl Alarm {
 
     /// Forgets the readings, since those to come are of another gear or sensor; the change where something
     /// was raised.
-    pub fn begin_again(&mut self, event: &MaintenanceEvent) -> Option<AlarmChange> {
+    pub fn reset(&mut self, event: &MaintenanceEvent) -> Option<AlarmChange> {
         self.recent.clear();
         self.rate.clear();
         self.raised.take()?;
-        self.is_over();
-        Some(self.changed(event.time, |change| change.maintenance = Some(event.kind)))
+        self.close();
+        Some(self.record_change(event.time, |change| change.maintenance = Some(event.kind)))
     }
 
-    fn is_over(&mut self) {
+    fn close(&mut self) {
         self.outstanding = self.outstanding && !self.acknowledged;
         self.acknowledged = false;
         self.raised_at = None;
@@ -258,7 +258,7 @@ impl Alarm {
         }
     }
 
-    fn changed(&mut self, time: Timestamp, fill: impl FnOnce(&mut AlarmChange)) -> AlarmChange {
+    fn record_change(&mut self, time: Timestamp, fill: impl FnOnce(&mut AlarmChange)) -> AlarmChange {
         let mut change = AlarmChange {
             time,
             state: self.state(time),

@@ -49,7 +49,7 @@ impl AlarmPanel {
         let changes = each.filter_map(|(n, (alarm, rule))| {
             let value = rule.quantity.value(wear, indicators);
             let change = match rule.quantity {
-                AlarmQuantity::StaleS => alarm.record_came(time),
+                AlarmQuantity::StaleS => alarm.record_arrived(time),
                 _ => alarm.reading(rule, AlarmReading { time, value }),
             };
             Some((n, change?))
@@ -68,11 +68,11 @@ impl AlarmPanel {
         for (alarm, rule) in self.alarms.iter_mut().zip(rules) {
             // A depth that was measured is no growth.
             if rule.quantity.is_wear() {
-                alarm.forget_rate();
+                alarm.clear_rate();
             }
         }
         let each = self.alarms.iter_mut().zip(rules).enumerate();
-        let begin_again = each.filter(|(_, (_, rule))| rule.quantity.begins_again(event.kind));
-        begin_again.filter_map(|(n, (alarm, _))| Some((n, alarm.begin_again(event)?))).collect()
+        let resets = each.filter(|(_, (_, rule))| rule.quantity.is_reset_by(event.kind));
+        resets.filter_map(|(n, (alarm, _))| Some((n, alarm.reset(event)?))).collect()
     }
 }

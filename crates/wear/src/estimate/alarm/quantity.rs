@@ -74,7 +74,7 @@ impl AlarmQuantity {
     }
 
     /// Whether readings before an event say nothing of those after it.
-    pub(super) fn begins_again(&self, event: MaintenanceKind) -> bool {
+    pub(super) fn is_reset_by(&self, event: MaintenanceKind) -> bool {
         match event {
             // Nothing that is done to the machine brings a record.
             _ if *self == Self::StaleS => false,

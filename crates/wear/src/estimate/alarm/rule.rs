@@ -145,7 +145,7 @@ impl AlarmRule {
         }
         self.check_order()?;
         match (&self.quantity, self.over_s) {
-            (AlarmQuantity::RatePerDay(_), None) => return Err(AlarmError::NoStretch),
+            (AlarmQuantity::RatePerDay(_), None) => return Err(AlarmError::NoRateWindow),
             (AlarmQuantity::RatePerDay(_), Some(value)) if !(OVER_S[0]..=OVER_S[1]).contains(&value) => {
                 return refuse("over_s", value, "a number of seconds from 1 to 3.2e9");
             }

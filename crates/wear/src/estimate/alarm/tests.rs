@@ -252,7 +252,7 @@ fn a_rate_is_watched_and_an_inspection_is_no_growth() {
     };
     assert!(rate.validate().is_ok());
     let without = AlarmRule { over_s: None, ..rate.clone() };
-    assert_eq!(without.validate(), Err(AlarmError::NoStretch));
+    assert_eq!(without.validate(), Err(AlarmError::NoRateWindow));
     let stray = AlarmRule { over_s: Some(60.0), ..rule(1, 1, 1, 1) };
     assert!(stray.validate().is_err());
     // 60 µm a day for an hour, then 240.
@@ -295,9 +295,9 @@ fn silence_is_told_by_a_clock_and_ended_by_a_record() {
     act(&mut alarm, 7, AlarmAction::Acknowledge).unwrap();
     let worse = act(&mut alarm, 8, silent(Some(Severity::Danger), 601)).unwrap();
     assert_eq!((worse.state, worse.severity), (AlarmState::Unacknowledged, Some(Severity::Danger)));
-    let back = alarm.record_came(at(9)).unwrap();
+    let back = alarm.record_arrived(at(9)).unwrap();
     assert_eq!((back.state, back.severity), (AlarmState::ReturnedUnacknowledged, None));
-    assert_eq!(alarm.record_came(at(10)), None);
+    assert_eq!(alarm.record_arrived(at(10)), None);
     let below = AlarmRule { warning_below: Some(1.0), ..stale };
     assert!(below.validate().is_err());
 }

@@ -47,13 +47,13 @@ fn estimated(low_um: f64, high_um: f64) -> WearEstimate {
 struct Machine {
     random: ChaCha8Rng,
     correlation: f64,
-    charts: Vec<Cusums>,
+    cusums: Vec<Cusums>,
 }
 
 impl Machine {
     fn new(seed: u64, correlation: f64) -> Self {
         let random = ChaCha8Rng::seed_from_u64(seed);
-        Self { random, correlation, charts: vec![Cusums::default(); CHANNELS] }
+        Self { random, correlation, cusums: vec![Cusums::default(); CHANNELS] }
     }
 
     fn record(&mut self, shift: f64) -> [f64; CHANNELS] {
@@ -61,11 +61,11 @@ impl Machine {
         let shared: Vec<f64> = CHECKS.iter().map(|_| self.correlation.sqrt() * normal()).collect();
         let own = (1.0 - self.correlation).sqrt();
         let mut p_values = [1.0; CHANNELS];
-        for (charts, p_value) in self.charts.iter_mut().zip(&mut p_values) {
+        for (cusums, p_value) in self.cusums.iter_mut().zip(&mut p_values) {
             let deviates: Vec<f64> = shared.iter().map(|shared| shared + own * normal()).collect();
             let shifted = CHECKS.into_iter().zip(deviates);
-            charts.update(shifted.map(|(name, z)| (name, z + if name == "a" { shift } else { 0.0 })));
-            *p_value = charts.highest().map_or(1.0, |(_, p)| p);
+            cusums.update(shifted.map(|(name, z)| (name, z + if name == "a" { shift } else { 0.0 })));
+            *p_value = cusums.highest().map_or(1.0, |(_, p)| p);
         }
         p_values
     }
@@ -198,7 +198,7 @@ fn a_channel_that_missed_more_than_ten_of_its_records_is_silent() {
 fn a_silent_channel_is_named_and_takes_no_part() {
     let (near, far) = (estimated(10.0, 20.0), estimated(40.0, 60.0));
     let mut joint = JointEstimate::of(&[("near", &near)]).unwrap();
-    joint.name_silent("far", &far, Timestamp::from_second(0).unwrap());
+    joint.add_silent_channel("far", &far, Timestamp::from_second(0).unwrap());
     assert_eq!((joint.wear.p05_um, joint.wear.p95_um), (near.p05_um, near.p95_um));
     assert!(joint.wear.reason.ends_with("channel far takes no part: no record since 1970-01-01T00:00:00Z"));
     assert_eq!(joint.channels[1].silent_since, Timestamp::from_second(0).ok());

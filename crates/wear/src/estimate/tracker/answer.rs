@@ -1,22 +1,24 @@
 //! What is believed after a record, in numbers and in words.
 
 use super::Tracker;
-use crate::estimate::filter::Believed;
+use crate::estimate::filter::JointPosterior;
 use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::{Novelty, SensorFault};
-use crate::estimate::wear::{BaselineProgress, BestState, Interval, LibraryLack, WearEstimate, WearStatus};
+use crate::estimate::wear::{
+    BaselineProgress, BestState, Interval, MissingLibrary, WearEstimate, WearStatus,
+};
 use crate::library::{DEPTHS, Ensemble, Library};
 use flankwatch_signal::{Features, NotComputed};
 
 /// An interval of the tracked depth wider than this part of the library says that the records do not tell.
-const WIDEST_INTERVAL: f64 = 0.6;
+const MAX_INTERVAL_PART: f64 = 0.6;
 
 /// Places of the transmission error that probabilities are counted by.
-const ERROR_PLACES: usize = 2048;
+const ERROR_BINS: usize = 2048;
 
 impl Tracker {
     /// Puts the novelty of a record with these features into an answer without a number.
-    pub(super) fn tell_novelty(&self, answer: &mut WearEstimate, novelty: Novelty, features: &Features) {
+    pub(super) fn apply_novelty(&self, answer: &mut WearEstimate, novelty: Novelty, features: &Features) {
         if let Some(fault) = novelty.sensor_fault {
             answer.status = WearStatus::SensorFault;
             answer.reason = fault.words().to_owned();
@@ -31,8 +33,8 @@ impl Tracker {
                 Some(check) => format!("{check} has deviated for several records"),
                 None => format!("off are {}", most_deviating(&novelty)),
             };
-            let words = match self.lack {
-                LibraryLack::NoMesh => sign.words_without_mesh(),
+            let words = match self.missing_library {
+                MissingLibrary::NoMesh => sign.words_without_mesh(),
                 _ => sign.words(),
             };
             let band = band.unwrap_or_default();
@@ -61,16 +63,16 @@ impl Tracker {
     pub(super) fn answer(
         &self,
         ensemble: &Ensemble,
-        believed: &Believed,
+        posterior: &JointPosterior,
         likelihood: &Likelihood,
     ) -> WearEstimate {
         let library = ensemble.described();
-        let probability = believed.by_depth();
+        let probability = posterior.by_depth();
         let quantile = |level| self.grid.quantile_um(&probability, level);
         let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
         let end_um = library.max_wear_um();
         let at_end = p95 >= self.grid.cell_um(DEPTHS - 2)[0];
-        let (status, reason) = if p95 - p05 > WIDEST_INTERVAL * end_um {
+        let (status, reason) = if p95 - p05 > MAX_INTERVAL_PART * end_um {
             (
                 WearStatus::NotIdentifiable,
                 format!("wear anywhere between {p05:.0} and {p95:.0} µm explains the records"),
@@ -89,7 +91,7 @@ impl Tracker {
             )
         };
         let (member, depth) = likelihood.best;
-        let mut answer = self.no_number(status, self.settings.baseline_records, &reason);
+        let mut answer = self.without_depth(status, self.settings.baseline_records, &reason);
         answer.median_um = Some(median);
         answer.mean_um = Some(self.grid.mean_um(&probability));
         answer.p05_um = Some(p05);
@@ -97,7 +99,7 @@ impl Tracker {
         answer.p75_um = Some(quantile(0.75));
         answer.p95_um = Some(p95);
         answer.at_least_um = at_end.then_some(p05);
-        answer.transmission_error_um = transmission_error(ensemble, &believed.joint);
+        answer.transmission_error_um = transmission_error(ensemble, &posterior.joint);
         answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest);
         answer.best_state = Some(best_state(library, self.grid.depths_um()[depth], member));
         answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.depths_um()[depth]));
@@ -106,15 +108,20 @@ impl Tracker {
     }
 
     /// The answer to a record without lines of the mesh: its speed is in doubt, or else why.
-    pub(super) fn no_mesh(&self, features: &Features, have: u32, else_reason: &str) -> WearEstimate {
+    pub(super) fn without_mesh_lines(
+        &self,
+        features: &Features,
+        have: u32,
+        else_reason: &str,
+    ) -> WearEstimate {
         match &features.speed_doubt {
-            Some(doubt) => self.no_number(WearStatus::SpeedInDoubt, have, doubt),
-            None => self.no_number(WearStatus::NoFeatures, have, else_reason),
+            Some(doubt) => self.without_depth(WearStatus::SpeedInDoubt, have, doubt),
+            None => self.without_depth(WearStatus::NoFeatures, have, else_reason),
         }
     }
 
     /// An answer without a depth.
-    pub(super) fn no_number(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
+    pub(super) fn without_depth(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
         let baseline = BaselineProgress { have, need: self.settings.baseline_records };
         let ensemble = self.ensemble.as_ref();
         WearEstimate {
@@ -132,21 +139,21 @@ fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
     let errors = groups.flat_map(|group| group[0].transmission_error_um().iter().copied());
     let greatest_um = ensemble.greatest_transmission_error_um();
     // Places of the square root, which are close together where errors are small.
-    let places = (ERROR_PLACES - 1) as f32 / greatest_um.max(f32::MIN_POSITIVE).sqrt();
-    let mut by_place = [0.0_f32; ERROR_PLACES];
+    let bins_per_root = (ERROR_BINS - 1) as f32 / greatest_um.max(f32::MIN_POSITIVE).sqrt();
+    let mut by_bin = [0.0_f32; ERROR_BINS];
     for (error_um, p) in errors.zip(joint) {
-        by_place[(error_um.max(0.0).sqrt() * places) as usize] += p;
+        by_bin[(error_um.max(0.0).sqrt() * bins_per_root) as usize] += p;
     }
-    let total: f32 = by_place.iter().sum();
+    let total: f32 = by_bin.iter().sum();
     let quantile = |level: f32| {
         let mut left = level * total;
-        let place = by_place.iter().position(|p| {
+        let bin = by_bin.iter().position(|p| {
             left -= p;
             left <= 0.0
         })?;
         // `left` is what of the place lies above the quantile, below zero.
-        let at = if place == 0 { 0.0 } else { place as f32 + 1.0 + left / by_place[place] };
-        Some(f64::from((at / places).powi(2).min(greatest_um)))
+        let at = if bin == 0 { 0.0 } else { bin as f32 + 1.0 + left / by_bin[bin] };
+        Some(f64::from((at / bins_per_root).powi(2).min(greatest_um)))
     };
     Some(Interval { median: quantile(0.5)?, p05: quantile(0.05)?, p95: quantile(0.95)? })
 }

@@ -4,16 +4,16 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::Tracker;
-use super::healthy::Prepared;
+use super::healthy::CachedModel;
 use super::tracking::Tracking;
 use crate::estimate::baseline::Baseline;
-use crate::estimate::comparability::go_together;
+use crate::estimate::comparability::can_share_baseline;
 use crate::estimate::cusum::Cusums;
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::Filter;
 use crate::estimate::healthy_checks::Drift;
-use crate::estimate::novelty::{Circumstances, judge};
-use crate::estimate::wear::{LibraryLack, WearEstimate, WearStatus};
+use crate::estimate::novelty::{RecordContext, judge};
+use crate::estimate::wear::{MissingLibrary, WearEstimate, WearStatus};
 use flankwatch_signal::Features;
 
 /// Fewest records of a chosen baseline; with fewer it is learnt as any other.
@@ -39,9 +39,10 @@ pub(super) struct Collecting {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 struct Meshless {
     records: Vec<Features>,
-    charts: Cusums,
+    #[serde(rename = "charts")]
+    cusums: Cusums,
     #[serde(skip)]
-    prepared: Prepared,
+    model: CachedModel,
 }
 
 /// A baseline of all records before a time.
@@ -80,7 +81,7 @@ impl Collecting {
     }
 
     /// Whether a record at this time is the first one after a chosen baseline.
-    pub(super) fn is_chosen_until(&self, at: Timestamp) -> bool {
+    pub(super) fn ends_chosen_baseline(&self, at: Timestamp) -> bool {
         self.chosen.as_ref().is_some_and(|chosen| at >= chosen.until)
     }
 }
@@ -88,14 +89,18 @@ impl Collecting {
 impl Tracker {
     /// The tracking after a chosen baseline; none where it has too few records, which then are the beginning
     /// of one that is learnt as any other.
-    pub(super) fn end_chosen(&self, collecting: &mut Collecting, at: Timestamp) -> Option<Tracking> {
+    pub(super) fn finish_chosen_baseline(
+        &self,
+        collecting: &mut Collecting,
+        at: Timestamp,
+    ) -> Option<Tracking> {
         let over = collecting.chosen.take()?;
         if collecting.records.len() < MIN_CHOSEN {
             return None;
         }
         let (began, ended) = (collecting.start.unwrap_or(at), over.latest.unwrap_or(at));
         let carried = collecting.take_carried();
-        Some(self.begin(&collecting.records, began, ended, carried))
+        Some(self.start_tracking(&collecting.records, began, ended, carried))
     }
 
     /// Takes a record into the baseline, and the tracking that begins where it is complete.
@@ -108,14 +113,15 @@ impl Tracker {
         let (have, need) = (collecting.have(), self.settings.baseline_records);
         let has_no_lines = self.ensemble.is_some() && !features.has_mesh();
         if has_no_lines || features.speed_doubt.is_some() {
-            return (self.without_mesh(&mut collecting.meshless, have, features), None);
+            return (self.collect_meshless(&mut collecting.meshless, have, features), None);
         }
-        if let Some(reason) = self.unusable(features) {
-            return (self.no_number(WearStatus::NoFeatures, have, reason), None);
+        if let Some(reason) = self.unusable_reason(features) {
+            return (self.without_depth(WearStatus::NoFeatures, have, reason), None);
         }
         let ensemble = self.ensemble.as_deref();
-        if let Some(reason) = ensemble.and_then(|ensemble| Extrapolation::of(ensemble, features).refuses()) {
-            return (self.no_number(WearStatus::NotComparable, have, &reason), None);
+        if let Some(reason) = ensemble.and_then(|ensemble| Extrapolation::of(ensemble, features).rejection())
+        {
+            return (self.without_depth(WearStatus::NotComparable, have, &reason), None);
         }
         collecting.start.get_or_insert(at);
         if let Some(chosen) = &mut collecting.chosen {
@@ -127,30 +133,30 @@ impl Tracker {
             let until = chosen.until;
             let reason = format!("collecting the chosen baseline, {have} records of those before {until}");
             let have = (have as u32).min(need);
-            return (self.no_number(WearStatus::CollectingBaseline, have, &reason), None);
+            return (self.without_depth(WearStatus::CollectingBaseline, have, &reason), None);
         }
         collecting.records.push(features.clone());
         // Records whose lines and sidebands run together make a baseline of their own.
-        let alike = |record: &Features| go_together(record, features);
+        let alike = |record: &Features| can_share_baseline(record, features);
         let have = collecting.records.iter().filter(|record| alike(record)).count() as u32;
         let tracking = (have >= need).then(|| {
             collecting.records.retain(alike);
             let (began, carried) = (collecting.start.unwrap_or(at), collecting.take_carried());
-            self.begin(&collecting.records, began, at, carried)
+            self.start_tracking(&collecting.records, began, at, carried)
         });
         let reason = format!("collecting baseline, {have} of {need}");
-        (self.no_number(WearStatus::CollectingBaseline, have, &reason), tracking)
+        (self.without_depth(WearStatus::CollectingBaseline, have, &reason), tracking)
     }
 
     /// Why a record cannot be part of the baseline.
-    fn unusable(&self, features: &Features) -> Option<&'static str> {
+    fn unusable_reason(&self, features: &Features) -> Option<&'static str> {
         if features.fault.is_some() {
             return Some("the samples of this record are not what the sensor felt, so it does not count");
         }
         let mesh_line = features.has_mesh();
         if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
-            return Some(match self.lack {
-                LibraryLack::NoMesh => "the record is too short to be compared, so it does not count",
+            return Some(match self.missing_library {
+                MissingLibrary::NoMesh => "the record is too short to be compared, so it does not count",
                 _ => "the mesh line was not found in this record, so it does not count",
             });
         }
@@ -159,20 +165,22 @@ impl Tracker {
 
     /// A record without a mesh line while the baseline is collected: such records are no wear's, but as many
     /// of them as a baseline has show what is usual among them.
-    fn without_mesh(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
+    fn collect_meshless(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
         let usable = features.fault.is_none() && !features.checks.is_empty();
         let known = meshless.records.len() >= self.settings.baseline_records as usize;
-        let mut answer =
-            self.no_mesh(features, have, "the mesh line was not found in this record, so it does not count");
+        let mut answer = self.without_mesh_lines(
+            features,
+            have,
+            "the mesh line was not found in this record, so it does not count",
+        );
         if known {
-            let Meshless { records, charts, prepared } = meshless;
-            let healthy = prepared.get(|| self.healthy(&Baseline::of(records)));
-            let circumstances =
-                Circumstances { impulsive: healthy.is_impulsive(features), ..Circumstances::default() };
+            let Meshless { records, cusums, model } = meshless;
+            let healthy = model.get(|| self.healthy_model(&Baseline::of(records)));
+            let context =
+                RecordContext { impulsive: healthy.is_impulsive(features), ..RecordContext::default() };
             let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
-            let novelty =
-                judge(features, &[Vec::new(), checks], healthy.checks.freedom(), circumstances, charts);
-            self.tell_novelty(&mut answer, novelty, features);
+            let novelty = judge(features, &[Vec::new(), checks], healthy.checks.freedom(), context, cusums);
+            self.apply_novelty(&mut answer, novelty, features);
         } else if usable {
             meshless.records.push(features.clone());
         }

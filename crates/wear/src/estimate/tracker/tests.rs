@@ -10,7 +10,7 @@ use rand_distr::{Distribution, Normal};
 use super::super::novelty::MachineSign;
 use super::*;
 use crate::library::Library;
-use crate::library::testing::made_up_library;
+use crate::library::testing::synthetic_library;
 
 pub(super) const NEED: u32 = 20;
 
@@ -63,7 +63,7 @@ fn run(library: &Arc<Library>, records: usize, seed: u64) -> Vec<(WearEstimate, 
 
 #[test]
 fn the_baseline_is_counted_and_no_number_is_claimed_meanwhile() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let mut state = tracker.start();
@@ -81,7 +81,7 @@ fn the_baseline_is_counted_and_no_number_is_claimed_meanwhile() {
 
 #[test]
 fn a_run_through_an_unknown_path_is_followed_and_its_interval_holds_the_truth() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let mut error_um = 0.0;
     let mut covered = 0;
     let mut count = 0;
@@ -100,7 +100,7 @@ fn a_run_through_an_unknown_path_is_followed_and_its_interval_holds_the_truth() 
 
 #[test]
 fn a_copy_in_json_goes_on_with_the_same_bits() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut state = tracker.start();
@@ -123,7 +123,7 @@ fn a_record_without_its_mesh_line_is_not_counted_into_the_baseline() {
 
 #[test]
 fn without_a_library_the_answer_says_so() {
-    let library = made_up_library();
+    let library = synthetic_library();
     let tracker = Tracker::new(settings(), None);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut state = tracker.start();
@@ -164,12 +164,12 @@ fn a_speed_in_doubt_is_told_without_a_library_too_and_kept_out_of_the_baseline()
 
 #[test]
 fn while_there_is_no_library_every_answer_says_why() {
-    let library = made_up_library();
-    for (lack, status, word) in [
-        (LibraryLack::Simulated, WearStatus::AwaitingLibrary, "being simulated"),
-        (LibraryLack::Failed("no teeth".into()), WearStatus::LibraryFailed, "no teeth"),
+    let library = synthetic_library();
+    for (missing_library, status, word) in [
+        (MissingLibrary::Simulating, WearStatus::AwaitingLibrary, "being simulated"),
+        (MissingLibrary::Failed("no teeth".into()), WearStatus::LibraryFailed, "no teeth"),
     ] {
-        let tracker = Tracker::without_library(settings(), lack);
+        let tracker = Tracker::without_library(settings(), missing_library);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut state = tracker.start();
         for n in 1..=NEED + 3 {
@@ -210,7 +210,7 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_alone() {
             ..Features::default()
         }
     };
-    let tracker = Tracker::without_library(settings(), LibraryLack::NoMesh);
+    let tracker = Tracker::without_library(settings(), MissingLibrary::NoMesh);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut state = tracker.start();
     let mut take = |level: f64, kurtosis: f64| {
@@ -237,8 +237,8 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_alone() {
 
 #[test]
 fn a_part_of_the_library_gives_provisional_answers_and_calls_nothing_a_fault() {
-    let library = made_up_library();
-    let first = Arc::new(Ensemble::of(Arc::new(made_up_library())));
+    let library = synthetic_library();
+    let first = Arc::new(Ensemble::of(Arc::new(synthetic_library())));
     let [provisional, whole] = [
         Tracker::provisional(settings(), Arc::clone(&first)),
         Tracker::new(settings(), Some(Arc::clone(&first))),
@@ -270,7 +270,7 @@ fn a_part_of_the_library_gives_provisional_answers_and_calls_nothing_a_fault() {
 
 #[test]
 fn lines_in_the_noise_give_no_number_and_novelty_all_the_same() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut state = tracker.start();
@@ -295,7 +295,7 @@ fn lines_in_the_noise_give_no_number_and_novelty_all_the_same() {
 
 #[test]
 fn what_wear_does_not_explain_moves_nothing() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(13);
     let mut state = tracker.start();
@@ -331,7 +331,7 @@ fn what_wear_does_not_explain_moves_nothing() {
 /// The depth is the library's last one for a long time.
 #[test]
 fn the_end_of_the_library_is_said_as_such() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let mut rng = ChaCha8Rng::seed_from_u64(19);
     let tracker = tracker(&library);
     let mut state = tracker.start();
@@ -347,7 +347,7 @@ fn the_end_of_the_library_is_said_as_such() {
 
 #[test]
 fn far_from_the_described_speed_less_is_told_and_beyond_half_of_it_nothing() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let described = library.pair().operation.shaft_speed_hz;
     let mut rng = ChaCha8Rng::seed_from_u64(11);

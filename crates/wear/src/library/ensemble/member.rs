@@ -85,7 +85,7 @@ impl Simulated {
                 .collect(),
             Err(_) => vec![Vec::new(); states.len()],
         };
-        let swings = swings_um(&errors);
+        let peak_to_peak = peak_to_peak_um(&errors);
         let member = Member {
             draw: None,
             contact: pair.dynamics.contact,
@@ -93,7 +93,7 @@ impl Simulated {
             archard: pair.wear.shape == WearShape::Archard,
             transmission_error_um: depths_um
                 .iter()
-                .map(|um| interpolated(&states, &swings, *um) as f32)
+                .map(|um| interpolated(&states, &peak_to_peak, *um) as f32)
                 .collect(),
             places: vec![1.0; 8 * DEPTHS],
         };
@@ -138,7 +138,8 @@ impl Simulated {
             .collect::<Result<_, _>>()?;
         let errors: Vec<Vec<f64>> =
             cycles.iter().map(|cycle| errors_um(&pair, &cycle.uste_rad, &cycle.stiffness_n_per_m)).collect();
-        let transmission_error_um: Vec<f32> = swings_um(&errors).into_iter().map(|um| um as f32).collect();
+        let transmission_error_um: Vec<f32> =
+            peak_to_peak_um(&errors).into_iter().map(|um| um as f32).collect();
         let places = places(&pair, &worn, &depths_mm);
         let member = |spec: &PairSpec| {
             let member = Member {
@@ -213,7 +214,7 @@ fn errors_um(pair: &GearPair, uste_rad: &[f64], stiffness_n_per_m: &[f64]) -> Ve
 }
 
 /// Peak to peak of what each state's transmission error has more than the first one's.
-fn swings_um(errors: &[Vec<f64>]) -> Vec<f64> {
+fn peak_to_peak_um(errors: &[Vec<f64>]) -> Vec<f64> {
     let swing = |errors_um: &Vec<f64>| {
         let added = errors_um.iter().zip(&errors[0]).map(|(worn, new)| worn - new);
         let (low, high) =

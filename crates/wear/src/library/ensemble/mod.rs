@@ -235,7 +235,7 @@ impl Ensemble {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::made_up_library;
+    use super::super::testing::synthetic_library;
     use super::*;
 
     #[test]
@@ -248,7 +248,7 @@ mod tests {
 
     #[test]
     fn the_described_library_is_a_member_by_itself() {
-        let library = Arc::new(made_up_library());
+        let library = Arc::new(synthetic_library());
         let ensemble = Ensemble::of(Arc::clone(&library));
         assert_eq!(ensemble.members().len(), 1);
         let curve = &library.feature_curves()["ln_mesh_1"].clone();
@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn a_smaller_ensemble_is_the_beginning_of_a_larger_one() {
-        let library = Arc::new(made_up_library());
+        let library = Arc::new(synthetic_library());
         let settings = |members| EnsembleSettings { members };
         let control = BuildControl::silent();
         let small = Ensemble::build(Arc::clone(&library), &settings(4), &control).unwrap();

@@ -226,7 +226,7 @@ impl Shape {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::testing::made_up_library;
+    use super::super::super::testing::synthetic_library;
     use super::*;
 
     fn draws(described: &PairSpec) -> Vec<PairSpec> {
@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn what_is_not_given_is_drawn_widely() {
-        let described = made_up_library().pair().clone();
+        let described = synthetic_library().pair().clone();
         let all = draws(&described);
         let damping: Vec<f64> = all.iter().map(|spec| spec.dynamics.mesh_damping_ratio).collect();
         assert!(damping.iter().any(|z| *z < 0.05) && damping.iter().any(|z| *z > 0.35));
@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn what_is_given_is_drawn_around_it() {
-        let mut described = made_up_library().pair().clone();
+        let mut described = synthetic_library().pair().clone();
         described.dynamics.mesh_damping_ratio = 0.1;
         described.wear.exponent = 2.0;
         described.wear.measured = true;
@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn a_draw_is_a_function_of_pair_and_number() {
-        let described = made_up_library().pair().clone();
+        let described = synthetic_library().pair().clone();
         assert_eq!(draw(&described, 7, 2).unwrap(), draw(&described, 7, 2).unwrap());
         assert_ne!(draw(&described, 7, 2).unwrap(), draw(&described, 8, 2).unwrap());
     }
