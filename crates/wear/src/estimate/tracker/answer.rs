@@ -1,23 +1,23 @@
-//! What is believed after a record, in numbers and in words.
+//! The answer to a record: its numbers, and its reason in words.
 
 use super::Tracker;
 use crate::estimate::filter::JointPosterior;
 use crate::estimate::likelihood::Likelihood;
-use crate::estimate::novelty::{Novelty, SensorFault};
+use crate::estimate::novelty::{FeatureDeviation, Novelty, SensorFault};
 use crate::estimate::wear::{
     BaselineProgress, BestState, Interval, MissingLibrary, WearEstimate, WearStatus,
 };
 use crate::library::{DEPTHS, Ensemble, Library};
 use flankwatch_signal::{Features, NotComputed};
 
-/// An interval of the tracked depth wider than this part of the library says that the records do not tell.
+/// Widest 90 % interval, as a part of the library's depths, that still counts as an estimate.
 const MAX_INTERVAL_PART: f64 = 0.6;
 
-/// Places of the transmission error that probabilities are counted by.
+/// Bins of the transmission error's histogram.
 const ERROR_BINS: usize = 2048;
 
 impl Tracker {
-    /// Puts the novelty of a record with these features into an answer without a number.
+    /// Adds a record's novelty to an answer without a depth, with the status and reason that follow from it.
     pub(super) fn apply_novelty(&self, answer: &mut WearEstimate, novelty: Novelty, features: &Features) {
         if let Some(fault) = novelty.sensor_fault {
             answer.status = WearStatus::SensorFault;
@@ -25,13 +25,13 @@ impl Tracker {
         } else if let Some(sign) = novelty.machine_sign {
             answer.status = WearStatus::OutsideLibrary;
             let band =
-                novelty.band_hz.map(|[low, high]| format!(" (most between {low:.0} and {high:.0} Hz)"));
+                novelty.band_hz.map(|[low, high]| format!(" (mostly between {low:.0} and {high:.0} Hz)"));
             let also: Vec<&str> = novelty.also.iter().map(|sign| sign.short()).collect();
             let also =
                 if also.is_empty() { String::new() } else { format!("; also possible: {}", also.join(", ")) };
-            let off = match &novelty.lasting {
+            let deviation = match &novelty.lasting {
                 Some(check) => format!("{check} has deviated for several records"),
-                None => format!("off are {}", most_deviating(&novelty)),
+                None => largest_deviations(&novelty),
             };
             let words = match self.missing_library {
                 MissingLibrary::NoMesh => sign.words_without_mesh(),
@@ -40,18 +40,18 @@ impl Tracker {
             let band = band.unwrap_or_default();
             let line = novelty.envelope_line.as_ref().map(|line| format!("; {}", line.words()));
             let line = line.unwrap_or_default();
-            answer.reason = format!("most like this: {words}{band}{also}{line}; {off}");
+            answer.reason = format!("most likely: {words}{band}{also}{line}; {deviation}");
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
             let what = match &self.ensemble {
                 Some(_) if novelty.lasting.is_some() => {
-                    "no wear of the library has explained several records well"
+                    "no wear state of the library has explained the last records well"
                 }
-                Some(_) => "no wear of the library explains this record",
-                None if novelty.lasting.is_some() => "several records have been unlike the healthy ones",
-                None => "this record is unlike the healthy ones",
+                Some(_) => "no wear state of the library explains this record",
+                None if novelty.lasting.is_some() => "the last records differ from the healthy ones",
+                None => "this record differs from the healthy ones",
             };
-            answer.reason = format!("{what}: off are {}", most_deviating(&novelty));
+            answer.reason = format!("{what}; {}", largest_deviations(&novelty));
         }
         if novelty.outside && novelty.sensor_fault.is_none() && features.fault == Some(NotComputed::Clipped) {
             answer.reason = format!("{}; {}", answer.reason, SensorFault::Clipped.words());
@@ -59,7 +59,7 @@ impl Tracker {
         answer.novelty = Some(novelty);
     }
 
-    /// The answer to a record that wear explains.
+    /// Returns the answer to a record that wear explains.
     pub(super) fn answer(
         &self,
         ensemble: &Ensemble,
@@ -75,7 +75,7 @@ impl Tracker {
         let (status, reason) = if p95 - p05 > MAX_INTERVAL_PART * end_um {
             (
                 WearStatus::NotIdentifiable,
-                format!("wear anywhere between {p05:.0} and {p95:.0} µm explains the records"),
+                format!("any wear between {p05:.0} and {p95:.0} µm explains the records"),
             )
         } else if at_end {
             (
@@ -107,7 +107,7 @@ impl Tracker {
         answer
     }
 
-    /// The answer to a record without lines of the mesh: its speed is in doubt, or else why.
+    /// Returns the answer to a record without mesh lines: that its speed is in doubt, or `else_reason`.
     pub(super) fn without_mesh_lines(
         &self,
         features: &Features,
@@ -120,7 +120,7 @@ impl Tracker {
         }
     }
 
-    /// An answer without a depth.
+    /// Returns an answer without a depth.
     pub(super) fn without_depth(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
         let baseline = BaselineProgress { have, need: self.settings.baseline_records };
         let ensemble = self.ensemble.as_ref();
@@ -132,13 +132,13 @@ impl Tracker {
     }
 }
 
-/// The transmission error due to wear, of a probability by group of members and depth; the members of a group
-/// have the same wear, and so the same error.
+/// Transmission error due to wear in µm, from the probability by group of members and depth. The members of
+/// a group have the same wear, and so the same error.
 fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
     let groups = ensemble.members().chunks(ensemble.variants());
     let errors = groups.flat_map(|group| group[0].transmission_error_um().iter().copied());
     let greatest_um = ensemble.greatest_transmission_error_um();
-    // Places of the square root, which are close together where errors are small.
+    // Bins are equally wide in the square root, so they are narrow where errors are small.
     let bins_per_root = (ERROR_BINS - 1) as f32 / greatest_um.max(f32::MIN_POSITIVE).sqrt();
     let mut by_bin = [0.0_f32; ERROR_BINS];
     for (error_um, p) in errors.zip(joint) {
@@ -151,7 +151,7 @@ fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
             left -= p;
             left <= 0.0
         })?;
-        // `left` is what of the place lies above the quantile, below zero.
+        // `left` is now negative: minus the probability of the bin that lies above the quantile.
         let at = if bin == 0 { 0.0 } else { bin as f32 + 1.0 + left / by_bin[bin] };
         Some(f64::from((at / bins_per_root).powi(2).min(greatest_um)))
     };
@@ -159,15 +159,15 @@ fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
 }
 
 /// The features that deviate most, in words.
-fn most_deviating(novelty: &Novelty) -> String {
-    let most = novelty.most.iter();
-    let most = most.map(|d| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp()));
-    most.collect::<Vec<_>>().join(", ")
+fn largest_deviations(novelty: &Novelty) -> String {
+    let factor = |d: &FeatureDeviation| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp());
+    let factors: Vec<String> = novelty.most.iter().map(factor).collect();
+    format!("largest deviations: {}", factors.join(", "))
 }
 
-/// The library state nearest to a depth.
+/// The library state whose depth is nearest to `wear_um`.
 fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
-    let far = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
-    let index = (0..library.states().len()).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+    let distance = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
+    let index = (0..library.states().len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0);
     BestState { index, wear_um: library.states()[index].wear_um, member }
 }

@@ -1,4 +1,4 @@
-//! The baseline while it is collected.
+//! Collecting the healthy baseline.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -16,13 +16,16 @@ use crate::estimate::novelty::{RecordContext, judge};
 use crate::estimate::wear::{MissingLibrary, WearEstimate, WearStatus};
 use flankwatch_signal::Features;
 
-/// Fewest records of a chosen baseline; with fewer it is learnt as any other.
+/// Fewest records of a chosen baseline; with fewer, the baseline is learnt as if none had been chosen.
 const MIN_CHOSEN: usize = 8;
+
+/// Reason given for a record without a mesh line.
+const NO_MESH_LINE: &str = "no mesh line was found in this record, so it is not used";
 
 /// Most records of a chosen baseline.
 const MAX_CHOSEN: usize = 10_000;
 
-/// The records of a baseline so far.
+/// The records collected for a baseline.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Collecting {
     records: Vec<Features>,
@@ -30,12 +33,12 @@ pub(super) struct Collecting {
     carried: Option<Carried>,
     #[serde(default)]
     meshless: Meshless,
-    /// Where people say which records the baseline is.
+    /// Set where users chose which records make the baseline.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     chosen: Option<Chosen>,
 }
 
-/// The records without a mesh line of a channel on which none has been found often enough for a baseline.
+/// Records without a mesh line, collected before enough records with one make a baseline.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 struct Meshless {
     records: Vec<Features>,
@@ -45,23 +48,23 @@ struct Meshless {
     model: CachedModel,
 }
 
-/// A baseline of all records before a time.
+/// A baseline that users chose: all records before `until`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Chosen {
     until: Timestamp,
-    /// The latest of them so far.
+    /// Time of the latest record collected.
     latest: Option<Timestamp>,
 }
 
-/// What goes on over a new baseline.
+/// State that is carried over to a new baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Carried {
     filter: Filter,
 }
 
 impl Collecting {
-    /// From the first record after an event on: with what goes on over the new baseline, which is that of all
-    /// records before `until` where people chose it.
+    /// Starts a new baseline after an event, with the filter that is carried over. Where users chose the
+    /// baseline, it consists of all records before `until`.
     pub(super) fn after_event(carried: Option<Filter>, until: Option<Timestamp>) -> Self {
         Self {
             carried: carried.map(|filter| Carried { filter }),
@@ -70,25 +73,25 @@ impl Collecting {
         }
     }
 
-    /// How many records there are.
+    /// Number of records collected.
     pub(super) fn have(&self) -> u32 {
         self.records.len() as u32
     }
 
-    /// What goes on over the baseline.
+    /// Takes the filter that is carried over to the baseline.
     pub(super) fn take_carried(&mut self) -> Option<Filter> {
         self.carried.take().map(|carried| carried.filter)
     }
 
-    /// Whether a record at this time is the first one after a chosen baseline.
+    /// Whether a record at this time is the first one after the chosen baseline.
     pub(super) fn ends_chosen_baseline(&self, at: Timestamp) -> bool {
         self.chosen.as_ref().is_some_and(|chosen| at >= chosen.until)
     }
 }
 
 impl Tracker {
-    /// The tracking after a chosen baseline; none where it has too few records, which then are the beginning
-    /// of one that is learnt as any other.
+    /// Starts tracking after a chosen baseline. Returns `None` where it has too few records; these then
+    /// start a baseline that is learnt as if none had been chosen.
     pub(super) fn finish_chosen_baseline(
         &self,
         collecting: &mut Collecting,
@@ -103,7 +106,7 @@ impl Tracker {
         Some(self.start_tracking(&collecting.records, began, ended, carried))
     }
 
-    /// Takes a record into the baseline, and the tracking that begins where it is complete.
+    /// Adds a record to the baseline. Returns the answer, and the tracking once the baseline is complete.
     pub(super) fn collect(
         &self,
         collecting: &mut Collecting,
@@ -131,12 +134,12 @@ impl Tracker {
             }
             let have = collecting.records.len();
             let until = chosen.until;
-            let reason = format!("collecting the chosen baseline, {have} records of those before {until}");
+            let reason = format!("collecting the chosen baseline: {have} of the records before {until}");
             let have = (have as u32).min(need);
             return (self.without_depth(WearStatus::CollectingBaseline, have, &reason), None);
         }
         collecting.records.push(features.clone());
-        // Records whose lines and sidebands run together make a baseline of their own.
+        // Records too short to separate lines from sidebands need a baseline of their own.
         let alike = |record: &Features| can_share_baseline(record, features);
         let have = collecting.records.iter().filter(|record| alike(record)).count() as u32;
         let tracking = (have >= need).then(|| {
@@ -148,32 +151,28 @@ impl Tracker {
         (self.without_depth(WearStatus::CollectingBaseline, have, &reason), tracking)
     }
 
-    /// Why a record cannot be part of the baseline.
+    /// Returns why a record cannot be part of the baseline.
     fn unusable_reason(&self, features: &Features) -> Option<&'static str> {
         if features.fault.is_some() {
-            return Some("the samples of this record are not what the sensor felt, so it does not count");
+            return Some("the samples of this record are faulty, so it is not used");
         }
         let mesh_line = features.has_mesh();
         if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
             return Some(match self.missing_library {
-                MissingLibrary::NoMesh => "the record is too short to be compared, so it does not count",
-                _ => "the mesh line was not found in this record, so it does not count",
+                MissingLibrary::NoMesh => "the record is too short to be compared, so it is not used",
+                _ => NO_MESH_LINE,
             });
         }
         None
     }
 
-    /// A record without a mesh line while the baseline is collected: such records are no wear's, but as many
-    /// of them as a baseline has show what is usual among them.
+    /// Handles a record without a mesh line while the baseline is collected. Wear cannot be read from such
+    /// records; once there are as many as a baseline has, they serve as a baseline for novelty.
     fn collect_meshless(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
         let usable = features.fault.is_none() && !features.checks.is_empty();
-        let known = meshless.records.len() >= self.settings.baseline_records as usize;
-        let mut answer = self.without_mesh_lines(
-            features,
-            have,
-            "the mesh line was not found in this record, so it does not count",
-        );
-        if known {
+        let is_complete = meshless.records.len() >= self.settings.baseline_records as usize;
+        let mut answer = self.without_mesh_lines(features, have, NO_MESH_LINE);
+        if is_complete {
             let Meshless { records, cusums, model } = meshless;
             let healthy = model.get(|| self.healthy_model(&Baseline::of(records)));
             let context =

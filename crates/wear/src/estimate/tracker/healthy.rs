@@ -1,4 +1,4 @@
-//! What the machine's lines and checks are while it is healthy.
+//! The model of a healthy machine's lines and checks.
 
 use std::sync::Arc;
 
@@ -10,33 +10,33 @@ use crate::estimate::healthy_lines::HealthyLines;
 use crate::estimate::levels::is_impulsive;
 use flankwatch_signal::Features;
 
-/// What follows from a baseline.
+/// Lines and checks fitted to a baseline.
 #[derive(Debug)]
 pub(super) struct HealthyModel {
     pub(super) lines: HealthyLines,
     pub(super) checks: HealthyChecks,
 }
 
-/// The same, worked out again where a state was read.
+/// A lazily fitted [`HealthyModel`]. It is not saved: a state that was read fits it again.
 #[derive(Debug, Clone, Default)]
 pub(super) struct CachedModel(Option<Arc<HealthyModel>>);
 
 impl PartialEq for CachedModel {
-    /// It says nothing that the baseline does not say.
+    /// Always true: the model follows from the baseline.
     fn eq(&self, _: &Self) -> bool {
         true
     }
 }
 
 impl CachedModel {
-    /// What follows from a baseline, worked out the first time.
+    /// Returns the model, fitting it on the first call.
     pub(super) fn get(&mut self, compute: impl FnOnce() -> HealthyModel) -> Arc<HealthyModel> {
         Arc::clone(self.0.get_or_insert_with(|| Arc::new(compute())))
     }
 }
 
 impl Tracker {
-    /// What follows from a baseline.
+    /// Fits the healthy model to a baseline.
     pub(super) fn healthy_model(&self, baseline: &Baseline) -> HealthyModel {
         let nominal = match self.ensemble.as_deref() {
             Some(ensemble) => {
@@ -55,8 +55,7 @@ impl Tracker {
 }
 
 impl HealthyModel {
-    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid and a
-    /// drift.
+    /// Deviations of the checks from their expectation at the depth with index `depth` and a drift.
     pub(super) fn checks_at(
         &self,
         record: &Features,

@@ -1,9 +1,9 @@
-//! What records before an inspection say once it is known.
+//! Estimates of earlier records in the light of a later inspection.
 //!
-//! An inspection tells which members of the ensemble are like the machine. That holds for its past too: the
-//! records before it are followed once more, and each group of members counts with the probability that it
-//! has after the inspection. How deep a group is at a record follows from the records up to that one, as
-//! ever; that wear was nowhere deeper than at the inspection is not used besides.
+//! An inspection shows which members of the ensemble resemble the machine. That holds for its past too, so
+//! the records before the inspection are estimated again, each group of members weighted with its probability
+//! after the inspection. A group's depth at a record still follows from the records up to that one alone; the
+//! fact that wear was nowhere deeper than at the inspection is not used.
 
 use std::sync::Arc;
 
@@ -14,26 +14,27 @@ use super::{Stage, Tracker, TrackerState};
 use crate::estimate::event::{MaintenanceEvent, MaintenanceKind};
 use crate::estimate::wear::WearEstimate;
 
-/// One step of a channel's life.
+/// One step of a channel's history.
 #[derive(Debug, Clone, Copy)]
 pub enum HistoryStep<'a> {
     /// A record that began at a time.
     Record(Timestamp, &'a Features),
-    /// What was done to the machine.
+    /// Maintenance of the machine.
     Event(&'a MaintenanceEvent),
 }
 
-/// What an inspection says of the steps before it.
+/// The steps before an inspection of the same teeth.
 struct InspectedPeriod {
-    /// The first step of the same teeth, and the inspection's.
+    /// From the first step of these teeth to the inspection, which is not included.
     steps: std::ops::Range<usize>,
-    /// Probability of each group of members.
+    /// Probability of each group of members after the inspection.
     groups: Arc<[f32]>,
 }
 
 impl Tracker {
-    /// The estimates of records before the last inspection of the same teeth, with what it taught; by step,
-    /// and none for steps that no inspection follows. Steps come in the order of time.
+    /// Estimates the records before the last inspection of the same teeth again, in the light of it. Returns
+    /// one entry per step, `None` for events and for records that no inspection follows. `steps` are in time
+    /// order.
     pub fn in_hindsight(&self, steps: &[HistoryStep<'_>]) -> Vec<Option<WearEstimate>> {
         let periods = self.inspected_periods(steps);
         let mut estimates = vec![None; steps.len()];
@@ -55,7 +56,7 @@ impl Tracker {
         estimates
     }
 
-    /// The last inspection of each pair of teeth.
+    /// Returns the period before the last inspection of each gear pair.
     fn inspected_periods(&self, steps: &[HistoryStep<'_>]) -> Vec<InspectedPeriod> {
         let is_inspection =
             |step: &HistoryStep<'_>| matches!(step, HistoryStep::Event(event) if event.inspection.is_some());
@@ -85,7 +86,7 @@ impl Tracker {
     }
 }
 
-/// What is believed of the groups of members; none while a baseline is collected.
+/// Probability of each group of members; `None` while a baseline is collected.
 fn group_probabilities(state: &TrackerState) -> Option<Vec<f32>> {
     match &state.0 {
         Stage::Tracking(tracking) => Some(tracking.filter.as_ref()?.groups()),

@@ -226,8 +226,8 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_alone() {
     let failing = take(1.0, 9.0);
     assert_eq!(failing.status, WearStatus::OutsideLibrary, "{}", failing.reason);
     for words in [
-        "impulses have grown: a bearing or looseness",
-        "most between 2828 and 5657 Hz",
+        "impulses have grown: a bearing fault or looseness",
+        "mostly between 2828 and 5657 Hz",
         "line is at 107.3 Hz, the outer race of bearing fan (1 × BPFO)",
     ] {
         assert!(failing.reason.contains(words), "{}", failing.reason);
@@ -376,11 +376,11 @@ fn far_from_the_described_speed_less_is_told_and_beyond_half_of_it_nothing() {
         .into();
     let width = |wear: &WearEstimate| wear.p95_um.unwrap() - wear.p05_um.unwrap();
     assert!(width(&worn[1]) > 1.1 * width(&worn[0]), "{} and {}", worn[0].reason, worn[1].reason);
-    let told = "; less certain, as the shaft speed is 0.80 of the described one";
-    assert!(worn[1].reason.ends_with(told) && !worn[0].reason.contains("less certain"), "{}", worn[1].reason);
+    let caveat = "; less certain because the shaft speed is 0.80 times the described one";
+    assert!(worn[1].reason.ends_with(caveat) && !worn[0].reason.contains("less certain"), "{}", worn[1].reason);
     let mut copy = state.clone();
     let refused = tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &at(2.5, 0.0, &mut rng));
     assert_eq!(refused.status, WearStatus::NotComparable);
-    assert!(refused.reason.contains("shaft speed is 2.50 of the described one, expected 0.5 to 2"));
+    assert!(refused.reason.contains("shaft speed is 2.50 times the described one, expected 0.5 to 2 times"));
     assert!(copy == state, "such a record moves nothing");
 }

@@ -1,4 +1,4 @@
-//! The wear after the baseline, record by record.
+//! Tracking wear record by record after the baseline.
 
 use std::sync::Arc;
 
@@ -26,41 +26,43 @@ use crate::estimate::wear::{WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, MESH_LINES};
 use flankwatch_signal::Features;
 
-/// Fewest lines that a comparison is made on.
+/// Fewest lines that a comparison needs.
 const MIN_LINES: usize = 3;
 
-/// Longest interval between two records in units of growth: what a machine does while nobody records is not
-/// known.
+/// Longest interval between two records in units of growth: whether the machine ran during a longer gap is
+/// not known.
 const MAX_UNITS: f64 = 100.0;
 
-/// Part of the newest record in the mean of the lines that an inspection is compared with.
+/// Weight of the newest record in the moving mean of the lines that an inspection is compared with.
 const NEWEST_PART: f32 = 0.3;
 
-/// Records in a row whose own best depth lies outside the interval before the search begins anew.
+/// Records in a row whose own best depth may lie outside the interval before the estimate is withdrawn.
 const MAX_DISAGREEING: u8 = 10;
 
-/// Probability that lines that moved as load moves them show no wear at all.
+/// Probability of no wear at all where the lines moved as load moves them.
 const LOAD_INSTEAD: f32 = 0.2;
 
-/// What is said of lines that moved as load moves them.
-const LIKE_LOAD: &str = "it may be load instead: the lines moved as they do together in the baseline, so give each record its torque";
+/// Caveat on lines that moved as load moves them.
+const LIKE_LOAD: &str = "a change of load may be the cause instead: the lines moved together as they do in the baseline; supply the torque with each record";
 
-/// What is known of a machine after its baseline.
+/// State of a channel after its baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tracking {
     baseline: Baseline,
-    /// Seconds between two records of the baseline on the mean, and the time of the newest record.
+    /// Unit of growth: mean time between two records of the baseline, in seconds.
     unit_s: f64,
+    /// Time of the newest record that updated the filter.
     pub(super) newest: Timestamp,
-    /// Time of the newest record of all.
+    /// Time of the newest record that was compared with the library.
     seen: Timestamp,
     drift: Drift,
     pub(super) filter: Option<Filter>,
-    /// By member, the depth at which the baseline was taken; none for a new machine.
+    /// By member, the index of the depth at which the baseline was taken; `None` for a new machine.
     reference: Option<Vec<u8>>,
     anchor: Option<Anchor>,
-    /// Mean change of each line over the last records.
+    /// Moving mean of each line's change over the last records.
     recent: Vec<Option<f32>>,
+    /// Number of records in a row whose own best depth lies outside the interval.
     disagreeing: u8,
     #[serde(default, rename = "charts")]
     cusums: Cusums,
@@ -68,13 +70,13 @@ pub(super) struct Tracking {
     levels: Levels,
     #[serde(skip)]
     model: CachedModel,
-    /// Probability of each group of members in place of what is believed, for looking back.
+    /// Probability of each group of members after a later inspection, for estimates in hindsight.
     #[serde(skip)]
     pub(super) hindsight: Option<Arc<[f32]>>,
 }
 
 impl Tracking {
-    /// Units of growth from one time to another.
+    /// Returns the units of growth from one time to another.
     fn units(&self, from: Timestamp, to: Timestamp) -> f64 {
         if self.unit_s > 0.0 {
             (to.duration_since(from).as_secs_f64() / self.unit_s).clamp(0.0, MAX_UNITS)
@@ -110,7 +112,7 @@ impl Tracking {
 }
 
 impl Tracker {
-    /// The tracking after a baseline of these records, which began at `began` and ended at `ended`.
+    /// Starts tracking after a baseline of these records, which began at `began` and ended at `ended`.
     pub(super) fn start_tracking(
         &self,
         records: &[Features],
@@ -139,7 +141,7 @@ impl Tracker {
         }
     }
 
-    /// Takes a depth that was measured on the teeth.
+    /// Updates the filter with a depth that was measured on the teeth.
     pub(super) fn inspect(&self, tracking: &mut Tracking, inspection: &Inspection) {
         let Some(ensemble) = self.ensemble.as_deref() else {
             return;
@@ -155,7 +157,7 @@ impl Tracker {
             .flat_map(|member| {
                 let parts = at_place(member);
                 let deviates = self.grid.cells().zip(parts).map(|([low, high], part)| {
-                    // The error of a cell is the measured one's and the cell's own width.
+                    // The variance is the measurement's plus that of a uniform distribution over the cell.
                     let (middle, width) =
                         (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
                     let variance = inspection.error_um * inspection.error_um + width * width / 12.0;
@@ -172,7 +174,7 @@ impl Tracker {
         tracking.disagreeing = 0;
     }
 
-    /// Takes one record.
+    /// Compares one record with the library, updates the state and returns the answer.
     pub(super) fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
         let Tracking { baseline, model, .. } = &mut *tracking;
@@ -190,7 +192,7 @@ impl Tracker {
         };
         if healthy.lines.len() < MIN_LINES {
             let reason = format!(
-                "{} lines stand above the noise in the baseline, expected at least {MIN_LINES}: this channel cannot show wear",
+                "{} mesh lines stand above the noise in the baseline, expected at least {MIN_LINES}: this channel cannot show wear",
                 healthy.lines.len()
             );
             let answer = self.without_depth(WearStatus::NotIdentifiable, need, &reason);
@@ -228,7 +230,7 @@ impl Tracker {
         let lines_fell = tracking.levels.lines_fell(&gain_sensitive, &measured.frequencies_hz(mesh_hz));
         let novelty = tracking.judge(&healthy, features, [lines, checks], &gain_sensitive, lines_fell);
         if novelty.outside {
-            // What is not wear does not move the estimate of wear.
+            // A record that wear does not explain leaves the wear estimate as it is.
             let mut answer = self.without_depth(WearStatus::OutsideLibrary, need, "");
             self.apply_novelty(&mut answer, novelty, features);
             return answer;
@@ -250,7 +252,7 @@ impl Tracker {
             answer.status = WearStatus::NotIdentifiable;
         }
         let doubts = [
-            is_disputed.then(|| ": the last records say otherwise than those before".to_owned()),
+            is_disputed.then(|| "; the last records contradict the earlier ones".to_owned()),
             extrapolation.caveat().map(|caveat| format!("; {caveat}")),
             like_load.then(|| format!("; {LIKE_LOAD}")),
         ];
@@ -264,8 +266,8 @@ impl Tracker {
         answer
     }
 
-    /// Takes a record whose mesh lines are compared with nothing: its novelty is put into the `answer` that
-    /// says why.
+    /// Judges a record whose mesh lines cannot be compared, and adds its novelty to the `answer` that says
+    /// why.
     fn track_by_checks(
         &self,
         tracking: &mut Tracking,
@@ -280,7 +282,7 @@ impl Tracker {
                 return self.without_mesh_lines(features, need, "");
             }
             let reason = format!(
-                "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines, as another sampling rate or length gives"
+                "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines; its sampling rate or length probably differs"
             );
             return self.without_depth(WearStatus::NotComparable, need, &reason);
         }
@@ -291,8 +293,8 @@ impl Tracker {
         answer
     }
 
-    /// Takes a record that has none of the baseline's lines: less than usual is then a machine that stands
-    /// still.
+    /// Judges a record that has none of the baseline's lines. Values below the healthy ones are ignored:
+    /// they mean that the machine stands still.
     fn track_without_lines(
         &self,
         tracking: &mut Tracking,
@@ -301,7 +303,7 @@ impl Tracker {
     ) -> WearEstimate {
         let need = self.settings.baseline_records;
         let mut answer =
-            self.without_mesh_lines(features, need, "this record has none of the baseline's lines");
+            self.without_mesh_lines(features, need, "this record has none of the baseline's mesh lines");
         let mut checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
         checks.retain(|deviation| deviation.residual > 0.0);
         let context = RecordContext { impulsive: healthy.is_impulsive(features), ..RecordContext::default() };
@@ -320,7 +322,7 @@ impl Tracker {
         }
     }
 
-    /// Lets wear grow up to a record, and takes it.
+    /// Lets wear grow up to a record, then updates the filter with the record.
     fn update_filter(
         &self,
         tracking: &mut Tracking,
@@ -341,7 +343,7 @@ impl Tracker {
     }
 }
 
-/// Why a record has too few of the baseline's lines, where its sampling rate is the reason.
+/// Returns why a record is rejected where its sampling rate leaves it too few of the baseline's lines.
 fn sampling_rejection(
     healthy: &HealthyModel,
     ensemble: &Ensemble,
