@@ -1,4 +1,4 @@
-//! What the values that wear hardly moves are on one asset when it is healthy.
+//! Healthy checks of one asset: the values that wear hardly changes.
 
 use std::collections::BTreeMap;
 
@@ -11,30 +11,29 @@ use super::healthy::SpeedKernels;
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 
-/// Standard deviation of what the library may be wrong by in a check, and as a part of the change; half of
-/// the change that the library has is expected, as the sensor's own noise does not change.
+/// Standard deviation of the library's error in a check, absolute and as a part of the change. Half of the
+/// library's change is expected, as the sensor's own noise does not change.
 const CHECK_DISCREPANCY: f64 = 0.05;
 const CHECK_RELATIVE_DISCREPANCY: f64 = 0.6;
 const CHECK_PART: f64 = 0.5;
 
-/// Wear that moves the mesh lines apart from each other moves what lies between them too, by something that
-/// no library knows: at most this part of how far the lines have moved apart, by kind of check.
+/// Wear that spreads the changes of the mesh lines also moves the checks, by an amount that no library gives:
+/// at most this part of the line spread, by kind of check.
 const DRIFT_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.5), ("ln_tooth_", 0.5), ("ln_", 0.6)];
 
-/// How far wear moves the lines apart from each other within a unit of growth, at most: what moves at once is
-/// no wear.
+/// Largest increase of the line spread through wear within a unit of growth: a sudden change is not wear.
 const MAX_SPREAD_STEP: f64 = 0.1;
 
-/// Part of what a check may have moved by that differs from record to record.
+/// Scatter of a check's drift between records, as a part of its largest drift.
 const DRIFT_SCATTER: f64 = 0.1;
 
-/// Part of the newest record in what is known of the drift.
+/// Weight of the newest record in the drift.
 const NEWEST_PART: f64 = 0.15;
 
-/// Checks in which a simulation without noise has rounding, and no wear.
+/// Checks that in a noise-free simulation consist of rounding errors: the library says nothing about them.
 const UNSIMULATED: [&str; 2] = ["ln_shaft_", "ln_tooth_"];
 
-/// What the check of what the teeth repeat begins with.
+/// Prefix of the checks of what the teeth repeat from turn to turn.
 const REPEATED: &str = "ln_tooth_repeated_";
 
 /// The fit of one check over the baseline's speeds.
@@ -51,18 +50,17 @@ struct Check {
     change: Vec<f64>,
 }
 
-/// How wear has moved the checks so far: slowly, and no further than in proportion to what it did to the mesh
-/// lines.
+/// Drift of the checks through wear so far: slow, and limited in proportion to the spread of the mesh lines.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Drift {
-    /// How far the lines have moved apart.
+    /// Spread of the mesh lines' changes.
     #[serde(rename = "apart")]
     line_spread: f64,
-    /// By check.
+    /// Offset by check.
     offsets: BTreeMap<String, f64>,
 }
 
-/// The drift that a record may show.
+/// The drift that is allowed for a record.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct AllowedDrift<'a> {
     drift: &'a Drift,
@@ -71,7 +69,7 @@ pub(super) struct AllowedDrift<'a> {
 }
 
 impl Drift {
-    /// What a record may show whose lines are `apart` from each other, `units` of growth after the one
+    /// Returns the drift that is allowed for a record with this line spread, `units` of growth after the one
     /// before.
     pub(super) fn at(&self, line_spread: f64, units: f64) -> AllowedDrift<'_> {
         AllowedDrift {
@@ -81,7 +79,7 @@ impl Drift {
         }
     }
 
-    /// What is known after a record that wear explains.
+    /// Returns the drift after a record that wear explains.
     pub(super) fn after(&self, line_spread: f64, units: f64, checks: &[Deviation]) -> Self {
         let line_spread = self.at(line_spread, units).line_spread;
         let offset = |check: &Deviation| {
@@ -97,7 +95,7 @@ impl Drift {
 }
 
 impl AllowedDrift<'_> {
-    /// Where a check is expected, and the variance of that.
+    /// Returns the expected offset of a check and its variance.
     fn of(&self, check: &str) -> (f64, f64) {
         let offset = self.drift.offsets.get(check).copied().unwrap_or(0.0);
         let step = max_drift_part(check) * (MAX_SPREAD_STEP * self.units).min(self.line_spread);
@@ -106,22 +104,22 @@ impl AllowedDrift<'_> {
     }
 }
 
-/// How far a check moves at most for what the lines have moved apart.
+/// Largest drift of a check as a part of the line spread.
 fn max_drift_part(check: &str) -> f64 {
     let kind = DRIFT_PARTS.iter().find(|(kind, _)| check.starts_with(kind));
     kind.map_or(0.0, |(_, part)| *part)
 }
 
-/// What a check is above or below what is expected.
+/// Returns a check's value minus its expectation.
 ///
-/// What the teeth repeat is 0 where there is nothing but noise, and below where noise differs between even and
-/// odd turns. Less of that noise is no tooth's doing: such a check has grown from 0 on.
+/// A check of what the teeth repeat is 0 for noise alone, and negative where the noise differs between even and
+/// odd turns. Less of that noise is no sign of a tooth fault: such a check counts as grown from 0 on.
 fn residual(check: &str, value: f64, expected: f64) -> f64 {
     let grown = value - expected;
     if check.starts_with(REPEATED) && grown > 0.0 { grown.min(value.max(0.0)) } else { grown }
 }
 
-/// How many turns a check of the teeth averages.
+/// Number of turns that a tooth check averages.
 fn averaged_turns(check: &str) -> Option<u32> {
     check.strip_prefix("ln_tooth_")?.rsplit('_').next()?.parse().ok()
 }
@@ -136,7 +134,7 @@ pub(super) struct HealthyChecks {
 }
 
 impl HealthyChecks {
-    /// Fits a baseline whose speeds have these logarithms, for a grid of depths in µm.
+    /// Fits the checks to a baseline whose speeds have these logarithms, for a grid of depths in µm.
     pub(super) fn new(
         baseline: &Baseline,
         log_speeds: Vec<f64>,
@@ -175,12 +173,11 @@ impl HealthyChecks {
         Self { kernels, checks, kurtosis, comparability: baseline.comparability }
     }
 
-    /// How each check of a record deviates from what is expected at a depth of the grid, a logarithm of the
-    /// speed and a drift.
+    /// Returns the deviation of each check of a record from its expectation at a depth index, a logarithm of
+    /// the speed and a drift.
     ///
-    /// A record whose values scatter more, as it is shorter than the baseline's, has `scatter` times their
-    /// variance. Of averages of different numbers of turns the longest are compared that the record and the
-    /// baseline have.
+    /// The variance of a record shorter than the baseline's is larger accordingly. Of averages over different
+    /// numbers of turns, the longest that record and baseline share are compared.
     pub(super) fn deviations(
         &self,
         record: &Features,
@@ -216,7 +213,8 @@ impl HealthyChecks {
         self.checks.iter().filter_map(deviation).collect()
     }
 
-    /// How what a gain multiplies stands to the healthy values, whatever wear does.
+    /// Returns the deviations from the healthy values, regardless of wear, of the checks that a change of gain
+    /// multiplies.
     pub(super) fn gain_sensitive(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
         let gain_sensitive = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
         gain_sensitive
@@ -226,7 +224,7 @@ impl HealthyChecks {
             .collect()
     }
 
-    /// How a record's kurtosis stands to the healthy ones.
+    /// Returns the deviation of a record's kurtosis from the healthy ones.
     pub(super) fn kurtosis(&self, record: &Features, log_speed: f64) -> Option<Deviation> {
         self.deviation_from_healthy(self.kurtosis.as_ref()?, *record.values.get(KURTOSIS)?, log_speed)
     }
@@ -240,7 +238,7 @@ impl HealthyChecks {
         })
     }
 
-    /// Checks that a baseline has, and how many of them a record has.
+    /// Returns the number of the baseline's energy checks, and how many of them a record has.
     pub(super) fn shared(&self, record: &Features) -> [usize; 2] {
         let of_energy = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
         let shared = of_energy.clone().filter(|check| record.checks.contains_key(&check.name));
@@ -258,7 +256,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn less_noise_between_the_turns_is_no_tooth() {
+    fn less_noise_between_turns_is_no_tooth_fault() {
         let of = |value, expected| residual("ln_tooth_repeated_8", value, expected);
         assert_eq!((of(0.0, -0.6), of(-0.2, -0.6)), (0.0, 0.0));
         assert_eq!((of(0.5, -0.6), of(0.5, 0.25), of(-0.6, -0.25)), (0.5, 0.25, -0.35));

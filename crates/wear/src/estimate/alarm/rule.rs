@@ -125,11 +125,7 @@ impl AlarmRule {
             }
             match self.quantity {
                 AlarmQuantity::SensorFault | AlarmQuantity::StaleS if field.ends_with("_below") => {
-                    return refuse(
-                        field,
-                        value,
-                        "no lower level for sensor_fault and stale_s",
-                    );
+                    return refuse(field, value, "no lower level for sensor_fault and stale_s");
                 }
                 AlarmQuantity::SensorFault if !(value > 0.0 && value < 1.0) => {
                     return refuse(field, value, "a level between 0 and 1, as a reading is 0 or 1");
@@ -188,11 +184,9 @@ impl AlarmRule {
             .find_map(|(field, level)| Some((field, level?)));
         match (highest_below, self.warning.or(self.danger)) {
             (None, None) => Err(AlarmError::NoLevel),
-            (Some((field, below)), Some(above)) if below + 2.0 * self.hysteresis >= above => refuse(
-                field,
-                below,
-                "a level more than twice the hysteresis below warning and danger",
-            ),
+            (Some((field, below)), Some(above)) if below + 2.0 * self.hysteresis >= above => {
+                refuse(field, below, "a level more than twice the hysteresis below warning and danger")
+            }
             _ => Ok(()),
         }
     }

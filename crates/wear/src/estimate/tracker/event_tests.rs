@@ -1,4 +1,4 @@
-//! What people do and say: records left out and chosen, gears replaced, inspections.
+//! Tests of excluded records, chosen baselines, replaced gears and inspections.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -9,7 +9,7 @@ use super::*;
 use crate::library::testing::synthetic_library;
 
 #[test]
-fn an_excluded_record_leaves_the_state_as_it_is() {
+fn an_excluded_record_does_not_change_the_state() {
     let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -25,7 +25,7 @@ fn an_excluded_record_leaves_the_state_as_it_is() {
 }
 
 #[test]
-fn the_baseline_is_the_records_that_people_choose() {
+fn a_chosen_baseline_replaces_the_learnt_one() {
     let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(23);
@@ -47,7 +47,7 @@ fn the_baseline_is_the_records_that_people_choose() {
     for hour in from..until {
         let wear = tracker.update(&mut state, at(hour), &seen(&library, 60.0, 0.03, &mut rng));
         assert_eq!(wear.status, WearStatus::CollectingBaseline, "{}", wear.reason);
-        // A copy goes on the same.
+        // Continue with a copy through JSON.
         state = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
     }
     let mut last = None;
@@ -85,7 +85,7 @@ fn too_few_chosen_records_are_no_baseline() {
 }
 
 #[test]
-fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
+fn wear_restarts_after_a_replaced_gear_and_continues_after_a_replaced_sensor() {
     let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
@@ -119,7 +119,7 @@ fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
 }
 
 #[test]
-fn an_inspection_narrows_the_interval_and_is_believed() {
+fn an_inspection_narrows_the_interval_around_the_measured_depth() {
     let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(17);
@@ -187,16 +187,16 @@ fn hindsight_reaches_from_the_teeth_to_their_last_inspection() {
     for (place, event) in [(NEED + 50, &replaced), (NEED + 40, &inspected[1]), (NEED + 20, &inspected[0])] {
         steps.insert(place as usize, HistoryStep::Event(event));
     }
-    let looked_back = tracker.in_hindsight(&steps);
-    assert_eq!(looked_back.len(), steps.len());
-    // Records after the last inspection, and those of the new teeth, are not looked back at.
+    let in_hindsight = tracker.in_hindsight(&steps);
+    assert_eq!(in_hindsight.len(), steps.len());
+    // Records after the last inspection, and those of the new teeth, have no estimate in hindsight.
     let last = steps
         .iter()
         .rposition(|step| matches!(step, HistoryStep::Event(event) if event.inspection.is_some()));
-    assert!(looked_back[last.unwrap()..].iter().all(Option::is_none));
-    let told = looked_back[NEED as usize + 30].as_ref().unwrap();
-    assert!((told.median_um.unwrap() - 29.0).abs() < 8.0, "{}", told.reason);
-    // Without an inspection there is nothing to look back from.
+    assert!(in_hindsight[last.unwrap()..].iter().all(Option::is_none));
+    let estimate = in_hindsight[NEED as usize + 30].as_ref().unwrap();
+    assert!((estimate.median_um.unwrap() - 29.0).abs() < 8.0, "{}", estimate.reason);
+    // Without an inspection there are no estimates in hindsight.
     let records: Vec<HistoryStep<'_>> =
         steps.iter().filter(|step| matches!(step, HistoryStep::Record(..))).copied().collect();
     assert!(tracker.in_hindsight(&records).iter().all(Option::is_none));
