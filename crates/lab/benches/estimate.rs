@@ -1,7 +1,7 @@
 //! Benchmark of updating one asset's estimate with one record, comparing all members of the ensemble.
 //!
-//! `cargo bench --bench estimate`. Prints the time itself and in relation to computing the record's features in
-//! the same process.
+//! `cargo bench --bench estimate`. Prints the time itself and in relation to computing the record's features
+//! in the same process.
 
 use std::hint::black_box;
 use std::sync::Arc;

@@ -100,7 +100,7 @@ fn least(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(f64::INFINITY, f64::min)
 }
 
-/// Integrates the one coordinate x of θ₁ and θ₂ and the supports, with ẋ_m and ė explicitly; returns the last ÿ₁.
+/// Integrates x (of θ₁ and θ₂) and the supports, with ẋ_m and ė explicitly; returns the last ÿ₁.
 fn baseline(pair: &GearPair, cycle: &MeshCycle) -> f64 {
     let [driving, driven] = &pair.gears;
     let spec = &pair.spec;

@@ -45,7 +45,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Results depend on the inputs alone: no clock and no environment is read, and all random numbers are seeded.
+//! Results depend on the inputs alone: no clock or environment is read; random numbers are seeded.
 //!
 //! # Features
 //! - `files`: caches libraries in a folder under the hash of their inputs; without it, the crate opens no files.

@@ -1,9 +1,9 @@
 //! Banks of simulated vibrations, from which many runs are drawn.
 //!
 //! Simulating hundreds of runs of hundreds of records each would take too long. A bank holds some hundred
-//! states of one pair. Each has its own wear depth, torque and speed, evenly spread over the depths and random
-//! over the operating range, and its own integrated vibration. States are not interpolated: a record of a run
-//! takes a state of about its depth, and that state's depth, torque and speed are the truth.
+//! states of one pair. Each has its own wear depth, torque and speed, evenly spread over the depths and
+//! random over the operating range, and its own integrated vibration. States are not interpolated: a record
+//! of a run takes a state of about its depth, and that state's depth, torque and speed are the truth.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

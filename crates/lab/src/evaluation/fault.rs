@@ -72,8 +72,8 @@ const CLIPPED_PART: f64 = 0.5;
 /// Factor by which the sensitivity is multiplied or divided.
 const GAIN: f64 = 2.0;
 
-/// Adds a fault's excitation to the vibration before the transmission path; `healthy_rms` is the root mean
-/// square without it.
+/// Adds a fault's excitation to the vibration before the transmission path; `healthy_rms` is its RMS without
+/// it.
 pub(super) fn excite(
     fault: Fault,
     vibration: &mut [f64],
@@ -122,8 +122,7 @@ pub(super) fn excite(
     }
 }
 
-/// Applies a sensor fault to the measured signal including its noise; `peak` is that of the last record before
-/// the fault.
+/// Applies a sensor fault to the signal with its noise; `peak` is that of the last record before the fault.
 pub(super) fn distort(fault: Fault, seen: &mut [f64], rate_hz: f64, peak: f64) {
     match fault {
         Fault::GainJump => seen.iter_mut().for_each(|x| *x *= GAIN),

@@ -1,5 +1,5 @@
-//! Leave-one-out validation: runs of one member of the ensemble, estimated with the other groups of members, to
-//! test how well the ensemble represents a pair that it does not contain.
+//! Leave-one-out validation: runs of one member of the ensemble, estimated with the other groups of members,
+//! to test how well the ensemble represents a pair that it does not contain.
 
 use std::sync::Arc;
 

@@ -38,8 +38,8 @@ use score::ScoredRecord;
 /// Part of its stiffness that a cracked tooth has lost, at the middle of its mesh period.
 const CRACK_LOSS: f64 = 0.5;
 
-/// Final wear of runs with a fault, in parts of the library's greatest depth, and part of their records before
-/// the fault.
+/// Final wear of runs with a fault, in parts of the library's greatest depth, and part of their records
+/// before the fault.
 const FAULT_WEAR: f64 = 0.25;
 const BEFORE_FAULT: f64 = 0.6;
 
@@ -68,8 +68,8 @@ impl Default for EvaluationSettings {
 /// Records in the baseline.
 const BASELINE: usize = 20;
 
-/// Length of a record in seconds, sampling rate in hertz, signal-to-noise ratio in dB, and variation of the speed
-/// within a record, of the speed between records and of the torque.
+/// Length of a record in seconds, sampling rate in hertz, signal-to-noise ratio in dB, and variation of the
+/// speed within a record, of the speed between records and of the torque.
 const SECONDS: f64 = 1.0;
 const RATE_HZ: f64 = 20_000.0;
 const SNR_DB: f64 = 10.0;

@@ -46,8 +46,8 @@ pub struct Observation {
 
 /// Returns the observations of one run in time order; the same arguments give the same run.
 ///
-/// Wear grows from 0 as a power of the record's index; the power is drawn between 1.2 and 1.8. `faulty` is the
-/// bank from the fault's first record on, for a fault that changes the dynamics.
+/// Wear grows from 0 as a power of the record's index; the power is drawn between 1.2 and 1.8. `faulty` is
+/// the bank from the fault's first record on, for a fault that changes the dynamics.
 pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u64) -> Vec<Observation> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let plan = &bank.plan;

@@ -19,7 +19,7 @@ pub(super) struct ScoredRecord {
     pub(super) verdict: Option<&'static str>,
     /// Whether the record has a fault.
     pub(super) faulty: bool,
-    /// Whether the interval of a prognosis, in the second half of the run, contains the crossing of the limit.
+    /// Whether a prognosis in the second half of the run contains the crossing of the limit.
     pub(super) prognosis_holds: Option<bool>,
     /// RMS, kurtosis and first mesh line.
     pub(super) single: [f64; 3],
@@ -56,7 +56,7 @@ pub struct Score {
     pub found: Option<f64>,
     /// The fault that flagged records of the fault were attributed to most often, and its share.
     pub named: Option<(String, f64)>,
-    /// Part of the prognoses in the second half of a run whose interval contains the crossing, and their number.
+    /// Part of the prognoses in the second half of a run that contain the crossing, and their number.
     pub prognosis: Option<(f64, usize)>,
     /// True depth in µm, 5 %, 50 % and 95 % over runs, at which RMS passed twice its healthy mean in 3 of 5
     /// records.
@@ -66,8 +66,8 @@ pub struct Score {
 }
 
 impl Score {
-    /// Scores the runs of a case. The first `baseline` records of each run are excluded; `half_um` is half of the
-    /// library's greatest depth.
+    /// Scores the runs of a case. The first `baseline` records of each run are excluded; `half_um` is half of
+    /// the library's greatest depth.
     pub(super) fn of(case: &str, runs: &[Vec<ScoredRecord>], baseline: usize, half_um: f64) -> Self {
         let after = || runs.iter().flat_map(|run| run.iter().skip(baseline));
         let estimates: Vec<(f64, [f64; 3])> =
@@ -146,8 +146,8 @@ fn named(runs: &[Vec<ScoredRecord>]) -> Option<(String, f64)> {
     Some((name.to_owned(), count as f64 / all as f64))
 }
 
-/// Returns the 5, 50 and 95 % quantiles over runs of the true depth at which a condition holds in 3 of 5 records;
-/// a run where it never does counts with its last depth.
+/// Returns the 5, 50 and 95 % quantiles over runs of the true depth at which a condition holds in 3 of 5
+/// records; a run where it never does counts with its last depth.
 fn alarms(
     runs: &[Vec<ScoredRecord>],
     baseline: usize,

@@ -16,7 +16,7 @@ const PLACES: usize = 256;
 /// Seconds in which the path settles.
 pub(super) const SETTLING_S: f64 = 0.3;
 
-/// Seconds that a bank's vibration needs beyond record and settling, for a random start and the varying speed.
+/// Seconds that a vibration needs beyond record and settling, for random start and varying speed.
 pub(super) const MARGIN_S: f64 = 0.1;
 
 /// A sensor on one machine.
@@ -34,11 +34,11 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    /// Returns a record of `seconds` from a vibration: from a random start, with a speed that varies as a slow
-    /// sine, through the path, with new noise.
+    /// Returns a record of `seconds` from a vibration: from a random start, with a speed that varies as a
+    /// slow sine, through the path, with new noise.
     ///
-    /// The vibration is stretched in time, so the natural frequencies of structures vary with the speed by up to
-    /// half a per cent.
+    /// The vibration is stretched in time, so the natural frequencies of structures vary with the speed by up
+    /// to half a per cent.
     pub(super) fn record(
         &self,
         vibration: &Vibration,

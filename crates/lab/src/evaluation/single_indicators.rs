@@ -1,5 +1,4 @@
-//! Scores of single indicators on recorded runs: an alarm on the root mean square, and a regression on the first
-//! mesh line.
+//! Scores of single indicators on recorded runs: an alarm on RMS and a regression on the first mesh line.
 
 use serde::Serialize;
 
@@ -20,8 +19,8 @@ pub struct SingleIndicators {
     /// True depth in µm at which the root mean square has exceeded twice its healthy mean in 3 of 5 records;
     /// `None` where it never did.
     pub rms_alarm_um: Option<f64>,
-    /// Mean absolute error in µm of the depth by linear regression on the logarithm of OMX, fitted to all other
-    /// runs; `None` for a single run.
+    /// Mean absolute error in µm of the depth by linear regression on the logarithm of OMX, fitted to all
+    /// other runs; `None` for a single run.
     pub omx_error_um: Option<f64>,
     /// Rank correlation of OMX and truth.
     pub omx_rank: Option<f64>,

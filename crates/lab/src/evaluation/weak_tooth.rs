@@ -1,8 +1,7 @@
-//! The dynamics with one cracked tooth: Eqs. (23) and (24) with the mesh stiffness reduced in one mesh period
-//! per turn.
+//! The dynamics with one cracked tooth: Eqs. (23) and (24) with less stiffness in one mesh period per turn.
 //!
-//! All teeth of the gear model are alike, so this module integrates the same equations from the cycle's tables:
-//! velocities in x_m = x − y₁ + y₂ − e take e by differences over a step.
+//! All teeth of the gear model are alike, so this module integrates the same equations from the cycle's
+//! tables: velocities in x_m = x − y₁ + y₂ − e take e by differences over a step.
 
 use std::f64::consts::TAU;
 

@@ -6,8 +6,9 @@ use super::check::Check;
 use super::mesh::Mesh;
 use flankwatch_gear::PairSpec;
 
-/// 2-D plane-strain model of the pair of Table 1: a copy of `fixtures/reference/mesh-stiffness-fe/K_perfect.csv`,
-/// since a published crate cannot contain files from outside its folder.
+/// 2-D plane-strain model of the pair of Table 1: a copy of
+/// `fixtures/reference/mesh-stiffness-fe/K_perfect.csv`, since a published crate cannot contain files from
+/// outside its folder.
 const TABLE: &str = include_str!("finite_elements.csv");
 /// Greatest relative difference of two stiffnesses that count as equal.
 const SAME: f64 = 0.05;

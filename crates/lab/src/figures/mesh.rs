@@ -21,8 +21,7 @@ const NEGLIGIBLE: f64 = 0.02;
 pub struct Mesh {
     /// φ₁ in rad of the positions at which a pair touches (Figs. 13 and 14).
     pub pair_phi1_rad: Vec<f64>,
-    /// Δφ₂ in rad there: lead of the neighbour that pushes the driven gear furthest, negative where this pair
-    /// leads.
+    /// Δφ₂ in rad there: lead of the neighbour furthest ahead, negative where this pair leads.
     pub neighbour_lead_rad: Vec<f64>,
     /// Whether the pair carries there under the multi-tooth rule.
     pub carries: Vec<bool>,

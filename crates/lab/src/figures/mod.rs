@@ -102,8 +102,8 @@ pub struct MeshState {
     pub tooth_pair: ToothPair,
     /// The whole mesh (Figs. 12 to 15, 18a).
     pub mesh: Mesh,
-    /// Total transmission error along the line of action in µm over one turn of the driving shaft, without its
-    /// random part (Fig. 18b).
+    /// Total transmission error along the line of action in µm over one turn of the driving shaft, without
+    /// its random part (Fig. 18b).
     pub transmission_error_um: Vec<f64>,
 }
 

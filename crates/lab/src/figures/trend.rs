@@ -24,8 +24,7 @@ pub(super) fn departure_from_a_line(x: &[f64], y: &[f64]) -> f64 {
     departures.fold(0.0, f64::max) / range(y)
 }
 
-/// Interpolates y linearly at `at`; x need not rise. Returns the greatest value where several segments pass, and
-/// `None` outside.
+/// Interpolates y linearly at `at`; x need not rise. The greatest of several branches, `None` outside.
 pub(super) fn highest_at(x: &[f64], y: &[f64], at: f64) -> Option<f64> {
     x.windows(2)
         .zip(y.windows(2))

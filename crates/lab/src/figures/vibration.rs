@@ -73,8 +73,8 @@ pub struct Vibration {
     pub envelope: Lines,
     /// The strongest lines of the spectrum, strongest first.
     pub strongest: Lines,
-    /// Median, over the shaft sidebands of the first ten mesh harmonics, of the ratio of their amplitude to that
-    /// half a shaft rate further out.
+    /// Median, over the shaft sidebands of the first ten mesh harmonics, of the ratio of their amplitude to
+    /// that half a shaft rate further out.
     pub sideband_to_background: f64,
     /// Root sum square of the envelope's amplitudes at the first ten mesh harmonics in m/s².
     pub envelope_harmonics: f64,
@@ -200,8 +200,8 @@ fn drawn_lines(spectrum: &Spectrum, up_to_hz: f64) -> Lines {
     lines
 }
 
-/// Returns the strongest local maxima of a spectrum, strongest first. Maxima within `apart_hz` of a stronger one
-/// are its side lobes and are skipped.
+/// Returns the strongest local maxima of a spectrum, strongest first. Maxima within `apart_hz` of a stronger
+/// one are its side lobes and are skipped.
 fn strongest(spectrum: &Spectrum, apart_hz: f64) -> Lines {
     let amplitude = &spectrum.amplitude;
     let mut peaks: Vec<usize> = (1..amplitude.len().saturating_sub(1))

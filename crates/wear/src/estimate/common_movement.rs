@@ -32,8 +32,7 @@ pub(super) struct CommonMovement {
 }
 
 impl CommonMovement {
-    /// Estimates the direction from each line's residuals of the fit over speed; `None` where no direction
-    /// stands out.
+    /// Estimates the direction from the residuals of the fit over speed; `None` where none stands out.
     pub(super) fn of(lines: &[(usize, &[f64])]) -> Option<Self> {
         let records = lines.iter().map(|(_, values)| values.len()).min().unwrap_or(0);
         if lines.len() < MIN_LINES || records < MIN_RECORDS {

@@ -26,8 +26,7 @@ pub(super) struct Comparability {
     resolves_sidebands: Option<bool>,
 }
 
-/// Whether a record separates its mesh lines from their sidebands; `None` where its speed or length is not
-/// known.
+/// Whether a record separates mesh lines from their sidebands; `None` where speed or length is unknown.
 fn resolves_sidebands(record: &Features) -> Option<bool> {
     let speed_hz = record.operating_point.shaft_speed_hz.filter(|_| record.has_mesh())?;
     Some(record.extent?.seconds >= Extent::seconds_apart(speed_hz))
@@ -80,8 +79,7 @@ impl Comparability {
         }
     }
 
-    /// Returns the factor, at least 1, by which the variance of a shorter record's values exceeds the
-    /// baseline's.
+    /// Returns the ratio, at least 1, of the variance of a shorter record's values to the baseline's.
     pub(super) fn scatter(&self, record: &Features) -> f64 {
         match (self.seconds, record.extent) {
             (Some(seconds), Some(extent)) if extent.seconds > 0.0 => (seconds / extent.seconds).max(1.0),

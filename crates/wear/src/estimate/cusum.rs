@@ -36,8 +36,7 @@ impl Cusums {
         }
     }
 
-    /// Returns the check with the highest sum, and the probability that the highest sum of a healthy channel
-    /// is at least as high.
+    /// Returns the check with the highest sum, and the probability of such a sum on a healthy channel.
     ///
     /// In the steady state, a sum over independent normal deviates has the tail e^(−2k(S + 0.583)).
     pub(super) fn highest(&self) -> Option<(&str, f64)> {

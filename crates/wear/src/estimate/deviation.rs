@@ -16,8 +16,8 @@ impl Deviation {
         self.residual / self.deviation
     }
 
-    /// Magnitude of the normal deviate with about the same tail as this deviation has in Student's t distribution
-    /// (Wallace 1959).
+    /// Magnitude of the normal deviate with about the same tail as this deviation has in Student's t
+    /// distribution (Wallace 1959).
     pub(super) fn normal_score(&self, freedom: f64) -> f64 {
         let t = self.score();
         let z = (freedom * (t * t / freedom).ln_1p()).sqrt();
@@ -35,8 +35,8 @@ pub(super) fn chi_square_score(value: f64, freedom: usize) -> f64 {
     ((value / freedom as f64).cbrt() - (1.0 - part)) / part.sqrt()
 }
 
-/// Probability that a standard normal deviate exceeds `z`: ½ erfc(z/√2), for |z| > 2 by the continued fraction
-/// of Mills' ratio, else by the series of Φ.
+/// Probability that a standard normal deviate exceeds `z`: ½ erfc(z/√2), for |z| > 2 by the continued
+/// fraction of Mills' ratio, else by the series of Φ.
 pub(super) fn normal_tail(z: f64) -> f64 {
     let density = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
     if z > 2.0 {

@@ -8,8 +8,8 @@ use super::healthy_lines::{MeasuredLine, MeasuredLines};
 use super::load::Load;
 use crate::library::{DEPTHS, Ensemble, LANES, Lanes, line_name};
 
-/// Standard deviation of the torque scaling's error, as a part of its effect: pairs simulated at 0.5 to 2 times
-/// their torque give 0.3 to 1, the largest where wear is shallow.
+/// Standard deviation of the torque scaling's error, as a part of its effect: pairs simulated at 0.5 to 2
+/// times their torque give 0.3 to 1, the largest where wear is shallow.
 const LOAD_DISCREPANCY: f32 = 0.6;
 
 /// What a record's lines are compared with, besides the baseline.
@@ -28,8 +28,7 @@ pub(super) struct Expectations<'a> {
     ensemble: &'a Ensemble,
     /// By block of members and depth: variance of a member's own error.
     variance: &'a [[Lanes; DEPTHS]],
-    /// The record's lines that the members have. Drawn members have all of them, the described pair those of
-    /// its library.
+    /// The record's lines that the members have: drawn ones all, the described pair those of its library.
     lines: Vec<&'a MeasuredLine>,
     reference: Reference<'a>,
     depths_um: Vec<f32>,

@@ -3,8 +3,8 @@
 
 use std::f32::consts::{LN_2, LOG2_E, SQRT_2};
 
-/// Adding this to a number and subtracting it again rounds the number to an integer, which is in the last bits of
-/// the sum.
+/// Adding this to a number and subtracting it again rounds the number to an integer, which is in the last
+/// bits of the sum.
 const ROUNDING: f32 = 12_582_912.0;
 
 /// ln 2 in two parts: the first has few bits, so that integer multiples of it are exact.

@@ -58,8 +58,7 @@ impl Extrapolation {
         refused("shaft speed", self.speed, SPEEDS).or_else(|| refused("torque", self.torque, TORQUES))
     }
 
-    /// Returns the factor on the variance of a member's error; `discrepancy` is its standard deviation at deep
-    /// wear.
+    /// Returns the factor on the variance of a member's error, whose deviation at deep wear is `discrepancy`.
     pub(super) fn variance_factor(&self, discrepancy: f64) -> f64 {
         let wrong = SPEED_DISCREPANCY * (1.0 - (-self.speed.ln().abs() / SPEED_OVER).exp());
         1.0 + (wrong / discrepancy).powi(2)

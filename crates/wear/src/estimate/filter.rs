@@ -1,9 +1,9 @@
 //! The Bayesian filter: a probability over the members of the ensemble, the wear depth and its rate.
 //!
 //! A member's error recurs in every record, so a thousand records at the same wear are not a thousand
-//! independent pieces of evidence. The filter therefore weights each record's likelihood with a small exponent
-//! ([`CARRIED`]), in proportion to the growth since the record before. The answer adds a part of the newest
-//! record ([`ADDED`]). At each record, the filter restarts from the prior with a small probability
+//! independent pieces of evidence. The filter therefore weights each record's likelihood with a small
+//! exponent ([`CARRIED`]), in proportion to the growth since the record before. The answer adds a part of the
+//! newest record ([`ADDED`]). At each record, the filter restarts from the prior with a small probability
 //! ([`FORGOTTEN`]; fixed share, Herbster and Warmuth 1998), so that it can recover from any state.
 
 use base64::Engine;
@@ -35,8 +35,8 @@ const BLOCK: usize = RATES * DEPTHS;
 /// Numbers by depth.
 type Row = [f32; DEPTHS];
 
-/// The filter's state, packed to 16 bits per cell. Members of one group share the probability of rate and depth;
-/// each has a part of the group.
+/// The filter's state, packed to 16 bits per cell. Members of one group share the probability of rate and
+/// depth; each has a part of the group.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Filter {
     /// By group, rate and depth.

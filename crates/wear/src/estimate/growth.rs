@@ -1,8 +1,8 @@
 //! Growth of wear: it never decreases, and its rate is part of the filter's state.
 //!
-//! By Archard's law, wear grows with load, sliding and turns, times an unknown coefficient. The unit of growth
-//! is the load and the turns between two records of the baseline; the rate in µm per unit represents the
-//! coefficient.
+//! By Archard's law, wear grows with load, sliding and turns, times an unknown coefficient. The unit of
+//! growth is the load and the turns between two records of the baseline; the rate in µm per unit represents
+//! the coefficient.
 
 use crate::library::DEPTHS;
 
@@ -85,8 +85,8 @@ impl Growth {
         }
     }
 
-    /// Returns the number of steps for a growth of `mean_um`, and the part of each depth's probability that moves
-    /// to the next depth in a step.
+    /// Returns the number of steps for a growth of `mean_um`, and the part of each depth's probability that
+    /// moves to the next depth in a step.
     fn moves(&self, mean_um: f64) -> (usize, [f32; DEPTHS]) {
         let mut parts = [0.0; DEPTHS];
         if mean_um <= 0.0 {

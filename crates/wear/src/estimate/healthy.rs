@@ -1,10 +1,10 @@
 //! The healthy state of one asset: each feature as a smooth function of the speed, with its scatter.
 //!
 //! An unknown transmission path multiplies each line by its gain at the line's frequency. Near a resonance of
-//! the structure, the gain changes by a factor within a few per cent of speed. The gain's logarithm is therefore
-//! modelled as a Gaussian process over the logarithm of the speed: y = b + g(x) + ε, where g has the covariance
-//! ρσ²·(1 + √3 r)e^(−√3 r) with r = |x − x′|/ℓ (Matérn 3/2). The constant b has a flat prior, σ² an inverse gamma
-//! one. ρ and ℓ are chosen per feature by marginal likelihood.
+//! the structure, the gain changes by a factor within a few per cent of speed. The gain's logarithm is
+//! therefore modelled as a Gaussian process over the logarithm of the speed: y = b + g(x) + ε, where g has
+//! the covariance ρσ²·(1 + √3 r)e^(−√3 r) with r = |x − x′|/ℓ (Matérn 3/2). The constant b has a flat prior,
+//! σ² an inverse gamma one. ρ and ℓ are chosen per feature by marginal likelihood.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -157,8 +157,7 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    /// Without a path, the fit is the mean, and the variance is the sample's with the prior's three
-    /// observations.
+    /// Without a path, the fit is the mean, and the variance includes the prior's three observations.
     #[test]
     fn without_a_path_the_fit_is_the_mean() {
         let kernels = SpeedKernels::new(vec![0.0, 0.01, -0.02, 0.005]);

@@ -69,8 +69,7 @@ pub(super) struct AllowedDrift<'a> {
 }
 
 impl Drift {
-    /// Returns the drift that is allowed for a record with this line spread, `units` of growth after the one
-    /// before.
+    /// Returns the drift allowed for a record with this line spread, `units` of growth after the last one.
     pub(super) fn at(&self, line_spread: f64, units: f64) -> AllowedDrift<'_> {
         AllowedDrift {
             drift: self,
@@ -112,8 +111,8 @@ fn max_drift_part(check: &str) -> f64 {
 
 /// Returns a check's value minus its expectation.
 ///
-/// A check of what the teeth repeat is 0 for noise alone, and negative where the noise differs between even and
-/// odd turns. Less of that noise is no sign of a tooth fault: such a check counts as grown from 0 on.
+/// A check of what the teeth repeat is 0 for noise alone, and negative where the noise differs between even
+/// and odd turns. Less of that noise is no sign of a tooth fault: such a check counts as grown from 0 on.
 fn residual(check: &str, value: f64, expected: f64) -> f64 {
     let grown = value - expected;
     if check.starts_with(REPEATED) && grown > 0.0 { grown.min(value.max(0.0)) } else { grown }
@@ -213,8 +212,8 @@ impl HealthyChecks {
         self.checks.iter().filter_map(deviation).collect()
     }
 
-    /// Returns the deviations from the healthy values, regardless of wear, of the checks that a change of gain
-    /// multiplies.
+    /// Returns the deviations from the healthy values, regardless of wear, of the checks that a change of
+    /// gain multiplies.
     pub(super) fn gain_sensitive(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
         let gain_sensitive = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
         gain_sensitive

@@ -1,11 +1,12 @@
 //! Healthy mesh lines of one asset, as functions of the speed.
 //!
 //! The transmission path multiplies each line by its gain, which changes with the speed near a resonance. The
-//! gain is learnt from the baseline alone ([`SpeedKernels`]); outside the baseline's speeds it is as uncertain as
-//! the fit says. Later records do not update it, since a change of the path cannot be distinguished from wear.
+//! gain is learnt from the baseline alone ([`SpeedKernels`]); outside the baseline's speeds it is as
+//! uncertain as the fit says. Later records do not update it, since a change of the path cannot be
+//! distinguished from wear.
 //!
-//! Where the torque of the records is known, a line is proportional to it, times a power of the torque that is
-//! fitted to the baseline ([`TorquePower`]).
+//! Where the torque of the records is known, a line is proportional to it, times a power of the torque that
+//! is fitted to the baseline ([`TorquePower`]).
 
 use super::baseline::{Baseline, HealthyFeature};
 use super::common_movement::CommonMovement;
@@ -17,16 +18,16 @@ use flankwatch_signal::Features;
 /// Least standard deviation of a line between records.
 const MIN_SCATTER: f64 = 0.08;
 
-/// Variance of a line's logarithm over the squared ratio of the noise beside it to its amplitude: ½ for Gaussian
-/// noise, and slightly more because the line is read at its highest point.
+/// Variance of a line's logarithm over the squared ratio of the noise beside it to its amplitude: ½ for
+/// Gaussian noise, and slightly more because the line is read at its highest point.
 const NOISE_VARIANCE: f64 = 0.6;
 
 /// Largest part of a healthy line's power that is attributed to noise.
 const MAX_NOISE: f64 = 0.5;
 
 /// Prior standard deviation of the power of the torque, beyond the first, with which an unworn line grows.
-/// Simulated unworn pairs give 0.5 by the threshold rule and 1.5 under load, where the contact ratio grows with
-/// the torque.
+/// Simulated unworn pairs give 0.5 by the threshold rule and 1.5 under load, where the contact ratio grows
+/// with the torque.
 const TORQUE_POWER: f64 = 1.0;
 
 /// Variance of a line in addition to the baseline's where wear is estimated from it: over its life, a healthy
@@ -60,8 +61,8 @@ struct TorquePower {
 }
 
 impl TorquePower {
-    /// Fits the power to the baseline's torques by least squares, with a prior around 0. Where the torque does
-    /// not vary or is not known, the prior remains.
+    /// Fits the power to the baseline's torques by least squares, with a prior around 0. Where the torque
+    /// does not vary or is not known, the prior remains.
     fn fit(log_torques: &[f64], values: &[f64]) -> Self {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let (mean_log_torque, mean_value) = (mean(log_torques), mean(values));
@@ -215,8 +216,7 @@ impl HealthyLines {
         relative(record.operating_point.shaft_speed_hz, self.nominal_speed_hz).ln()
     }
 
-    /// Returns the least sampling rate in hertz that covers the first `lines` lines, at a mesh frequency in
-    /// hertz.
+    /// Returns the least sampling rate in hertz that covers the first `lines` lines of a mesh frequency.
     pub(super) fn rate_needed_hz(&self, lines: usize, mesh_hz: f64) -> f64 {
         let order = self.lines.get(lines.saturating_sub(1)).map_or(0, |line| line.index + 1);
         2.0 * (order as f64 + 0.5) * mesh_hz

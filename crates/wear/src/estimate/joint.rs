@@ -1,8 +1,8 @@
 //! The joint estimate of all channels of a mesh.
 //!
 //! It follows from the latest estimates of the channels alone, so the order in which their records arrived
-//! does not matter. Each channel's novelty already pools its own records (`cusum`); here the channels' evidence
-//! is pooled, and the depth distributions of the channels that wear explains are mixed.
+//! does not matter. Each channel's novelty already pools its own records (`cusum`); here the channels'
+//! evidence is pooled, and the depth distributions of the channels that wear explains are mixed.
 
 use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -12,8 +12,7 @@ use super::deviation::normal_tail;
 use super::novelty::{MIN_P_VALUE, Novelty};
 use super::wear::{Interval, WearEstimate, WearStatus};
 
-/// Assumed correlation between the deviations of a machine's channels: load and temperature move them
-/// together.
+/// Assumed correlation between the channels' deviations: load and temperature move them together.
 const CORRELATION: f64 = 0.7;
 
 /// Below this p-value, a channel is named as contributing.
@@ -35,8 +34,7 @@ pub struct ChannelContribution {
     pub status: WearStatus,
     /// Reason of its latest estimate, in words.
     pub reason: String,
-    /// −log₁₀ of the probability that a healthy channel deviates at least as much; absent where the record was
-    /// not judged.
+    /// −log₁₀ of the probability that a healthy channel deviates as much; absent where not judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub novelty_score: Option<f64>,
     /// Its own median wear depth in µm.
@@ -71,8 +69,8 @@ impl RecordTimes {
         (intervals > 0).then(|| self.latest.duration_since(self.first) / intervals)
     }
 
-    /// Whether this channel has stopped while others continued. `newest` is the latest record of all channels;
-    /// `usual` is the interval assumed for a channel with a single record.
+    /// Whether this channel has stopped while others continued. `newest` is the latest record of all
+    /// channels; `usual` is the interval assumed for a channel with a single record.
     fn is_silent(&self, newest: Timestamp, usual: SignedDuration) -> bool {
         newest.duration_since(self.latest) > self.interval().unwrap_or(usual) * MAX_MISSED_RECORDS
     }
@@ -208,9 +206,9 @@ fn judged(wear: &WearEstimate) -> Option<f64> {
 
 /// Pools the p-values of channels; `None` without channels.
 ///
-/// The first of two tests takes the smallest p-value times the number of channels (Bonferroni), the second the
-/// sum of normal deviates with the variance that their correlation gives (Stouffer 1949). The result is twice
-/// the smaller of both, as two tests are made.
+/// The first of two tests takes the smallest p-value times the number of channels (Bonferroni), the second
+/// the sum of normal deviates with the variance that their correlation gives (Stouffer 1949). The result is
+/// twice the smaller of both, as two tests are made.
 fn pooled_p_value(p_values: impl Iterator<Item = f64>) -> Option<f64> {
     let (mut count, mut least, mut sum) = (0.0, 1.0_f64, 0.0);
     for p in p_values {
@@ -262,8 +260,8 @@ fn jointly_outside(latest: &[(&str, &WearEstimate)], leading: usize, p_value: f6
 }
 
 /// Mixes the depth distributions of the estimated channels into the leading channel's estimate. The library's
-/// error is common to all of them, so more channels do not narrow an interval, and channels that disagree widen
-/// it.
+/// error is common to all of them, so more channels do not narrow an interval, and channels that disagree
+/// widen it.
 fn mix(latest: &[(&str, &WearEstimate)], wear: &mut WearEstimate) {
     let estimated: Vec<&(&str, &WearEstimate)> =
         latest.iter().filter(|(_, other)| other.status == WearStatus::Estimated).collect();

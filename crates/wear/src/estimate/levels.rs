@@ -1,9 +1,9 @@
 //! Recent levels of a channel's values, and whether all of them have changed at once by one factor, which
 //! proves a change of gain.
 //!
-//! A change of gain multiplies mesh lines, shaft lines and noise alike from one record to the next, is lasting,
-//! and leaves the kurtosis as it was. A change that grows over many records, differs between bands, or makes
-//! the signal more impulsive comes from the machine.
+//! A change of gain multiplies mesh lines, shaft lines and noise alike from one record to the next, is
+//! lasting, and leaves the kurtosis as it was. A change that grows over many records, differs between bands,
+//! or makes the signal more impulsive comes from the machine.
 
 use std::collections::BTreeMap;
 
@@ -22,8 +22,8 @@ const MIN_GAIN: f64 = 0.15;
 /// ... leaves at most this part of the sum of squares ...
 const MAX_RESIDUAL_PART: f64 = 0.3;
 
-/// ... and a remainder that chance explains: at most this many standard deviations, with the sum of squares of
-/// correlated values inflated by this factor.
+/// ... and a remainder that chance explains: at most this many standard deviations, with the sum of squares
+/// of correlated values inflated by this factor.
 const MAX_RESIDUAL_SCORE: f64 = 3.0;
 const INFLATION: f64 = 2.0;
 
@@ -50,8 +50,7 @@ const IMPULSIVE_LOGARITHM: f64 = 0.12;
 /// Levels of a channel's values. A copy through JSON continues with bit-identical results.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Levels {
-    /// By value: its level (measured minus healthy) over the records that wear explained, and the variance
-    /// around it.
+    /// By value: level (measured minus healthy) over the explained records, and variance around it.
     levels: BTreeMap<String, [f32; 2]>,
     #[serde(rename = "since")]
     last_outcome: Outcome,

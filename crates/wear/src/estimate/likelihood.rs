@@ -11,8 +11,8 @@ use crate::library::{DEPTHS, LANES, Lanes};
 /// from deciding.
 const FREEDOM: f32 = 4.0;
 
-/// Limit of a line's influence: the factor by which its density may fall below that at its expectation, to the
-/// power 2/(ν + 1).
+/// Limit of a line's influence: the factor by which its density may fall below that at its expectation, to
+/// the power 2/(ν + 1).
 const MAX_TAIL: f32 = 200.0;
 
 /// Likelihood of a record for all members at all depths.
@@ -32,8 +32,7 @@ impl Likelihood {
         Arch::new().dispatch(Comparison { expectations, lines })
     }
 
-    /// Returns the range of depth indices around the best one that this record cannot distinguish from it, by
-    /// the best member.
+    /// Returns the range of depth indices that this record cannot distinguish from the best one.
     pub(super) fn resolved(&self) -> [usize; 2] {
         let (member, best) = self.best;
         let row = &self.log[member * DEPTHS..(member + 1) * DEPTHS];

@@ -2,8 +2,8 @@
 
 use crate::library::DEPTHS;
 
-/// Depths at which lines are read at another torque. If load and depth grow in proportion, so does the response;
-/// a line at relative torque τ and depth h therefore changes as at depth h/τ.
+/// Depths at which lines are read at another torque. If load and depth grow in proportion, so does the
+/// response; a line at relative torque τ and depth h therefore changes as at depth h/τ.
 pub(super) struct Load {
     /// By depth: index of the grid depth below the one that is read, and the fraction of the way to the next.
     places: [(usize, f32); DEPTHS],
@@ -21,7 +21,7 @@ impl Load {
         Self { places: std::array::from_fn(place) }
     }
 
-    /// Returns where a line is read for a depth of the grid: index below, and fraction of the way to the next.
+    /// Returns where a line is read for a grid depth: index below, and fraction of the way to the next.
     #[inline(always)]
     pub(super) fn place(&self, depth: usize) -> (usize, f32) {
         self.places[depth]

@@ -23,8 +23,8 @@ const INFLATION_CHECKS: f64 = 1.6;
 /// lines, while wear, load and speed may remove some. Sensor faults are judged at full weight.
 const FALLEN_WEIGHT: f64 = 0.5;
 
-/// The same where no mesh lines are compared: nothing else then distinguishes a fault from a machine that runs
-/// down.
+/// The same where no mesh lines are compared: nothing else then distinguishes a fault from a machine that
+/// runs down.
 const FALLEN_WEIGHT_WITHOUT_LINES: f64 = 0.25;
 
 /// Kinds of checks that have a CUSUM each: faults of one tooth and of the shaft raise them, wear does not.
@@ -37,7 +37,8 @@ const CUSUM_SCATTER: f64 = 1.25;
 const OVERALL_FIT: [&str; 2] = ["lines", "checks"];
 
 /// Additional allowance of the overall fit in standard deviations, since an error of the library recurs in
-/// every record. With twice the described mesh damping, 1.5 % of records are flagged without these two CUSUMs,
+/// every record. With twice the described mesh damping, 1.5 % of records are flagged without these two
+/// CUSUMs,
 /// 2.8 % with 0.8, 8 % with 0.5. A broken tooth that moves the lines alone is detected after 3 to 6 records
 /// with 0.8, hardly at all with 1.
 const FIT_ALLOWANCE: f64 = 0.8;

@@ -58,8 +58,7 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// Creates a tracker that compares records with an ensemble. Without one, it only collects the baseline
-    /// and judges novelty.
+    /// Creates a tracker for an ensemble. Without one, it only collects the baseline and judges novelty.
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>) -> Self {
         let grid =
             ensemble.as_deref().map(|ensemble| DepthGrid::of(ensemble.depths_um())).unwrap_or_default();

@@ -61,8 +61,7 @@ pub enum MissingLibrary {
 }
 
 impl MissingLibrary {
-    /// Returns the status and reason that records get meanwhile; `None` where they do not depend on the
-    /// library.
+    /// Returns the status and reason for records meanwhile; `None` where they do not need a library.
     fn answer(&self) -> Option<(WearStatus, String)> {
         match self {
             Self::NotDescribed => None,
@@ -170,11 +169,10 @@ pub struct WearEstimate {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p95_um: Option<f64>,
     /// Transmission error that the wear adds under load, peak to peak in µm along the line of action. This is
-    /// what the mesh lines respond to; it is similar for wear shapes whose greatest depths differ by a factor.
+    /// what the mesh lines respond to, similar for wear shapes whose greatest depths differ by a factor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub transmission_error_um: Option<Interval>,
-    /// Where the interval reaches the end of the library: depth in µm that wear has reached with 95 %
-    /// probability.
+    /// Depth in µm reached with 95 % probability, where the interval extends to the end of the library.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_least_um: Option<f64>,
     /// Probability that wear has passed the user's limit.

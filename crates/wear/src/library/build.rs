@@ -40,8 +40,7 @@ struct Inputs<'a> {
     grid: &'a GridSettings,
 }
 
-/// Returns the id of the library with these inputs: a hash of them, of the model's version and of the file
-/// format.
+/// Returns the id of a library: a hash of its inputs, of the model's version and of the file format.
 pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
     let inputs =
         Inputs { format: FORMAT_VERSION, model: MODEL_VERSION, preprocessing: PREPROCESSING, pair, grid };
@@ -51,8 +50,8 @@ pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
 
 /// Simulates every point of the grid, in parallel.
 ///
-/// The result depends on the inputs alone, not on the number of threads or on whether the build was interrupted
-/// and resumed.
+/// The result depends on the inputs alone, not on the number of threads or on whether the build was
+/// interrupted and resumed.
 ///
 /// # Errors
 /// [`LibraryError::Grid`] and [`LibraryError::Gear`] for inputs that cannot be simulated,
@@ -223,7 +222,7 @@ impl Build<'_> {
         Ok(spec.resolve()?)
     }
 
-    /// Simulates and analyses the responses to neighbouring states' cycles; `first` is the first state's index.
+    /// Simulates and analyses responses to neighbouring states' cycles; `first` is the first one's index.
     fn analyses(
         &self,
         pair: &GearPair,

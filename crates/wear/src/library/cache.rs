@@ -35,8 +35,8 @@ impl LibraryCache {
 
     /// Returns the library of these inputs, from the cache or else built and added to it.
     ///
-    /// A damaged file, or one of other inputs under this id, is logged and replaced. A build that was stopped is
-    /// resumed from its checkpoint.
+    /// A damaged file, or one of other inputs under this id, is logged and replaced. A build that was stopped
+    /// is resumed from its checkpoint.
     pub fn get_or_build(
         &self,
         pair: &PairSpec,
@@ -78,8 +78,7 @@ impl LibraryCache {
         Ok(ensemble)
     }
 
-    /// Returns the ensemble around a library if it is cached. A damaged file is logged and counts as not
-    /// cached.
+    /// Returns the ensemble around a library if it is cached. A damaged file is logged and ignored.
     ///
     /// # Errors
     /// [`LibraryError::Io`].

@@ -1,5 +1,5 @@
-//! The library's file format: a header line with the format version and the content's hash, then the manifest,
-//! the states and the curves as JSON.
+//! The library's file format: a header line with the format version and the content's hash, then the
+//! manifest, the states and the curves as JSON.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};

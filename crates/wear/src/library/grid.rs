@@ -131,8 +131,8 @@ impl GridSettings {
     }
 }
 
-/// Returns the cell of a value on an axis of the grid and the fraction within it, limited to the ends. `factors`
-/// are rising and not empty.
+/// Returns the cell of a value on an axis of the grid and the fraction within it, limited to the ends.
+/// `factors` are rising and not empty.
 pub(super) fn place(factors: &[f64], factor: f64) -> (usize, f64) {
     let after = factors.partition_point(|at| *at <= factor);
     if after == 0 {

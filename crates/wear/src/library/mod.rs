@@ -1,7 +1,7 @@
 //! The grid of simulated wear states and operating points, and its file format.
 //!
-//! A [`Library`] is simulated once for a gear pair and stored in a [`LibraryCache`] under the hash of everything
-//! that it depends on.
+//! A [`Library`] is simulated once for a gear pair and stored in a [`LibraryCache`] under the hash of
+//! everything that it depends on.
 
 mod build;
 #[cfg(feature = "files")]
@@ -106,7 +106,7 @@ pub struct Library {
 }
 
 impl Library {
-    /// Creates a library from states in rising order of wear, the first unworn, and tables by torque and speed.
+    /// Creates a library from states in rising order of wear, from unworn, and tables by torque and speed.
     fn from_parts(manifest: Manifest, states: Vec<LibraryState>, tables: Vec<FeatureCurves>) -> Self {
         Self { manifest, states, tables }
     }
@@ -136,8 +136,9 @@ impl Library {
         self.states.last().map_or(0.0, |state| state.wear_um)
     }
 
-    /// Returns the change of a check ([`Features::checks`]) from the unworn state at a depth in µm, interpolated
-    /// linearly between the states and constant beyond the ends; `None` where a state lacks the check.
+    /// Returns the change of a check ([`Features::checks`]) from the unworn state at a depth in µm,
+    /// interpolated linearly between the states and constant beyond the ends; `None` where a state lacks the
+    /// check.
     pub fn check_change(&self, name: &str, wear_um: f64) -> Option<f64> {
         let value = |index: usize| self.states.get(index)?.features.checks.get(name).copied();
         let upper = self.states.partition_point(|state| state.wear_um <= wear_um);
@@ -151,14 +152,14 @@ impl Library {
         Some(at - value(0)?)
     }
 
-    /// Returns the values over the states of the features that every state has, at the nominal operating point.
+    /// Returns the curves over the states of the features that all have, at the nominal operating point.
     pub fn feature_curves(&self) -> BTreeMap<&str, Vec<f64>> {
         self.feature_curves_at(&OperatingPoint::default())
     }
 
-    /// Returns the feature curves at an operating point, interpolated linearly over torque and speed between the
-    /// grid's points and constant beyond its ends. A torque or speed that is not given is nominal. Features that
-    /// a surrounding grid point lacks (a harmonic above half the sampling rate) are excluded.
+    /// Returns the feature curves at an operating point, interpolated linearly over torque and speed between
+    /// the grid's points and constant beyond its ends. A torque or speed that is not given is nominal.
+    /// Features that a surrounding grid point lacks (a harmonic above half the sampling rate) are excluded.
     pub fn feature_curves_at(&self, point: &OperatingPoint) -> BTreeMap<&str, Vec<f64>> {
         operating::at(&self.manifest.grid, self.pair(), &self.tables, point)
     }

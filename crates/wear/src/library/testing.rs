@@ -1,4 +1,4 @@
-//! A synthetic library for unit tests: curves of known shape, some of them not monotonic, without a gear model.
+//! A synthetic library for unit tests: curves of known shape, some not monotonic, without a gear model.
 
 use std::collections::BTreeMap;
 

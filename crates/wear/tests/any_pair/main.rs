@@ -16,8 +16,8 @@ use flankwatch_wear::library::{
 
 /// Default number of pairs.
 const PAIRS: u64 = 48;
-/// Time limit of a build: a quick library takes a tenth of a second of processor time, but it shares its threads
-/// with the other test.
+/// Time limit of a build: a quick library takes a tenth of a second of processor time, but it shares its
+/// threads with the other test.
 const LONGEST: Duration = Duration::from_secs(120);
 
 fn pairs() -> u64 {

@@ -1,8 +1,8 @@
 //! Alarms: rules over readings, and the states an alarm goes through.
 //!
 //! An [`Alarm`] is a pure fold over readings, maintenance events and users' actions in time order; an
-//! [`AlarmPanel`] has one alarm for each rule of a measuring channel. After a late record the fold is repeated,
-//! as for estimates; actions keep their place among the readings.
+//! [`AlarmPanel`] has one alarm for each rule of a measuring channel. After a late record the fold is
+//! repeated, as for estimates; actions keep their place among the readings.
 //!
 //! A level is entered when N of the last M readings lie beyond it. It is left when N of the last M lie on the
 //! good side of its clear level, so a value that wanders around a level changes nothing. Missing records are
@@ -217,8 +217,7 @@ impl Alarm {
         }
     }
 
-    /// Discards the readings, since further ones come from another gear or sensor. Returns the change where
-    /// the alarm was raised.
+    /// Discards the readings, as of another gear or sensor. Returns the change where the alarm was raised.
     pub fn reset(&mut self, event: &MaintenanceEvent) -> Option<AlarmChange> {
         self.recent.clear();
         self.rate.clear();

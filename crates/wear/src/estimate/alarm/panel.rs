@@ -7,8 +7,7 @@ use crate::estimate::{MaintenanceEvent, WearEstimate};
 use flankwatch_signal::Indicators;
 use jiff::Timestamp;
 
-/// The alarms of a channel, one for each rule in the order of the rules. A copy through JSON continues with
-/// the same results.
+/// The alarms of a channel in the order of the rules. A copy through JSON continues with the same results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmPanel {
     pub(super) alarms: Vec<Alarm>,

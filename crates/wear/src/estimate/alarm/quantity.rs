@@ -44,8 +44,8 @@ pub enum RatedQuantity {
 }
 
 impl AlarmQuantity {
-    /// Returns the quantity's value in a record's results (for a rate, the value that changes), or `None` where
-    /// there is none. `indicators` are those of the record and those of the run up to it.
+    /// Returns the quantity's value in a record's results (for a rate, the value that changes), or `None`
+    /// where there is none. `indicators` are those of the record and those of the run up to it.
     pub fn value(&self, wear: &WearEstimate, indicators: [&Indicators; 2]) -> Option<f64> {
         let indicator = |name: &str| indicators.iter().find_map(|indicators| indicators.get(name));
         let novelty = || wear.novelty.as_ref().map(|novelty| novelty.score);

@@ -34,8 +34,8 @@ struct Cell {
 }
 
 impl RateWindow {
-    /// Adds a reading and returns the change per day over the last `over_s` seconds; `None` while the readings
-    /// span less than half of this window.
+    /// Adds a reading and returns the change per day over the last `over_s` seconds; `None` while the
+    /// readings span less than half of this window.
     pub(super) fn update(&mut self, over_s: f64, time: Timestamp, value: f64) -> Option<f64> {
         let cell_s = over_s / CELLS as f64;
         let seconds = time.as_nanosecond() as f64 * 1e-9;

@@ -42,7 +42,7 @@ fn estimated(low_um: f64, high_um: f64) -> WearEstimate {
     wear
 }
 
-/// Records of channels whose deviates are correlated; each channel pools its own with CUSUMs, as in a history.
+/// Records of channels with correlated deviates; each channel pools its own with CUSUMs, as in a history.
 struct Machine {
     random: ChaCha8Rng,
     correlation: f64,

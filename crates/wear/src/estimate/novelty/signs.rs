@@ -47,11 +47,9 @@ pub enum MachineSign {
     OneTooth,
     /// The lines at multiples of the shaft rate have grown.
     ShaftLines,
-    /// Energy that belongs to no mesh harmonic has grown, and the record is more impulsive than the healthy
-    /// ones.
+    /// Energy that belongs to no mesh harmonic has grown, and the record is more impulsive than healthy.
     ImpulsiveEnergy,
-    /// Energy that belongs to no mesh harmonic has grown, and the record is not more impulsive than the
-    /// healthy ones.
+    /// Energy that belongs to no mesh harmonic has grown, and the record is no more impulsive than healthy.
     BandEnergy,
 }
 

@@ -85,8 +85,8 @@ impl Tracking {
         }
     }
 
-    /// Judges a record by its deviations of lines and checks; `gained` are those that a change of the gain
-    /// would show in.
+    /// Judges a record by its deviations of lines and checks; `gain_sensitive` are the values that a gain
+    /// multiplies.
     fn judge(
         &mut self,
         healthy: &HealthyModel,
@@ -266,8 +266,7 @@ impl Tracker {
         answer
     }
 
-    /// Judges a record whose mesh lines cannot be compared, and adds its novelty to the `answer` that says
-    /// why.
+    /// Judges a record without comparable mesh lines; adds its novelty to the `answer` that says why.
     fn track_by_checks(
         &self,
         tracking: &mut Tracking,

@@ -1,5 +1,4 @@
-//! Changes of all members' mesh lines with wear, stored side by side for comparing a record with many members
-//! at once.
+//! Changes of all members' mesh lines with wear, side by side for comparing a record with many at once.
 
 use super::{DEPTHS, MESH_LINES};
 
@@ -18,8 +17,8 @@ pub(super) struct LineChanges {
 }
 
 impl LineChanges {
-    /// Creates the changes from the members' tables by line and depth. Unused lanes of the last block repeat the
-    /// last member.
+    /// Creates the changes from the members' tables by line and depth. Unused lanes of the last block repeat
+    /// the last member.
     pub(super) fn of(tables: &[Vec<f32>]) -> Self {
         let mut values = Vec::with_capacity(tables.len().div_ceil(LANES) * MESH_LINES * DEPTHS);
         for block in tables.chunks(LANES) {

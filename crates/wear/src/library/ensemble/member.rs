@@ -1,4 +1,4 @@
-//! Members of the ensemble: how the mesh lines and the transmission error of one possible pair change with wear.
+//! Members of the ensemble: mesh lines and transmission error of one possible pair over wear.
 
 use serde::{Deserialize, Serialize};
 
@@ -62,8 +62,8 @@ pub(super) struct Simulated {
 }
 
 impl Simulated {
-    /// Returns the described library on a grid of depths in µm. Its transmission error follows from the stored
-    /// mesh cycles; its depth at every place is taken to be the greatest.
+    /// Returns the described library on a grid of depths in µm. Its transmission error follows from the
+    /// stored mesh cycles; its depth at every place is taken to be the greatest.
     pub(super) fn described(library: &Library, depths_um: &[f64]) -> Self {
         let states: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
         let curves = library.feature_curves();
@@ -203,7 +203,7 @@ fn places(pair: &GearPair, worn: &[FlankWear], depths_mm: &[f64]) -> Vec<f32> {
     parts
 }
 
-/// Loaded static transmission errors in µm along the line of action: the unloaded ones plus the mesh deflection.
+/// Loaded static transmission errors in µm along the line of action: unloaded plus mesh deflection.
 fn errors_um(pair: &GearPair, uste_rad: &[f64], stiffness_n_per_m: &[f64]) -> Vec<f64> {
     let [driving, driven] = pair.gears.each_ref().map(|gear| gear.base_radius_mm * 1e-3);
     let force_n = pair.spec.operation.torque_nm / driving;

@@ -1,9 +1,9 @@
-//! The ensemble: many pairs drawn around the described one, each worn from new to the library's greatest depth.
+//! The ensemble: pairs drawn around the described one, each worn from new to the library's last depth.
 //!
-//! One library gives the effect of one shape of wear on one pair. The mesh damping, the stiffness of the bodies,
-//! the small errors of the teeth and the place of the deepest wear are not known of a real machine; each of them
-//! affects how the mesh lines change with depth. The estimate therefore compares a record with many drawn pairs
-//! (see [`prior`]) and lets the records weight them.
+//! One library gives the effect of one shape of wear on one pair. The mesh damping, the stiffness of the
+//! bodies, the small errors of the teeth and the place of the deepest wear are not known of a real machine;
+//! each of them affects how the mesh lines change with depth. The estimate therefore compares a record with
+//! many drawn pairs (see [`prior`]) and lets the records weight them.
 
 mod file;
 mod line_changes;
@@ -33,8 +33,8 @@ pub const MESH_LINES: usize = 16;
 /// Number of wear depths of a member.
 pub const DEPTHS: usize = 50;
 
-/// Members with the same gears and the same wear; they differ in damping, supports and the teeth's small errors.
-/// They share mesh cycles, which take most of a member's computing time.
+/// Members with the same gears and the same wear; they differ in damping, supports and the teeth's small
+/// errors. They share mesh cycles, which take most of a member's computing time.
 pub const VARIANTS: usize = 4;
 
 /// Members used for provisional estimates while the rest are simulated.
@@ -116,13 +116,13 @@ impl Ensemble {
         both.map(|(member, changes)| Simulated { member, changes })
     }
 
-    /// Draws and simulates the members, in parallel. The result depends on the library and the settings alone.
-    /// The members of a smaller ensemble of the same library are the first ones of a larger ensemble.
+    /// Draws and simulates the members, in parallel. The result depends on the library and the settings
+    /// alone. The members of a smaller ensemble of the same library are the first ones of a larger ensemble.
     ///
     /// Drawn pairs that cannot be simulated are skipped.
     ///
     /// # Errors
-    /// [`LibraryError::Cancelled`]; the first pair's [`LibraryError::Gear`] where no drawn pair can be simulated.
+    /// [`LibraryError::Cancelled`]; [`LibraryError::Gear`] of the first pair where none can be simulated.
     pub fn build(
         library: Arc<Library>,
         settings: &EnsembleSettings,
@@ -198,14 +198,14 @@ impl Ensemble {
         self.greatest_transmission_error_um
     }
 
-    /// Returns the change of line `line` (0 is the first mesh harmonic) of a member at a depth index: the natural
-    /// logarithm of its amplitude over that of the unworn pair; NaN where it is not known.
+    /// Returns the change of line `line` (0 is the first mesh harmonic) of a member at a depth index: the
+    /// natural logarithm of its amplitude over that of the unworn pair; NaN where it is not known.
     pub fn change(&self, member: usize, line: usize, depth: usize) -> f32 {
         self.changes.at(member, line, depth)
     }
 
-    /// Returns the changes of a line for [`LANES`] members side by side, by depth. Unused lanes of the last block
-    /// repeat the last member.
+    /// Returns the changes of a line for [`LANES`] members side by side, by depth. Unused lanes of the last
+    /// block repeat the last member.
     pub(crate) fn changes_side_by_side(&self, block: usize, line: usize) -> &[Lanes; DEPTHS] {
         self.changes.block(block, line)
     }
@@ -221,7 +221,7 @@ impl Ensemble {
         if drawn { VARIANTS } else { 1 }
     }
 
-    /// Returns the ensemble without one group of members, for scoring the estimate on one of their vibrations.
+    /// Returns the ensemble without one group of members, for scoring the estimate on one of them.
     #[must_use]
     pub fn without_group(&self, group: usize) -> Self {
         let without = group * self.variants()..(group + 1) * self.variants();

@@ -32,8 +32,8 @@ const SHAPE_DEPTH_UM: f64 = 100.0;
 /// Seed of the sequence; change it only together with the prior's version.
 const SEED: u32 = 1;
 
-/// A point of a scrambled Sobol sequence, read coordinate by coordinate: a few hundred points cover the prior more
-/// evenly than random ones.
+/// A point of a scrambled Sobol sequence, read coordinate by coordinate: a few hundred points cover the prior
+/// more evenly than random ones.
 struct Draw {
     number: u32,
     coordinate: u32,
@@ -63,8 +63,7 @@ impl Draw {
     }
 }
 
-/// Drawn pairs with the same gears and the same wear; they differ in properties that do not affect the mesh
-/// cycles.
+/// Drawn pairs with the same gears and wear; they differ in properties that the mesh cycles do not need.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Drawn {
     pub(super) specs: Vec<PairSpec>,
