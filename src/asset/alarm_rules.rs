@@ -103,7 +103,7 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
                 value,
                 expected,
             ),
-            AlarmError::NoStretch => {
+            AlarmError::NoRateWindow => {
                 field("alarms.over_s", "missing", "the number of seconds over which the change is measured")
             }
             AlarmError::NoLevel | AlarmError::State { .. } => {

@@ -36,7 +36,7 @@ impl Ensembles {
         let progress = |done: usize, _| bar.set_position(done as u64);
         let library = self.cache.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
         bar.finish_and_clear();
-        if let Some(whole) = self.cache.kept_ensemble(&library, &self.settings)? {
+        if let Some(whole) = self.cache.get_ensemble(&library, &self.settings)? {
             return Ok(whole);
         }
         let settings = self.settings.first();

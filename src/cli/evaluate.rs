@@ -12,7 +12,7 @@ use super::ensemble::Ensembles;
 use super::library::progress_bar;
 use super::recorded_runs;
 use super::{CliError, output, pair_file};
-use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, Score, Trial, evaluate};
+use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, RunOptions, Score, evaluate};
 use crate::library::{EnsembleSettings, VARIANTS};
 
 /// Which cases are run.
@@ -111,11 +111,11 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
                 2 * VARIANTS
             )));
         }
-        return recorded_runs::run_members(&ensemble, count, Trial::default());
+        return recorded_runs::run_members(&ensemble, count, RunOptions::default());
     }
     if !args.recorded.is_empty() {
         let ensemble = || ensembles.of(&pair);
-        let trial = Trial { gap: args.gap, inspection_um: args.inspection_um };
+        let trial = RunOptions { gap: args.gap, inspection_um: args.inspection_um };
         return recorded_runs::run(
             &args.recorded,
             &pair,

@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use super::{CliError, output};
 use crate::evaluation::{
-    Answer, HindsightScore, Observation, RecordedRun, RunScore, SingleIndicators, Trial, follow,
+    Answer, HindsightScore, Observation, RecordedRun, RunOptions, RunScore, SingleIndicators, follow,
     follow_together, leave_one_out, look_back, score_run, single_indicators,
 };
 use crate::gear::PairSpec;
@@ -44,7 +44,7 @@ pub(super) fn run(
     folders: &[PathBuf],
     pair: &PairSpec,
     ensemble: &dyn Fn() -> Result<Arc<Ensemble>, CliError>,
-    trial: Trial,
+    trial: RunOptions,
     answers: Option<&Path>,
     json: bool,
 ) -> Result<(), CliError> {
@@ -110,7 +110,7 @@ pub(super) fn run(
 }
 
 /// Scores the estimate on runs of `count` members of an ensemble, each with the ensemble that lacks it.
-pub(super) fn run_members(ensemble: &Ensemble, count: usize, trial: Trial) -> Result<(), CliError> {
+pub(super) fn run_members(ensemble: &Ensemble, count: usize, trial: RunOptions) -> Result<(), CliError> {
     output::print(&header())?;
     let runs = leave_one_out(ensemble, count);
     let scores: Vec<RunScore> = runs

@@ -41,7 +41,7 @@ pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Prob
         "flankwatch_alarm_unacknowledged",
         "Whether the alarm needs to be acknowledged, even if it has cleared.",
         &|stored| {
-            let state = stored.alarm.standing();
+            let state = stored.alarm.unshelved_state();
             u8::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged))
         },
     );

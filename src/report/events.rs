@@ -73,7 +73,8 @@ pub(super) fn sections(report: &Report, body: &mut String) {
 pub(super) fn marks(report: &Report, channel: &str) -> Vec<Mark> {
     let of_alarms = report.alarms.iter().filter(|alarm| alarm.channel == channel).flat_map(|alarm| {
         let raised = |change: &&AlarmChange| {
-            let is_by_itself = change.action.as_ref().is_none_or(|action| action.told().is_some());
+            let is_by_itself =
+                change.action.as_ref().is_none_or(|action| action.automatic_reading().is_some());
             is_by_itself && change.maintenance.is_none() && change.severity.is_some()
         };
         alarm.history.iter().filter(raised).map(|change| {

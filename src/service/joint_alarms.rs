@@ -78,7 +78,7 @@ impl Alarms {
         };
         let untouched = StoredAlarm::untouched(first, &rule, self.clock.now());
         let known = store.alarm(&untouched.id).await?.unwrap_or(untouched);
-        let severity = known.alarm.severity_by(&rule, &readings);
+        let severity = known.alarm.severity_after(&rule, &readings);
         if severity == known.alarm.severity() {
             return Ok(());
         }

@@ -44,7 +44,7 @@ impl JointWear {
             return Ok(None);
         };
         for (channel, segment) in &silent {
-            joint.name_silent(&channel.channel, &segment.wear, segment.start_time);
+            joint.add_silent_channel(&channel.channel, &segment.wear, segment.start_time);
         }
         let (leading, segment) = speaking.swap_remove(joint.leading);
         let contributions = if speakers.len() > 1 { joint.channels } else { Vec::new() };

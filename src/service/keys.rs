@@ -6,7 +6,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use crate::asset::AssetSpec;
-use crate::estimate::{AlarmRule, EstimatorSettings, LibraryLack, METHOD};
+use crate::estimate::{AlarmRule, EstimatorSettings, METHOD, MissingLibrary};
 use crate::library::Ensemble;
 use crate::signal::{GEAR_PREPROCESSING, INDICATORS, PREPROCESSING};
 use crate::store::AnalysisKeys;
@@ -47,15 +47,15 @@ pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
 pub(crate) fn fold_key(
     settings: &EstimatorSettings,
     feature_key: &str,
-    library: Result<&Ensemble, &LibraryLack>,
+    library: Result<&Ensemble, &MissingLibrary>,
     rules: &[AlarmRule],
 ) -> String {
     let compared_with = match library {
         Ok(ensemble) => ensemble.id().to_owned(),
-        Err(LibraryLack::NotDescribed) => String::new(),
-        Err(LibraryLack::NoMesh) => "no mesh".to_owned(),
-        Err(LibraryLack::Simulated) => "awaited".to_owned(),
-        Err(LibraryLack::Failed(reason)) => format!("failed: {reason}"),
+        Err(MissingLibrary::NotDescribed) => String::new(),
+        Err(MissingLibrary::NoMesh) => "no mesh".to_owned(),
+        Err(MissingLibrary::Simulating) => "awaited".to_owned(),
+        Err(MissingLibrary::Failed(reason)) => format!("failed: {reason}"),
     };
     hash(&[
         env!("CARGO_PKG_VERSION"),

@@ -93,10 +93,10 @@ impl Commit {
             self.set_alarm(channel, &stored).await?;
             self.replace_changes(&stored.id, folded.after, &old, &new, now).await?;
             let notice = |change: &AlarmChange| AlarmNotice { alarm: stored.clone(), change: change.clone() };
-            let stands = |alarm: &Alarm| (alarm.standing(), alarm.severity());
+            let stands = |alarm: &Alarm| (alarm.unshelved_state(), alarm.severity());
             if folded.is_append {
                 let is_new =
-                    |new: &&&PlacedChange| !old.iter().any(|(_, old)| old.tells_the_same_as(&new.change));
+                    |new: &&&PlacedChange| !old.iter().any(|(_, old)| old.is_equivalent_to(&new.change));
                 notices.extend(new.iter().filter(is_new).map(|new| notice(&new.change)));
             } else if known.map_or_else(|| stands(&Alarm::default()), |known| stands(&known.alarm))
                 != stands(alarm)
@@ -213,7 +213,7 @@ impl Commit {
         .bind(to_json(quantity, "quantity", id)?)
         .bind(rule.as_ref().map(|rule| to_json(rule, "rule", id)).transpose()?)
         .bind(to_json(alarm, "alarm", id)?)
-        .bind(alarm.standing().name())
+        .bind(alarm.unshelved_state().name())
         .bind(alarm.severity().map(|severity| severity.name()))
         .bind(alarm.shelved_until().map(to_ns).transpose()?)
         .bind(to_ns(stored.changed_at)?)
@@ -242,7 +242,7 @@ impl Commit {
         let rows = sqlx::query(text).bind(id).fetch_all(&mut *self.transaction).await?;
         for row in &rows {
             let withdrawn = change_of(row)?.change;
-            if new.iter().any(|new| new.change.tells_the_same_as(&withdrawn)) {
+            if new.iter().any(|new| new.change.is_equivalent_to(&withdrawn)) {
                 sqlx::query("DELETE FROM alarm_changes WHERE alarm_id = $1 AND number = $2 AND place = $3 AND withdrawn_at_ns IS NOT NULL")
                     .bind(id)
                     .bind(get::<i64>(row, "number")?)
@@ -252,7 +252,7 @@ impl Commit {
             }
         }
         let withdrawn = old.iter().filter(|(_, old)| {
-            old.action.is_none() && !new.iter().any(|new| new.change.tells_the_same_as(old))
+            old.action.is_none() && !new.iter().any(|new| new.change.is_equivalent_to(old))
         });
         let kept = new.iter().map(|new| (new.place, &new.change, None));
         let all = withdrawn.map(|(place, change)| (*place, change, Some(now))).chain(kept);

@@ -137,7 +137,7 @@ async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, Strin
         let (history, _) = store.alarm_history(&alarm.id, 10_000).await.unwrap();
         // Not its latest readings: those that changed nothing are kept with the states of the fold alone.
         let held = &alarm.alarm;
-        let stands = (held.standing(), held.severity(), held.raised_at(), held.value(), held.last());
+        let stands = (held.unshelved_state(), held.severity(), held.raised_at(), held.value(), held.last());
         let told: Vec<_> =
             history.iter().filter(|entry| entry.withdrawn_at.is_none()).map(|entry| &entry.change).collect();
         // What records in another order raised for a time and was withdrawn is no part of what stands.

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use flankwatch::gear::{ContactRule, PairSpec, WearShape};
 use flankwatch::library::{
-    BuildControl, GridSettings, Library, LibraryCache, LibraryError, build, build_into, checkpoint_beside,
+    BuildControl, GridSettings, Library, LibraryCache, LibraryError, build, build_into, checkpoint_path,
     decode, encode,
 };
 use flankwatch::signal::OperatingPoint;
@@ -72,10 +72,10 @@ fn a_stopped_build_goes_on_where_it_was_and_gives_the_same_bits() {
         calls
     };
     stopped_after(1);
-    assert!(checkpoint_beside(&path).exists() && !path.exists());
+    assert!(checkpoint_path(&path).exists() && !path.exists());
     stopped_after(25);
     // What was finished is not simulated again: it is there at once.
-    let kept = fs::read_to_string(checkpoint_beside(&path)).unwrap();
+    let kept = fs::read_to_string(checkpoint_path(&path)).unwrap();
     assert!(kept.lines().filter(|line| line.contains("\"torque\"")).count() >= 1);
     let least = AtomicUsize::new(usize::MAX);
     let progress = |done: usize, _| {
@@ -85,7 +85,7 @@ fn a_stopped_build_goes_on_where_it_was_and_gives_the_same_bits() {
     assert!(least.into_inner() > 1);
     assert!(encode(&resumed) == whole);
     assert!(fs::read(&path).unwrap() == whole);
-    assert!(!checkpoint_beside(&path).exists());
+    assert!(!checkpoint_path(&path).exists());
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn parts_of_another_library_are_not_taken_up() {
     let cancel = AtomicBool::new(false);
     let stop = |done: usize, _| cancel.store(done > 7, Ordering::Relaxed);
     build_into(&path, &pair, &other, &BuildControl::with_progress(&stop).cancelled_by(&cancel)).unwrap_err();
-    assert!(fs::metadata(checkpoint_beside(&path)).unwrap().len() > 1000);
+    assert!(fs::metadata(checkpoint_path(&path)).unwrap().len() > 1000);
     build_into(&path, &pair, &grid, &BuildControl::silent()).unwrap();
     assert!(fs::read(&path).unwrap() == wanted);
 }
@@ -183,7 +183,7 @@ fn ctrl_c_keeps_what_is_done() {
     let torques = "0.5,0.6,0.7,0.8,0.9,1,1.1,1.2,1.3,1.4,1.5";
     let path = folder.path().join("grid.fwlib");
     let child = build(&path, torques).spawn().unwrap();
-    while !fs::read_to_string(checkpoint_beside(&path)).is_ok_and(|parts| parts.contains("\"torque\"")) {
+    while !fs::read_to_string(checkpoint_path(&path)).is_ok_and(|parts| parts.contains("\"torque\"")) {
         sleep(Duration::from_millis(5));
     }
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());

@@ -157,7 +157,7 @@ fn a_summary_tells_of_all_channels() {
     let together = service.get("/v1/assets/pump/wear").expect(200).json();
     let silent = &together["channels"][1];
     assert_eq!((&silent["channel"], &silent["silent_since"]), (&json!("b"), &json!("2026-01-01T00:02:00Z")));
-    assert!(together["reason"].as_str().unwrap().contains("channel b takes no part"), "{together}");
+    assert!(together["reason"].as_str().unwrap().contains("channel b is not included"), "{together}");
 }
 
 #[test]

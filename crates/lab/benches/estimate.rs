@@ -1,8 +1,7 @@
-//! What one record costs beyond its indicators: the update of one asset's estimate, all members of the
-//! ensemble compared.
+//! Benchmark of updating one asset's estimate with one record, comparing all members of the ensemble.
 //!
-//! `cargo bench --bench estimate`. The time is stated as such and as a part of reading the record's features,
-//! in the same run.
+//! `cargo bench --bench estimate`. Prints the time itself and in relation to computing the record's features
+//! in the same process.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -73,7 +72,7 @@ fn update(tracker: &Tracker, run: &[Observation]) -> Duration {
         for (index, observation) in run.iter().enumerate() {
             let began = Instant::now();
             black_box(tracker.update(&mut state, at(index), &observation.features));
-            // The first record after the baseline works out what follows from it.
+            // The first record after the baseline also fits the healthy model.
             if index > BASELINE {
                 took += began.elapsed();
             }

@@ -1,10 +1,10 @@
-//! What the gear model and the wear estimate are worth: the figures of the paper that the model follows, and
-//! runs with the truth known.
+//! Validation of the gear model and the wear estimate: the figures of the paper that the model follows, and
+//! runs with known true wear.
 //!
-//! | module | holds |
+//! | module | contents |
 //! | --- | --- |
-//! | [`figures`] | the model's figures beside those of the paper it follows, with checks |
-//! | [`evaluation`] | what the estimate is worth on simulated runs |
+//! | [`figures`] | the paper's figures computed from the model, with checks of the paper's statements |
+//! | [`evaluation`] | accuracy of the wear estimate on simulated and recorded runs |
 
 pub mod evaluation;
 pub mod figures;

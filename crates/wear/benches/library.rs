@@ -1,10 +1,10 @@
-//! 50 wear states from the pair file to features against a scalar Runge–Kutta baseline, in one run, and the
-//! same at 25 operating points.
+//! Benchmark of a library of 50 wear states, from the pair file to features, against a scalar Runge–Kutta
+//! baseline in the same process, at 1 and at 25 operating points.
 //!
 //! `cargo bench --bench library`. Prints wall and processor time (the least of some runs, since other work on
-//! the machine only adds to it), the memory's peak and the ratio to the baseline. The baseline integrates
-//! Eqs. (23) and (24) as they stand, with the classical method at the library's own step, and interpolates k
-//! and e in a table at every stage; geometry, filter and features are left out of it.
+//! the machine only adds to it), peak memory and the ratio to the baseline. The baseline integrates Eqs. (23)
+//! and (24) directly with the classical method at the library's step, and interpolates k and e in a table at
+//! every stage; it excludes geometry, filter and features.
 
 use std::f64::consts::TAU;
 use std::fs;
@@ -16,10 +16,10 @@ use flankwatch_wear::library::{self, BuildControl, GridSettings};
 
 const PAIR: &str = include_str!("../../../fixtures/pairs/shen2022.toml");
 const REPEATS: usize = 5;
-/// Steps a second of the baseline: eight for each sample at 20 kHz.
+/// Steps per second of the baseline: eight for each sample at 20 kHz.
 const BASELINE_RATE_HZ: f64 = 160_000.0;
 const BASELINE_SECONDS: f64 = 1.0;
-/// Clock ticks a second of `/proc/self/stat`.
+/// Clock ticks per second in `/proc/self/stat`.
 const TICKS_PER_SECOND: f64 = 100.0;
 
 fn main() {
@@ -67,9 +67,9 @@ fn main() {
     }
 }
 
-/// Processor seconds of the baseline for the same records, from a short stretch of one.
+/// Processor seconds of the baseline for the same records, extrapolated from a part of one.
 fn baseline_seconds(spec: &PairSpec, grid: &GridSettings) -> f64 {
-    let pair = spec.resolve().expect("the fixture is a sound pair");
+    let pair = spec.resolve().expect("the fixture is a valid pair");
     let wear = FlankWear::from_shape(&pair, 0.1).expect("the teeth are thicker");
     let cycle = MeshCycle::compute(&pair, &wear, 1000).expect("the flanks touch");
     let runs = (0..REPEATS).map(|_| timed(|| black_box(baseline(&pair, &cycle))).1);
@@ -100,7 +100,7 @@ fn least(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(f64::INFINITY, f64::min)
 }
 
-/// θ₁, θ₂ in the one coordinate x and the supports, with ẋ_m and ė as they stand; the last ÿ₁.
+/// Integrates x (of θ₁ and θ₂) and the supports, with ẋ_m and ė explicitly; returns the last ÿ₁.
 fn baseline(pair: &GearPair, cycle: &MeshCycle) -> f64 {
     let [driving, driven] = &pair.gears;
     let spec = &pair.spec;

@@ -1,4 +1,4 @@
-"""SciPy's solve_ivp on one wear state of the library, for a short stretch, against the library's own time.
+"""Compares SciPy's solve_ivp on a short part of one wear state with the library's processor time.
 
     cargo build --release
     cargo bench --bench library            # prints the library's processor time

@@ -1,4 +1,4 @@
-//! The wear estimate over a simulated run to failure, beside the wear that was simulated.
+//! Estimates wear over a simulated run to failure and prints it beside the true wear.
 //!
 //! `cargo run -p flankwatch-wear --example wear_of_a_run`
 
@@ -28,11 +28,11 @@ const PAIR: &str = r#"
 fn main() -> Result<(), Box<dyn Error>> {
     let pair = PairSpec::from_toml(PAIR)?;
 
-    // What wear does to this pair's vibration, simulated once.
+    // The effect of wear on this pair's vibration, simulated once.
     let grid = GridSettings { states: 25, max_wear_um: 240.0, seconds: 1.0, ..GridSettings::default() };
     let library = Arc::new(build(&pair, &grid, &BuildControl::silent())?);
 
-    // A machine: the same pair behind a transmission path that the estimate does not know, with noise.
+    // A machine: the same pair with noise, behind a transmission path that the estimator does not know.
     let run = Run::new(RunPlan {
         pair: pair.clone(),
         records: 40,

@@ -1,11 +1,11 @@
-//! Wear of spur gears from vibration: libraries of simulated wear states, simulated runs to failure, and the
-//! estimate over time.
+//! Wear of spur gears from vibration: libraries of simulated wear states, simulated runs to failure, and wear
+//! estimates over time.
 //!
-//! - [`library::Library`]: what wear does to a pair's vibration, simulated once; an
-//!   [`Ensemble`](library::Ensemble) adds what is not known of the pair;
-//! - [`simulation::Run`]: a run to failure through an unknown transmission path, with the true wear known;
-//! - [`estimate::Tracker`]: a fold over a machine's features in time order;
-//!   [`WearEstimate`](estimate::WearEstimate) is its answer;
+//! - [`library::Library`]: the effect of wear on a pair's vibration, simulated once. An
+//!   [`Ensemble`](library::Ensemble) adds variants of the pair, for the properties that are not known;
+//! - [`simulation::Run`]: a run to failure through an unknown transmission path, with known true wear;
+//! - [`estimate::Tracker`]: a fold over a machine's features in time order, which returns a
+//!   [`WearEstimate`](estimate::WearEstimate) for each record;
 //! - [`estimate::AlarmPanel`]: alarms on indicators and wear.
 //!
 //! ```
@@ -45,11 +45,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Everything is a function of what goes in: no clock, no environment, no chance without a seed.
+//! Results depend on the inputs alone: no clock or environment is read; random numbers are seeded.
 //!
 //! # Features
-//! - `files`: libraries kept in a folder under the hash of what they depend on; without it nothing here opens
-//!   a file.
+//! - `files`: caches libraries in a folder under the hash of their inputs; without it, the crate opens no files.
 //! - `openapi`: `utoipa::ToSchema` for estimates and alarms.
 
 pub mod estimate;

@@ -1,4 +1,4 @@
-//! The pair files of `fixtures/pairs`: each is accepted and has a library over its own range of wear.
+//! Tests that each pair file in `fixtures/pairs` is valid and has a library over its own range of wear.
 
 use std::fs;
 use std::path::Path;

@@ -15,7 +15,7 @@ use crate::asset::AssetSpec;
 use crate::cli::CliError;
 use crate::cli::ensemble::Ensembles;
 use crate::cli::interrupt::interrupted;
-use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, LibraryLack, PanelChange};
+use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, MissingLibrary, PanelChange};
 use crate::library::LibraryError;
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
 use crate::report::{Report, ReportedAlarm, ReportedRecord};
@@ -164,7 +164,7 @@ impl<'a> Analysis<'a> {
         };
         let rules = asset.alarm_rules();
         if asset.gear.is_none() {
-            self.fold(&ChannelEstimator::without_library(settings, LibraryLack::NoMesh, rules));
+            self.fold(&ChannelEstimator::without_library(settings, MissingLibrary::NoMesh, rules));
             return Ok(());
         }
         // A library is worth its simulation only if some channel gets past its baseline.

@@ -2,7 +2,7 @@
 
 use super::History;
 use super::fold::FoldInput;
-use crate::estimate::{LifeStep, MaintenanceEvent, WearEstimate};
+use crate::estimate::{HistoryStep, MaintenanceEvent, WearEstimate};
 use crate::service::error::ServiceError;
 use crate::service::sensor_group::described;
 use crate::store::{ChannelSummary, SegmentKey};
@@ -67,13 +67,13 @@ impl History {
 fn steps<'a>(
     inputs: &'a [FoldInput],
     events: &'a [MaintenanceEvent],
-) -> Vec<(Option<&'a SegmentKey>, LifeStep<'a>)> {
+) -> Vec<(Option<&'a SegmentKey>, HistoryStep<'a>)> {
     let records = inputs.iter().filter(|input| !input.excluded);
     let records = records.map(|input| {
-        let step = LifeStep::Record(input.key.start_time, &input.features);
+        let step = HistoryStep::Record(input.key.start_time, &input.features);
         (input.key.start_time, (Some(&input.key), step))
     });
-    let events = events.iter().map(|event| (event.time, (None, LifeStep::Event(event))));
+    let events = events.iter().map(|event| (event.time, (None, HistoryStep::Event(event))));
     let mut all: Vec<_> = events.chain(records).collect();
     // Stable: events stay before records of the same time.
     all.sort_by_key(|(time, _)| *time);

@@ -16,7 +16,7 @@ use tokio::sync::{mpsc, watch};
 
 use super::keys::{analysis_keys, fold_key};
 use crate::asset::{AssetId, AssetSpec};
-use crate::estimate::{ChannelEstimator, EstimatorSettings, LibraryLack};
+use crate::estimate::{ChannelEstimator, EstimatorSettings, MissingLibrary};
 use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryCache, library_id};
 use job::{Ensembles, Job, lock};
 pub(crate) use source::LibrarySource;
@@ -36,13 +36,13 @@ pub(crate) struct KeyedEstimator {
     /// Features under another key cannot be folded.
     pub(crate) feature_key: Arc<str>,
     /// Why it has no library; `None` if it has one.
-    lack: Option<LibraryLack>,
+    lack: Option<MissingLibrary>,
 }
 
 impl KeyedEstimator {
     /// Whether it will be replaced once the asset's library is ready.
     pub(crate) fn awaits_library(&self) -> bool {
-        self.lack == Some(LibraryLack::Simulated)
+        self.lack == Some(MissingLibrary::Simulating)
     }
 
     /// Whether it has no library.
@@ -232,10 +232,10 @@ impl Simulations {
     pub(crate) fn estimator(&self, spec: &AssetSpec) -> KeyedEstimator {
         let (id, simulation) = self.of(spec);
         let lack = match simulation.readiness {
-            Readiness::None if spec.gear.is_none() => LibraryLack::NoMesh,
-            Readiness::None => LibraryLack::NotDescribed,
-            Readiness::Building => LibraryLack::Simulated,
-            Readiness::Failed(reason) => LibraryLack::Failed(reason),
+            Readiness::None if spec.gear.is_none() => MissingLibrary::NoMesh,
+            Readiness::None => MissingLibrary::NotDescribed,
+            Readiness::Building => MissingLibrary::Simulating,
+            Readiness::Failed(reason) => MissingLibrary::Failed(reason),
             Readiness::Ready(library) => {
                 let ensemble = id.and_then(|id| lock(&self.ensembles).get(&id).cloned());
                 return self.keyed(spec, Ok(ensemble.unwrap_or_else(|| Arc::new(Ensemble::of(library)))));
@@ -263,7 +263,7 @@ impl Simulations {
         lock(&self.estimators).get(fold_key).cloned()
     }
 
-    fn keyed(&self, spec: &AssetSpec, library: Result<Arc<Ensemble>, LibraryLack>) -> KeyedEstimator {
+    fn keyed(&self, spec: &AssetSpec, library: Result<Arc<Ensemble>, MissingLibrary>) -> KeyedEstimator {
         let settings = EstimatorSettings {
             baseline_records: spec.baseline.records,
             limit_um: spec.limits.danger_um.or(spec.limits.warning_um),

@@ -119,7 +119,7 @@ impl LibrarySource {
         library: &Arc<Library>,
         settings: &EnsembleSettings,
     ) -> Option<Ensemble> {
-        match self.cache.kept_ensemble(library, settings) {
+        match self.cache.get_ensemble(library, settings) {
             Ok(None) => {}
             Ok(kept) => return kept,
             Err(error) => {

@@ -33,7 +33,7 @@ impl RaisedSeverities {
         };
         let before = self.0.insert(notice.alarm.id.clone(), severity);
         notice.change.state == AlarmState::Unacknowledged
-            && notice.change.action.as_ref().is_none_or(|action| action.told().is_some())
+            && notice.change.action.as_ref().is_none_or(|action| action.automatic_reading().is_some())
             && before.is_none_or(|before| severity > before)
     }
 }

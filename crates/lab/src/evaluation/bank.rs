@@ -1,10 +1,9 @@
-//! Vibrations simulated beforehand, from which many runs are drawn.
+//! Banks of simulated vibrations, from which many runs are drawn.
 //!
-//! A run to failure of hundreds of records, hundreds of times over, cannot be simulated record by record. A
-//! bank holds one physics: some hundred states, each with a wear depth, torque and speed of its own, evenly
-//! spread over the depths and at random over the operating range, integrated by the dynamics as a record of
-//! its own. Nothing is interpolated between states: a record of a run takes the state nearest in depth, and
-//! that state's depth, torque and speed are the truth.
+//! Simulating hundreds of runs of hundreds of records each would take too long. A bank holds some hundred
+//! states of one pair. Each has its own wear depth, torque and speed, evenly spread over the depths and
+//! random over the operating range, and its own integrated vibration. States are not interpolated: a record
+//! of a run takes a state of about its depth, and that state's depth, torque and speed are the truth.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -16,14 +15,14 @@ use flankwatch_gear::{FlankWear, GearError, MeshCycle, PairSpec, RunSettings};
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
 
-/// What one bank holds.
+/// Settings of a bank.
 #[derive(Debug, Clone)]
 pub struct BankPlan {
-    /// The physics.
+    /// The gear pair that is simulated.
     pub pair: PairSpec,
-    /// Worn states, evenly spread over the depths.
+    /// Number of worn states, evenly spread over the depths.
     pub worn: usize,
-    /// States without wear.
+    /// Number of states without wear.
     pub healthy: usize,
     /// Length of each vibration in seconds.
     pub seconds: f64,
@@ -35,7 +34,7 @@ pub struct BankPlan {
     pub speed_variation: f64,
     /// The torque of each state lies within this fraction of nominal.
     pub torque_variation: f64,
-    /// Stiffness that one tooth of the driving gear has lost, as a part.
+    /// Part of its stiffness that one tooth of the driving gear has lost.
     pub weak_tooth: Option<f64>,
     /// Seed of depths, operating points and random errors.
     pub seed: u64,
@@ -50,7 +49,7 @@ pub(super) struct Vibration {
     pub(super) samples: Vec<f32>,
 }
 
-/// Vibrations of one physics.
+/// Simulated vibrations of one pair.
 #[derive(Debug, Clone)]
 pub struct Bank {
     pub(super) plan: BankPlan,
@@ -107,7 +106,7 @@ impl Bank {
         Ok(Self { plan, healthy, worn })
     }
 
-    /// A state at about this depth and not below `least_um`, one of several near ones.
+    /// Returns one of the states near this depth, at random, but none below `least_um`.
     pub(super) fn near(&self, wear_um: f64, least_um: f64, rng: &mut impl RngExt) -> &Vibration {
         let first = self.worn.partition_point(|state| state.wear_um < least_um);
         let at = self.worn.partition_point(|state| state.wear_um < wear_um);
@@ -122,7 +121,7 @@ impl Bank {
     }
 }
 
-/// The pair under a part of its torque.
+/// Returns the pair with its torque multiplied by `part`.
 pub(super) fn with_torque(pair: &PairSpec, part: f64) -> PairSpec {
     let mut pair = pair.clone();
     pair.operation.torque_nm *= part;

@@ -1,32 +1,32 @@
-//! The cases of the evaluation: the library's own physics, others, and what is not wear.
+//! The cases of the evaluation: wear of the described pair, wear of other pairs, healthy machines and faults.
 
 use super::fault::Fault;
 use flankwatch_gear::{ContactRule, PairSpec, WearShape};
 
-/// What the runs of a case are to show.
+/// What the runs of a case test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Aim {
-    /// Wear of the physics that the library has.
+    /// Wear with the physics of the library.
     OwnPhysics,
-    /// Wear of another physics.
+    /// Wear with other physics than the library's.
     OtherPhysics,
-    /// No wear and no fault: nothing may be flagged.
+    /// Neither wear nor fault: no record should be flagged.
     Healthy,
-    /// A fault, to be flagged.
+    /// A fault, which should be flagged.
     Fault(Fault),
 }
 
-/// Cases that are looked at together.
+/// Groups of cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CaseGroup {
-    /// Wear of the library's own physics and of others.
+    /// Wear with the library's physics and with others.
     Wear,
-    /// Faults, and what is healthy.
+    /// Faults and healthy machines.
     Faults,
 }
 
 impl Aim {
-    /// Which group a case with this aim belongs to.
+    /// Returns the group of cases with this aim.
     pub fn group(self) -> CaseGroup {
         match self {
             Self::OwnPhysics | Self::OtherPhysics => CaseGroup::Wear,
@@ -35,21 +35,21 @@ impl Aim {
     }
 }
 
-/// One case.
+/// One case of the evaluation.
 #[derive(Debug, Clone)]
 pub struct Case {
-    /// In words.
+    /// Name.
     pub name: String,
-    /// What it is to show.
+    /// What it tests.
     pub aim: Aim,
-    /// The physics of its runs.
+    /// The pair that its runs are simulated with.
     pub pair: PairSpec,
-    /// What the estimator is told of the pair.
+    /// The pair as it is described to the estimator.
     pub described: PairSpec,
 }
 
 impl Case {
-    /// All cases around a pair, whose library the estimates are made with.
+    /// Returns all cases for a pair, whose library the estimates use.
     pub fn all(pair: &PairSpec) -> Vec<Self> {
         let other = |name: &str, change: &dyn Fn(&mut PairSpec)| {
             let mut worn = pair.clone();

@@ -1,11 +1,11 @@
-//! What is not wear: faults of the machine and of the sensor, put into a record.
+//! Simulated faults of the machine and of the sensor.
 
 use std::f64::consts::TAU;
 
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-/// A fault that begins at some record of a run and stays.
+/// A fault that starts at some record of a run and lasts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
@@ -19,16 +19,16 @@ pub enum Fault {
     GainJump,
     /// The sensor's sensitivity halves.
     GainDrop,
-    /// The converter's range ends at half of the last peak before it.
+    /// The converter's range ends at half of the last peak before the fault.
     Clipping,
-    /// The sensor gives a constant.
+    /// The sensor's output is constant.
     Dead,
-    /// The sensor is loose: nothing above a low resonance passes.
+    /// The sensor is loose: frequencies above a low resonance are blocked.
     LooseMount,
 }
 
 impl Fault {
-    /// All of them.
+    /// All faults.
     pub const ALL: [Self; 8] = [
         Self::CrackedTooth,
         Self::BearingLines,
@@ -40,7 +40,7 @@ impl Fault {
         Self::LooseMount,
     ];
 
-    /// In words.
+    /// Returns the name.
     pub fn name(self) -> &'static str {
         match self {
             Self::CrackedTooth => "one cracked tooth",
@@ -57,23 +57,23 @@ impl Fault {
 
 /// Root mean square of bearing impacts over that of the healthy vibration.
 const BEARING_PART: f64 = 0.5;
-/// Outer-race passes a turn of the shaft: 9 balls.
+/// Outer-race passes per turn of the shaft, for 9 balls.
 const PASSES_A_TURN: f64 = 3.58;
 /// Resonance that the impacts ring at, and its damping ratio.
 const RING_HZ: f64 = 3300.0;
 const RING_DAMPING: f64 = 0.04;
-/// Deviations of the shaft lines over the healthy vibration's root mean square.
+/// Root mean square of the shaft lines over that of the healthy vibration.
 const SHAFT_PARTS: [f64; 2] = [0.5, 0.8];
 /// A loose mount's resonance and damping.
 const LOOSE_HZ: f64 = 1500.0;
 const LOOSE_DAMPING: f64 = 0.2;
-/// Where the converter's range ends, as a part of the last peak before.
+/// End of the converter's range, as a part of the last peak before the fault.
 const CLIPPED_PART: f64 = 0.5;
-/// What the sensitivity is multiplied or divided by.
+/// Factor by which the sensitivity is multiplied or divided.
 const GAIN: f64 = 2.0;
 
-/// Adds what a fault puts into the vibration before the transmission path; `healthy_rms` that of the
-/// vibration without it.
+/// Adds a fault's excitation to the vibration before the transmission path; `healthy_rms` is its RMS without
+/// it.
 pub(super) fn excite(
     fault: Fault,
     vibration: &mut [f64],
@@ -122,7 +122,7 @@ pub(super) fn excite(
     }
 }
 
-/// Changes what the sensor saw, noise included; `peak` that of the last record before the fault.
+/// Applies a sensor fault to the signal with its noise; `peak` is that of the last record before the fault.
 pub(super) fn distort(fault: Fault, seen: &mut [f64], rate_hz: f64, peak: f64) {
     match fault {
         Fault::GainJump => seen.iter_mut().for_each(|x| *x *= GAIN),

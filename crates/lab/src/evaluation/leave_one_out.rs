@@ -1,5 +1,5 @@
-//! Runs that a member of the ensemble makes, for an estimate with all other members: how far a few hundred
-//! pairs stand for one that is not among them.
+//! Leave-one-out validation: runs of one member of the ensemble, estimated with the other groups of members,
+//! to test how well the ensemble represents a pair that it does not contain.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use super::run::Observation;
 use flankwatch_signal::Features;
 use flankwatch_wear::library::{Ensemble, MESH_LINES};
 
-/// Records of a run, healthy ones at its beginning, and the last one's depth in parts of the greatest.
+/// Records of a run, healthy records at its start, and the depth of the last one in parts of the greatest.
 const RECORDS: usize = 150;
 const HEALTHY: usize = 30;
 const LAST_PART: f64 = 0.9;
@@ -24,7 +24,7 @@ const SCATTER: f64 = 0.12;
 /// Logarithm of the noise beside a healthy line over the line.
 const NOISE: f64 = -3.0;
 
-/// Runs of `count` members, evenly chosen, each with the ensemble that lacks the member's group.
+/// Returns runs of `count` evenly chosen members, each with the ensemble without the member's group.
 pub fn leave_one_out(ensemble: &Ensemble, count: usize) -> Vec<(RecordedRun, Arc<Ensemble>)> {
     let variants = ensemble.variants();
     let groups = ensemble.members().len() / variants;
@@ -54,7 +54,7 @@ fn run_of(ensemble: &Ensemble, number: usize) -> RecordedRun {
             let [before, after] =
                 [upper - 1, upper].map(|depth| f64::from(ensemble.change(number, line, depth)));
             let amplitude = before + between * (after - before) + SCATTER * normal.sample(&mut rng);
-            // Noise and line add by squares.
+            // The powers of noise and line add.
             let seen = 0.5 * ((2.0 * amplitude).exp() + (2.0 * NOISE).exp()).ln();
             let name = format!("ln_mesh_{}", line + 1);
             features.background.insert(name.clone(), gain + NOISE);

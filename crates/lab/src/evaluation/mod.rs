@@ -1,5 +1,5 @@
-//! How good the wear estimate is: runs to failure with the truth known, in the physics of the library and in
-//! others, with faults that are not wear, and what the estimator makes of them.
+//! Accuracy of the wear estimate on runs to failure with known true wear: with the library's physics and with
+//! others, and with faults that are not wear.
 
 mod bank;
 mod case;
@@ -22,7 +22,7 @@ pub use case::{Aim, Case, CaseGroup};
 pub use fault::Fault;
 pub use leave_one_out::leave_one_out;
 pub use recorded::{
-    Answer, HindsightScore, RecordedRun, RunScore, Trial, follow, follow_together, look_back, score_run,
+    Answer, HindsightScore, RecordedRun, RunOptions, RunScore, follow, follow_together, look_back, score_run,
 };
 pub use run::{Observation, RunShape, observe, observe_many};
 pub use score::{NOMINAL, Score};
@@ -33,26 +33,27 @@ use flankwatch_wear::estimate::{
     EstimatorSettings, MachineSign, SensorFault, Tracker, WearEstimate, WearStatus,
 };
 use flankwatch_wear::library::Ensemble;
-use score::Judged;
+use score::ScoredRecord;
 
-/// Stiffness at its middle that a cracked tooth has lost.
+/// Part of its stiffness that a cracked tooth has lost, at the middle of its mesh period.
 const CRACK_LOSS: f64 = 0.5;
 
-/// Part of the library's depths that runs with a fault wear to, and part of their records before the fault.
+/// Final wear of runs with a fault, in parts of the library's greatest depth, and part of their records
+/// before the fault.
 const FAULT_WEAR: f64 = 0.25;
 const BEFORE_FAULT: f64 = 0.6;
 
-/// Records that a run goes on for after its fault's first one.
+/// Number of records from the fault's first one on.
 const AFTER_FAULT: usize = 20;
 
-/// How the evaluation is made.
+/// Settings of the evaluation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EvaluationSettings {
     /// Runs of each case.
     pub runs: usize,
     /// Records of each run.
     pub records: usize,
-    /// Worn states that a case's bank holds.
+    /// Worn states of a case's bank.
     pub states: usize,
     /// First seed of paths and noise.
     pub seed: u64,
@@ -67,8 +68,8 @@ impl Default for EvaluationSettings {
 /// Records in the baseline.
 const BASELINE: usize = 20;
 
-/// Length of a record in seconds, sampling rate in hertz, sensor noise, variation of speed within and between
-/// records and of torque.
+/// Length of a record in seconds, sampling rate in hertz, signal-to-noise ratio in dB, and variation of the
+/// speed within a record, of the speed between records and of the torque.
 const SECONDS: f64 = 1.0;
 const RATE_HZ: f64 = 20_000.0;
 const SNR_DB: f64 = 10.0;
@@ -76,10 +77,10 @@ const WANDER: f64 = 0.005;
 const SPEED_VARIATION: f64 = 0.03;
 const TORQUE_VARIATION: f64 = 0.1;
 
-/// Simulates a case's runs and scores what an ensemble makes of them.
+/// Simulates a case's runs and scores the estimates with an ensemble.
 ///
 /// # Errors
-/// [`GearError`] where the gear model refuses the case's pair.
+/// [`GearError`] where the gear model rejects the case's pair.
 pub fn evaluate(
     case: &Case,
     ensemble: &Arc<Ensemble>,
@@ -105,7 +106,7 @@ pub fn evaluate(
     };
     let cracked = fault == Some(Fault::CrackedTooth);
     if cracked {
-        // The same integration before and after the crack.
+        // Use the same integrator before and after the crack.
         plan.weak_tooth = Some(0.0);
     }
     let bank = Bank::build(plan.clone())?;
@@ -125,7 +126,7 @@ pub fn evaluate(
         last_wear_um,
         fault: fault.zip(fault_from),
     };
-    let runs: Vec<Vec<Judged>> = (0..settings.runs)
+    let runs: Vec<Vec<ScoredRecord>> = (0..settings.runs)
         .into_par_iter()
         .map(|run| {
             let observations =
@@ -136,8 +137,12 @@ pub fn evaluate(
     Ok(Score::of(&case.name, &runs, BASELINE, 0.5 * max_wear_um))
 }
 
-/// Follows one run; `fault_from` is its first record with a fault.
-fn judge(observations: &[Observation], ensemble: &Arc<Ensemble>, fault_from: Option<usize>) -> Vec<Judged> {
+/// Estimates wear over one run; `fault_from` is its first record with a fault.
+fn judge(
+    observations: &[Observation],
+    ensemble: &Arc<Ensemble>,
+    fault_from: Option<usize>,
+) -> Vec<ScoredRecord> {
     let limit_um = 0.8 * ensemble.described().max_wear_um();
     let settings = EstimatorSettings { baseline_records: BASELINE as u32, limit_um: Some(limit_um) };
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
@@ -148,19 +153,19 @@ fn judge(observations: &[Observation], ensemble: &Arc<Ensemble>, fault_from: Opt
         .iter()
         .enumerate()
         .map(|(index, observation)| {
-            let told = tracker.update(&mut state, at(index), &observation.features);
+            let estimate = tracker.update(&mut state, at(index), &observation.features);
             let holds = |crossing: usize| {
-                let prognosis = told
+                let prognosis = estimate
                     .prognosis
                     .as_ref()
                     .filter(|_| 2 * index >= observations.len() && index < crossing)?;
                 Some(prognosis.p05 <= at(crossing) && prognosis.p95.is_none_or(|late| late >= at(crossing)))
             };
-            Judged {
+            ScoredRecord {
                 truth_um: observation.wear_um,
-                told: median_and_interval(&told),
-                below_truth: below(&told, observation.wear_um),
-                verdict: verdict(&told),
+                estimate: median_and_interval(&estimate),
+                below_truth: below(&estimate, observation.wear_um),
+                verdict: verdict(&estimate),
                 faulty: fault_from.is_some_and(|first| index >= first),
                 prognosis_holds: crossing.and_then(holds),
                 single: observation.single,
@@ -169,12 +174,12 @@ fn judge(observations: &[Observation], ensemble: &Arc<Ensemble>, fault_from: Opt
         .collect()
 }
 
-/// What a flagged record was called.
-fn verdict(told: &WearEstimate) -> Option<&'static str> {
-    if !matches!(told.status, WearStatus::OutsideLibrary | WearStatus::SensorFault) {
+/// Returns the name of the fault that a flagged record was attributed to.
+fn verdict(estimate: &WearEstimate) -> Option<&'static str> {
+    if !matches!(estimate.status, WearStatus::OutsideLibrary | WearStatus::SensorFault) {
         return None;
     }
-    let novelty = told.novelty.as_ref()?;
+    let novelty = estimate.novelty.as_ref()?;
     let sensor = novelty.sensor_fault.map(|fault| match fault {
         SensorFault::Dead => "dead",
         SensorFault::Clipped => "clipped",
@@ -191,13 +196,13 @@ fn verdict(told: &WearEstimate) -> Option<&'static str> {
     Some(sensor.or(machine).unwrap_or("outside the library"))
 }
 
-fn median_and_interval(told: &WearEstimate) -> Option<[f64; 3]> {
-    Some([told.median_um?, told.p05_um?, told.p95_um?])
+fn median_and_interval(estimate: &WearEstimate) -> Option<[f64; 3]> {
+    Some([estimate.median_um?, estimate.p05_um?, estimate.p95_um?])
 }
 
-/// The probability of less wear than the truth, half of that of the truth's own cell counted.
-fn below(told: &WearEstimate, truth_um: f64) -> Option<f64> {
-    let posterior = told.posterior.as_ref()?;
+/// Returns the probability of less wear than the truth, with each point's probability spread over its cell.
+fn below(estimate: &WearEstimate, truth_um: f64) -> Option<f64> {
+    let posterior = estimate.posterior.as_ref()?;
     let depths = &posterior.wear_um;
     let mut below = 0.0;
     for (i, p) in posterior.probability.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Recorded runs of any origin with the truth beside them, and what the estimator makes of each.
+//! Estimates of runs with known true wear, recorded or simulated, and their scores.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::run::Observation;
 use super::score::rank_correlation;
 use flankwatch_wear::estimate::{
-    EstimatorSettings, Inspection, JointEstimate, LifeStep, MaintenanceEvent, MaintenanceKind, Tracker,
+    EstimatorSettings, HistoryStep, Inspection, JointEstimate, MaintenanceEvent, MaintenanceKind, Tracker,
     WearEstimate, WearStatus,
 };
 use flankwatch_wear::library::{Ensemble, FlankPlace};
@@ -17,36 +17,36 @@ use flankwatch_wear::library::{Ensemble, FlankPlace};
 /// Width in µm below which an interval is narrow.
 const NARROW_UM: f64 = 20.0;
 
-/// One run, in the order of time.
+/// One run in time order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedRun {
-    /// What it is called.
+    /// Name.
     pub name: String,
-    /// Its records with the truth.
+    /// Its records with the true wear.
     pub records: Vec<Observation>,
 }
 
-/// What is changed about a run before it is followed.
+/// Changes to a run before it is estimated.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Trial {
-    /// Records that are missing in its middle.
+pub struct RunOptions {
+    /// Number of records that are dropped in the middle.
     pub gap: usize,
-    /// Standard deviation in µm of an inspection at half of the run.
+    /// Standard deviation in µm of an inspection half-way through the run.
     pub inspection_um: Option<f64>,
 }
 
-/// One record's answer beside the truth.
+/// One record's estimate with the truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Answer {
-    /// The record's place in the run.
+    /// Index of the record in the run.
     pub record: usize,
     /// True greatest depth in µm.
     pub truth_um: f64,
-    /// Median, 5 % and 95 % quantiles in µm, where wear was claimed.
+    /// Median, 5 % and 95 % quantiles in µm, where there is an estimate.
     pub wear_um: Option<[f64; 3]>,
-    /// Whether the record was taken for something else than wear.
+    /// Whether the record was attributed to something other than wear.
     pub flagged: bool,
-    /// The answer in words.
+    /// Reason of the estimate.
     pub reason: String,
 }
 
@@ -57,25 +57,25 @@ pub struct RunScore {
     pub run: String,
     /// Records after the baseline.
     pub records: usize,
-    /// Those with a depth, those taken for something else than wear, and the others.
+    /// Records with a depth.
     pub estimated: usize,
-    /// Records that were taken for something else than wear.
+    /// Records attributed to something other than wear.
     pub flagged: usize,
-    /// Records without an answer.
+    /// Other records without a depth.
     pub without: usize,
-    /// Part of the estimates whose 90 % interval holds the truth.
+    /// Part of the estimates whose 90 % interval contains the truth.
     pub coverage: f64,
-    /// Most estimates in a row whose interval does not.
+    /// Longest sequence of estimates whose interval does not.
     pub longest_miss: usize,
-    /// Rank correlation of median and truth; none where the truth stands still.
+    /// Rank correlation of median and truth.
     pub rank: Option<f64>,
-    /// Mean absolute error of the median, and mean of median less truth, in µm.
+    /// Mean absolute error of the median in µm.
     pub mean_error_um: f64,
-    /// Mean of median less truth in µm.
+    /// Mean of median minus truth in µm.
     pub bias_um: f64,
     /// Mean width of the interval in µm.
     pub width_um: f64,
-    /// Intervals below 20 µm, and how many of them hold the truth.
+    /// Number of intervals below 20 µm, and how many of them contain the truth.
     pub narrow: [usize; 2],
     /// The last estimate.
     pub last: Option<[f64; 3]>,
@@ -83,29 +83,29 @@ pub struct RunScore {
     pub error_after_um: Option<f64>,
     /// Mean width in µm from the inspection on.
     pub width_after_um: Option<f64>,
-    /// The records before the inspection, looked back at from it.
+    /// Scores of the records before the inspection, in hindsight.
     pub in_hindsight: Option<HindsightScore>,
 }
 
-/// What an inspection makes of the records before it.
+/// Scores of the records before an inspection: without it, and in hindsight.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HindsightScore {
-    /// Mean absolute error of the median in µm: as it was told, and looked back at.
+    /// Mean absolute error of the median in µm: without the inspection, and in hindsight.
     pub error_um: [f64; 2],
-    /// Mean width of the interval in µm: as it was told, and looked back at.
+    /// Mean width of the interval in µm: without the inspection, and in hindsight.
     pub width_um: [f64; 2],
-    /// Part of the intervals that hold the truth: as they were told, and looked back at.
+    /// Part of the intervals that contain the truth: without the inspection, and in hindsight.
     pub coverage: [f64; 2],
 }
 
-/// What the inspection at half of a run makes of the records before it; none without an inspection.
+/// Scores the records before an inspection half-way through a run; `None` without an inspection.
 pub fn look_back(
     run: &RecordedRun,
     ensemble: &Arc<Ensemble>,
     baseline: u32,
-    trial: Trial,
+    options: RunOptions,
 ) -> Option<HindsightScore> {
-    let error_um = trial.inspection_um?;
+    let error_um = options.inspection_um?;
     let tracker = Tracker::new(
         EstimatorSettings { baseline_records: baseline, limit_um: None },
         Some(Arc::clone(ensemble)),
@@ -114,21 +114,22 @@ pub fn look_back(
     let half = run.records.len() / 2;
     let event = inspected(at(half), run.records.get(half)?.wear_um, error_um);
     let before = || run.records[..half].iter().enumerate();
-    let mut steps: Vec<LifeStep<'_>> =
-        before().map(|(record, observation)| LifeStep::Record(at(record), &observation.features)).collect();
-    steps.push(LifeStep::Event(&event));
-    let looked_back = tracker.in_hindsight(&steps);
+    let mut steps: Vec<HistoryStep<'_>> = before()
+        .map(|(record, observation)| HistoryStep::Record(at(record), &observation.features))
+        .collect();
+    steps.push(HistoryStep::Event(&event));
+    let in_hindsight = tracker.in_hindsight(&steps);
     let mut state = tracker.start();
     let mut both = Vec::new();
-    for ((record, observation), back) in before().zip(looked_back) {
-        let told = median_and_interval(&tracker.update(&mut state, at(record), &observation.features));
-        if let (Some(told), Some(back)) = (told, back.as_ref().and_then(median_and_interval)) {
-            both.push((observation.wear_um, [told, back]));
+    for ((record, observation), later) in before().zip(in_hindsight) {
+        let then = median_and_interval(&tracker.update(&mut state, at(record), &observation.features));
+        if let (Some(then), Some(later)) = (then, later.as_ref().and_then(median_and_interval)) {
+            both.push((observation.wear_um, [then, later]));
         }
     }
     let count = both.len().max(1) as f64;
     let mean = |value: &dyn Fn(f64, [f64; 3]) -> f64| {
-        [0, 1].map(|which| both.iter().map(|(truth, told)| value(*truth, told[which])).sum::<f64>() / count)
+        [0, 1].map(|which| both.iter().map(|(truth, pair)| value(*truth, pair[which])).sum::<f64>() / count)
     };
     Some(HindsightScore {
         error_um: mean(&|truth, [median, ..]| (median - truth).abs()),
@@ -137,35 +138,41 @@ pub fn look_back(
     })
 }
 
-/// Follows a run, one record an hour, with the first `baseline` records as the baseline.
-pub fn follow(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial: Trial) -> Vec<Answer> {
-    estimates(run, ensemble, baseline, trial).into_iter().map(Answer::of).collect()
+/// Estimates wear over a run with one record per hour; the first `baseline` records are the baseline.
+pub fn follow(
+    run: &RecordedRun,
+    ensemble: &Arc<Ensemble>,
+    baseline: u32,
+    options: RunOptions,
+) -> Vec<Answer> {
+    estimates(run, ensemble, baseline, options).into_iter().map(Answer::of).collect()
 }
 
-/// Follows the channels of one machine, recorded at the same times: the answers of each, and those of all
-/// together.
+/// Estimates wear over the channels of one machine, recorded at the same times. Returns the answers of each
+/// channel and the joint ones.
 pub fn follow_together(
     channels: &[RecordedRun],
     ensemble: &Arc<Ensemble>,
     baseline: u32,
-    trial: Trial,
+    options: RunOptions,
 ) -> (Vec<Vec<Answer>>, Vec<Answer>) {
     let of_channels: Vec<Vec<Estimate>> =
-        channels.par_iter().map(|channel| estimates(channel, ensemble, baseline, trial)).collect();
+        channels.par_iter().map(|channel| estimates(channel, ensemble, baseline, options)).collect();
     let records = of_channels.iter().map(Vec::len).min().unwrap_or(0);
     let together = |index: usize| {
         let latest = channels.iter().zip(&of_channels);
         let latest: Vec<(&str, &WearEstimate)> =
-            latest.map(|(channel, told)| (channel.name.as_str(), &told[index].wear)).collect();
+            latest.map(|(channel, estimates)| (channel.name.as_str(), &estimates[index].wear)).collect();
         let wear = JointEstimate::of(&latest)?.wear;
         Some(Answer::of(Estimate { wear, ..of_channels[0][index] }))
     };
     let together = (0..records).filter_map(together).collect();
-    let of_channels = of_channels.into_iter().map(|told| told.into_iter().map(Answer::of).collect());
+    let of_channels =
+        of_channels.into_iter().map(|estimates| estimates.into_iter().map(Answer::of).collect());
     (of_channels.collect(), together)
 }
 
-/// What the estimator says of one record.
+/// The estimate of one record with the truth.
 struct Estimate {
     record: usize,
     truth_um: f64,
@@ -185,14 +192,19 @@ impl Answer {
     }
 }
 
-fn estimates(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial: Trial) -> Vec<Estimate> {
+fn estimates(
+    run: &RecordedRun,
+    ensemble: &Arc<Ensemble>,
+    baseline: u32,
+    options: RunOptions,
+) -> Vec<Estimate> {
     let settings = EstimatorSettings { baseline_records: baseline, limit_um: None };
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
     let mut state = tracker.start();
     let half = run.records.len() / 2;
-    let gap = half - trial.gap.min(half) / 2..half + trial.gap.div_ceil(2);
+    let gap = half - options.gap.min(half) / 2..half + options.gap.div_ceil(2);
     let mut estimates = Vec::with_capacity(run.records.len());
-    let mut inspection = trial.inspection_um;
+    let mut inspection = options.inspection_um;
     for (record, observation) in run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record)) {
         let at = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
         if record >= half
@@ -209,41 +221,41 @@ fn estimates(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial: 
 /// Scores the answers of a run after its baseline.
 pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: Option<usize>) -> RunScore {
     let answers: Vec<&Answer> = answers.iter().filter(|answer| answer.record >= baseline).collect();
-    let told: Vec<(usize, f64, [f64; 3])> =
+    let estimated: Vec<(usize, f64, [f64; 3])> =
         answers.iter().filter_map(|answer| Some((answer.record, answer.truth_um, answer.wear_um?))).collect();
-    let holds = |truth: f64, [_, low, high]: [f64; 3]| low <= truth && truth <= high;
-    type Told = (usize, f64, [f64; 3]);
-    let mean = |values: &dyn Fn(&Told) -> f64, from: usize| {
-        let chosen: Vec<f64> = told.iter().filter(|(record, ..)| *record >= from).map(values).collect();
+    let contains = |truth: f64, [_, low, high]: [f64; 3]| low <= truth && truth <= high;
+    type Estimated = (usize, f64, [f64; 3]);
+    let mean = |values: &dyn Fn(&Estimated) -> f64, from: usize| {
+        let chosen: Vec<f64> = estimated.iter().filter(|(record, ..)| *record >= from).map(values).collect();
         chosen.iter().sum::<f64>() / chosen.len().max(1) as f64
     };
     let (mut longest_miss, mut missed) = (0, 0);
-    for (_, truth, wear) in &told {
-        missed = if holds(*truth, *wear) { 0 } else { missed + 1 };
+    for (_, truth, wear) in &estimated {
+        missed = if contains(*truth, *wear) { 0 } else { missed + 1 };
         longest_miss = longest_miss.max(missed);
     }
-    let narrow: Vec<bool> = told
+    let narrow: Vec<bool> = estimated
         .iter()
         .filter(|(.., [_, low, high])| high - low < NARROW_UM)
-        .map(|(_, truth, wear)| holds(*truth, *wear))
+        .map(|(_, truth, wear)| contains(*truth, *wear))
         .collect();
-    let pairs: Vec<(f64, f64)> = told.iter().map(|(_, truth, [median, ..])| (*truth, *median)).collect();
+    let pairs: Vec<(f64, f64)> = estimated.iter().map(|(_, truth, [median, ..])| (*truth, *median)).collect();
     let flagged = answers.iter().filter(|answer| answer.flagged).count();
     RunScore {
         run: name.to_owned(),
         records: answers.len(),
-        estimated: told.len(),
+        estimated: estimated.len(),
         flagged,
-        without: answers.len() - told.len() - flagged,
-        coverage: told.iter().filter(|(_, truth, wear)| holds(*truth, *wear)).count() as f64
-            / told.len().max(1) as f64,
+        without: answers.len() - estimated.len() - flagged,
+        coverage: estimated.iter().filter(|(_, truth, wear)| contains(*truth, *wear)).count() as f64
+            / estimated.len().max(1) as f64,
         longest_miss,
         rank: rank_correlation(&pairs),
         mean_error_um: mean(&|(_, truth, [median, ..])| (median - truth).abs(), 0),
         bias_um: mean(&|(_, truth, [median, ..])| median - truth, 0),
         width_um: mean(&|(.., [_, low, high])| high - low, 0),
         narrow: [narrow.len(), narrow.iter().filter(|held| **held).count()],
-        last: told.last().map(|(.., wear)| *wear),
+        last: estimated.last().map(|(.., wear)| *wear),
         error_after_um: inspected_at
             .map(|from| mean(&|(_, truth, [median, ..])| (median - truth).abs(), from)),
         width_after_um: inspected_at.map(|from| mean(&|(.., [_, low, high])| high - low, from)),
@@ -262,6 +274,6 @@ fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent 
     }
 }
 
-fn median_and_interval(told: &WearEstimate) -> Option<[f64; 3]> {
-    Some([told.median_um?, told.p05_um?, told.p95_um?])
+fn median_and_interval(estimate: &WearEstimate) -> Option<[f64; 3]> {
+    Some([estimate.median_um?, estimate.p05_um?, estimate.p95_um?])
 }

@@ -1,4 +1,4 @@
-//! Runs drawn from a bank: features of record after record with the truth known.
+//! Runs drawn from a bank: features of each record with known true wear.
 
 use jiff::Timestamp;
 use rand::{RngExt, SeedableRng};
@@ -14,40 +14,40 @@ use flankwatch_signal::{
 };
 use flankwatch_wear::simulation::TransmissionPath;
 
-/// What the runs of one case have in common.
+/// Settings that the runs of one case share.
 #[derive(Debug, Clone, Copy)]
 pub struct RunShape {
-    /// Records of a run, over which wear grows.
+    /// Number of records over which wear grows.
     pub records: usize,
-    /// The first so many of them are drawn.
+    /// Number of records that are drawn, from the first on.
     pub drawn: usize,
     /// Length of each in seconds.
     pub seconds: f64,
     /// Healthy vibration over sensor noise in dB, after the path.
     pub snr_db: f64,
-    /// Deviation of the speed within a record, as a part.
+    /// Relative variation of the speed within a record.
     pub wander: f64,
-    /// Wear of the last record in µm; nothing for a run that stays healthy.
+    /// Wear of the last record in µm; 0 for a run that stays healthy.
     pub last_wear_um: f64,
-    /// A fault that begins at this record and stays.
+    /// A fault, and the record from which it lasts.
     pub fault: Option<(Fault, usize)>,
 }
 
 /// One record of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
-    /// Greatest depth of the wear, the truth.
+    /// True greatest depth in µm.
     pub wear_um: f64,
-    /// What the record gives.
+    /// Features of the record.
     pub features: Features,
-    /// Its root mean square, kurtosis and first mesh line, for comparison.
+    /// Its root mean square, kurtosis and first mesh line (OMX), for comparison.
     pub single: [f64; 3],
 }
 
-/// Observations of one run in time order; the same arguments give the same run.
+/// Returns the observations of one run in time order; the same arguments give the same run.
 ///
-/// Wear grows from 0 as a power of the record's number, the power drawn between 1.2 and 1.8. `faulty` is the
-/// bank from the fault's first record on, where a fault changes the physics.
+/// Wear grows from 0 as a power of the record's index; the power is drawn between 1.2 and 1.8. `faulty` is
+/// the bank from the fault's first record on, for a fault that changes the dynamics.
 pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u64) -> Vec<Observation> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let plan = &bank.plan;
@@ -110,7 +110,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
         .collect()
 }
 
-/// Runs side by side, seeds from `first_seed` on.
+/// Returns several runs, computed in parallel, with seeds from `first_seed` on.
 pub fn observe_many(
     bank: &Bank,
     faulty: Option<&Bank>,

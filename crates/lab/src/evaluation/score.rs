@@ -1,4 +1,4 @@
-//! What the estimates of a case's runs are worth.
+//! Scores of the estimates of a case's runs.
 
 use std::collections::BTreeMap;
 
@@ -9,17 +9,17 @@ pub const NOMINAL: [f64; 10] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.9
 
 /// One record with its estimate.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Judged {
+pub(super) struct ScoredRecord {
     pub(super) truth_um: f64,
-    /// Median and the 5 % and 95 % quantiles, where wear was claimed.
-    pub(super) told: Option<[f64; 3]>,
-    /// The probability that the posterior gives to less wear than the truth.
+    /// Median, 5 % and 95 % quantiles in µm, where there is an estimate.
+    pub(super) estimate: Option<[f64; 3]>,
+    /// Posterior probability of less wear than the truth.
     pub(super) below_truth: Option<f64>,
-    /// What the record was flagged as, where it was.
+    /// The fault that the record was flagged with.
     pub(super) verdict: Option<&'static str>,
-    /// The record is one of a fault.
+    /// Whether the record has a fault.
     pub(super) faulty: bool,
-    /// Whether a prognosis, from half of life on, holds the crossing.
+    /// Whether a prognosis in the second half of the run contains the crossing of the limit.
     pub(super) prognosis_holds: Option<bool>,
     /// RMS, kurtosis and first mesh line.
     pub(super) single: [f64; 3],
@@ -30,33 +30,33 @@ pub(super) struct Judged {
 pub struct Score {
     /// The case.
     pub case: String,
-    /// Runs.
+    /// Number of runs.
     pub runs: usize,
-    /// Records with a wear depth.
+    /// Number of records with a wear depth.
     pub estimates: usize,
     /// Mean absolute error of the median in µm.
     pub mean_error_um: f64,
     /// Quantiles 50, 90 and 99 % of the absolute error in µm.
     pub error_quantiles_um: [f64; 3],
-    /// Mean of median less truth in µm.
+    /// Mean of median minus truth in µm.
     pub bias_um: f64,
-    /// Part of the records whose 90 % interval holds the truth.
+    /// Part of the estimates whose 90 % interval contains the truth.
     pub coverage: f64,
     /// Mean width of that interval in µm.
     pub width_um: f64,
     /// Mean over runs of the rank correlation of median and truth.
     pub rank_correlation: Option<f64>,
-    /// The same of RMS, kurtosis and first mesh line.
+    /// The same for RMS, kurtosis and first mesh line.
     pub single_rank_correlation: Option<[f64; 3]>,
     /// Actual coverage at each of [`NOMINAL`].
     pub calibration: Vec<f64>,
     /// Part of the records without a fault that were flagged.
     pub false_flags: f64,
-    /// Part of the runs flagged within 10 records of the fault; none without a fault.
+    /// Part of the runs flagged within 10 records of the fault; `None` without a fault.
     pub found: Option<f64>,
-    /// What the flagged records of the fault were called most often, and the part of them that were.
+    /// The fault that flagged records of the fault were attributed to most often, and its share.
     pub named: Option<(String, f64)>,
-    /// Part of the prognoses from half of life on whose interval holds the crossing, and how many there were.
+    /// Part of the prognoses in the second half of a run that contain the crossing, and their number.
     pub prognosis: Option<(f64, usize)>,
     /// True depth in µm, 5 %, 50 % and 95 % over runs, at which RMS passed twice its healthy mean in 3 of 5
     /// records.
@@ -66,29 +66,30 @@ pub struct Score {
 }
 
 impl Score {
-    /// Scores the runs of a case; `baseline` records at the beginning of each are left out, `half_um` is half
-    /// of the library.
-    pub(super) fn of(case: &str, runs: &[Vec<Judged>], baseline: usize, half_um: f64) -> Self {
+    /// Scores the runs of a case. The first `baseline` records of each run are excluded; `half_um` is half of
+    /// the library's greatest depth.
+    pub(super) fn of(case: &str, runs: &[Vec<ScoredRecord>], baseline: usize, half_um: f64) -> Self {
         let after = || runs.iter().flat_map(|run| run.iter().skip(baseline));
-        let told: Vec<(f64, [f64; 3])> =
-            after().filter_map(|record| Some((record.truth_um, record.told?))).collect();
-        let count = told.len().max(1) as f64;
-        let mut errors: Vec<f64> = told.iter().map(|(truth, [median, ..])| (median - truth).abs()).collect();
+        let estimates: Vec<(f64, [f64; 3])> =
+            after().filter_map(|record| Some((record.truth_um, record.estimate?))).collect();
+        let count = estimates.len().max(1) as f64;
+        let mut errors: Vec<f64> =
+            estimates.iter().map(|(truth, [median, ..])| (median - truth).abs()).collect();
         errors.sort_by(f64::total_cmp);
         let places: Vec<f64> = after().filter_map(|record| record.below_truth).collect();
         let calibration = NOMINAL.map(|level| {
             let inside = places.iter().filter(|place| (*place - 0.5).abs() <= 0.5 * level).count();
             inside as f64 / places.len().max(1) as f64
         });
-        let clean: Vec<&Judged> = after().filter(|record| !record.faulty).collect();
+        let clean: Vec<&ScoredRecord> = after().filter(|record| !record.faulty).collect();
         let faulty = runs.iter().any(|run| run.iter().any(|record| record.faulty));
-        let found = |run: &&Vec<Judged>| {
+        let found = |run: &&Vec<ScoredRecord>| {
             run.iter().filter(|record| record.faulty).take(10).any(|record| record.verdict.is_some())
         };
         let prognoses: Vec<bool> = after().filter_map(|record| record.prognosis_holds).collect();
         let wears = runs.iter().flatten().any(|record| record.truth_um > half_um);
-        let correlate = |value: &dyn Fn(&Judged) -> Option<f64>| -> f64 {
-            let of_run = |run: &Vec<Judged>| {
+        let correlate = |value: &dyn Fn(&ScoredRecord) -> Option<f64>| -> f64 {
+            let of_run = |run: &Vec<ScoredRecord>| {
                 let pairs =
                     run.iter().skip(baseline).filter_map(|record| Some((record.truth_um, value(record)?)));
                 rank_correlation(&pairs.collect::<Vec<_>>())
@@ -99,15 +100,15 @@ impl Score {
         Self {
             case: case.to_owned(),
             runs: runs.len(),
-            estimates: told.len(),
+            estimates: estimates.len(),
             mean_error_um: errors.iter().sum::<f64>() / count,
             error_quantiles_um: [0.5, 0.9, 0.99].map(|level| quantile(&errors, level)),
-            bias_um: told.iter().map(|(truth, [median, ..])| median - truth).sum::<f64>() / count,
-            coverage: told.iter().filter(|(truth, [_, low, high])| low <= truth && truth <= high).count()
+            bias_um: estimates.iter().map(|(truth, [median, ..])| median - truth).sum::<f64>() / count,
+            coverage: estimates.iter().filter(|(truth, [_, low, high])| low <= truth && truth <= high).count()
                 as f64
                 / count,
-            width_um: told.iter().map(|(_, [_, low, high])| high - low).sum::<f64>() / count,
-            rank_correlation: wears.then(|| correlate(&|record| record.told.map(|told| told[0]))),
+            width_um: estimates.iter().map(|(_, [_, low, high])| high - low).sum::<f64>() / count,
+            rank_correlation: wears.then(|| correlate(&|record| record.estimate.map(|estimate| estimate[0]))),
             single_rank_correlation: wears
                 .then(|| [0, 1, 2].map(|i| correlate(&|record| Some(record.single[i])))),
             calibration: calibration.to_vec(),
@@ -124,15 +125,17 @@ impl Score {
                 .flatten(),
             wear_alarm_um: wears
                 .then(|| {
-                    alarms(runs, baseline, &|record, _| record.told.is_some_and(|told| told[0] > half_um))
+                    alarms(runs, baseline, &|record, _| {
+                        record.estimate.is_some_and(|estimate| estimate[0] > half_um)
+                    })
                 })
                 .flatten(),
         }
     }
 }
 
-/// The most frequent verdict on records of a fault, and its part of the verdicts.
-fn named(runs: &[Vec<Judged>]) -> Option<(String, f64)> {
+/// Returns the most frequent verdict on records with a fault, and its share.
+fn named(runs: &[Vec<ScoredRecord>]) -> Option<(String, f64)> {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     let faulty = runs.iter().flatten().filter(|record| record.faulty);
     for verdict in faulty.filter_map(|record| record.verdict) {
@@ -143,8 +146,13 @@ fn named(runs: &[Vec<Judged>]) -> Option<(String, f64)> {
     Some((name.to_owned(), count as f64 / all as f64))
 }
 
-/// Over runs, the true depth at which something holds in 3 of 5 records; the whole run's where it never does.
-fn alarms(runs: &[Vec<Judged>], baseline: usize, holds: &dyn Fn(&Judged, f64) -> bool) -> Option<[f64; 3]> {
+/// Returns the 5, 50 and 95 % quantiles over runs of the true depth at which a condition holds in 3 of 5
+/// records; a run where it never does counts with its last depth.
+fn alarms(
+    runs: &[Vec<ScoredRecord>],
+    baseline: usize,
+    holds: &dyn Fn(&ScoredRecord, f64) -> bool,
+) -> Option<[f64; 3]> {
     let mut depths: Vec<f64> = runs
         .iter()
         .filter_map(|run| {
@@ -168,7 +176,7 @@ fn quantile(sorted: &[f64], level: f64) -> f64 {
     }
 }
 
-/// Spearman's coefficient; none for fewer than 8 pairs.
+/// Spearman's rank correlation; `None` for fewer than 8 pairs.
 pub(super) fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
     if pairs.len() < 8 {
         return None;
@@ -219,10 +227,10 @@ mod tests {
 
     #[test]
     fn scores_are_those_of_the_records() {
-        let record = |truth_um: f64, told: Option<[f64; 3]>, flagged: bool, faulty: bool| Judged {
+        let record = |truth_um: f64, estimate: Option<[f64; 3]>, flagged: bool, faulty: bool| ScoredRecord {
             truth_um,
-            told,
-            below_truth: told.map(|_| 0.5),
+            estimate,
+            below_truth: estimate.map(|_| 0.5),
             verdict: flagged.then_some("one tooth"),
             faulty,
             prognosis_holds: None,

@@ -1,4 +1,4 @@
-//! From a bank's vibration to what a sensor behind a transmission path recorded.
+//! The sensor: from a bank's vibration to the record behind a transmission path.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,15 +9,14 @@ use super::bank::Vibration;
 use super::fault::{Fault, distort, excite};
 use flankwatch_wear::simulation::TransmissionPath;
 
-/// Samples on each side that the interpolation at a wandering speed takes, and its tabled places between two
-/// samples.
+/// Samples on each side that the interpolation uses, and tabulated positions between two samples.
 const REACH: usize = 8;
 const PLACES: usize = 256;
 
-/// Seconds of the vibration that the path settles in.
+/// Seconds in which the path settles.
 pub(super) const SETTLING_S: f64 = 0.3;
 
-/// What a bank's vibration needs beyond record and settling: a random start and the speed's wander.
+/// Seconds that a vibration needs beyond record and settling, for random start and varying speed.
 pub(super) const MARGIN_S: f64 = 0.1;
 
 /// A sensor on one machine.
@@ -28,18 +27,18 @@ pub(super) struct Sensor {
     pub(super) healthy_rms: f64,
     /// Peak of the last record without a fault.
     pub(super) peak: f64,
-    /// Greatest deviation of the speed within a record, as a part.
+    /// Greatest relative variation of the speed within a record.
     pub(super) wander: f64,
     pub(super) sample_rate_hz: f64,
     pub(super) kernel: Kernel,
 }
 
 impl Sensor {
-    /// A record of `seconds` from a vibration: from a random place on, its speed wandering as a slow sine,
-    /// through the path, with fresh noise.
+    /// Returns a record of `seconds` from a vibration: from a random start, with a speed that varies as a
+    /// slow sine, through the path, with new noise.
     ///
-    /// The vibration is stretched in time, so structures' own frequencies wander with the speed by up to half
-    /// a per cent.
+    /// The vibration is stretched in time, so the natural frequencies of structures vary with the speed by up
+    /// to half a per cent.
     pub(super) fn record(
         &self,
         vibration: &Vibration,
@@ -56,16 +55,16 @@ impl Sensor {
         let displaced = self.wander / (TAU * swing_hz) * rate_hz;
         let start = REACH as f64 + displaced + rng.random::<f64>() * (spare - 2.0 * displaced).max(0.0);
         let phase = rng.random::<f64>();
-        let mut felt: Vec<f64> = (0..length)
+        let mut vibration_at_mount: Vec<f64> = (0..length)
             .map(|n| {
                 let swing = displaced * (TAU * (swing_hz * n as f64 / rate_hz + phase)).cos();
                 self.kernel.interpolate(&vibration.samples, start + n as f64 + swing)
             })
             .collect();
         if let Some(fault) = fault {
-            excite(fault, &mut felt, rate_hz, vibration.shaft_speed_hz, self.healthy_rms, rng);
+            excite(fault, &mut vibration_at_mount, rate_hz, vibration.shaft_speed_hz, self.healthy_rms, rng);
         }
-        let mut seen = self.path.apply(&felt);
+        let mut seen = self.path.apply(&vibration_at_mount);
         for x in &mut seen {
             let noise: f64 = StandardNormal.sample(rng);
             *x += self.noise_deviation * noise;
@@ -77,7 +76,7 @@ impl Sensor {
     }
 }
 
-/// A windowed sine cardinal between samples.
+/// Windowed-sinc interpolation between samples.
 #[derive(Clone)]
 pub(super) struct Kernel(Vec<[f32; 2 * REACH]>);
 

@@ -1,5 +1,4 @@
-//! What single indicators make of recorded runs: an alarm on the root mean square, and a regression on the
-//! first mesh line.
+//! Scores of single indicators on recorded runs: an alarm on RMS and a regression on the first mesh line.
 
 use serde::Serialize;
 
@@ -7,45 +6,45 @@ use super::recorded::RecordedRun;
 use super::run::Observation;
 use super::score::rank_correlation;
 
-/// The root mean square over its healthy mean at which an alarm is raised, and how many of the last records
-/// must pass it.
+/// Ratio of the root mean square to its healthy mean at which an alarm is raised, and how many of the last
+/// records must exceed it.
 const ALARM_FACTOR: f64 = 2.0;
 const ALARM_OF: (usize, usize) = (3, 5);
 
-/// What single indicators tell of one run.
+/// Scores of single indicators on one run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SingleIndicators {
     /// The run.
     pub run: String,
-    /// True depth in µm at which the root mean square has passed twice its healthy mean in 3 of 5 records;
-    /// none where it never did.
+    /// True depth in µm at which the root mean square has exceeded twice its healthy mean in 3 of 5 records;
+    /// `None` where it never did.
     pub rms_alarm_um: Option<f64>,
-    /// Mean absolute error in µm of the depth by a straight line over the logarithm of OMX, fitted to all
-    /// other runs; none for a single run.
+    /// Mean absolute error in µm of the depth by linear regression on the logarithm of OMX, fitted to all
+    /// other runs; `None` for a single run.
     pub omx_error_um: Option<f64>,
-    /// Rank correlation of OMX and truth; none where the truth stands still.
+    /// Rank correlation of OMX and truth.
     pub omx_rank: Option<f64>,
 }
 
-/// Looks at runs whose first `baseline` records are healthy.
+/// Scores single indicators on runs whose first `baseline` records are healthy.
 pub fn single_indicators(runs: &[&RecordedRun], baseline: usize) -> Vec<SingleIndicators> {
     let points: Vec<Vec<(f64, f64)>> = runs.iter().map(|run| omx_points(run, baseline)).collect();
-    let of_run = |(index, run): (usize, &&RecordedRun)| {
+    let score = |(index, run): (usize, &&RecordedRun)| {
         let others = points.iter().enumerate().filter(|(other, _)| *other != index);
         let others: Vec<(f64, f64)> = others.flat_map(|(_, points)| points.iter().copied()).collect();
         let own = &points[index];
-        let errors = |[slope, at_zero]: [f64; 2]| {
-            let sum: f64 = own.iter().map(|(omx, truth)| (slope * omx + at_zero - truth).abs()).sum();
+        let error = |[slope, intercept]: [f64; 2]| {
+            let sum: f64 = own.iter().map(|(omx, truth)| (slope * omx + intercept - truth).abs()).sum();
             sum / own.len().max(1) as f64
         };
         SingleIndicators {
             run: run.name.clone(),
             rms_alarm_um: rms_alarm_um(run, baseline),
-            omx_error_um: straight_line(&others).map(errors),
+            omx_error_um: straight_line(&others).map(error),
             omx_rank: rank_correlation(own),
         }
     };
-    runs.iter().enumerate().map(of_run).collect()
+    runs.iter().enumerate().map(score).collect()
 }
 
 /// Logarithm of OMX over its healthy mean, and the true depth, of each record after the baseline.
@@ -70,7 +69,7 @@ fn mean(records: &[Observation], indicator: usize) -> f64 {
     records.iter().map(|record| record.single[indicator]).sum::<f64>() / records.len().max(1) as f64
 }
 
-/// Slope and value at 0 by least squares; none for points that do not differ.
+/// Returns slope and intercept by least squares; `None` where all x are equal.
 fn straight_line(points: &[(f64, f64)]) -> Option<[f64; 2]> {
     let count = points.len() as f64;
     let (x_mean, y_mean) =
@@ -100,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_regression_on_other_runs_finds_what_they_have_in_common() {
+    fn a_regression_on_other_runs_finds_their_common_relation() {
         let scored = single_indicators(&[&run("a", 1.0), &run("b", 7.0)], 10);
         assert!(scored.iter().all(|score| score.omx_error_um.unwrap() < 1e-9));
         assert!((scored[0].omx_rank.unwrap() - 1.0).abs() < 1e-12);

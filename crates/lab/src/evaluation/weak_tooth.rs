@@ -1,8 +1,7 @@
-//! The dynamics with one cracked tooth: Eqs. (23) and (24) with the mesh stiffness of one mesh period in a
-//! turn reduced.
+//! The dynamics with one cracked tooth: Eqs. (23) and (24) with less stiffness in one mesh period per turn.
 //!
-//! The gear model has no tooth that differs from the others, so this integrates the same equations by itself,
-//! from the cycle's tables: velocities in x_m = x − y₁ + y₂ − e take e by differences over a step.
+//! All teeth of the gear model are alike, so this module integrates the same equations from the cycle's
+//! tables: velocities in x_m = x − y₁ + y₂ − e take e by differences over a step.
 
 use std::f64::consts::TAU;
 
@@ -11,10 +10,10 @@ use rand_chacha::ChaCha8Rng;
 
 use flankwatch_gear::{GearPair, MeshCycle, ResponseCoordinate, RunSettings};
 
-/// Steps of the integration to one sample.
+/// Integration steps per sample.
 const OVERSAMPLING: usize = 8;
 
-/// Start-up in seconds that is left out.
+/// Transient in seconds that is discarded.
 const SETTLING_S: f64 = 0.1;
 
 struct Cycle<'a> {
@@ -26,7 +25,7 @@ struct Cycle<'a> {
 }
 
 impl Cycle<'_> {
-    /// k in N/m and e in m.
+    /// Returns k in N/m and e in m.
     fn at(&self, seconds: f64) -> (f64, f64) {
         let teeth = f64::from(self.pair.gears[0].teeth);
         let turns = self.run.start_phase_turns + self.run.shaft_speed_hz * (seconds + 1.0);
@@ -36,7 +35,7 @@ impl Cycle<'_> {
         let (i, part) = (place as usize % points, place.fract());
         let between = |values: &[f64]| values[i] + part * (values[(i + 1) % points] - values[i]);
         let weak = (periods.floor() as i64).rem_euclid(i64::from(self.pair.gears[0].teeth)) == 0;
-        // The tooth takes over and hands over gradually.
+        // The load moves onto and off the tooth gradually.
         let bend = (TAU / 2.0 * periods.rem_euclid(1.0)).sin().powi(2);
         let left = if weak { 1.0 - self.loss * bend } else { 1.0 };
         let errors = &self.pair.errors;
@@ -51,8 +50,8 @@ impl Cycle<'_> {
     }
 }
 
-/// As [`flankwatch_gear::simulate`], with a part `loss` of the stiffness gone at the middle of one tooth's
-/// mesh period.
+/// Simulates like [`flankwatch_gear::simulate`], with a part `loss` of the stiffness missing at the middle of
+/// one tooth's mesh period.
 pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, loss: f64) -> Vec<f64> {
     let samples = (run.seconds * run.sample_rate_hz).round() as usize;
     let step = 1.0 / (run.sample_rate_hz * OVERSAMPLING as f64);
@@ -67,7 +66,7 @@ pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, lo
     let force = run.torque_nm / (pair.gears[0].base_radius_mm * 1e-3);
     let drive = force * inverse[0];
     let supports = pair.supports;
-    // The velocities less the damper's part c·x_m/m stay continuous whatever e does.
+    // The velocities minus the damper's part c·x_m/m are continuous even where e is not.
     let slope = |s: &[f64; 6], (k, e): (f64, f64)| -> [f64; 6] {
         let mesh = (s[0] - s[1] + s[2] - e).max(0.0);
         let damped = damping * mesh;
@@ -108,7 +107,7 @@ pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, lo
     }
     let acceleration: Vec<f64> =
         positions.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]) / (step * step)).collect();
-    // A Hann-weighted mean over three samples' length before every eighth is kept.
+    // A Hann-weighted mean over three samples' length, then decimation by eight.
     let reach = 3 * OVERSAMPLING / 2;
     let weights: Vec<f64> = (0..=2 * reach)
         .map(|i| (TAU / 2.0 * (i as f64 + 1.0) / (2 * reach + 2) as f64).sin().powi(2))

@@ -1,17 +1,17 @@
-//! Statements about a figure, and whether the model bears them out.
+//! Statements about a figure, and whether they hold for the model.
 
 use serde::Serialize;
 
-/// One statement of the paper's text about a figure, in words of our own, held against this model.
+/// One statement of the paper's text about a figure, in our own words, tested against this model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
     /// Number of the figure in the paper.
     pub figure: u32,
-    /// What is said.
+    /// The statement.
     pub statement: &'static str,
-    /// What counts as holding.
+    /// The criterion for it to hold.
     pub criterion: &'static str,
-    /// What the model gives, with units.
+    /// The model's values, with units.
     pub measured: String,
     /// Whether it holds.
     pub holds: bool,
@@ -29,7 +29,7 @@ impl Check {
     }
 }
 
-/// The values one after another, each by `format`.
+/// Formats values as a list separated by commas.
 pub(super) fn listed<T>(values: impl IntoIterator<Item = T>, format: impl Fn(T) -> String) -> String {
     values.into_iter().map(format).collect::<Vec<_>>().join(", ")
 }

@@ -1,4 +1,4 @@
-//! Figure 17: the mesh stiffness of perfect flanks beside a finite-element table of the same pair.
+//! Figure 17: the mesh stiffness of perfect flanks compared with a finite-element table of the same pair.
 
 use serde::Serialize;
 
@@ -6,26 +6,27 @@ use super::check::Check;
 use super::mesh::Mesh;
 use flankwatch_gear::PairSpec;
 
-/// 2-D plane-strain model of the pair of Table 1: a copy of `fixtures/reference/mesh-stiffness-fe/K_perfect.csv`,
-/// since a package of this crate has no files from outside it.
+/// 2-D plane-strain model of the pair of Table 1: a copy of
+/// `fixtures/reference/mesh-stiffness-fe/K_perfect.csv`, since a published crate cannot contain files from
+/// outside its folder.
 const TABLE: &str = include_str!("finite_elements.csv");
-/// Greatest difference of two stiffnesses that are the same.
+/// Greatest relative difference of two stiffnesses that count as equal.
 const SAME: f64 = 0.05;
-/// Share of the torque from which on a pair counts as carrying.
+/// Share of the torque above which a pair counts as carrying.
 const CARRYING_SHARE: f64 = 1e-6;
 
-/// One line of the finite-element table.
+/// One row of the finite-element table.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FiniteElementPoint {
     /// φ₁ in rad.
     pub phi1_rad: f64,
-    /// Mesh stiffness K = T/(R_b1² θ) in N/m, Eq. (30), from first touch.
+    /// Mesh stiffness K = T/(R_b1² θ) in N/m, Eq. (30), with θ from first contact.
     pub stiffness_n_per_m: f64,
     /// Pairs that carry part of the torque.
     pub pairs_in_contact: u32,
 }
 
-/// The table's points over one mesh period, both ends included; none for a pair that the table is not of.
+/// Returns the table's points over one mesh period, both ends included; empty for any pair but the table's.
 pub(super) fn points(spec: &PairSpec) -> Vec<FiniteElementPoint> {
     let geometry = &spec.geometry;
     let of_the_table = geometry.teeth == [24, 26]
@@ -48,7 +49,7 @@ fn point(line: &str) -> Option<FiniteElementPoint> {
     })
 }
 
-/// Checks of Fig. 17 for perfect flanks; none without a table.
+/// Checks Fig. 17 for perfect flanks; empty without a table.
 pub(super) fn checks(mesh: &Mesh, points: &[FiniteElementPoint]) -> Vec<Check> {
     if points.is_empty() {
         return Vec::new();
@@ -113,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_is_read_whole_and_only_for_its_own_pair() {
+    fn the_table_is_read_completely_and_only_for_its_own_pair() {
         let mut spec = PairSpec::from_toml(include_str!("../../../../fixtures/pairs/shen2022.toml")).unwrap();
         let points = points(&spec);
         assert_eq!(points.len(), 97);

@@ -1,4 +1,4 @@
-//! Figures 7, 8 and 11: one pair of teeth. Its wear, its mesh relationship, and its stiffness.
+//! Figures 7, 8 and 11: wear, mesh relationship and stiffness of one pair of teeth.
 
 use serde::Serialize;
 
@@ -6,12 +6,11 @@ use super::check::{Check, listed};
 use super::trend::{departure_from_a_line, highest_at, limits, range, rises};
 use flankwatch_gear::{Flank, FlankWear, GearError, GearPair, MeshRelationship, PairStiffness};
 
-/// Cells of the flank at which wear is listed.
+/// Number of cells of a flank.
 const FLANK_CELLS: usize = 300;
-/// Greatest part of its range by which a relationship may depart from a line and still be approximately
-/// linear.
+/// Greatest departure from a line, in parts of the range, of an approximately linear relationship.
 const NEARLY_LINEAR: f64 = 0.01;
-/// Greatest rise of the stiffness that is still slight.
+/// Greatest relative rise of the stiffness that counts as slight.
 const SLIGHT: f64 = 0.05;
 
 /// One flank from root to tip (Fig. 7).
@@ -70,14 +69,14 @@ impl ToothPair {
         })
     }
 
-    /// Stiffness at φ₁ of the pair alone.
+    /// Returns the stiffness of the pair alone at φ₁.
     pub(super) fn stiffness_at(&self, phi1_rad: f64) -> Option<f64> {
         highest_at(&self.phi1_rad, &self.stiffness_n_per_m, phi1_rad)
     }
 }
 
 impl FlankCurve {
-    /// Whether the depth falls from the root to an inner least value and rises from there to the tip.
+    /// Whether the depth falls from the root to a minimum inside the flank and rises from there to the tip.
     fn falls_then_rises(&self) -> bool {
         let depth = &self.depth_um;
         let Some(least) = (0..depth.len()).min_by(|a, b| depth[*a].total_cmp(&depth[*b])) else {
@@ -90,7 +89,7 @@ impl FlankCurve {
     }
 }
 
-/// Checks of Figs. 7, 8 and 11; the first state is unworn, each further one is worn more.
+/// Checks Figs. 7, 8 and 11; the first state is unworn, each further one is more worn.
 pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
     let worn = &states[1..];
     let column = |values: fn(&ToothPair) -> &[f64]| {
@@ -188,7 +187,7 @@ pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
     checks
 }
 
-/// Mean of a state's stiffness over the places where the unworn pair touches, against that pair's, less 1.
+/// Relative change of the mean stiffness, over the positions where the unworn pair touches.
 fn mean_gain(unworn: &ToothPair, state: &ToothPair) -> f64 {
     let both: Vec<(f64, f64)> = unworn
         .phi1_rad

@@ -1,5 +1,4 @@
-//! Figures 12 to 15 and 18: all pairs of teeth. Who carries, how stiff the mesh is, and how far the driven
-//! gear lags.
+//! Figures 12 to 15 and 18: load sharing, stiffness and transmission error of the whole mesh.
 
 use std::f64::consts::TAU;
 
@@ -12,30 +11,29 @@ use flankwatch_gear::{FlankWear, GearError, GearPair, MeshCycle};
 
 /// Points of the mesh period.
 const POINTS: usize = 4000;
-/// Places at which one pair is held against its neighbours.
+/// Positions at which one pair is compared with its neighbours.
 const PLACES: usize = 1200;
-/// Greatest change of an amplitude that is negligible.
+/// Greatest relative change of an amplitude that counts as negligible.
 const NEGLIGIBLE: f64 = 0.02;
 
 /// The mesh of one wear state.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mesh {
-    /// φ₁ in rad of the places at which a pair touches (Figs. 13 and 14).
+    /// φ₁ in rad of the positions at which a pair touches (Figs. 13 and 14).
     pub pair_phi1_rad: Vec<f64>,
-    /// Δφ₂ in rad there: lead of whichever neighbour pushes the driven gear furthest, below zero where this
-    /// pair leads.
+    /// Δφ₂ in rad there: lead of the neighbour furthest ahead, negative where this pair leads.
     pub neighbour_lead_rad: Vec<f64>,
     /// Whether the pair carries there under the multi-tooth rule.
     pub carries: Vec<bool>,
     /// Stiffness in N/m of the pair where it touches (Fig. 14).
     pub pair_stiffness_n_per_m: Vec<f64>,
-    /// φ₁ in rad over one mesh period from the nominal start of contact on (Figs. 15 and 18).
+    /// φ₁ in rad over one mesh period, from the nominal start of contact (Figs. 15 and 18).
     pub phi1_rad: Vec<f64>,
     /// Multi-tooth mesh stiffness in N/m (Fig. 15).
     pub stiffness_n_per_m: Vec<f64>,
     /// e_wear in rad, Eq. (31) (Fig. 18a).
     pub e_wear_rad: Vec<f64>,
-    /// Pairs that carry.
+    /// Number of pairs that carry.
     pub pairs_in_contact: Vec<u32>,
 }
 
@@ -79,7 +77,7 @@ impl Mesh {
         self.pairs_in_contact.iter().filter(|pairs| **pairs > 1).count() as f64 / POINTS as f64
     }
 
-    /// Range of φ₁ in rad in which a pair of teeth carries.
+    /// Range in rad of φ₁ in which a pair of teeth carries.
     fn carried_range_rad(&self) -> f64 {
         let places: Vec<f64> = self
             .pair_phi1_rad
@@ -97,7 +95,7 @@ impl Mesh {
         at.filter(|(_, count)| **count == pairs).map(|(k, _)| *k).fold(0.0, f64::max)
     }
 
-    /// Numbers of carrying pairs in their order over the period, repeats left out.
+    /// Numbers of carrying pairs in their order over the period, without repeats.
     fn sequence(&self) -> Vec<u32> {
         let mut sequence = self.pairs_in_contact.clone();
         sequence.dedup();
@@ -105,8 +103,8 @@ impl Mesh {
     }
 }
 
-/// Total transmission error in µm along the line of action over one turn of the driving shaft, without its
-/// random part (Fig. 18b): turns and errors.
+/// Returns turns of the driving shaft over one turn, and the total transmission error in µm along the line of
+/// action without its random part (Fig. 18b).
 pub(super) fn transmission_error_um(pair: &GearPair, mesh: &Mesh) -> (Vec<f64>, Vec<f64>) {
     let teeth = f64::from(pair.gears[0].teeth);
     let count = 100 * pair.gears[0].teeth as usize;
@@ -125,7 +123,7 @@ pub(super) fn transmission_error_um(pair: &GearPair, mesh: &Mesh) -> (Vec<f64>, 
     (turns, errors)
 }
 
-/// Checks of Figs. 12 to 15 and 18; the first state is unworn, each further one is worn more.
+/// Checks Figs. 12 to 15 and 18; the first state is unworn, each further one is more worn.
 pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> Vec<Check> {
     let threshold = pair.spec.dynamics.contact_threshold_rad;
     let period_rad = pair.gears[0].pitch_angle_rad();
@@ -135,7 +133,7 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
     let level = shared(&meshes[0]).map(f64::abs).fold(0.0, f64::max);
     checks.push(Check::new(
         12,
-        "With perfect flanks a pair passes through double, single and double contact; in double contact both pairs ask for the same φ₂.",
+        "With perfect flanks a pair passes through double, single and double contact; in double contact both pairs require the same φ₂.",
         "two parts in the period, and Δφ₂ below a thousandth of the threshold",
         format!(
             "pairs that carry over the period {:?}, Δφ₂ at most {level:.1e} rad",
@@ -216,7 +214,7 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
     checks.push(Check::new(
         18,
         "The transmission error of wear repeats with the mesh frequency.",
-        "from the period's last point to the next one's first no greater step than between any two points",
+        "the step from the period's last point to the next one's first is no greater than between any two points",
         format!("step at the join {joins:.2} times the greatest within the period"),
         joins <= 1.0,
     ));
@@ -234,12 +232,12 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
     checks
 }
 
-/// Leads of the neighbours where one touches too.
+/// Leads of the neighbours at positions where one touches too.
 fn shared(mesh: &Mesh) -> impl Iterator<Item = f64> {
     mesh.neighbour_lead_rad.iter().copied().filter(|lead| *lead > -1.0)
 }
 
-/// Greatest difference, as a part, of the mesh's stiffness in single contact from that of the pair alone.
+/// Greatest relative difference of the mesh stiffness in single contact from that of the pair alone.
 fn greatest_difference(mesh: &Mesh, pair: &ToothPair) -> f64 {
     let start = limits(&mesh.phi1_rad).0;
     let pitch = (limits(&mesh.phi1_rad).1 - start) * POINTS as f64 / (POINTS - 1) as f64;
@@ -253,7 +251,7 @@ fn greatest_difference(mesh: &Mesh, pair: &ToothPair) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Step of e_wear from the end of the period to its start against the greatest step within.
+/// Ratio of the step of e_wear from the end of the period to its start to the greatest step within it.
 fn join_of_error(mesh: &Mesh) -> f64 {
     let error = &mesh.e_wear_rad;
     let within = error.windows(2).map(|two| (two[1] - two[0]).abs()).fold(0.0, f64::max);

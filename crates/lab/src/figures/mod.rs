@@ -1,7 +1,7 @@
-//! The figures of Shen et al. 2022 from this model, and what their text says about them held against it.
+//! The figures of Shen et al. 2022 computed with this model, and tests of the paper's statements about them.
 //!
-//! Figs. 7, 8 and 11 are of one pair of teeth, 12 to 15 and 18 of the whole mesh, 17 beside finite elements,
-//! 19 to 22 of the vibration. Pure: numbers alone, nothing is drawn here.
+//! Figs. 7, 8 and 11 show one pair of teeth, 12 to 15 and 18 the whole mesh, 17 a comparison with finite
+//! elements, 19 to 22 the vibration. This module computes numbers; it draws nothing.
 
 mod check;
 mod finite_elements;
@@ -25,16 +25,16 @@ pub use flanks::{FlankCurve, ToothPair};
 pub use mesh::Mesh;
 pub use vibration::{IndicatorState, Lines, Vibration, VibrationFigures};
 
-/// What the figures are made of.
+/// Settings of the figures.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FigureSettings {
     /// Greatest wear depths of Wear01, Wear02 and Wear03 in µm, rising.
     pub wear_um: [f64; 3],
     /// Number of wear states of Fig. 22.
     pub states: u32,
-    /// Greatest wear depth from one of these states to the next in µm.
+    /// Increase of the greatest wear depth from one of these states to the next, in µm.
     pub step_um: f64,
-    /// Number of the worn state of Figs. 19 to 21; the other is state 0.
+    /// Number of the worn state in Figs. 19 to 21; the other is state 0.
     pub worn_num: u32,
     /// Length of each record in seconds.
     pub seconds: f64,
@@ -43,8 +43,8 @@ pub struct FigureSettings {
 }
 
 impl Default for FigureSettings {
-    /// The paper's 50 states of 5 µm and its state 40; the rest is not in it: records of 10 s at 20 kHz, and
-    /// 50, 100 and 150 µm for its three degrees of wear.
+    /// The paper's 50 states of 5 µm and its state 40. The paper does not state the rest: records of 10 s at
+    /// 20 kHz, and 50, 100 and 150 µm for its three degrees of wear.
     fn default() -> Self {
         Self {
             wear_um: [50.0, 100.0, 150.0],
@@ -57,23 +57,23 @@ impl Default for FigureSettings {
     }
 }
 
-/// Why the figures cannot be made.
+/// Why the figures cannot be computed.
 #[derive(Debug, Error)]
 pub enum FiguresError {
-    /// A setting cannot be used.
+    /// A setting is out of range.
     #[error("{field} is {value}, expected {expected}")]
     Setting {
-        /// Which.
+        /// Name of the field.
         field: &'static str,
         /// Its value.
         value: String,
-        /// What would have been right.
+        /// The expected value.
         expected: &'static str,
     },
-    /// The gear model refused.
+    /// The gear model rejected the pair.
     #[error(transparent)]
     Gear(#[from] GearError),
-    /// The simulated samples are not a usable record.
+    /// The simulated samples are not a valid record.
     #[error("the simulated record is not usable: {0}")]
     Record(#[from] RecordError),
     /// The record has no envelope spectrum.
@@ -94,7 +94,7 @@ pub enum FiguresError {
 /// One of the states of Figs. 7 to 18.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MeshState {
-    /// Name as the figures have it.
+    /// Name in the figures.
     pub name: &'static str,
     /// Greatest wear depth in µm.
     pub wear_um: f64,
@@ -102,12 +102,12 @@ pub struct MeshState {
     pub tooth_pair: ToothPair,
     /// The whole mesh (Figs. 12 to 15, 18a).
     pub mesh: Mesh,
-    /// Total transmission error along the line of action in µm over one turn of the driving shaft, its random
-    /// part left out (Fig. 18b).
+    /// Total transmission error along the line of action in µm over one turn of the driving shaft, without
+    /// its random part (Fig. 18b).
     pub transmission_error_um: Vec<f64>,
 }
 
-/// Every figure's numbers, and the checks.
+/// The numbers of all figures, and the checks.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Figures {
     /// Version of the gear model.
@@ -120,11 +120,11 @@ pub struct Figures {
     pub states: Vec<MeshState>,
     /// Shaft turns at which [`MeshState::transmission_error_um`] is given.
     pub turns: Vec<f64>,
-    /// Finite-element stiffness of perfect flanks (Fig. 17); empty for a pair that it is not of.
+    /// Finite-element stiffness of perfect flanks (Fig. 17); empty for any pair but the table's.
     pub finite_elements: Vec<FiniteElementPoint>,
     /// Figs. 19 to 22.
     pub vibration: VibrationFigures,
-    /// The text's statements, by figure.
+    /// Checks of the paper's statements, by figure.
     pub checks: Vec<Check>,
 }
 
@@ -148,11 +148,11 @@ impl FigureSettings {
     }
 }
 
-/// Works out all figures, the states of Fig. 22 in parallel; `progress` is called with the number of these
-/// that are done. The result depends on the inputs alone, not on the number of threads.
+/// Computes all figures, the states of Fig. 22 in parallel; `progress` is called with the number of finished
+/// states. The result depends on the inputs alone, not on the number of threads.
 ///
 /// # Errors
-/// [`FiguresError`] with the setting, or what the gear model refused.
+/// [`FiguresError`] for an invalid setting, or where the gear model rejects the pair.
 pub fn compute(
     spec: &PairSpec,
     settings: &FigureSettings,
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_that_cannot_be_used_are_refused() {
+    fn invalid_settings_are_rejected() {
         let cases = [
             ("wear_um", FigureSettings { wear_um: [50.0, 40.0, f64::NAN], ..short() }),
             ("states", FigureSettings { states: 1, ..short() }),

@@ -1,6 +1,6 @@
-//! Ranges, straightness and trend of rows of numbers.
+//! Ranges, linearity and trends of sequences.
 
-/// Greatest less least value.
+/// Greatest minus least value.
 pub(super) fn range(values: &[f64]) -> f64 {
     let (least, most) = limits(values);
     most - least
@@ -24,8 +24,7 @@ pub(super) fn departure_from_a_line(x: &[f64], y: &[f64]) -> f64 {
     departures.fold(0.0, f64::max) / range(y)
 }
 
-/// y at `at` on the straight lines between the points, x rising or not; the greatest where several pass,
-/// `None` outside.
+/// Interpolates y linearly at `at`; x need not rise. The greatest of several branches, `None` outside.
 pub(super) fn highest_at(x: &[f64], y: &[f64], at: f64) -> Option<f64> {
     x.windows(2)
         .zip(y.windows(2))
@@ -90,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn of_several_branches_the_highest_counts() {
+    fn the_highest_of_several_branches_is_returned() {
         let (x, y) = ([0.0, 2.0, 1.0, 3.0], [0.0, 2.0, 1.0, 7.0]);
         assert_eq!(highest_at(&x, &y, 1.5), Some(2.5));
         assert_eq!(highest_at(&x, &y, 3.5), None);

@@ -13,17 +13,17 @@ use flankwatch_signal::{
 
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
-/// Mesh periods of the time signal that are kept.
+/// Mesh periods of the time signal that are stored.
 const PERIODS_KEPT: f64 = 6.0;
-/// Mesh harmonics up to which spectra are kept.
+/// Mesh harmonics up to which spectra are stored.
 const HARMONICS_KEPT: f64 = 10.5;
-/// Places of the mean mesh period.
+/// Number of points of the mean mesh period.
 pub(super) const MEAN_PLACES: usize = 125;
-/// Strongest lines whose kind is looked at.
+/// Number of strongest lines that are classified.
 const STRONGEST: usize = 20;
-/// Shaft sidebands to either side of a mesh harmonic that count as its own.
+/// Shaft sidebands on either side of a mesh harmonic that count as its own.
 const SIDEBANDS: i32 = 2;
-/// Least rank correlation of an indicator that rises.
+/// Least rank correlation of an indicator that counts as rising.
 const RISING: f64 = 0.9;
 
 /// Indicators of one wear state (Fig. 22).
@@ -41,7 +41,7 @@ pub struct IndicatorState {
     pub omx: f64,
 }
 
-/// Lines of a spectrum, the strongest of each few bins.
+/// Lines of a spectrum: the strongest of every few bins.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Lines {
     /// Frequency in hertz.
@@ -61,11 +61,11 @@ pub struct Vibration {
     pub time_s: Vec<f64>,
     /// Acceleration in m/s².
     pub acceleration_m_per_s2: Vec<f64>,
-    /// Mean mesh period of the whole record, from the nominal start of contact on, in m/s².
+    /// Mean mesh period of the whole record, from the nominal start of contact, in m/s².
     pub mean_period_m_per_s2: Vec<f64>,
-    /// Places in mesh periods at which the number of carrying pairs changes.
+    /// Positions in mesh periods at which the number of carrying pairs changes.
     pub changes: Vec<f64>,
-    /// Mean over the mesh periods of the greatest magnitude in each, in m/s².
+    /// Mean over the mesh periods of each period's greatest magnitude, in m/s².
     pub mean_peak_m_per_s2: f64,
     /// Spectrum.
     pub spectrum: Lines,
@@ -73,8 +73,8 @@ pub struct Vibration {
     pub envelope: Lines,
     /// The strongest lines of the spectrum, strongest first.
     pub strongest: Lines,
-    /// Median, over the shaft sidebands of the first ten mesh harmonics, of their amplitude against that half
-    /// a shaft rate further out.
+    /// Median, over the shaft sidebands of the first ten mesh harmonics, of the ratio of their amplitude to
+    /// that half a shaft rate further out.
     pub sideband_to_background: f64,
     /// Root sum square of the envelope's amplitudes at the first ten mesh harmonics in m/s².
     pub envelope_harmonics: f64,
@@ -97,7 +97,7 @@ pub struct VibrationFigures {
     pub spearman: [f64; 3],
 }
 
-/// What one state gives: its indicators, and all of its vibration where it is drawn.
+/// Computes one state: its indicators, and its full vibration where it is drawn.
 pub(super) fn state(
     pair: &GearPair,
     settings: &FigureSettings,
@@ -179,7 +179,7 @@ fn mean_peak(signal: &[f64], period: f64) -> f64 {
     (0..count).map(peak).sum::<f64>() / count.max(1) as f64
 }
 
-/// Places in mesh periods at which the number of carrying pairs changes.
+/// Positions in mesh periods at which the number of carrying pairs changes.
 fn changes(cycle: &MeshCycle) -> Vec<f64> {
     let pairs = &cycle.pairs_in_contact;
     let before = |i: usize| pairs[(i + pairs.len() - 1) % pairs.len()];
@@ -187,7 +187,7 @@ fn changes(cycle: &MeshCycle) -> Vec<f64> {
     places.map(|i| i as f64 / pairs.len() as f64).collect()
 }
 
-/// The strongest of every few bins up to a frequency.
+/// Returns the strongest line of every few bins up to a frequency.
 fn drawn_lines(spectrum: &Spectrum, up_to_hz: f64) -> Lines {
     let last = ((up_to_hz / spectrum.resolution_hz) as usize).min(spectrum.amplitude.len());
     let group = (2.0 / spectrum.resolution_hz).round().max(1.0) as usize;
@@ -200,8 +200,8 @@ fn drawn_lines(spectrum: &Spectrum, up_to_hz: f64) -> Lines {
     lines
 }
 
-/// The strongest local maxima of a spectrum, strongest first; what lies within `apart_hz` of a stronger one
-/// is its side lobe.
+/// Returns the strongest local maxima of a spectrum, strongest first. Maxima within `apart_hz` of a stronger
+/// one are its side lobes and are skipped.
 fn strongest(spectrum: &Spectrum, apart_hz: f64) -> Lines {
     let amplitude = &spectrum.amplitude;
     let mut peaks: Vec<usize> = (1..amplitude.len().saturating_sub(1))
@@ -238,7 +238,7 @@ fn root_sum_square(spectrum: &Spectrum, mesh_hz: f64, beside_hz: &[f64]) -> f64 
     lines.map(|frequency| line_at(spectrum, frequency).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Median of the sidebands' amplitudes against those of the places half a shaft rate beyond them.
+/// Median ratio of the sidebands' amplitudes to those half a shaft rate further out.
 fn sideband_to_background(spectrum: &Spectrum, mesh_hz: f64, shaft_hz: f64) -> f64 {
     let sides = (1..=10).flat_map(|h| [-shaft_hz, shaft_hz].map(|beside| (f64::from(h) * mesh_hz, beside)));
     let mut ratios: Vec<f64> = sides
@@ -251,7 +251,7 @@ fn sideband_to_background(spectrum: &Spectrum, mesh_hz: f64, shaft_hz: f64) -> f
     ratios[ratios.len() / 2]
 }
 
-/// How many of the strongest lines are mesh harmonics or their nearest shaft sidebands.
+/// Number of lines that are mesh harmonics or their nearest shaft sidebands.
 fn of_the_mesh(lines: &Lines, mesh_hz: f64, shaft_hz: f64, resolution_hz: f64) -> usize {
     let belongs = |frequency: &&f64| {
         let harmonic = (*frequency / mesh_hz).round();
@@ -262,8 +262,8 @@ fn of_the_mesh(lines: &Lines, mesh_hz: f64, shaft_hz: f64, resolution_hz: f64) -
     lines.frequency_hz.iter().filter(belongs).count()
 }
 
-/// Places in mesh periods of the greatest magnitude of the mean period that follow a change of the carrying
-/// pairs within a third of a period: the impacts; and the time between the two, in parts of the period.
+/// Returns the time between the two impacts of the mean mesh period, in parts of the period. An impact is the
+/// greatest magnitude within a third of a period after a change of the number of carrying pairs.
 fn interval_of_impacts(state: &Vibration) -> Option<f64> {
     let [first, second] = *state.changes.as_slice() else {
         return None;
@@ -281,7 +281,7 @@ fn interval_of_impacts(state: &Vibration) -> Option<f64> {
 }
 
 impl VibrationFigures {
-    /// Puts the states together.
+    /// Assembles the states.
     pub(super) fn new(pair: &GearPair, indicators: Vec<IndicatorState>, states: [Vibration; 2]) -> Self {
         let column = |value: fn(&IndicatorState) -> f64| {
             spearman_with_order(&indicators.iter().map(value).collect::<Vec<_>>())
@@ -296,7 +296,7 @@ impl VibrationFigures {
         }
     }
 
-    /// Checks of Figs. 19 to 22 for records of `seconds`.
+    /// Checks Figs. 19 to 22 for records of `seconds`.
     pub(super) fn checks(&self, seconds: f64) -> Vec<Check> {
         let [unworn, worn] = &self.states;
         let period_ms = 1e3 / self.mesh_hz;
@@ -324,7 +324,7 @@ impl VibrationFigures {
                 ),
                 (a.0 - b.0).abs() > 0.05 && (a.1 - b.1).abs() > 0.05,
             ),
-            _ => ("not two changes of the carrying pairs a period".to_owned(), false),
+            _ => ("the number of carrying pairs does not change twice per period".to_owned(), false),
         };
         checks.push(Check::new(
             19,
@@ -339,14 +339,14 @@ impl VibrationFigures {
         checks.push(Check::new(
             20,
             "Mesh harmonics and their shaft sidebands are the main lines, worn or not: the spectrum keeps its structure.",
-            "all of the 20 strongest lines are mesh harmonics or at most two shaft rates beside one",
+            "all of the 20 strongest lines are mesh harmonics or their first two shaft sidebands",
             format!("{} and {} of {STRONGEST}", own[0], own[1]),
             own == [STRONGEST; 2],
         ));
         let sidebands = [unworn, worn].map(|state| state.sideband_to_background);
         checks.push(Check::new(
             20,
-            "The shaft sidebands of the mesh harmonics are to be seen.",
+            "The shaft sidebands of the mesh harmonics are visible.",
             "their median at least twice the amplitude half a shaft rate further out",
             format!("{:.2} and {:.2} times", sidebands[0], sidebands[1]),
             sidebands.iter().all(|ratio| *ratio >= 2.0),

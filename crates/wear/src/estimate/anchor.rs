@@ -1,13 +1,12 @@
-//! What an inspection teaches of the members: how far each is wrong at the depth that was found.
+//! What an inspection shows of the ensemble's members: each one's error at the depth that was measured.
 
 use serde::{Deserialize, Serialize};
 
 use crate::library::{DEPTHS, Ensemble, FlankPlace, Member};
 use flankwatch_gear::ContactRule;
 
-/// Depth over which what a member is wrong by at an inspection is forgotten, in parts of the greatest. Under
-/// load the teeth that share it change with the depth; by the threshold rule contact changes little, and so
-/// does what is wrong.
+/// Correlation length over depth of a member's error, in parts of the greatest depth. Under load, the teeth
+/// that share it change with the depth; by the threshold rule, contact changes little, and so does the error.
 pub(super) const fn anchor_reach(contact: ContactRule) -> f32 {
     match contact {
         ContactRule::Loaded => 0.4,
@@ -15,17 +14,17 @@ pub(super) const fn anchor_reach(contact: ContactRule) -> f32 {
     }
 }
 
-/// Depths and lines known from an inspection.
+/// Depths and line changes at the last inspection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Anchor {
-    /// By member: the index of the depth that the inspection means.
+    /// By member: index of the depth that corresponds to the measurement.
     pub(super) depths: Vec<u8>,
-    /// Mean change of each line at that time.
+    /// Mean change of each line at that time; `None` for lines not seen.
     pub(super) changes: Vec<Option<f32>>,
 }
 
 impl Anchor {
-    /// What an inspection that found `depth_um` at a place means for each member.
+    /// Returns for each member the index of the depth at which its flank has `depth_um` at a place.
     pub(super) fn depths_at(
         ensemble: &Ensemble,
         depth_um: f64,

@@ -1,17 +1,17 @@
-//! The healthy records of one measuring channel, as the state keeps them.
+//! The healthy records of one measuring channel, as they are saved in the state.
 
 use serde::{Deserialize, Serialize};
 
 use super::comparability::Comparability;
 use flankwatch_signal::Features;
 
-/// A line enters the comparison when its healthy amplitude stands above the noise beside it by this factor.
+/// Least ratio of a line's healthy amplitude to the noise beside it for the line to be compared.
 const MIN_LINE_TO_BACKGROUND: f64 = 2.0;
 
-/// Records that the fit over the speed is made of: of a longer baseline, as many evenly spread ones.
+/// Most records of the fit over speed: a longer baseline is thinned evenly.
 const MAX_RECORDS: usize = 40;
 
-/// The feature that says how impulsive a record is.
+/// The feature that measures how impulsive a record is.
 pub(super) const KURTOSIS: &str = "ln_kurtosis";
 
 /// Healthy values of one feature.
@@ -25,7 +25,7 @@ pub(super) struct HealthyFeature {
 }
 
 impl HealthyFeature {
-    /// Its mean.
+    /// Mean of the values.
     pub(super) fn mean(&self) -> f64 {
         self.values.iter().map(|&value| f64::from(value)).sum::<f64>() / self.values.len() as f64
     }
@@ -34,22 +34,22 @@ impl HealthyFeature {
 /// The healthy baseline of one measuring channel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Baseline {
-    /// Lines that every record had and that stand above the noise: what wear is told from.
+    /// Lines that every record has and that stand above the noise: wear is estimated from them.
     pub(super) lines: Vec<HealthyFeature>,
-    /// Values that wear hardly moves.
+    /// Checks: values that wear hardly changes.
     pub(super) checks: Vec<HealthyFeature>,
     /// The kurtosis, where every record has one.
     #[serde(default)]
     pub(super) kurtosis: Option<HealthyFeature>,
-    /// What records can be compared with it.
+    /// Which records can be compared with it.
     #[serde(default)]
     pub(super) comparability: Comparability,
-    /// Speed and torque of each record, as far as they are known.
+    /// Shaft speed in hertz and torque in N·m of each record, where known.
     pub(super) points: Vec<[Option<f64>; 2]>,
 }
 
 impl Baseline {
-    /// The baseline of these records; features that any of them lacks are left out.
+    /// Creates a baseline from these records; features that any of them lacks are excluded.
     pub(super) fn of(records: &[Features]) -> Self {
         let stride = records.len().div_ceil(MAX_RECORDS).max(1);
         let records: Vec<&Features> = records.iter().step_by(stride).collect();
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_feature_that_one_record_lacks_is_left_out() {
+    fn a_feature_that_one_record_lacks_is_excluded() {
         let pairs = [("ln_mesh_1", 1.0), ("ln_mesh_2", 2.0), ("ln_rms", 1.0)];
         let baseline = Baseline::of(&[features(&pairs, &[]), features(&[("ln_mesh_1", 3.0)], &[])]);
         assert_eq!(baseline.lines.len(), 1);
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_in_the_noise_is_left_out() {
+    fn a_line_in_the_noise_is_excluded() {
         let noise = [("ln_mesh_1", 0.0), ("ln_mesh_2", 0.0)];
         let baseline = Baseline::of(&[features(&[("ln_mesh_1", 1.0), ("ln_mesh_2", 0.1)], &noise)]);
         assert_eq!(baseline.lines.iter().map(|line| line.name.as_str()).collect::<Vec<_>>(), ["ln_mesh_1"]);

@@ -1,7 +1,6 @@
-//! What the records of one channel say one after the other: its wear, its indicators over the run, its
-//! alarms.
+//! The results of one channel's records in sequence: wear, run-wide indicators and alarms.
 //!
-//! Everything here is a pure function of the records, events and actions that went in, in their order.
+//! Everything here is a pure function of the records, events and actions, in their order.
 
 use std::sync::Arc;
 
@@ -11,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use super::alarm::{AlarmPanel, AlarmRule, PanelAction, PanelChange};
 use super::event::MaintenanceEvent;
-use super::tracker::{EstimatorSettings, LifeStep, Tracker, TrackerState};
-use super::wear::{LibraryLack, WearEstimate};
+use super::tracker::{EstimatorSettings, HistoryStep, Tracker, TrackerState};
+use super::wear::{MissingLibrary, WearEstimate};
 use crate::library::Ensemble;
 
 /// Estimates wear and alarms along a channel's records.
@@ -22,7 +21,7 @@ pub struct ChannelEstimator {
     rules: Arc<[AlarmRule]>,
 }
 
-/// What is known of a channel after some of its records; an exact copy in JSON goes on the same.
+/// State of a channel after some of its records. A copy through JSON continues with the same results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ChannelState {
     tracker: TrackerState,
@@ -30,10 +29,10 @@ pub struct ChannelState {
     alarms: AlarmPanel,
 }
 
-/// What one record says in the light of those before it.
+/// The results of one record, given the records before it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordResult {
-    /// Indicators that need the records before.
+    /// Indicators that depend on earlier records.
     pub indicators: Indicators,
     /// The wear estimate.
     pub wear: WearEstimate,
@@ -42,27 +41,31 @@ pub struct RecordResult {
 }
 
 impl ChannelEstimator {
-    /// One with these settings, the libraries of the pair where it has any, and the rules of its alarms.
+    /// Creates an estimator with these settings, the pair's ensemble where there is one, and alarm rules.
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>, rules: Vec<AlarmRule>) -> Self {
         Self { tracker: Arc::new(Tracker::new(settings, ensemble)), rules: rules.into() }
     }
 
-    /// One with the first members of an ensemble whose rest is still simulated.
+    /// Creates an estimator with the first members of an ensemble while the rest is still being simulated.
     pub fn provisional(settings: EstimatorSettings, first: Arc<Ensemble>, rules: Vec<AlarmRule>) -> Self {
         Self { tracker: Arc::new(Tracker::provisional(settings, first)), rules: rules.into() }
     }
 
-    /// One while there is no library: as without a pair, and records are told why.
-    pub fn without_library(settings: EstimatorSettings, lack: LibraryLack, rules: Vec<AlarmRule>) -> Self {
-        Self { tracker: Arc::new(Tracker::without_library(settings, lack)), rules: rules.into() }
+    /// Creates an estimator without a library; its answers say why there is none.
+    pub fn without_library(
+        settings: EstimatorSettings,
+        missing_library: MissingLibrary,
+        rules: Vec<AlarmRule>,
+    ) -> Self {
+        Self { tracker: Arc::new(Tracker::without_library(settings, missing_library)), rules: rules.into() }
     }
 
-    /// The rules of its alarms.
+    /// Returns the alarm rules.
     pub fn rules(&self) -> &[AlarmRule] {
         &self.rules
     }
 
-    /// The state before the first record.
+    /// Returns the state before the first record.
     pub fn start(&self) -> ChannelState {
         ChannelState {
             tracker: self.tracker.start(),
@@ -71,7 +74,7 @@ impl ChannelEstimator {
         }
     }
 
-    /// Takes a record.
+    /// Updates the state with a record and returns its results.
     pub fn record(
         &self,
         state: &mut ChannelState,
@@ -86,12 +89,13 @@ impl ChannelEstimator {
         RecordResult { indicators: of_run, wear, changes }
     }
 
-    /// The estimates of records before the last inspection of the same teeth, with what it taught; by step.
-    pub fn in_hindsight(&self, steps: &[LifeStep<'_>]) -> Vec<Option<WearEstimate>> {
+    /// Estimates the records before the last inspection of the same teeth again, in the light of it. Returns
+    /// one entry per step, `None` for events and for records that no inspection follows.
+    pub fn in_hindsight(&self, steps: &[HistoryStep<'_>]) -> Vec<Option<WearEstimate>> {
         self.tracker.in_hindsight(steps)
     }
 
-    /// What is said of a record that people excluded; the state stays as it is.
+    /// Returns the result of a record that users excluded; it does not change the state.
     pub fn excluded(&self, state: &ChannelState) -> RecordResult {
         RecordResult {
             indicators: Indicators::default(),
@@ -100,22 +104,22 @@ impl ChannelEstimator {
         }
     }
 
-    /// Takes maintenance between two records; returns the changes of alarms.
+    /// Updates the state with maintenance between two records; returns the changes of alarms.
     pub fn maintenance(&self, state: &mut ChannelState, event: &MaintenanceEvent) -> Vec<PanelChange> {
         self.tracker.event(&mut state.tracker, event);
-        // Means over the run of another gear or sensor are nothing to compare with.
+        // Means over the run of another gear or sensor are not comparable.
         state.run_means = RunMeans::default();
         state.alarms.maintenance(&self.rules, event)
     }
 
-    /// Takes what an operator did to an alarm; none where no rule watches its quantity any more.
+    /// Applies what an operator did to an alarm; `None` where no rule watches its quantity any more.
     pub fn action(&self, state: &mut ChannelState, action: &PanelAction) -> Option<PanelChange> {
         state.alarms.act(&self.rules, action)
     }
 }
 
 impl ChannelState {
-    /// The alarms in the order of the rules.
+    /// Returns the alarms in the order of the rules.
     pub fn into_alarms(self) -> AlarmPanel {
         self.alarms
     }

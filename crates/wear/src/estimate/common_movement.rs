@@ -1,39 +1,38 @@
-//! How the healthy lines move together from record to record.
+//! Common movement of the healthy lines from record to record.
 //!
 //! Load is the main disturbance of a healthy machine: it moves all mesh lines at once, always in the same
-//! proportions. Where records do not have their torque, those proportions show in the baseline as one
-//! direction that holds most of the lines' scatter. Early wear under load moves the lines nearly alike, so
-//! what lies along this direction is not taken off: the answer leaves open that there is no wear at all.
+//! proportions. Where the torque of the records is not known, these proportions appear in the baseline as the
+//! direction of most of the lines' scatter. Early wear under load moves the lines in nearly the same way, so
+//! changes along this direction are not removed; instead, the estimate allows for no wear at all.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-use super::healthy_lines::Measured;
+use super::healthy_lines::MeasuredLines;
 
-/// Fewest lines and records that a direction is told from.
+/// Fewest lines and records from which a direction is estimated.
 const MIN_LINES: usize = 6;
 const MIN_RECORDS: usize = 12;
 
-/// Part of the lines' scatter that the direction has to hold. Six independent lines of 20 records have 0.3.
+/// Least part of the lines' variance along the direction. Six independent lines of 20 records give 0.3.
 const MIN_PART: f64 = 0.5;
 
-/// A record has moved along it by more than this many standard deviations of the healthy ones, ...
+/// A record has moved along the direction by more than this many standard deviations of the healthy ones, ...
 const MOVED: f64 = 3.0;
 
 /// ... and this part of its squared change lies along it.
 const ALONG: f64 = 0.6;
 
-/// The direction that holds most of the healthy lines' scatter.
+/// The direction of most of the healthy lines' scatter.
 #[derive(Debug, Clone)]
 pub(super) struct CommonMovement {
-    /// By line (0 is the first mesh harmonic): what it moves by while the direction moves by 1.
+    /// By line (0 is the first mesh harmonic): its component of the unit vector along the direction.
     lines: Vec<(usize, f64)>,
     /// Standard deviation of the healthy records along it.
     deviation: f64,
 }
 
 impl CommonMovement {
-    /// That of lines with what is left of each healthy record beside the fit over the speed; none where no
-    /// direction stands out.
+    /// Estimates the direction from the residuals of the fit over speed; `None` where none stands out.
     pub(super) fn of(lines: &[(usize, &[f64])]) -> Option<Self> {
         let records = lines.iter().map(|(_, values)| values.len()).min().unwrap_or(0);
         if lines.len() < MIN_LINES || records < MIN_RECORDS {
@@ -51,8 +50,8 @@ impl CommonMovement {
         Some(Self { lines: lines.collect(), deviation: variance.sqrt() })
     }
 
-    /// Whether a record's lines have moved as they move together in the baseline, and much further.
-    pub(super) fn explains(&self, record: &Measured) -> bool {
+    /// Whether a record's lines have moved along the direction, and much further than in the baseline.
+    pub(super) fn explains(&self, record: &MeasuredLines) -> bool {
         let (mut along, mut square, mut change) = (0.0, 0.0, 0.0);
         for line in &record.lines {
             if let Some((_, part)) = self.lines.iter().find(|(index, _)| *index == line.index) {
@@ -61,7 +60,7 @@ impl CommonMovement {
                 change += line.change * line.change;
             }
         }
-        // The distance along it that fits best, and what of the squared change that explains.
+        // The best-fitting distance along the direction.
         let moved = along / f64::max(square, f64::MIN_POSITIVE);
         square > MIN_PART && moved.abs() > MOVED * self.deviation && along * moved > ALONG * change
     }
@@ -78,7 +77,7 @@ mod tests {
 
     const LINES: usize = 8;
 
-    /// What load does to each line.
+    /// Effect of load on each line.
     fn direction(line: usize) -> f64 {
         1.0 + (1.3 * line as f64).sin()
     }
@@ -100,17 +99,17 @@ mod tests {
         CommonMovement::of(&lines.iter().map(Vec::as_slice).enumerate().collect::<Vec<_>>())
     }
 
-    fn record(change: impl Fn(usize) -> f64) -> Measured {
+    fn record(change: impl Fn(usize) -> f64) -> MeasuredLines {
         let line = |index| MeasuredLine { index, change: change(index), variance: 0.01, floor: -9.0 };
-        Measured { lines: (0..LINES).map(line).collect(), load: 1.0 }
+        MeasuredLines { lines: (0..LINES).map(line).collect(), load: 1.0 }
     }
 
     #[test]
-    fn a_load_beyond_the_baselines_is_told_and_other_movements_are_not() {
+    fn a_load_beyond_the_baselines_is_recognised_and_other_movements_are_not() {
         let movement = movement(&baseline(0.1, 0.05, 1)).unwrap();
         assert!(movement.explains(&record(|line| 0.5 * direction(line))));
         assert!(movement.explains(&record(|line| -0.5 * direction(line))));
-        assert!(!movement.explains(&record(|line| 0.15 * direction(line))), "the baseline has that too");
+        assert!(!movement.explains(&record(|line| 0.15 * direction(line))), "within the baseline's scatter");
         assert!(!movement.explains(&record(|line| 0.5 * if line % 2 == 0 { 1.0 } else { -1.0 })));
     }
 

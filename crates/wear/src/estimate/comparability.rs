@@ -1,15 +1,14 @@
-//! Which records can be compared with a baseline: a record too short or too sparsely sampled says nothing,
-//! neither of wear nor of faults.
+//! Which records can be compared with a baseline. A record that is too short or sampled too slowly shows
+//! neither wear nor faults.
 
 use serde::{Deserialize, Serialize};
 
 use flankwatch_signal::{Extent, Features};
 
-/// Logarithm of two sampling rates' ratio below which they are the same.
+/// Logarithm of the ratio of two sampling rates below which they count as equal.
 const SAME_RATE: f64 = 0.1;
 
-/// Logarithm of two lengths' ratio below which they are the same: what one record can be compared with, the
-/// other can.
+/// Logarithm of the ratio of two lengths below which they count as equal.
 const SAME_LENGTH: f64 = 0.2;
 
 /// How the records of a baseline were taken.
@@ -22,56 +21,57 @@ pub(super) struct Comparability {
     /// Mean sampling rate in hertz.
     #[serde(default)]
     sample_rate_hz: Option<f64>,
-    /// Whether mesh lines are read apart from their sidebands.
-    apart: Option<bool>,
+    /// Whether the records separate mesh lines from their sidebands.
+    #[serde(rename = "apart")]
+    resolves_sidebands: Option<bool>,
 }
 
-/// Whether a record's mesh lines are read apart from their sidebands, where its speed and length are known.
-fn lines_are_apart(record: &Features) -> Option<bool> {
+/// Whether a record separates mesh lines from their sidebands; `None` where speed or length is unknown.
+fn resolves_sidebands(record: &Features) -> Option<bool> {
     let speed_hz = record.operating_point.shaft_speed_hz.filter(|_| record.has_mesh())?;
     Some(record.extent?.seconds >= Extent::seconds_apart(speed_hz))
 }
 
 /// Whether two records can be part of one baseline.
-pub(super) fn go_together(one: &Features, other: &Features) -> bool {
+pub(super) fn can_share_baseline(one: &Features, other: &Features) -> bool {
     let same_length = |one: Extent, other: Extent| (one.seconds / other.seconds).ln().abs() < SAME_LENGTH;
     let same = one.extent.zip(other.extent).is_none_or(|(one, other)| same_length(one, other));
-    same || lines_are_apart(one) == lines_are_apart(other)
+    same || resolves_sidebands(one) == resolves_sidebands(other)
 }
 
 impl Comparability {
-    /// Of the records of a baseline.
+    /// Summarises the records of a baseline.
     pub(super) fn of<'a>(records: impl Iterator<Item = &'a Features> + Clone) -> Self {
         let speeds = records.clone().filter_map(|record| record.operating_point.shaft_speed_hz);
         Self {
             seconds: mean(records.clone().filter_map(|record| Some(record.extent?.seconds))),
             shaft_speed_hz: mean(speeds),
             sample_rate_hz: mean(records.clone().filter_map(|record| Some(record.extent?.sample_rate_hz))),
-            apart: records.into_iter().next().and_then(lines_are_apart),
+            resolves_sidebands: records.into_iter().next().and_then(resolves_sidebands),
         }
     }
 
-    /// Why a record's length makes it incomparable.
-    pub(super) fn refuses(&self, record: &Features) -> Option<String> {
+    /// Returns why a record cannot be compared because of its length.
+    pub(super) fn rejection(&self, record: &Features) -> Option<String> {
         let seconds = record.extent?.seconds;
         if (seconds / self.seconds?).ln().abs() < SAME_LENGTH {
             return None;
         }
         let speed_hz = record.operating_point.shaft_speed_hz.or(self.shaft_speed_hz)?;
         let needed_s = Extent::seconds_apart(speed_hz);
-        match (self.apart?, seconds >= needed_s) {
+        match (self.resolves_sidebands?, seconds >= needed_s) {
             (true, false) => Some(format!(
-                "not comparable with the baseline: a record of {seconds:.2} s, and {needed_s:.2} s are needed to tell the mesh lines from their sidebands"
+                "not comparable with the baseline: the record is {seconds:.2} s long, and it takes {needed_s:.2} s to separate the mesh lines from their sidebands"
             )),
             (false, true) => Some(format!(
-                "not comparable with the baseline: a record of {seconds:.2} s, and the baseline's are shorter than the {needed_s:.2} s that tell the mesh lines from their sidebands"
+                "not comparable with the baseline: the record is {seconds:.2} s long, and the baseline's are shorter than the {needed_s:.2} s that it takes to separate the mesh lines from their sidebands"
             )),
             _ => None,
         }
     }
 
-    /// Whether a record reaches as high in frequency as the baseline, and no higher: what lies between the
-    /// mesh harmonics is one sum over all of them.
+    /// Whether a record covers the same frequency range as the baseline: the checks between the mesh
+    /// harmonics are one sum over all of them.
     pub(super) fn reaches_as_high(&self, record: &Features) -> bool {
         match (self.sample_rate_hz, record.extent) {
             (Some(rate_hz), Some(extent)) => (extent.sample_rate_hz / rate_hz).ln().abs() < SAME_RATE,
@@ -79,8 +79,7 @@ impl Comparability {
         }
     }
 
-    /// By how much the variance of a record's values is larger than in the baseline, as the record is
-    /// shorter.
+    /// Returns the ratio, at least 1, of the variance of a shorter record's values to the baseline's.
     pub(super) fn scatter(&self, record: &Features) -> f64 {
         match (self.seconds, record.extent) {
             (Some(seconds), Some(extent)) if extent.seconds > 0.0 => (seconds / extent.seconds).max(1.0),
@@ -89,13 +88,13 @@ impl Comparability {
     }
 }
 
-/// Why a record that is sampled at this rate lacks too many of the baseline's values: the `needed_hz` is the
-/// least rate that gives them.
+/// Returns why a record is rejected where its sampling rate is below `needed_hz`, the least that gives enough
+/// of the baseline's values.
 pub(super) fn sampled_too_slowly(record: &Features, needed_hz: f64) -> Option<String> {
     let rate_hz = record.extent?.sample_rate_hz;
     (rate_hz < needed_hz).then(|| {
         format!(
-            "not comparable with the baseline: sampled at {rate_hz:.0} Hz, and {needed_hz:.0} Hz are needed"
+            "not comparable with the baseline: sampled at {rate_hz:.0} Hz, expected at least {needed_hz:.0} Hz"
         )
     })
 }
@@ -126,22 +125,22 @@ mod tests {
 
     /// 5 bins of 1/T to a shaft rate of 20 Hz: 0.25 s.
     #[test]
-    fn lines_and_sidebands_that_run_together_are_not_compared_with_such_that_do_not() {
+    fn records_that_resolve_sidebands_are_not_compared_with_records_that_do_not() {
         let long = Comparability::of([record(1.0), record(0.5)].iter());
-        assert_eq!(long.refuses(&record(0.26)), None);
-        let why = long.refuses(&record(0.2)).unwrap();
+        assert_eq!(long.rejection(&record(0.26)), None);
+        let why = long.rejection(&record(0.2)).unwrap();
         assert!(why.contains("0.20 s") && why.contains("0.25 s"), "{why}");
         let short = Comparability::of([record(0.2)].iter());
-        assert_eq!(short.refuses(&record(0.1)), None);
-        assert_eq!(Comparability::of([record(0.26)].iter()).refuses(&record(0.24)), None, "nearly as long");
-        assert!(short.refuses(&record(1.0)).is_some());
+        assert_eq!(short.rejection(&record(0.1)), None);
+        assert_eq!(Comparability::of([record(0.26)].iter()).rejection(&record(0.24)), None, "nearly as long");
+        assert!(short.rejection(&record(1.0)).is_some());
     }
 
     #[test]
-    fn a_baseline_is_of_records_that_are_alike_in_length_or_in_what_they_tell_apart() {
-        assert!(go_together(&record(0.24), &record(0.26)));
-        assert!(go_together(&record(0.3), &record(3.0)));
-        assert!(!go_together(&record(0.2), &record(0.3)));
+    fn a_baseline_has_records_of_similar_length_or_resolution() {
+        assert!(can_share_baseline(&record(0.24), &record(0.26)));
+        assert!(can_share_baseline(&record(0.3), &record(3.0)));
+        assert!(!can_share_baseline(&record(0.2), &record(0.3)));
     }
 
     #[test]
@@ -153,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_is_too_low_is_said_with_the_one_needed() {
+    fn a_rate_that_is_too_low_is_reported_with_the_one_needed() {
         assert_eq!(sampled_too_slowly(&record(1.0), 12_000.0), None);
         let why = sampled_too_slowly(&record(1.0), 16_000.0).unwrap();
         assert!(why.contains("12800 Hz") && why.contains("16000 Hz"), "{why}");

@@ -1,35 +1,34 @@
-//! Control charts: small deviations that last.
+//! CUSUM control charts, which detect small deviations that last.
 //!
-//! One record deviates by chance; a fault stays. For each check that faults of their own kind raise, a
-//! cumulative sum (Page 1954) folds over the records: S ← max(0, S + z − k), z the deviation in standard
-//! deviations. What is healthy pulls it down by k a record; what lasts at z > k reaches any level, so that
-//! ten records of 2 standard deviations say more than one of 4.
+//! One record may deviate by chance; a fault lasts. Each check that a particular kind of fault raises has a
+//! cumulative sum over the records (Page 1954): S ← max(0, S + z − k), with z the deviation in standard
+//! deviations. A healthy record lowers the sum by k on average. A lasting deviation z > k reaches any level,
+//! so ten records at 2 standard deviations count for more than one at 4.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// What a record has to deviate by to count, in standard deviations: above what errors of the baseline and
-/// slow wear leave.
+/// The allowance k in standard deviations: more than errors of the baseline and slow wear cause.
 const ALLOWANCE: f64 = 1.0;
 
-/// One record counts for no more than this.
+/// Largest deviation of one record that counts, in standard deviations.
 const MAX_DEVIATIONS: f64 = 5.0;
 
-/// A sum stays below this, so that it comes down soon after the fault is gone.
+/// Upper limit of a sum, so that it falls soon after the fault is gone.
 const MAX_SUM: f64 = 15.0;
 
-/// How far sums of normal deviates overshoot a level on average (Siegmund 1985).
+/// Mean overshoot of a level by sums of normal deviates (Siegmund 1985).
 const OVERSHOOT: f64 = 0.583;
 
-/// Sums of one measuring channel; an exact copy in JSON goes on with the same bits.
+/// CUSUMs of one measuring channel by check. A copy through JSON continues with bit-identical results.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Cusums {
     sums: BTreeMap<String, f64>,
 }
 
 impl Cusums {
-    /// Takes the deviations of a record's checks, in standard deviations.
+    /// Adds the deviations of a record's checks, in standard deviations.
     pub(super) fn update<'a>(&mut self, deviations: impl Iterator<Item = (&'a str, f64)>) {
         for (name, z) in deviations {
             let sum = self.sums.entry(name.to_owned()).or_insert(0.0);
@@ -37,18 +36,16 @@ impl Cusums {
         }
     }
 
-    /// The check whose sum is highest, and the probability that the highest of healthy sums stands there or
-    /// above.
+    /// Returns the check with the highest sum, and the probability of such a sum on a healthy channel.
     ///
-    /// The sum of independent normal deviates less k has a tail of e^(−2k(S + 0.583)) where it has gone on
-    /// for long.
+    /// In the steady state, a sum over independent normal deviates has the tail e^(−2k(S + 0.583)).
     pub(super) fn highest(&self) -> Option<(&str, f64)> {
         let (name, sum) =
             self.sums.iter().max_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, sum)| **sum > 0.0)?;
         Some((name, self.p_value(*sum)))
     }
 
-    /// The highest sum of the checks whose names begin with `kind`, and its probability.
+    /// Returns the check with the highest sum among those whose names begin with `kind`, and its probability.
     pub(super) fn highest_of(&self, kind: &str) -> Option<(&str, f64)> {
         let of_kind = self.sums.iter().filter(|(name, _)| name.starts_with(kind));
         let (name, sum) = of_kind.max_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, sum)| **sum > 0.0)?;
@@ -73,16 +70,16 @@ mod tests {
         StandardNormal.sample(random)
     }
 
-    /// 10⁵ healthy records of four checks: the probability told is that of what happens.
+    /// 10⁵ healthy records of four checks: the stated probability is the observed frequency.
     #[test]
-    fn healthy_records_pass_a_level_as_often_as_is_told() {
+    fn healthy_records_pass_a_level_as_often_as_stated() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut charts = Cusums::default();
+        let mut cusums = Cusums::default();
         let levels = [1e-1, 1e-2, 1e-3];
         let mut passed = [0_u32; 3];
         for _ in 0..100_000 {
-            charts.update(["a", "b", "c", "d"].into_iter().map(|name| (name, normal(&mut random))));
-            if let Some((_, p)) = charts.highest() {
+            cusums.update(["a", "b", "c", "d"].into_iter().map(|name| (name, normal(&mut random))));
+            if let Some((_, p)) = cusums.highest() {
                 for (passed, level) in passed.iter_mut().zip(levels) {
                     *passed += u32::from(p < level);
                 }
@@ -95,23 +92,23 @@ mod tests {
     }
 
     #[test]
-    fn two_deviations_that_last_are_seen_within_ten_records_and_forgotten_within_thirty() {
+    fn a_shift_of_two_deviations_is_detected_within_ten_records_and_cleared_within_thirty() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let mut seen = 0;
         for _ in 0..200 {
-            let mut charts = Cusums::default();
+            let mut cusums = Cusums::default();
             for _ in 0..50 {
-                charts.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
+                cusums.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
             }
             for _ in 0..10 {
-                charts.update([("a", 2.0 + normal(&mut random)), ("b", normal(&mut random))].into_iter());
+                cusums.update([("a", 2.0 + normal(&mut random)), ("b", normal(&mut random))].into_iter());
             }
-            let (name, p) = charts.highest().unwrap();
+            let (name, p) = cusums.highest().unwrap();
             seen += u32::from(name == "a" && p < 1e-4);
             for _ in 0..30 {
-                charts.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
+                cusums.update([("a", normal(&mut random)), ("b", normal(&mut random))].into_iter());
             }
-            assert!(charts.highest().is_none_or(|(_, p)| p > 1e-4));
+            assert!(cusums.highest().is_none_or(|(_, p)| p > 1e-4));
         }
         assert!(seen > 180, "{seen} of 200");
     }

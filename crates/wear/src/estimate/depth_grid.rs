@@ -1,30 +1,30 @@
-//! The grid of wear depths that probabilities are tracked on.
+//! The grid of wear depths on which probabilities are tracked.
 
 use super::wear::Posterior;
 
-/// Rising wear depths from 0 to a library's last state; empty where there is no library.
+/// Rising wear depths from 0 to a library's last state; empty without a library.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DepthGrid {
     depths_um: Vec<f64>,
 }
 
 impl DepthGrid {
-    /// The grid of these depths in µm.
+    /// Creates the grid of these depths in µm.
     pub(super) fn of(depths_um: &[f64]) -> Self {
         Self { depths_um: depths_um.to_vec() }
     }
 
-    /// The depths in µm.
+    /// Returns the depths in µm.
     pub(super) fn depths_um(&self) -> &[f64] {
         &self.depths_um
     }
 
-    /// The ends of all cells in µm.
+    /// Returns the limits of all cells in µm.
     pub(super) fn cells(&self) -> impl Iterator<Item = [f64; 2]> {
         (0..self.depths_um.len()).map(|point| self.cell_um(point))
     }
 
-    /// The ends of a depth's cell: half way to its neighbours.
+    /// Returns the limits of a depth's cell in µm: half-way to its neighbours.
     pub(super) fn cell_um(&self, point: usize) -> [f64; 2] {
         let depths = &self.depths_um;
         let low = if point == 0 { 0.0 } else { 0.5 * (depths[point - 1] + depths[point]) };
@@ -33,17 +33,16 @@ impl DepthGrid {
         [low, high]
     }
 
-    /// Mean depth in µm.
+    /// Returns the mean depth in µm.
     pub(super) fn mean_um(&self, probability: &[f64]) -> f64 {
         self.depths_um.iter().zip(probability).map(|(um, p)| um * p).sum()
     }
 
-    /// The depth in µm below which a part `level` of the probability lies; each point's probability is spread
-    /// over its cell.
+    /// Returns the quantile at `level` in µm; each point's probability is spread evenly over its cell.
     pub(super) fn quantile_um(&self, probability: &[f64], level: f64) -> f64 {
         let mut below = 0.0;
         for (point, p) in probability.iter().enumerate() {
-            // What lies in the first cell is not told from no wear: the low end of an interval is 0 there.
+            // Wear within the first cell cannot be distinguished from none: a low quantile there is 0.
             if point == 0 && *p >= level && level < 0.5 {
                 return 0.0;
             }
@@ -56,7 +55,7 @@ impl DepthGrid {
         self.depths_um[self.depths_um.len() - 1]
     }
 
-    /// The probability that a depth in µm is passed.
+    /// Returns the probability that wear exceeds a depth in µm.
     pub(super) fn probability_above(&self, probability: &[f64], limit_um: f64) -> f64 {
         let above = |(point, p): (usize, &f64)| {
             let [low, high] = self.cell_um(point);
@@ -70,7 +69,7 @@ impl DepthGrid {
         probability.iter().enumerate().map(above).sum()
     }
 
-    /// The distribution as it is handed out.
+    /// Returns the distribution as it is published.
     pub(super) fn posterior(&self, probability: &[f64]) -> Posterior {
         Posterior { wear_um: self.depths_um.clone(), probability: probability.to_vec() }
     }

@@ -1,23 +1,23 @@
-//! How far values of a record are from what was expected, and how likely chance takes them there.
+//! Deviations of a record's values from their expectation, and their probability by chance.
 
-/// One feature of a record against what was expected.
+/// Deviation of one feature of a record from its expectation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Deviation {
     pub(super) name: String,
-    /// Measured less expected, in logarithms.
+    /// Measured minus expected natural logarithm.
     pub(super) residual: f64,
-    /// Standard deviation of what was expected.
+    /// Standard deviation of the residual.
     pub(super) deviation: f64,
 }
 
 impl Deviation {
-    /// In standard deviations.
+    /// Residual in standard deviations.
     pub(super) fn score(&self) -> f64 {
         self.residual / self.deviation
     }
 
-    /// The size of a deviation of Student's t distribution as that of one of the normal distribution with about
-    /// the same tail (Wallace 1959).
+    /// Magnitude of the normal deviate with about the same tail as this deviation has in Student's t
+    /// distribution (Wallace 1959).
     pub(super) fn normal_score(&self, freedom: f64) -> f64 {
         let t = self.score();
         let z = (freedom * (t * t / freedom).ln_1p()).sqrt();
@@ -25,8 +25,8 @@ impl Deviation {
     }
 }
 
-/// The normal deviate with the tail of χ² of this many degrees of freedom above a value, after Wilson and
-/// Hilferty (1931).
+/// Normal deviate with the same upper tail as `value` has in the χ² distribution, after Wilson and Hilferty
+/// (1931).
 pub(super) fn chi_square_score(value: f64, freedom: usize) -> f64 {
     if freedom == 0 {
         return f64::NEG_INFINITY;
@@ -35,8 +35,8 @@ pub(super) fn chi_square_score(value: f64, freedom: usize) -> f64 {
     ((value / freedom as f64).cbrt() - (1.0 - part)) / part.sqrt()
 }
 
-/// The probability that a standard normal deviate is above `z`: ½ erfc(z/√2) by the continued fraction of
-/// Mills' ratio beyond 2, by the series of Φ within.
+/// Probability that a standard normal deviate exceeds `z`: ½ erfc(z/√2), for |z| > 2 by the continued
+/// fraction of Mills' ratio, else by the series of Φ.
 pub(super) fn normal_tail(z: f64) -> f64 {
     let density = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
     if z > 2.0 {

@@ -1,31 +1,31 @@
-//! What the members of an ensemble may have wrong of a real machine.
+//! Model discrepancy: the error of an ensemble's members with respect to a real machine.
 
 use crate::library::{DEPTHS, Ensemble, LANES, Lanes, MESH_LINES};
 
-/// What a member may be wrong by: the standard deviation of a line's change grows from 0 without wear towards
-/// this where nobody knows the shape of the wear, ...
+/// Standard deviation of a member's error in a line's change. It grows from 0 without wear towards this value
+/// where the shape of the wear is not known, ...
 const DISCREPANCY: f64 = 0.45;
 
-/// ... where it was measured, ...
+/// ... this one where the shape was measured, ...
 const DISCREPANCY_MEASURED: f64 = 0.3;
 
-/// ... or where the described pair alone is believed,
+/// ... or this one for the described pair alone, ...
 const DISCREPANCY_DESCRIBED: f64 = 0.25;
 
-/// over this root mean square of the member's changes.
+/// ... over this root mean square of the member's changes.
 const DISCREPANCY_OVER: f64 = 0.65;
 
-/// What follows from an ensemble alone.
+/// Discrepancy of each member at each depth; it follows from the ensemble alone.
 #[derive(Debug, Clone)]
 pub(super) struct Discrepancy {
-    /// Its standard deviation far from no wear.
+    /// Its standard deviation at deep wear.
     pub(super) most: f64,
-    /// By block of members and depth: variance of what a line's change may be wrong by.
+    /// By block of members and depth: variance of the error of a line's change.
     pub(super) variance: Vec<[Lanes; DEPTHS]>,
 }
 
 impl Discrepancy {
-    /// Works out how wrong each member may be at each depth.
+    /// Computes the discrepancy of each member at each depth.
     pub(super) fn of(ensemble: &Ensemble) -> Self {
         let most = match ensemble.members() {
             [_] => DISCREPANCY_DESCRIBED,

@@ -1,4 +1,4 @@
-//! What people did to a machine that the estimate has to know.
+//! Maintenance events that the estimate takes into account.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -10,18 +10,18 @@ use crate::library::FlankPlace;
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum MaintenanceKind {
-    /// The gear pair was replaced: wear begins at zero again, and a new baseline is learnt.
+    /// The gear pair was replaced: wear restarts at zero, and a new baseline is learnt.
     GearReplaced,
-    /// The sensor was replaced, moved or fastened again: a new baseline is learnt, and wear goes on from
-    /// where it was.
+    /// The sensor was replaced, moved or remounted: a new baseline is learnt, and wear continues from its
+    /// present depth.
     SensorReplaced,
-    /// The machine runs at another speed or load from now on: as for a replaced sensor.
+    /// The machine runs at another speed or load from now on; handled like a replaced sensor.
     RegimeChanged,
-    /// The teeth were looked at, and their wear was measured: the estimate goes on from the depth of
+    /// The teeth were inspected and their wear measured: the estimate continues from the depth in
     /// [`MaintenanceEvent::inspection`].
     Inspected,
-    /// The records from here to [`MaintenanceEvent::until`] are the healthy baseline: what was learnt before
-    /// is forgotten, and wear counts from zero there.
+    /// The records from here to [`MaintenanceEvent::until`] are the healthy baseline: the earlier state is
+    /// discarded, and wear counts from zero there.
     BaselineChosen,
 }
 
@@ -32,23 +32,23 @@ pub enum MaintenanceKind {
 pub struct Inspection {
     /// Depth in µm.
     pub depth_um: f64,
-    /// Standard deviation of its error in µm; 5 where not given.
-    #[serde(default = "usual_error_um")]
+    /// Standard deviation of its error in µm; 5 by default.
+    #[serde(default = "default_error_um")]
     pub error_um: f64,
-    /// Which gear: 1 drives, 2 is driven; the deeper one where not given.
+    /// The gear: 1 is driving, 2 is driven; by default the more deeply worn one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gear: Option<u8>,
-    /// Where on the flank.
+    /// Place on the flank.
     #[serde(default)]
     pub place: FlankPlace,
 }
 
-fn usual_error_um() -> f64 {
+fn default_error_um() -> f64 {
     5.0
 }
 
 impl Inspection {
-    /// What is wrong with its numbers: field, value, and what was expected.
+    /// Returns the first number that is out of range: field, value, and what was expected.
     pub fn fault(&self) -> Option<(&'static str, String, &'static str)> {
         if !(0.0..=1e5).contains(&self.depth_um) {
             return Some(("inspection.depth_um", self.depth_um.to_string(), "a depth from 0 to 100000 µm"));
@@ -69,8 +69,8 @@ impl Inspection {
     }
 }
 
-/// Something that was done to a machine. Events and records are folded together in the order of their times;
-/// an event comes before a record of the same time.
+/// Maintenance of a machine. Events and records are processed together in time order; an event comes before a
+/// record of the same time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MaintenanceEvent {
@@ -81,13 +81,13 @@ pub struct MaintenanceEvent {
     /// Who did it.
     #[serde(default)]
     pub by: String,
-    /// In the words of whoever did it.
+    /// Comment of whoever did it.
     #[serde(default)]
     pub comment: String,
-    /// What was measured, where the kind is `inspected`.
+    /// The measurement, where the kind is `inspected`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inspection: Option<Inspection>,
-    /// The end of the baseline, the first time that is no part of it, where the kind is `baseline_chosen`.
+    /// End of the baseline (exclusive), where the kind is `baseline_chosen`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until: Option<Timestamp>,
 }

@@ -1,17 +1,18 @@
-//! Exponentials and logarithms in single precision, without branches: a compiler takes many of them at once,
-//! and every processor gives the same bits.
+//! Exponentials and logarithms in single precision, without branches, so that compilers vectorise them and
+//! every processor gives the same bits.
 
 use std::f32::consts::{LN_2, LOG2_E, SQRT_2};
 
-/// Added to a number and taken off again, this rounds it to a whole one, which the last bits of the sum hold.
+/// Adding this to a number and subtracting it again rounds the number to an integer, which is in the last
+/// bits of the sum.
 const ROUNDING: f32 = 12_582_912.0;
 
-/// ln 2 in two parts: the first has few bits, so that whole multiples of it are exact.
+/// ln 2 in two parts: the first has few bits, so that integer multiples of it are exact.
 const LN_2_HIGH: f32 = 0.693_359_4;
 const LN_2_LOW: f32 = -2.121_944_4e-4;
 
-/// (eˣ − 1 − x) / x² on ± ½ ln 2, and (ln(1 + x) − x) / x² from √½ to √2, by interpolation in Chebyshev
-/// points.
+/// Coefficients of (eˣ − 1 − x) / x² on ± ½ ln 2, and of (ln(1 + x) − x) / x² from √½ to √2, by interpolation
+/// at Chebyshev points.
 const EXP: [f32; 5] = [0.5, 1.666_657_7e-1, 4.166_655_5e-2, 8.363_173e-3, 1.392_617_6e-3];
 const LN: [f32; 8] = [
     -0.5,
@@ -24,7 +25,7 @@ const LN: [f32; 8] = [
     8.787_265_5e-2,
 ];
 
-/// eˣ to a part in 10⁶, between e⁻⁸⁷ and e⁸⁷.
+/// Returns eˣ, limited to e⁻⁸⁷ to e⁸⁷, with a relative error of 10⁻⁶.
 #[inline(always)]
 pub(super) fn exp(x: f32) -> f32 {
     let x = x.clamp(-87.0, 87.0);
@@ -35,7 +36,7 @@ pub(super) fn exp(x: f32) -> f32 {
     power * (1.0 + rest + rest * rest * polynomial(&EXP, rest))
 }
 
-/// ln x of a positive normal number, to 10⁻⁶ of its size and no less than 10⁻⁷.
+/// Returns ln x of a positive normal number, with a relative error of 10⁻⁶ or an absolute one of 10⁻⁷.
 #[inline(always)]
 pub(super) fn ln(x: f32) -> f32 {
     let shifted = x.to_bits().wrapping_sub((0.5 * SQRT_2).to_bits());
@@ -54,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn they_are_those_of_double_precision() {
+    fn results_agree_with_double_precision() {
         for step in -8700..=8700 {
             let x = step as f32 * 0.01;
             let exact = f64::from(x).exp();

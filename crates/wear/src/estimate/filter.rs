@@ -1,12 +1,10 @@
-//! What is believed of a machine: a probability over the members of the ensemble, the depth of wear and its
-//! rate.
+//! The Bayesian filter: a probability over the members of the ensemble, the wear depth and its rate.
 //!
-//! What a member has wrong it has wrong in the next record too, so a thousand records of a machine whose wear
-//! stands still are not a thousand pieces of evidence. The filter therefore takes each record at a small part
-//! of its weight ([`CARRIED`]), in proportion to the growth that may have gone on since the record before,
-//! and the answer adds a part of the newest record ([`ADDED`]). With a small probability a record is the
-//! first of a story that begins anew from the prior ([`FORGOTTEN`]; fixed share, Herbster and Warmuth 1998),
-//! so that no belief is ever beyond recall.
+//! A member's error recurs in every record, so a thousand records at the same wear are not a thousand
+//! independent pieces of evidence. The filter therefore weights each record's likelihood with a small
+//! exponent ([`CARRIED`]), in proportion to the growth since the record before. The answer adds a part of the
+//! newest record ([`ADDED`]). At each record, the filter restarts from the prior with a small probability
+//! ([`FORGOTTEN`]; fixed share, Herbster and Warmuth 1998), so that it can recover from any state.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD_NO_PAD;
@@ -18,47 +16,47 @@ use super::growth::{Growth, PRIOR, RATES};
 use super::likelihood::Likelihood;
 use crate::library::DEPTHS;
 
-/// Weight of a record's likelihood in what is carried on, a unit of growth since the record before: records
-/// that come more often say no more. The most is for the first record after a long interval.
+/// Exponent of a record's likelihood in the filter, per unit of growth since the record before, so that more
+/// frequent records carry no more weight. It is largest for the first record after a unit or more.
 const CARRIED: f32 = 0.032;
 
-/// Weight of the newest record's likelihood in the answer.
+/// Exponent of the newest record's likelihood in the answer.
 const ADDED: f32 = 0.12;
 
-/// Probability that what was believed before a record is forgotten for the prior.
+/// Probability per record that the filter restarts from the prior.
 const FORGOTTEN: f32 = 0.003;
 
-/// Mean depth at the end of a new machine's baseline, in parts of the greatest.
+/// Prior mean of the depth at the end of a new machine's baseline, in parts of the greatest.
 const BEGINNING_PART: f64 = 0.006;
 
-/// Cells of one group.
+/// Number of cells of one group.
 const BLOCK: usize = RATES * DEPTHS;
 
 /// Numbers by depth.
 type Row = [f32; DEPTHS];
 
-/// The probability, packed: a number of 16 bits a cell. Members of one group share the probability of depth
-/// and rate; each has a part of the group.
+/// The filter's state, packed to 16 bits per cell. Members of one group share the probability of rate and
+/// depth; each has a part of the group.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Filter {
     /// By group, rate and depth.
     cells: Packed,
     /// By member: its part of its group.
     parts: Packed,
-    /// What would be believed without any record, by rate and depth.
+    /// Probability without any record, by rate and depth.
     prior: Vec<f32>,
 }
 
-/// What is believed after a record, and by the record itself.
-pub(super) struct Believed {
+/// The posterior after a record.
+pub(super) struct JointPosterior {
     /// By group of members and depth; the sum is 1.
     pub(super) joint: Vec<f32>,
     /// By rate and depth; the sum is 1.
     pub(super) by_rate: Vec<f32>,
 }
 
-impl Believed {
-    /// The same where, with this probability, there is no wear at all.
+impl JointPosterior {
+    /// Mixes in no wear at all with this probability.
     pub(super) fn or_no_wear(mut self, probability: f32) -> Self {
         let groups = (self.joint.len() / DEPTHS).max(1) as f32;
         self.joint.iter_mut().chain(&mut self.by_rate).for_each(|p| *p *= 1.0 - probability);
@@ -68,7 +66,7 @@ impl Believed {
         self
     }
 
-    /// The same where each group of members has a given probability.
+    /// Rescales the groups of members to given probabilities.
     pub(super) fn with_groups(mut self, groups: &[f32]) -> Self {
         for (row, group) in self.joint.chunks_exact_mut(DEPTHS).zip(groups) {
             let scale = group / sum(row).max(f32::MIN_POSITIVE);
@@ -78,7 +76,7 @@ impl Believed {
         self
     }
 
-    /// By depth.
+    /// Returns the probability by depth.
     pub(super) fn by_depth(&self) -> Vec<f64> {
         let mut total = vec![0.0; DEPTHS];
         for row in self.joint.chunks_exact(DEPTHS) {
@@ -89,7 +87,7 @@ impl Believed {
 }
 
 impl Filter {
-    /// At the end of a new machine's baseline, for members in groups of `variants`.
+    /// Creates the filter at the end of a new machine's baseline, for members in groups of `variants`.
     pub(super) fn start(depths_um: &[f64], members: usize, variants: usize) -> Self {
         let beginning_um = BEGINNING_PART * depths_um.last().copied().unwrap_or(0.0);
         let near = |um: &f64| (-um / beginning_um.max(f64::MIN_POSITIVE)).exp() as f32;
@@ -109,15 +107,15 @@ impl Filter {
         }
     }
 
-    /// Whether this is about as many members in as many groups.
+    /// Whether the filter has this number of members in groups of `variants`.
     pub(super) fn fits(&self, members: usize, variants: usize) -> bool {
         self.cells.0.len() == members / variants * BLOCK
             && self.parts.0.len() == members
             && self.prior.len() == BLOCK
     }
 
-    /// Lets wear grow over `units` and takes one record.
-    pub(super) fn update(&mut self, growth: &Growth, units: f64, likelihood: &Likelihood) -> Believed {
+    /// Lets wear grow over `units`, then updates with one record.
+    pub(super) fn update(&mut self, growth: &Growth, units: f64, likelihood: &Likelihood) -> JointPosterior {
         let (mut cells, mut parts) = self.unpacked();
         growth.advance(&mut self.prior, units);
         normalise(&mut self.prior);
@@ -130,12 +128,12 @@ impl Filter {
             cells: &mut cells,
             parts: &mut parts,
         };
-        let believed = Arch::new().dispatch(step);
+        let posterior = Arch::new().dispatch(step);
         self.pack(&cells, &parts);
-        believed
+        posterior
     }
 
-    /// Takes what an inspection says: a likelihood by member and depth, in full.
+    /// Updates with an inspection's likelihood by member and depth, at full weight.
     pub(super) fn inspect(&mut self, likelihood: &[f32]) {
         let (mut cells, mut parts) = self.unpacked();
         let members = parts.len();
@@ -148,14 +146,14 @@ impl Filter {
         }
         let mean = |depth: usize| (0..members).map(|member| likelihood[member * DEPTHS + depth]).sum::<f32>();
         for (index, prior) in self.prior.iter_mut().enumerate() {
-            // What the prior had no probability for is possible too: the inspection knows better.
+            // The inspection may contradict the prior, so depths of zero prior probability stay possible.
             *prior = (*prior + 1e-3) * mean(index % DEPTHS);
         }
         normalise(&mut self.prior);
         self.pack(&cells, &parts);
     }
 
-    /// Cells, and parts that add up to 1 in each group.
+    /// Unpacks cells and parts; the parts of each group are normalised to 1.
     fn unpacked(&self) -> (Vec<f32>, Vec<f32>) {
         let (cells, mut parts) = (self.cells.unpacked(), self.parts.unpacked());
         let variants = parts.len() / (cells.len() / BLOCK);
@@ -168,14 +166,14 @@ impl Filter {
         self.parts = Packed::of(parts);
     }
 
-    /// The probability of each group of members; the sum is 1.
+    /// Returns the probability of each group of members; the sum is 1.
     pub(super) fn groups(&self) -> Vec<f32> {
         let mut groups: Vec<f32> = self.cells.unpacked().chunks_exact(BLOCK).map(sum).collect();
         normalise(&mut groups);
         groups
     }
 
-    /// The index of the mean depth of each member.
+    /// Returns the index of each member's mean depth.
     pub(super) fn mean_depths(&self) -> Vec<u8> {
         let cells = self.cells.unpacked();
         let variants = self.parts.0.len() / (cells.len() / BLOCK);
@@ -192,11 +190,11 @@ impl Filter {
     }
 }
 
-/// One record's step.
+/// The update with one record.
 struct Step<'a> {
     growth: &'a Growth,
     units: f64,
-    /// Weight of the record in what is carried on.
+    /// Exponent of the record's likelihood.
     carried: f32,
     prior: &'a [f32],
     likelihood: &'a Likelihood,
@@ -205,23 +203,23 @@ struct Step<'a> {
 }
 
 impl WithSimd for Step<'_> {
-    type Output = Believed;
+    type Output = JointPosterior;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Believed {
+    fn with_simd<S: Simd>(self, _: S) -> JointPosterior {
         let Self { growth, units, carried, prior, likelihood, cells, parts } = self;
         growth.advance(cells, units);
         let groups = cells.len() / BLOCK;
         let variants = parts.len() / groups;
         let mut joint = Vec::with_capacity(groups * DEPTHS);
         let mut by_rate = vec![0.0; BLOCK];
-        let (kept, fresh) = ((1.0 - FORGOTTEN) / sum(cells), FORGOTTEN / groups as f32);
+        let (keep, restart) = ((1.0 - FORGOTTEN) / sum(cells), FORGOTTEN / groups as f32);
         let logs = rows(&likelihood.log).chunks_exact(variants);
         let groups = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
         for ((block, parts), logs) in groups.zip(logs) {
             let block = block.as_chunks_mut::<DEPTHS>().0;
             for (row, prior) in block.iter_mut().zip(rows(prior)) {
-                (0..DEPTHS).for_each(|depth| row[depth] = kept * row[depth] + fresh * prior[depth]);
+                (0..DEPTHS).for_each(|depth| row[depth] = keep * row[depth] + restart * prior[depth]);
             }
             let depths = by_depth(block);
             let added = of_group(parts, logs, |log| exp(ADDED * log));
@@ -233,12 +231,12 @@ impl WithSimd for Step<'_> {
         }
         normalise(&mut joint);
         normalise(&mut by_rate);
-        Believed { joint, by_rate }
+        JointPosterior { joint, by_rate }
     }
 }
 
-/// Multiplies a group's cells, `depths` of them at each depth, with weights by member and depth, and each
-/// member's part of the group with what it has of them.
+/// Multiplies a group's cells with weights by member and depth, and updates each member's part of the group.
+/// `depths` is the group's probability by depth.
 #[inline(always)]
 fn weigh(
     block: &mut [Row],
@@ -260,7 +258,7 @@ fn weigh(
     }
 }
 
-/// By depth: the mean of the members' weights, each by its part of the group.
+/// Returns the weights by depth, averaged over the members by their parts of the group.
 #[inline(always)]
 fn of_group(parts: &[f32], members: &[Row], weight: impl Fn(f32) -> f32) -> Row {
     let mut mean = [0.0; DEPTHS];
@@ -270,7 +268,7 @@ fn of_group(parts: &[f32], members: &[Row], weight: impl Fn(f32) -> f32) -> Row 
     mean
 }
 
-/// A group's probability over the depths.
+/// Returns a group's probability by depth.
 #[inline(always)]
 fn by_depth(block: &[Row]) -> Row {
     let mut depths = [0.0; DEPTHS];
@@ -280,12 +278,12 @@ fn by_depth(block: &[Row]) -> Row {
     depths
 }
 
-/// Numbers by depth.
+/// Splits values into rows by depth.
 fn rows(values: &[f32]) -> &[Row] {
     values.as_chunks().0
 }
 
-/// The sum of many numbers, eight sums at a time.
+/// Sums many numbers, in eight partial sums.
 #[inline(always)]
 fn sum(values: &[f32]) -> f32 {
     let (eights, rest) = values.as_chunks::<8>();
@@ -305,12 +303,12 @@ fn normalise(values: &mut [f32]) {
     }
 }
 
-/// Probabilities over the highest one, of 5 bits of exponent and 11 of fraction: to a part in 4000, down to
-/// 2⁻³¹.
+/// Probabilities relative to the highest one, with 5 bits of exponent and 11 of fraction: exact to a part in
+/// 4000, down to 2⁻³¹.
 #[derive(Debug, Clone, PartialEq)]
 struct Packed(Vec<u16>);
 
-/// Bits of a single-precision fraction that are dropped, and the exponent below which nothing is kept.
+/// Bits of a single-precision fraction that are dropped, and the exponent bits below which values become 0.
 const DROPPED_BITS: u32 = 12;
 const MIN_EXPONENT: u32 = (127 - 31) << 23;
 
@@ -339,7 +337,7 @@ impl Packed {
     }
 }
 
-/// In text: cells in little-endian order, a run of zeros as a zero and its length, in Base64.
+/// Base64 of the cells in little-endian order, with each run of zeros as a zero and its length.
 impl Serialize for Packed {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut bytes = Vec::with_capacity(self.0.len());
@@ -383,22 +381,22 @@ mod tests {
         for (value, back) in values.iter().zip(packed.unpacked()) {
             assert!((value - back).abs() <= value / 4000.0 || *value < 1e-9, "{value} {back}");
         }
-        // Once packed, the same again.
+        // Packing again changes nothing.
         assert_eq!(Packed::of(&packed.unpacked()), packed);
         let text = serde_json::to_string(&packed).unwrap();
         assert_eq!(serde_json::from_str::<Packed>(&text).unwrap(), packed);
     }
 
     #[test]
-    fn no_wear_at_all_takes_its_part_of_what_is_believed() {
+    fn no_wear_is_mixed_into_the_posterior() {
         let mut joint = vec![0.0; 3 * DEPTHS];
         joint[DEPTHS + 7] = 1.0;
         let mut by_rate = vec![0.0; BLOCK];
         by_rate[2 * DEPTHS + 7] = 1.0;
-        let less = Believed { joint, by_rate }.or_no_wear(0.25);
-        let depths = less.by_depth();
+        let mixed = JointPosterior { joint, by_rate }.or_no_wear(0.25);
+        let depths = mixed.by_depth();
         assert!((depths[0] - 0.25).abs() < 1e-6 && (depths[7] - 0.75).abs() < 1e-6);
-        assert_eq!((less.by_rate[0], less.by_rate[2 * DEPTHS + 7]), (0.25, 0.75));
+        assert_eq!((mixed.by_rate[0], mixed.by_rate[2 * DEPTHS + 7]), (0.25, 0.75));
     }
 
     #[test]

@@ -1,38 +1,37 @@
-//! How wear grows: never down, at a rate that is in the state.
+//! Growth of wear: it never decreases, and its rate is part of the filter's state.
 //!
-//! Archard's law lets wear grow with load, sliding and turns times a coefficient that nobody knows. The unit
-//! of growth is the load and the turns between two records of the baseline; the rate in µm a unit stands for
+//! By Archard's law, wear grows with load, sliding and turns, times an unknown coefficient. The unit of
+//! growth is the load and the turns between two records of the baseline; the rate in µm per unit represents
 //! the coefficient.
 
 use crate::library::DEPTHS;
 
-/// Rates in parts of the greatest depth a unit: none, and from hardly any to a gear that fails within fifty
+/// Rates in parts of the greatest depth per unit: zero, and from very slow to a gear that fails within fifty
 /// records.
 const RATE_PARTS: [f64; RATES] = [0.0, 4e-4, 2e-3, 6.5e-3, 2e-2];
 
-/// Rates in µm a unit on these depths.
+/// Returns the rates in µm per unit for these depths.
 pub(super) fn rates_um(depths_um: &[f64]) -> [f64; RATES] {
     let greatest = depths_um.last().copied().unwrap_or(0.0);
     RATE_PARTS.map(|part| part * greatest)
 }
 
-/// How many rates there are.
+/// Number of rates.
 pub(super) const RATES: usize = 5;
 
-/// Their prior probabilities: most machines do not wear at most times.
+/// Prior probabilities of the rates: most machines do not wear most of the time.
 pub(super) const PRIOR: [f32; RATES] = [0.3, 0.2, 0.2, 0.2, 0.1];
 
-/// Probability within a unit that the rate is drawn anew.
+/// Probability per unit that the rate is redrawn from its prior.
 const CHANGES: f64 = 0.05;
 
-/// Probability within a unit that wear is anywhere above where it was: a tooth was damaged, or the oil was
-/// lost.
+/// Probability per unit of a jump to any greater depth: a tooth was damaged, or the oil was lost.
 const JUMPS: f64 = 0.003;
 
-/// Longest interval in units at a rate that does not change.
+/// Longest interval in units that is computed at a constant rate.
 const MAX_PART: f64 = 5.0;
 
-/// Most steps of one interval.
+/// Largest number of steps of one interval.
 const MAX_STEPS: usize = 256;
 
 /// Growth on the depths of an ensemble.
@@ -40,23 +39,23 @@ const MAX_STEPS: usize = 256;
 pub(super) struct Growth {
     /// Distance in µm to the next depth.
     widths_um: Vec<f32>,
-    /// The least of them.
+    /// The smallest of them.
     least_um: f64,
     rates_um: [f64; RATES],
 }
 
 impl Growth {
-    /// On these depths in µm.
+    /// Creates the growth on these depths in µm.
     pub(super) fn on(depths_um: &[f64]) -> Self {
         let widths_um: Vec<f32> = depths_um.windows(2).map(|two| (two[1] - two[0]) as f32).collect();
         let least_um = widths_um.iter().copied().fold(f32::INFINITY, f32::min).into();
         Self { widths_um, least_um, rates_um: rates_um(depths_um) }
     }
 
-    /// Lets probabilities by rate and depth, one block of [`RATES`] × [`DEPTHS`] a member, grow over `units`.
+    /// Advances probabilities by rate and depth, in blocks of [`RATES`] × [`DEPTHS`], by `units` of growth.
     #[inline(always)]
     pub(super) fn advance(&self, blocks: &mut [f32], units: f64) {
-        // Within a long interval the rate changes too.
+        // The rate may change within a long interval.
         let parts = (units / MAX_PART).ceil().max(1.0);
         for _ in 0..parts as usize {
             self.advance_part(blocks, units / parts);
@@ -86,7 +85,8 @@ impl Growth {
         }
     }
 
-    /// Number of steps that a growth of `mean_um` takes, and the part of each depth that moves on in a step.
+    /// Returns the number of steps for a growth of `mean_um`, and the part of each depth's probability that
+    /// moves to the next depth in a step.
     fn moves(&self, mean_um: f64) -> (usize, [f32; DEPTHS]) {
         let mut parts = [0.0; DEPTHS];
         if mean_um <= 0.0 {
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_lost_and_nothing_heals() {
+    fn probability_is_conserved_and_wear_never_decreases() {
         let growth = Growth::on(&grid());
         let mut block = vec![0.0; RATES * DEPTHS];
         for (rate, prior) in PRIOR.iter().enumerate() {

@@ -1,27 +1,27 @@
-//! What healthy looks like on one asset: each feature as a smooth function of the speed, with its scatter.
+//! The healthy state of one asset: each feature as a smooth function of the speed, with its scatter.
 //!
-//! An unknown path multiplies each line by its gain at that line's frequency. Where a structure's resonance
-//! lies near, the gain changes by a factor within a few per cent of speed, so the gain's logarithm is a
-//! Gaussian process over the logarithm of the speed: y = b + g(x) + ε, covariance of g ρσ²·(1 + √3 r)e^(−√3
-//! r) with r = |x − x′|/ℓ (Matérn 3/2). The constant b has a flat prior; σ² an inverse gamma one. ρ and ℓ are
-//! chosen per feature by marginal likelihood.
+//! An unknown transmission path multiplies each line by its gain at the line's frequency. Near a resonance of
+//! the structure, the gain changes by a factor within a few per cent of speed. The gain's logarithm is
+//! therefore modelled as a Gaussian process over the logarithm of the speed: y = b + g(x) + ε, where g has
+//! the covariance ρσ²·(1 + √3 r)e^(−√3 r) with r = |x − x′|/ℓ (Matérn 3/2). The constant b has a flat prior,
+//! σ² an inverse gamma one. ρ and ℓ are chosen per feature by marginal likelihood.
 
 use nalgebra::{DMatrix, DVector};
 
 /// Correlation lengths in the logarithm of the speed: half-widths of resonances of 0.4 to 3 % damping.
 const LENGTHS: [f64; 3] = [0.004, 0.01, 0.03];
 
-/// Variances of g over that of ε.
+/// Variances of g over that of ε: ρ.
 const RATIOS: [f64; 4] = [1.0, 5.0, 25.0, 125.0];
 
-/// Logarithm of prior odds of each ratio above 0 against none.
+/// Logarithm of the prior odds of each ratio above 0 against 0.
 const PATH_LOG_ODDS: f64 = -1.0;
 
-/// Prior of σ²: this many observations of this deviation.
+/// Prior of σ²: worth this many observations with this deviation.
 const PRIOR_COUNT: f64 = 3.0;
 const PRIOR_DEVIATION: f64 = 0.05;
 
-/// One choice of ρ and ℓ over the baseline's speeds.
+/// Kernel with one choice of ρ and ℓ over the baseline's speeds.
 #[derive(Debug, Clone)]
 struct Kernel {
     ratio: f64,
@@ -31,7 +31,7 @@ struct Kernel {
     /// K⁻¹1 and 1ᵀK⁻¹1.
     row_sums: DVector<f64>,
     total: f64,
-    /// −½ ln|K| − ½ ln 1ᵀK⁻¹1, and the prior.
+    /// −½ ln|K| − ½ ln 1ᵀK⁻¹1 plus the logarithm of the prior odds.
     log_weight: f64,
 }
 
@@ -42,14 +42,14 @@ pub(super) struct SpeedKernels {
     kernels: Vec<Kernel>,
 }
 
-/// Where a record's speed stands to the baseline's, for each kernel.
+/// Weights of the baseline's records at a record's speed, for each kernel.
 pub(super) struct SpeedWeights {
     /// For each kernel ρ·R(x*, x), and the variance of b + g(x*) over σ².
     by_kernel: Vec<(Vec<f64>, f64)>,
 }
 
 impl SpeedKernels {
-    /// Kernels for the logarithms of the baseline's speeds.
+    /// Creates the kernels for the logarithms of the baseline's speeds.
     pub(super) fn new(log_speeds: Vec<f64>) -> Self {
         let choices = [(0.0, 1.0)].into_iter();
         let choices = choices
@@ -58,8 +58,7 @@ impl SpeedKernels {
         Self { log_speeds, kernels }
     }
 
-    /// Log marginal likelihood of residuals under each kernel with σ² integrated out, and the sum of squares
-    /// that it is made of.
+    /// Log marginal likelihood of residuals under a kernel, with σ² integrated out.
     pub(super) fn log_evidence(&self, kernel: usize, residuals: &[f64]) -> f64 {
         let square = self.square(kernel, residuals);
         self.kernels[kernel].log_weight
@@ -71,7 +70,7 @@ impl SpeedKernels {
         self.kernels.len()
     }
 
-    /// Mean of σ² after these residuals.
+    /// Posterior mean of σ² after these residuals.
     pub(super) fn variance(&self, kernel: usize, residuals: &[f64]) -> f64 {
         (self.square(kernel, residuals) + PRIOR_COUNT * PRIOR_DEVIATION.powi(2)) / self.freedom()
     }
@@ -81,7 +80,7 @@ impl SpeedKernels {
         self.log_speeds.len() as f64 - 1.0 + PRIOR_COUNT
     }
 
-    /// The fitted constant b, and K⁻¹(y − b).
+    /// Returns the fitted constant b and K⁻¹(y − b).
     pub(super) fn fit(&self, kernel: usize, residuals: &[f64]) -> (f64, Vec<f64>) {
         let kernel = &self.kernels[kernel];
         let y = DVector::from_column_slice(residuals);
@@ -90,7 +89,7 @@ impl SpeedKernels {
         (constant, weights.as_slice().to_vec())
     }
 
-    /// What a record at this speed takes from the baseline.
+    /// Returns the weights at this logarithm of the speed.
     pub(super) fn weights(&self, log_speed: f64) -> SpeedWeights {
         let by_kernel = self.kernels.iter().map(|kernel| {
             let near: Vec<f64> =
@@ -158,8 +157,7 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    /// Without a path the fit is the mean, the variance that of the sample with the prior's three
-    /// observations.
+    /// Without a path, the fit is the mean, and the variance includes the prior's three observations.
     #[test]
     fn without_a_path_the_fit_is_the_mean() {
         let kernels = SpeedKernels::new(vec![0.0, 0.01, -0.02, 0.005]);
@@ -172,8 +170,8 @@ mod tests {
         assert!((weights.variance(0) - 0.25).abs() < 1e-12);
     }
 
-    /// A resonance's gain over the speed is learnt: the process wins by evidence, and predicts between the
-    /// speeds it has seen.
+    /// A resonance's gain over the speed is learnt: the Gaussian process has the higher evidence and predicts
+    /// between the baseline's speeds.
     #[test]
     fn a_resonance_is_learnt_from_the_baseline() {
         let gain = |x: f64| -0.5 * (1.0 + (x / 0.01).powi(2)).ln();
@@ -190,12 +188,12 @@ mod tests {
             let got = constant + kernels.weights(x).path(best, &weights);
             assert!((got - gain(x)).abs() < 0.06, "{x}: {got} {}", gain(x));
         }
-        // Far from all speeds of the baseline nothing is known of the path.
+        // Far from all speeds of the baseline the path is unknown.
         assert!(kernels.weights(0.5).variance(best) > 0.9 * kernels.weights(5.0).variance(best));
     }
 
     #[test]
-    fn one_speed_for_all_records_is_no_trouble() {
+    fn one_speed_for_all_records_gives_finite_evidence() {
         let kernels = SpeedKernels::new(vec![0.0; 20]);
         let y: Vec<f64> = (0..20).map(|i| 0.1 * f64::from(i % 3)).collect();
         assert!((0..kernels.len()).all(|k| kernels.log_evidence(k, &y).is_finite()));

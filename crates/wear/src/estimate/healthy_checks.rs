@@ -1,4 +1,4 @@
-//! What the values that wear hardly moves are on one asset when it is healthy.
+//! Healthy checks of one asset: the values that wear hardly changes.
 
 use std::collections::BTreeMap;
 
@@ -11,30 +11,29 @@ use super::healthy::SpeedKernels;
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 
-/// Standard deviation of what the library may be wrong by in a check, and as a part of the change; half of
-/// the change that the library has is expected, as the sensor's own noise does not change.
+/// Standard deviation of the library's error in a check, absolute and as a part of the change. Half of the
+/// library's change is expected, as the sensor's own noise does not change.
 const CHECK_DISCREPANCY: f64 = 0.05;
 const CHECK_RELATIVE_DISCREPANCY: f64 = 0.6;
 const CHECK_PART: f64 = 0.5;
 
-/// Wear that moves the mesh lines apart from each other moves what lies between them too, by something that
-/// no library knows: at most this part of how far the lines have moved apart, by kind of check.
-const MOVED_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.5), ("ln_tooth_", 0.5), ("ln_", 0.6)];
+/// Wear that spreads the changes of the mesh lines also moves the checks, by an amount that no library gives:
+/// at most this part of the line spread, by kind of check.
+const DRIFT_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.5), ("ln_tooth_", 0.5), ("ln_", 0.6)];
 
-/// How far wear moves the lines apart from each other within a unit of growth, at most: what moves at once is
-/// no wear.
-const SUDDEN: f64 = 0.1;
+/// Largest increase of the line spread through wear within a unit of growth: a sudden change is not wear.
+const MAX_SPREAD_STEP: f64 = 0.1;
 
-/// Part of what a check may have moved by that differs from record to record.
-const UNSTEADY: f64 = 0.1;
+/// Scatter of a check's drift between records, as a part of its largest drift.
+const DRIFT_SCATTER: f64 = 0.1;
 
-/// Part of the newest record in what is known of the drift.
+/// Weight of the newest record in the drift.
 const NEWEST_PART: f64 = 0.15;
 
-/// Checks in which a simulation without noise has rounding, and no wear.
-const UNMOVED: [&str; 2] = ["ln_shaft_", "ln_tooth_"];
+/// Checks that in a noise-free simulation consist of rounding errors: the library says nothing about them.
+const UNSIMULATED: [&str; 2] = ["ln_shaft_", "ln_tooth_"];
 
-/// What the check of what the teeth repeat begins with.
+/// Prefix of the checks of what the teeth repeat from turn to turn.
 const REPEATED: &str = "ln_tooth_repeated_";
 
 /// The fit of one check over the baseline's speeds.
@@ -51,72 +50,75 @@ struct Check {
     change: Vec<f64>,
 }
 
-/// How wear has moved the checks so far: slowly, and no further than in proportion to what it did to the mesh
-/// lines.
+/// Drift of the checks through wear so far: slow, and limited in proportion to the spread of the mesh lines.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Drift {
-    /// How far the lines have moved apart.
-    apart: f64,
-    /// By check.
+    /// Spread of the mesh lines' changes.
+    #[serde(rename = "apart")]
+    line_spread: f64,
+    /// Offset by check.
     offsets: BTreeMap<String, f64>,
 }
 
-/// The drift that a record may show.
+/// The drift that is allowed for a record.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Drifting<'a> {
+pub(super) struct AllowedDrift<'a> {
     drift: &'a Drift,
-    apart: f64,
+    line_spread: f64,
     units: f64,
 }
 
 impl Drift {
-    /// What a record may show whose lines are `apart` from each other, `units` of growth after the one
-    /// before.
-    pub(super) fn at(&self, apart: f64, units: f64) -> Drifting<'_> {
-        Drifting { drift: self, apart: apart.min(self.apart + SUDDEN * units), units }
+    /// Returns the drift allowed for a record with this line spread, `units` of growth after the last one.
+    pub(super) fn at(&self, line_spread: f64, units: f64) -> AllowedDrift<'_> {
+        AllowedDrift {
+            drift: self,
+            line_spread: line_spread.min(self.line_spread + MAX_SPREAD_STEP * units),
+            units,
+        }
     }
 
-    /// What is known after a record that wear explains.
-    pub(super) fn after(&self, apart: f64, units: f64, checks: &[Deviation]) -> Self {
-        let apart = self.at(apart, units).apart;
+    /// Returns the drift after a record that wear explains.
+    pub(super) fn after(&self, line_spread: f64, units: f64, checks: &[Deviation]) -> Self {
+        let line_spread = self.at(line_spread, units).line_spread;
         let offset = |check: &Deviation| {
             let before = self.offsets.get(&check.name).copied().unwrap_or(0.0);
-            let most = part(&check.name) * apart;
+            let most = max_drift_part(&check.name) * line_spread;
             (check.name.clone(), (before + NEWEST_PART * check.residual).clamp(-most, most))
         };
         Self {
-            apart: self.apart + NEWEST_PART * (apart - self.apart),
+            line_spread: self.line_spread + NEWEST_PART * (line_spread - self.line_spread),
             offsets: checks.iter().map(offset).collect(),
         }
     }
 }
 
-impl Drifting<'_> {
-    /// Where a check is expected, and the variance of that.
+impl AllowedDrift<'_> {
+    /// Returns the expected offset of a check and its variance.
     fn of(&self, check: &str) -> (f64, f64) {
         let offset = self.drift.offsets.get(check).copied().unwrap_or(0.0);
-        let step = part(check) * (SUDDEN * self.units).min(self.apart);
-        let scatter = part(check) * UNSTEADY * self.apart;
+        let step = max_drift_part(check) * (MAX_SPREAD_STEP * self.units).min(self.line_spread);
+        let scatter = max_drift_part(check) * DRIFT_SCATTER * self.line_spread;
         (offset, step * step + scatter * scatter)
     }
 }
 
-/// How far a check moves at most for what the lines have moved apart.
-fn part(check: &str) -> f64 {
-    let kind = MOVED_PARTS.iter().find(|(kind, _)| check.starts_with(kind));
+/// Largest drift of a check as a part of the line spread.
+fn max_drift_part(check: &str) -> f64 {
+    let kind = DRIFT_PARTS.iter().find(|(kind, _)| check.starts_with(kind));
     kind.map_or(0.0, |(_, part)| *part)
 }
 
-/// What a check is above or below what is expected.
+/// Returns a check's value minus its expectation.
 ///
-/// What the teeth repeat is 0 where there is nothing but noise, and below where noise differs between even and
-/// odd turns. Less of that noise is no tooth's doing: such a check has grown from 0 on.
+/// A check of what the teeth repeat is 0 for noise alone, and negative where the noise differs between even
+/// and odd turns. Less of that noise is no sign of a tooth fault: such a check counts as grown from 0 on.
 fn residual(check: &str, value: f64, expected: f64) -> f64 {
     let grown = value - expected;
     if check.starts_with(REPEATED) && grown > 0.0 { grown.min(value.max(0.0)) } else { grown }
 }
 
-/// How many turns a check of the teeth averages.
+/// Number of turns that a tooth check averages.
 fn averaged_turns(check: &str) -> Option<u32> {
     check.strip_prefix("ln_tooth_")?.rsplit('_').next()?.parse().ok()
 }
@@ -131,7 +133,7 @@ pub(super) struct HealthyChecks {
 }
 
 impl HealthyChecks {
-    /// Fits a baseline whose speeds have these logarithms, for a grid of depths in µm.
+    /// Fits the checks to a baseline whose speeds have these logarithms, for a grid of depths in µm.
     pub(super) fn new(
         baseline: &Baseline,
         log_speeds: Vec<f64>,
@@ -145,8 +147,8 @@ impl HealthyChecks {
                 (0..kernels.len()).map(|kernel| kernels.log_evidence(kernel, &values)).collect();
             let kernel =
                 (0..evidence.len()).max_by(|&a, &b| evidence[a].total_cmp(&evidence[b])).unwrap_or(0);
-            let wears = !UNMOVED.iter().any(|kind| feature.name.starts_with(kind));
-            let change = match ensemble.filter(|_| wears) {
+            let is_simulated = !UNSIMULATED.iter().any(|kind| feature.name.starts_with(kind));
+            let change = match ensemble.filter(|_| is_simulated) {
                 None => vec![0.0],
                 Some(ensemble) => {
                     let library = ensemble.described();
@@ -170,18 +172,17 @@ impl HealthyChecks {
         Self { kernels, checks, kurtosis, comparability: baseline.comparability }
     }
 
-    /// How each check of a record deviates from what is expected at a depth of the grid, a logarithm of the
-    /// speed and a drift.
+    /// Returns the deviation of each check of a record from its expectation at a depth index, a logarithm of
+    /// the speed and a drift.
     ///
-    /// A record whose values scatter more, as it is shorter than the baseline's, has `scatter` times their
-    /// variance. Of averages of different numbers of turns the longest are compared that the record and the
-    /// baseline have.
+    /// The variance of a record shorter than the baseline's is larger accordingly. Of averages over different
+    /// numbers of turns, the longest that record and baseline share are compared.
     pub(super) fn deviations(
         &self,
         record: &Features,
         log_speed: f64,
         depth: usize,
-        drifting: Drifting<'_>,
+        drift: AllowedDrift<'_>,
     ) -> Vec<Deviation> {
         let scatter = self.comparability.scatter(record);
         let at = self.kernels.weights(log_speed);
@@ -196,7 +197,7 @@ impl HealthyChecks {
             }
             let value = record.checks.get(&check.name)?;
             let change = check.change[depth.min(check.change.len() - 1)];
-            let (offset, drift_variance) = drifting.of(&check.name);
+            let (offset, drift_variance) = drift.of(&check.name);
             let wrong = CHECK_DISCREPANCY + CHECK_RELATIVE_DISCREPANCY * change.abs();
             let expected = check.constant + at.path(check.kernel, &check.weights) + change + offset;
             Some(Deviation {
@@ -211,20 +212,23 @@ impl HealthyChecks {
         self.checks.iter().filter_map(deviation).collect()
     }
 
-    /// How what a gain multiplies stands to the healthy values, whatever wear does.
-    pub(super) fn gained(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
-        let gained = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
-        gained
-            .filter_map(|check| self.against_healthy(check, *record.checks.get(&check.name)?, log_speed))
+    /// Returns the deviations from the healthy values, regardless of wear, of the checks that a change of
+    /// gain multiplies.
+    pub(super) fn gain_sensitive(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
+        let gain_sensitive = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
+        gain_sensitive
+            .filter_map(|check| {
+                self.deviation_from_healthy(check, *record.checks.get(&check.name)?, log_speed)
+            })
             .collect()
     }
 
-    /// How a record's kurtosis stands to the healthy ones.
+    /// Returns the deviation of a record's kurtosis from the healthy ones.
     pub(super) fn kurtosis(&self, record: &Features, log_speed: f64) -> Option<Deviation> {
-        self.against_healthy(self.kurtosis.as_ref()?, *record.values.get(KURTOSIS)?, log_speed)
+        self.deviation_from_healthy(self.kurtosis.as_ref()?, *record.values.get(KURTOSIS)?, log_speed)
     }
 
-    fn against_healthy(&self, check: &Check, value: f64, log_speed: f64) -> Option<Deviation> {
+    fn deviation_from_healthy(&self, check: &Check, value: f64, log_speed: f64) -> Option<Deviation> {
         let at = self.kernels.weights(log_speed);
         Some(Deviation {
             name: check.name.clone(),
@@ -233,7 +237,7 @@ impl HealthyChecks {
         })
     }
 
-    /// Checks that a baseline has, and how many of them a record has.
+    /// Returns the number of the baseline's energy checks, and how many of them a record has.
     pub(super) fn shared(&self, record: &Features) -> [usize; 2] {
         let of_energy = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
         let shared = of_energy.clone().filter(|check| record.checks.contains_key(&check.name));
@@ -251,7 +255,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn less_noise_between_the_turns_is_no_tooth() {
+    fn less_noise_between_turns_is_no_tooth_fault() {
         let of = |value, expected| residual("ln_tooth_repeated_8", value, expected);
         assert_eq!((of(0.0, -0.6), of(-0.2, -0.6)), (0.0, 0.0));
         assert_eq!((of(0.5, -0.6), of(0.5, 0.25), of(-0.6, -0.25)), (0.5, 0.25, -0.35));

@@ -1,12 +1,12 @@
-//! What the mesh lines are on one asset when it is healthy, as functions of the speed.
+//! Healthy mesh lines of one asset, as functions of the speed.
 //!
-//! The transmission path multiplies each line by its gain, which changes with the speed where a resonance
-//! lies near. It is learnt from the baseline alone ([`SpeedKernels`]); outside the baseline's speeds it is as
-//! unsure as the fit says. Later records do not move it: what they could teach of the path cannot be
+//! The transmission path multiplies each line by its gain, which changes with the speed near a resonance. The
+//! gain is learnt from the baseline alone ([`SpeedKernels`]); outside the baseline's speeds it is as
+//! uncertain as the fit says. Later records do not update it, since a change of the path cannot be
 //! distinguished from wear.
 //!
-//! Where records have their torque, a line goes with it in proportion, times a power that the baseline's
-//! torques teach ([`TorquePower`]).
+//! Where the torque of the records is known, a line is proportional to it, times a power of the torque that
+//! is fitted to the baseline ([`TorquePower`]).
 
 use super::baseline::{Baseline, HealthyFeature};
 use super::common_movement::CommonMovement;
@@ -15,27 +15,27 @@ use super::healthy::SpeedKernels;
 use crate::library::{MESH_LINES, line_name};
 use flankwatch_signal::Features;
 
-/// Least standard deviation of a line from record to record.
+/// Least standard deviation of a line between records.
 const MIN_SCATTER: f64 = 0.08;
 
-/// Variance of a line's logarithm over the square of the noise beside it as a part of its amplitude: ½ for
-/// Gaussian noise, and a little for reading the line at its highest point.
+/// Variance of a line's logarithm over the squared ratio of the noise beside it to its amplitude: ½ for
+/// Gaussian noise, and slightly more because the line is read at its highest point.
 const NOISE_VARIANCE: f64 = 0.6;
 
-/// Largest part of a healthy line's power that is taken for noise.
+/// Largest part of a healthy line's power that is attributed to noise.
 const MAX_NOISE: f64 = 0.5;
 
-/// How far an unworn line goes with another power of the torque than the first: the standard deviation of that
-/// power. Simulated unworn pairs give 0.5 by the threshold rule and 1.5 under load, whose contact ratio grows
+/// Prior standard deviation of the power of the torque, beyond the first, with which an unworn line grows.
+/// Simulated unworn pairs give 0.5 by the threshold rule and 1.5 under load, where the contact ratio grows
 /// with the torque.
 const TORQUE_POWER: f64 = 1.0;
 
-/// Variance of the lines beside the baseline's where wear is told from them: a healthy machine changes by more
-/// over its life than it did while the baseline was recorded, most of all with a load that nobody gives.
+/// Variance of a line in addition to the baseline's where wear is estimated from it: over its life, a healthy
+/// machine changes more than during the baseline, most of all through load that is not recorded.
 const AFTER_BASELINE: f64 = 0.02;
 
-/// Greatest distance of the lines from each other that counts.
-const MAX_APART: f64 = 1.5;
+/// Largest line spread that counts.
+const MAX_LINE_SPREAD: f64 = 1.5;
 
 /// The fit of one line over the baseline's speeds.
 #[derive(Debug, Clone)]
@@ -48,11 +48,11 @@ struct Line {
     weights: Vec<f64>,
     torque: TorquePower,
     background: Option<f64>,
-    /// Logarithm of amplitude over the healthy one at which the line has sunk into its noise.
+    /// Logarithm of the amplitude over the healthy one at which the line disappears in its noise.
     floor: f64,
 }
 
-/// How one healthy line goes with the torque, beyond in proportion.
+/// Dependence of one healthy line on the torque, beyond proportionality.
 #[derive(Debug, Clone, Copy)]
 struct TorquePower {
     mean_log_torque: f64,
@@ -61,8 +61,8 @@ struct TorquePower {
 }
 
 impl TorquePower {
-    /// The least-squares power over the baseline's torques, drawn to 0 as its prior is. Where the torque does
-    /// not vary, or is not known, nothing is learnt.
+    /// Fits the power to the baseline's torques by least squares, with a prior around 0. Where the torque
+    /// does not vary or is not known, the prior remains.
     fn fit(log_torques: &[f64], values: &[f64]) -> Self {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let (mean_log_torque, mean_value) = (mean(log_torques), mean(values));
@@ -88,8 +88,8 @@ impl TorquePower {
 pub(super) struct HealthyLines {
     kernels: SpeedKernels,
     lines: Vec<Line>,
-    /// Where no record has its torque.
-    together: Option<CommonMovement>,
+    /// Set where no record has its torque.
+    common_movement: Option<CommonMovement>,
     nominal_speed_hz: f64,
     nominal_torque_nm: f64,
 }
@@ -101,14 +101,14 @@ pub(super) struct MeasuredLine {
     pub(super) index: usize,
     /// Logarithm of its amplitude over the healthy one at this speed and torque.
     pub(super) change: f64,
-    /// Variance of that without wear.
+    /// Variance of the change without wear.
     pub(super) variance: f64,
     /// Least change that can be seen above the noise.
     pub(super) floor: f64,
 }
 
 impl MeasuredLine {
-    /// Variance where wear is told from it.
+    /// Variance of the change for estimating wear.
     pub(super) fn variance_after_baseline(&self) -> f64 {
         AFTER_BASELINE + self.variance
     }
@@ -116,14 +116,14 @@ impl MeasuredLine {
 
 /// The lines of a record and its torque.
 #[derive(Debug, Clone)]
-pub(super) struct Measured {
+pub(super) struct MeasuredLines {
     pub(super) lines: Vec<MeasuredLine>,
     /// Torque over the described one; 1 where it is not given.
     pub(super) load: f64,
 }
 
-impl Measured {
-    /// The lines' changes from the healthy ones, whatever wear does.
+impl MeasuredLines {
+    /// Returns the lines' changes as deviations from the healthy ones, regardless of wear.
     pub(super) fn deviations(&self) -> impl Iterator<Item = Deviation> {
         self.lines.iter().map(|line| Deviation {
             name: line_name(line.index),
@@ -132,24 +132,24 @@ impl Measured {
         })
     }
 
-    /// The lines' frequencies in hertz by name, for a mesh frequency in hertz.
+    /// Returns the lines' frequencies in hertz by name, for a mesh frequency in hertz.
     pub(super) fn frequencies_hz(&self, mesh_hz: f64) -> Vec<(String, f64)> {
         let lines = self.lines.iter();
         lines.map(|line| (line_name(line.index), (line.index + 1) as f64 * mesh_hz)).collect()
     }
 
-    /// How far the lines have moved apart from each other: the standard deviation of their changes beyond
-    /// their scatter. A change of the sensor's gain moves all alike.
-    pub(super) fn apart(&self) -> f64 {
+    /// Standard deviation of the lines' changes beyond their scatter. A change of the sensor's gain, which
+    /// moves all lines alike, does not affect it.
+    pub(super) fn line_spread(&self) -> f64 {
         let count = self.lines.len().max(2) as f64;
         let mean = self.lines.iter().map(|line| line.change).sum::<f64>() / count;
         let square: f64 = self.lines.iter().map(|line| (line.change - mean).powi(2) - line.variance).sum();
-        (square / (count - 1.0)).max(0.0).sqrt().min(MAX_APART)
+        (square / (count - 1.0)).max(0.0).sqrt().min(MAX_LINE_SPREAD)
     }
 }
 
 impl HealthyLines {
-    /// Fits a baseline; `nominal` are the described speed in hertz and torque in N·m.
+    /// Fits the lines to a baseline; `nominal` are the described speed in hertz and torque in N·m.
     pub(super) fn new(baseline: &Baseline, nominal: [f64; 2]) -> Self {
         let [nominal_speed_hz, nominal_torque_nm] = nominal;
         let log_speeds =
@@ -187,25 +187,26 @@ impl HealthyLines {
         });
         let lines: Vec<Line> = named.map(fit).collect();
         let has_torque = baseline.points.iter().any(|[_, torque]| torque.is_some());
-        // The weights are what is left of each record beside the fit.
-        let left: Vec<(usize, &[f64])> =
+        // K⁻¹(y − b) is also the residual of each record, as ε has the covariance I.
+        let residuals: Vec<(usize, &[f64])> =
             lines.iter().map(|line| (line.index, line.weights.as_slice())).collect();
-        let together = if has_torque { None } else { CommonMovement::of(&left) };
-        Self { kernels, lines, together, nominal_speed_hz, nominal_torque_nm }
+        let common_movement = if has_torque { None } else { CommonMovement::of(&residuals) };
+        Self { kernels, lines, common_movement, nominal_speed_hz, nominal_torque_nm }
     }
 
     /// Whether a record without its torque has lines that moved as load moves them.
-    pub(super) fn moved_like_load(&self, record: &Features, measured: &Measured) -> bool {
-        let together = self.together.as_ref().filter(|_| record.operating_point.torque_nm.is_none());
-        together.is_some_and(|together| together.explains(measured))
+    pub(super) fn moved_like_load(&self, record: &Features, measured: &MeasuredLines) -> bool {
+        let common_movement =
+            self.common_movement.as_ref().filter(|_| record.operating_point.torque_nm.is_none());
+        common_movement.is_some_and(|common_movement| common_movement.explains(measured))
     }
 
-    /// Lines that are compared.
+    /// Number of lines that are compared.
     pub(super) fn len(&self) -> usize {
         self.lines.len()
     }
 
-    /// Logarithms of the speeds of a baseline's records over the nominal one.
+    /// Logarithms of the baseline's speeds over the nominal one.
     pub(super) fn log_speeds(&self, baseline: &Baseline) -> Vec<f64> {
         baseline.points.iter().map(|point| relative(point[0], self.nominal_speed_hz).ln()).collect()
     }
@@ -215,15 +216,15 @@ impl HealthyLines {
         relative(record.operating_point.shaft_speed_hz, self.nominal_speed_hz).ln()
     }
 
-    /// The least sampling rate in hertz that gives `lines` of the lines, at a mesh frequency in hertz.
+    /// Returns the least sampling rate in hertz that covers the first `lines` lines of a mesh frequency.
     pub(super) fn rate_needed_hz(&self, lines: usize, mesh_hz: f64) -> f64 {
         let order = self.lines.get(lines.saturating_sub(1)).map_or(0, |line| line.index + 1);
         2.0 * (order as f64 + 0.5) * mesh_hz
     }
 
-    /// A record's lines against the healthy ones; `scatter` times as large is the variance of one that is
-    /// shorter than they are.
-    pub(super) fn measured(&self, record: &Features, scatter: f64) -> Measured {
+    /// Returns a record's lines relative to the healthy ones. `scatter` is the factor on the variance of a
+    /// record shorter than the baseline's.
+    pub(super) fn measure(&self, record: &Features, scatter: f64) -> MeasuredLines {
         let at = self.kernels.weights(self.log_speed(record));
         let load = relative(record.operating_point.torque_nm, self.nominal_torque_nm);
         let log_torque = load.ln();
@@ -243,11 +244,11 @@ impl HealthyLines {
                 floor: line.floor,
             })
         };
-        Measured { lines: self.lines.iter().filter_map(line).collect(), load }
+        MeasuredLines { lines: self.lines.iter().filter_map(line).collect(), load }
     }
 }
 
-/// A value as a part of its nominal one; 1 where either is not known.
+/// Returns a value over its nominal one; 1 where either is not known.
 fn relative(value: Option<f64>, nominal: f64) -> f64 {
     match value {
         Some(value) if value > 0.0 && nominal > 0.0 => value / nominal,
@@ -260,7 +261,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_baseline_of_many_torques_teaches_how_a_line_goes_with_it() {
+    fn the_torque_power_is_fitted_to_a_baseline_of_many_torques() {
         let log_torques: Vec<f64> = (0..20).map(|n| 0.05 * f64::from(n % 7) - 0.15).collect();
         let values: Vec<f64> = log_torques.iter().map(|x| 3.0 + 1.2 * x).collect();
         let learnt = TorquePower::fit(&log_torques, &values);
@@ -270,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn one_torque_teaches_nothing_and_leaves_the_prior_doubt() {
+    fn one_torque_leaves_the_prior_of_the_torque_power() {
         let learnt = TorquePower::fit(&[0.1; 20], &[3.0; 20]);
         assert_eq!(learnt.at(0.5), 0.0);
         assert!((learnt.variance_at(0.3) - (TORQUE_POWER * 0.2).powi(2)).abs() < 1e-12);

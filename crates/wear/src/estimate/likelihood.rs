@@ -1,4 +1,4 @@
-//! How likely each member of the ensemble, at each depth, makes a record.
+//! Likelihood of a record by member of the ensemble and depth.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -7,17 +7,17 @@ use super::exponential::ln;
 use super::healthy_lines::MeasuredLine;
 use crate::library::{DEPTHS, LANES, Lanes};
 
-/// Degrees of freedom of a line's Student t distribution: a line that a member has wrong by far does not
-/// decide.
+/// Degrees of freedom of a line's Student t distribution, whose wide tails keep a single badly modelled line
+/// from deciding.
 const FREEDOM: f32 = 4.0;
 
-/// A line that is further off counts as this far off: the factor of its distribution by which it is less
-/// likely than where it is expected, to the power 2/(ν + 1).
+/// Limit of a line's influence: the factor by which its density may fall below that at its expectation, to
+/// the power 2/(ν + 1).
 const MAX_TAIL: f32 = 200.0;
 
-/// A record against all members at all depths.
+/// Likelihood of a record for all members at all depths.
 pub(super) struct Likelihood {
-    /// Logarithm by member and depth, less the highest.
+    /// Logarithm by member and depth, minus the highest.
     pub(super) log: Vec<f32>,
     /// Member and depth of the highest.
     pub(super) best: (usize, usize),
@@ -26,13 +26,13 @@ pub(super) struct Likelihood {
 }
 
 impl Likelihood {
-    /// Compares a record with what every member expects of it at every depth.
+    /// Compares a record with the expectations of every member at every depth.
     pub(super) fn of(expectations: &Expectations<'_>) -> Self {
         let lines = expectations.lines().iter().map(|line| ComparedLine::of(line)).collect();
         Arch::new().dispatch(Comparison { expectations, lines })
     }
 
-    /// The depths around the best one that the best member cannot tell from it by this record.
+    /// Returns the range of depth indices that this record cannot distinguish from the best one.
     pub(super) fn resolved(&self) -> [usize; 2] {
         let (member, best) = self.best;
         let row = &self.log[member * DEPTHS..(member + 1) * DEPTHS];
@@ -43,11 +43,11 @@ impl Likelihood {
     }
 }
 
-/// A line of the record, beside what members expect of it.
+/// A measured line, prepared for the comparison.
 struct ComparedLine {
     change: f32,
     variance: f32,
-    /// A factor on the variances that keeps the product over all lines within what single precision holds.
+    /// Factor on the variances that keeps the product over all lines within the range of single precision.
     factor: f32,
     half_log_factor: f32,
 }
@@ -60,7 +60,7 @@ impl ComparedLine {
     }
 }
 
-/// A record beside all members.
+/// Comparison of a record with all members.
 struct Comparison<'a> {
     expectations: &'a Expectations<'a>,
     lines: Vec<ComparedLine>,
@@ -94,7 +94,7 @@ impl WithSimd for Comparison<'_> {
 }
 
 impl Comparison<'_> {
-    /// Logarithm of the likelihood by depth and member of a block, but for what all have in common.
+    /// Logarithm of the likelihood by depth and member of a block, up to a constant.
     #[inline(always)]
     fn log_likelihood(&self, block: &Block<'_>) -> [Lanes; DEPTHS] {
         let (mut tails, mut spreads) = ([[1.0_f32; LANES]; DEPTHS], [[1.0_f32; LANES]; DEPTHS]);
@@ -111,7 +111,7 @@ impl Comparison<'_> {
                 }
             }
         }
-        // Of Student's t, with (ν + r²/σ²)/ν as a quotient of both products.
+        // Student's t, with (ν + r²/σ²)/ν as the quotient of both products.
         for (tails, spreads) in tails.iter_mut().zip(spreads) {
             for lane in 0..LANES {
                 tails[lane] = 0.5 * (FREEDOM * ln(spreads[lane]) - (FREEDOM + 1.0) * ln(tails[lane]));

@@ -1,16 +1,16 @@
-//! Mesh lines at another torque than the described one.
+//! Mesh lines at a torque other than the described one.
 
 use crate::library::DEPTHS;
 
-/// Where lines stand at another torque than the described one: loads and depths that grow in proportion give
-/// responses that do, so a line is read at other depths.
+/// Depths at which lines are read at another torque. If load and depth grow in proportion, so does the
+/// response; a line at relative torque τ and depth h therefore changes as at depth h/τ.
 pub(super) struct Load {
-    /// By depth: the depth of the grid below the one that is read, and the part of the way to the next.
+    /// By depth: index of the grid depth below the one that is read, and the fraction of the way to the next.
     places: [(usize, f32); DEPTHS],
 }
 
 impl Load {
-    /// For a torque as a part of the described one.
+    /// Creates the mapping for a torque in parts of the described one.
     pub(super) fn of(torque: f32, depths_um: &[f32]) -> Self {
         let place = |depth: usize| {
             let um = depths_um[depth] / torque;
@@ -21,7 +21,7 @@ impl Load {
         Self { places: std::array::from_fn(place) }
     }
 
-    /// What a line is read at, at a depth of the grid: so far on from one depth to the next.
+    /// Returns where a line is read for a grid depth: index below, and fraction of the way to the next.
     #[inline(always)]
     pub(super) fn place(&self, depth: usize) -> (usize, f32) {
         self.places[depth]

@@ -1,8 +1,8 @@
-//! From features to wear: the healthy baseline, the likelihood of each wear depth, and the tracking of wear
-//! over time; what is not wear, the time to a limit, and alarms.
+//! From features to wear: the healthy baseline, the likelihood of each wear depth, the tracking of wear over
+//! time, novelty (changes that are not wear), the time to a limit, and alarms.
 //!
 //! Everything here is pure and deterministic: an estimate is a fold over an asset's features and maintenance
-//! events in time order. Features enter relative to the asset's own healthy baseline, so that an unknown
+//! events in time order. Features are taken relative to the asset's own healthy baseline, so that an unknown
 //! linear transmission path cancels.
 
 mod alarm;
@@ -42,7 +42,7 @@ pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
 pub use joint::{ChannelContribution, JointEstimate, RecordTimes};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
-pub use tracker::{EstimatorSettings, LifeStep, Tracker, TrackerState};
+pub use tracker::{EstimatorSettings, HistoryStep, Tracker, TrackerState};
 pub use wear::{
-    BaselineProgress, BestState, Interval, LibraryLack, METHOD, Posterior, WearEstimate, WearStatus,
+    BaselineProgress, BestState, Interval, METHOD, MissingLibrary, Posterior, WearEstimate, WearStatus,
 };

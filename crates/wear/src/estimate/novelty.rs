@@ -1,4 +1,4 @@
-//! Whether wear explains a record at all, and if not, whether the sensor or the machine is the reason.
+//! Novelty: whether wear explains a record, and if not, whether the sensor or the machine is the cause.
 
 mod signs;
 
@@ -12,59 +12,61 @@ use super::cusum::Cusums;
 use super::deviation::{Deviation, chi_square_score, normal_tail};
 use flankwatch_signal::{EnvelopeLine, Features, NotComputed};
 
-/// Below this p-value a record is not explained.
+/// Below this p-value, wear does not explain a record.
 pub(super) const MIN_P_VALUE: f64 = 1e-4;
 
-/// Deviations are correlated: the sum of squares is this much wider than that of independent ones.
+/// Factors by which correlation widens the sum of squared deviations of lines and of checks.
 const INFLATION_LINES: f64 = 2.0;
 const INFLATION_CHECKS: f64 = 1.6;
 
-/// Weight of a check's deviation where it has fallen: a fault of the machine adds energy beside its mesh lines,
-/// while wear, load and speed may take some away. What a sensor loses is judged at full weight.
-const FALLEN: f64 = 0.5;
+/// Weight of a check's deviation where it has fallen: a fault of the machine adds energy between the mesh
+/// lines, while wear, load and speed may remove some. Sensor faults are judged at full weight.
+const FALLEN_WEIGHT: f64 = 0.5;
 
-/// The same where no mesh lines are compared: nothing else then tells a fault from a machine that runs down.
-const FALLEN_WITHOUT_LINES: f64 = 0.25;
+/// The same where no mesh lines are compared: nothing else then distinguishes a fault from a machine that
+/// runs down.
+const FALLEN_WEIGHT_WITHOUT_LINES: f64 = 0.25;
 
-/// Checks that are followed over records: faults of one tooth and of the shaft raise them, and wear does not.
-const CHARTED: [&str; 2] = [TEETH, "ln_shaft_"];
+/// Kinds of checks that have a CUSUM each: faults of one tooth and of the shaft raise them, wear does not.
+const CUSUM_CHECKS: [&str; 2] = [TEETH, "ln_shaft_"];
 
-/// Their scatter is larger than the baseline's by this factor: they are no normal deviates.
-const CHARTED_SCATTER: f64 = 1.25;
+/// Factor on their scatter in the baseline: they are not normally distributed.
+const CUSUM_SCATTER: f64 = 1.25;
 
-/// The fit as a whole in the charts: that of the lines to the best state, and that of what wear hardly moves.
-const WHOLE: [&str; 2] = ["lines", "checks"];
+/// CUSUMs of the overall fit: of the lines to the best state, and of the checks.
+const OVERALL_FIT: [&str; 2] = ["lines", "checks"];
 
-/// What a poor fit has to exceed beyond a chart's own allowance to count, in standard deviations: what is
-/// wrong with a library is wrong in every record too. With twice the described mesh damping 1.5 % of records
-/// are flagged without these two charts, 2.8 % with 0.8, 8 % with 0.5; a broken tooth that moves the lines
-/// alone is seen after 3 to 6 records with 0.8, hardly at all with 1.
-const WHOLE_ALLOWANCE: f64 = 0.8;
+/// Additional allowance of the overall fit in standard deviations, since an error of the library recurs in
+/// every record. With twice the described mesh damping, 1.5 % of records are flagged without these two
+/// CUSUMs,
+/// 2.8 % with 0.8, 8 % with 0.5. A broken tooth that moves the lines alone is detected after 3 to 6 records
+/// with 0.8, hardly at all with 1.
+const FIT_ALLOWANCE: f64 = 0.8;
 
-/// The same where no library is compared that could be wrong.
-const WHOLE_ALLOWANCE_WITHOUT_LINES: f64 = 0.5;
+/// The same without a library, whose errors would need the larger allowance.
+const FIT_ALLOWANCE_WITHOUT_LINES: f64 = 0.5;
 
-/// A dead sensor's noise floors lie this logarithm below the baseline's (a factor of 50).
-const DEAD: f64 = -3.9;
+/// Natural logarithm of a dead sensor's noise floors over the baseline's (a factor of 50).
+const DEAD_DROP: f64 = -3.9;
 
-/// A loose mount loses at least this logarithm (a factor of 4, as beyond twice the resonance of a mass on a
-/// spring) in the highest band ...
+/// Natural logarithm of the least loss through a loose mount in the highest band (a factor of 4, as beyond
+/// twice the resonance of a mass on a spring) ...
 const LOOSE_LOSS: f64 = -1.4;
 
-/// ... more than in the lowest one.
+/// ... and of how much more is lost there than in the lowest band.
 const LOOSE_SLOPE: f64 = -0.7;
 
-/// Fewest noise floors that a fault of the sensor is told from.
+/// Fewest noise floors that a sensor fault can be recognised from.
 const MIN_FLOORS: usize = 4;
 
-/// So many standard deviations of a check of the teeth are one tooth's doing, whatever else has grown.
-const TOOTH_STANDS_OUT: f64 = 4.0;
+/// A tooth check beyond this many standard deviations indicates a tooth fault, whatever else has grown.
+const MIN_TOOTH_SCORE: f64 = 4.0;
 
-/// What has grown by fewer standard deviations is no sign of anything where the record does not deviate by
-/// itself.
-const MIN_GROWN: f64 = 3.0;
+/// Where the record does not deviate by itself, a check that has grown by fewer standard deviations is no
+/// sign of a fault.
+const MIN_GROWN_SCORE: f64 = 3.0;
 
-/// How one feature deviates from what the best state expects.
+/// Deviation of one feature from its value in the best state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct FeatureDeviation {
@@ -76,34 +78,34 @@ pub struct FeatureDeviation {
     pub deviations: f64,
 }
 
-/// How well the best state explains a record.
+/// Novelty of a record: how well the best state explains it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Novelty {
-    /// Probability that a record of the best state deviates as much as this one; low where wear does not
-    /// explain it.
+    /// Probability that a record of the best state deviates at least as much; low where wear does not explain
+    /// the record.
     pub p_value: f64,
-    /// −log₁₀ of the same, at most 30: what an alarm may be set on.
+    /// −log₁₀ of the p-value, at most 30: the quantity for alarms.
     pub score: f64,
-    /// Whether the record lies outside of what the library explains.
+    /// Whether the library does not explain the record.
     pub outside: bool,
-    /// What is wrong with the sensor, where that is the reason.
+    /// The sensor fault, where the sensor is the cause.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_fault: Option<SensorFault>,
-    /// What it looks like, where a check that wear hardly moves has grown.
+    /// The kind of fault it indicates, where a check that wear hardly changes has grown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine_sign: Option<MachineSign>,
-    /// What else it may be, the likelier first: checks of other kinds that have grown at least half as much.
+    /// Other possible kinds of fault, likeliest first: checks of other kinds that grew at least half as much.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub also: Vec<MachineSign>,
-    /// The octave in hertz whose energy has grown most, where energy is the sign.
+    /// Edges in hertz of the octave whose energy has grown most, where energy is the sign.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
     /// The strongest line of the record's envelope spectrum, where impulses are the sign and it stands out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub envelope_line: Option<EnvelopeLine>,
-    /// The check that has deviated for several records, where that says more than this record alone; `lines`
-    /// or `checks` where it is the fit as a whole.
+    /// The check that has deviated for several records, where that is stronger evidence than this record
+    /// alone; `lines` or `checks` for the overall fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lasting: Option<String>,
     /// The features that deviate most.
@@ -111,31 +113,31 @@ pub struct Novelty {
 }
 
 impl Novelty {
-    /// −log₁₀ of a p-value, at most 30.
+    /// Returns −log₁₀ of a p-value, at most 30.
     pub(super) fn score_of(p_value: f64) -> f64 {
         (-p_value.max(1e-30).log10()).max(0.0)
     }
 }
 
-/// What a record shows beside its deviations from the best state.
+/// What is known of a record besides its deviations from the best state.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Circumstances {
-    /// Natural logarithm of the factor by which all values moved at once, where they did.
+pub(super) struct RecordContext {
+    /// Natural logarithm of the factor by which all values changed at once, where they did.
     pub(super) gain: Option<f64>,
-    /// Whether the lines of the highest octave fell as its noise floor did, as far as there are any.
+    /// Whether the lines of the highest octave fell with its noise floor; `None` without lines there.
     pub(super) lines_fell: Option<bool>,
-    /// Whether its kurtosis stands out of the healthy ones.
+    /// Whether its kurtosis exceeds the healthy ones.
     pub(super) impulsive: bool,
 }
 
-/// Judges a record by its deviations from the best state: of lines, of what wear hardly moves, and by what
-/// has lasted over the records before.
+/// Judges a record by its deviations from the best state, of lines and of checks, and by deviations that have
+/// lasted over several records. `freedom` are the degrees of freedom of a deviation's scatter.
 pub(super) fn judge(
     record: &Features,
     [lines, checks]: &[Vec<Deviation>; 2],
     freedom: f64,
-    circumstances: Circumstances,
-    charts: &mut Cusums,
+    context: RecordContext,
+    cusums: &mut Cusums,
 ) -> Novelty {
     let squares = |deviations: &[Deviation], fallen: f64| -> f64 {
         let weight = |d: &Deviation| if d.residual < 0.0 { fallen } else { 1.0 };
@@ -144,51 +146,52 @@ pub(super) fn judge(
     let z_lines = chi_square_score(squares(lines, 1.0) / INFLATION_LINES, lines.len());
     let of_checks = |fallen| chi_square_score(squares(checks, fallen) / INFLATION_CHECKS, checks.len());
     let (fallen, allowance) = if lines.is_empty() {
-        (FALLEN_WITHOUT_LINES, WHOLE_ALLOWANCE_WITHOUT_LINES)
+        (FALLEN_WEIGHT_WITHOUT_LINES, FIT_ALLOWANCE_WITHOUT_LINES)
     } else {
-        (FALLEN, WHOLE_ALLOWANCE)
+        (FALLEN_WEIGHT, FIT_ALLOWANCE)
     };
     let z_checks = of_checks(fallen);
     let (p_lines, p_checks) = (normal_tail(z_lines), normal_tail(z_checks));
     let twice = |p: f64| (2.0 * p).min(1.0);
     let p_record = twice(p_lines.min(p_checks));
     let p_with_falls = twice(p_lines.min(normal_tail(of_checks(1.0))));
-    // What has been unlike the healthy records and now reaches the end of the range is no fault of the sensor.
-    let has_lasted = charts.highest().is_some_and(|(_, p)| p < MIN_P_VALUE);
+    // A machine whose vibration had grown before it reached the end of the range is no sensor fault.
+    let has_lasted = cusums.highest().is_some_and(|(_, p)| p < MIN_P_VALUE);
     let sensor_fault = match record.fault {
         Some(NotComputed::Constant) => Some(SensorFault::Dead),
         Some(NotComputed::Clipped) if !has_lasted => Some(SensorFault::Clipped),
         Some(NotComputed::Gaps) => Some(SensorFault::Gaps),
-        _ if p_with_falls < MIN_P_VALUE => sensor_fault(checks, circumstances.lines_fell)
-            .or(circumstances.gain.map(|_| SensorFault::GainChanged)),
+        _ if p_with_falls < MIN_P_VALUE => {
+            sensor_fault(checks, context.lines_fell).or(context.gain.map(|_| SensorFault::GainChanged))
+        }
         _ => None,
     };
-    // A fault of the sensor says nothing of the machine.
+    // A record with a sensor fault carries no information about the machine.
     if sensor_fault.is_none() {
-        let charted = checks.iter().filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
-        let charted = charted
-            .map(|d| (d.name.as_str(), d.normal_score(freedom).copysign(d.residual) / CHARTED_SCATTER));
-        let whole = WHOLE.into_iter().zip([z_lines, z_checks].map(|z| z - allowance));
-        charts.update(charted.chain(whole));
+        let followed = checks.iter().filter(|d| CUSUM_CHECKS.iter().any(|kind| d.name.starts_with(kind)));
+        let followed =
+            followed.map(|d| (d.name.as_str(), d.normal_score(freedom).copysign(d.residual) / CUSUM_SCATTER));
+        let whole = OVERALL_FIT.into_iter().zip([z_lines, z_checks].map(|z| z - allowance));
+        cusums.update(followed.chain(whole));
     }
-    let lasting = charts.highest().filter(|_| sensor_fault.is_none());
+    let lasting = cusums.highest().filter(|_| sensor_fault.is_none());
     let p_value = lasting.map_or(p_record, |(_, p)| p.min(p_record));
     let outside = p_value < MIN_P_VALUE;
-    // What a record says by itself comes before what has lasted.
-    let by_itself = if sensor_fault.is_none() && p_checks < MIN_P_VALUE { grown_most(checks) } else { None };
+    // A sign in this record takes precedence over deviations that have lasted.
+    let by_itself = if sensor_fault.is_none() && p_checks < MIN_P_VALUE { most_grown(checks) } else { None };
     let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < MIN_P_VALUE);
-    let sign_of = |check: &str| MachineSign::of(check, circumstances.impulsive);
-    // Where the fit as a whole has been poor, what has grown is what this record shows.
+    let sign_of = |check: &str| MachineSign::of(check, context.impulsive);
+    // Where the overall fit has been poor, the check that has grown most in this record is the sign.
     let whole = |check: &str| {
-        let grown = WHOLE.contains(&check).then(|| grown_most(checks)).flatten();
-        grown.filter(|grown| grown.score() > MIN_GROWN)
+        let grown = OVERALL_FIT.contains(&check).then(|| most_grown(checks)).flatten();
+        grown.filter(|grown| grown.score() > MIN_GROWN_SCORE)
     };
     let check = by_itself.or_else(|| {
         let (check, _) = lasting?;
         whole(check).or_else(|| checks.iter().find(|d| d.name == check))
     });
-    // What one tooth does is heard between the mesh lines too, in some records more than over its own pitch.
-    let tooth = charts.highest_of(TEETH).filter(|(_, p)| *p < MIN_P_VALUE);
+    // A tooth fault also raises the energy between the mesh lines, in some records more than its own check.
+    let tooth = cusums.highest_of(TEETH).filter(|(_, p)| *p < MIN_P_VALUE);
     let tooth = tooth.and_then(|(tooth, _)| checks.iter().find(|d| d.name == tooth));
     let check = check.map(|check| tooth.filter(|tooth| tooth.residual > 0.0).unwrap_or(check));
     let machine_sign = check.and_then(|check| sign_of(&check.name));
@@ -219,10 +222,10 @@ pub(super) fn judge(
     }
 }
 
-/// The check that has deviated most, where it has grown; one of the teeth's before others where it stands out
-/// by itself, as what one tooth does is heard between the mesh lines too.
-fn grown_most(checks: &[Deviation]) -> Option<&Deviation> {
-    let teeth = checks.iter().filter(|d| d.name.starts_with(TEETH) && d.score() > TOOTH_STANDS_OUT);
+/// Returns the check that has deviated most, if it has grown. A tooth check that stands out takes precedence,
+/// as a tooth fault also raises the energy between the mesh lines.
+fn most_grown(checks: &[Deviation]) -> Option<&Deviation> {
+    let teeth = checks.iter().filter(|d| d.name.starts_with(TEETH) && d.score() > MIN_TOOTH_SCORE);
     if let Some(tooth) = teeth.max_by(|a, b| a.score().total_cmp(&b.score())) {
         return Some(tooth);
     }
@@ -230,14 +233,14 @@ fn grown_most(checks: &[Deviation]) -> Option<&Deviation> {
     (most.residual > 0.0).then_some(most)
 }
 
-/// The signs beside the one of `most` of checks that have grown at least half as much.
+/// Returns the signs of other checks that have grown at least half as much as `most`.
 fn also(
     checks: &[Deviation],
     most: &Deviation,
     sign_of: impl Fn(&str) -> Option<MachineSign>,
 ) -> Vec<MachineSign> {
     let mut grown: Vec<&Deviation> =
-        checks.iter().filter(|d| d.score() > MIN_GROWN.max(0.5 * most.score())).collect();
+        checks.iter().filter(|d| d.score() > MIN_GROWN_SCORE.max(0.5 * most.score())).collect();
     grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
     for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {
@@ -248,22 +251,22 @@ fn also(
     signs.into_iter().skip(1).collect()
 }
 
-/// The edges of the octave that a check is about.
+/// Returns the edges in hertz of the octave that a check covers.
 pub(super) fn octave_hz(check: &str) -> Option<[f64; 2]> {
     let centre: f64 = check.rsplit('_').next()?.strip_suffix("hz")?.parse().ok()?;
     Some([centre / SQRT_2, centre * SQRT_2])
 }
 
-/// A dead sensor or a loose mount, from the noise floors.
+/// Recognises a dead sensor or a loose mount from the noise floors.
 ///
-/// Through a loose mount nothing passes at high frequencies, neither noise nor lines.
+/// A loose mount blocks high frequencies, noise and lines alike.
 fn sensor_fault(checks: &[Deviation], lines_fell: Option<bool>) -> Option<SensorFault> {
     let is_noise = |d: &&Deviation| d.name.starts_with("ln_floor_") || d.name.starts_with("ln_rest_");
     let noise: Vec<&Deviation> = checks.iter().filter(is_noise).collect();
     if noise.len() < MIN_FLOORS {
         return None;
     }
-    if noise.iter().all(|d| d.residual < DEAD) {
+    if noise.iter().all(|d| d.residual < DEAD_DROP) {
         return Some(SensorFault::Dead);
     }
     let floors = checks.iter().filter(|d| d.name.starts_with("ln_floor_"));
@@ -292,13 +295,13 @@ mod tests {
             &Features::default(),
             &[deviations("ln_mesh", lines), checks],
             20.0,
-            Circumstances::default(),
+            RecordContext::default(),
             &mut Cusums::default(),
         )
     }
 
     #[test]
-    fn sensor_faults_are_told_apart() {
+    fn sensor_faults_are_distinguished() {
         let fault = |lines: &[f64], floors: &[f64], rests: &[f64]| judged(lines, floors, rests).sensor_fault;
         assert_eq!(fault(&[0.7; 8], &[0.69; 4], &[0.71; 4]), None, "without a step");
         assert_eq!(fault(&[-9.0; 8], &[-9.0; 4], &[-8.0; 4]), Some(SensorFault::Dead));
@@ -315,8 +318,8 @@ mod tests {
 
     /// Records that each deviate too little by themselves, and then a strong one.
     #[test]
-    fn what_lasts_is_told_and_named() {
-        let mut charts = Cusums::default();
+    fn lasting_deviations_are_flagged_and_named() {
+        let mut cusums = Cusums::default();
         let mut take = |tooth: f64, shaft: f64| {
             let checks =
                 [("ln_tooth_worst", tooth), ("ln_shaft_1", shaft), ("ln_rest_1", 0.0), ("ln_rest_2", 0.01)];
@@ -326,8 +329,8 @@ mod tests {
                 &Features::default(),
                 &[Vec::new(), checks.to_vec()],
                 20.0,
-                Circumstances::default(),
-                &mut charts,
+                RecordContext::default(),
+                &mut cusums,
             )
         };
         for _ in 0..20 {
@@ -351,15 +354,15 @@ mod tests {
     /// Eight lines that are off by 1.8 standard deviations, record after record: a p-value of 0.002 that
     /// lasts.
     #[test]
-    fn a_fit_that_stays_poor_is_told() {
-        let mut charts = Cusums::default();
+    fn a_lasting_poor_fit_is_flagged() {
+        let mut cusums = Cusums::default();
         let mut take = |off: f64| {
             judge(
                 &Features::default(),
                 &[deviations("ln_mesh", &[off; 8]), deviations("ln_floor", &[0.01; 4])],
                 20.0,
-                Circumstances::default(),
-                &mut charts,
+                RecordContext::default(),
+                &mut cusums,
             )
         };
         let poor: Vec<Novelty> = (0..8).map(|_| take(0.125)).collect();
@@ -370,21 +373,21 @@ mod tests {
     }
 
     #[test]
-    fn faults_of_the_samples_speak_for_themselves() {
+    fn clipped_samples_are_a_sensor_fault() {
         let record = Features { fault: Some(NotComputed::Clipped), ..Features::default() };
         let judged =
-            judge(&record, &[Vec::new(), Vec::new()], 20.0, Circumstances::default(), &mut Cusums::default());
+            judge(&record, &[Vec::new(), Vec::new()], 20.0, RecordContext::default(), &mut Cusums::default());
         assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
     }
 
     /// A record of a failing bearing that reaches the end of the converter's range.
     #[test]
-    fn a_machine_that_has_become_too_loud_for_its_sensor_is_no_fault_of_the_sensor() {
-        let mut charts = Cusums::default();
+    fn clipping_after_a_lasting_deviation_is_no_sensor_fault() {
+        let mut cusums = Cusums::default();
         let mut take = |rest: f64, fault: Option<NotComputed>| {
             let record = Features { fault, ..Features::default() };
             let checks = deviations("ln_rest", &[rest; 8]);
-            judge(&record, &[Vec::new(), checks], 20.0, Circumstances::default(), &mut charts).sensor_fault
+            judge(&record, &[Vec::new(), checks], 20.0, RecordContext::default(), &mut cusums).sensor_fault
         };
         assert_eq!(take(0.0, Some(NotComputed::Clipped)), Some(SensorFault::Clipped));
         assert!((0..5).all(|_| take(1.0, None).is_none()));

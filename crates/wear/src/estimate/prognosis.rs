@@ -1,4 +1,4 @@
-//! When wear passes the user's limit: what is believed of depth and rate, carried on.
+//! Prognosis of when wear passes the user's limit, extrapolated from the posterior of depth and rate.
 
 use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -6,40 +6,40 @@ use serde::{Deserialize, Serialize};
 use super::growth::rates_um;
 use crate::library::DEPTHS;
 
-/// Nothing is said while "no growth" has more than this probability, or the median depth is below this part
-/// of the greatest.
+/// No prognosis is made while "no growth" has more than this probability, or the median depth is below this
+/// part of the greatest.
 const MAX_STANDSTILL: f64 = 0.5;
 const MIN_DEPTH_PART: f64 = 0.04;
 
-/// Standard deviation of the logarithm of the rate on the way over that now: within a class of rates, and as
-/// load and lubrication change.
+/// Standard deviation of the logarithm of the future rate over the present one: within a class of rates, and
+/// through changes of load and lubrication.
 const RATE_SCATTER: f64 = 0.4;
 
-/// Normal deviates that spread a rate.
+/// Normal deviates on each side by which a rate is spread.
 const DEVIATES: i32 = 6;
 
-/// No time beyond this many units is told.
+/// Longest time in units that is stated.
 const MAX_UNITS: f64 = 1e5;
 
 /// Rate of wear and time to the limit, each with its 5 % to 95 % interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Prognosis {
-    /// Growth in µm a day of running time between records, now.
+    /// Present rate of growth in µm per day, by the times of the records.
     pub rate_um_per_day: f64,
-    /// The wear depth that the times are about, in µm.
+    /// The wear limit in µm.
     pub limit_um: f64,
-    /// When the limit is passed: median.
+    /// Time at which the limit is passed: median.
     pub median: Timestamp,
-    /// 5 % quantile.
+    /// 5 % quantile of this time.
     pub p05: Timestamp,
-    /// 95 % quantile; none where the limit may not be passed for very long.
+    /// 95 % quantile of this time; absent where it is too far in the future.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p95: Option<Timestamp>,
 }
 
-/// When `limit_um` is passed, from the probability `by_rate` over rates and depths at the time `now`; a unit
-/// of growth takes `unit_s` seconds.
+/// Returns when `limit_um` is passed, from the probability `by_rate` over rates and depths at the time `now`;
+/// a unit of growth takes `unit_s` seconds.
 pub(super) fn prognosis(
     by_rate: &[f32],
     depths_um: &[f64],
@@ -59,10 +59,9 @@ pub(super) fn prognosis(
     }
     let mut passes: Vec<(f64, f64)> = Vec::new();
     let mut rate_um = 0.0;
-    // Of a machine that wears: a rate of 0 is a pause, and what comes after it is what is known of the rates
-    // above.
-    let moving = by_rate.chunks_exact(DEPTHS).zip(rates_um(depths_um)).skip(1);
-    for (row, rate) in moving {
+    // A rate of 0 is a pause; after it, wear continues at one of the other rates by their probabilities.
+    let growing = by_rate.chunks_exact(DEPTHS).zip(rates_um(depths_um)).skip(1);
+    for (row, rate) in growing {
         for (p, depth_um) in row.iter().zip(depths_um).filter(|(p, _)| **p > 1e-6) {
             let weight = f64::from(*p) / (total - standing);
             rate_um += weight * rate;
@@ -83,8 +82,8 @@ pub(super) fn prognosis(
         found.map_or(f64::INFINITY, |(units, _)| *units)
     };
     let time = |units: f64| {
-        let told = units <= MAX_UNITS;
-        let away = told.then(|| SignedDuration::try_from_secs_f64(units * unit_s).ok()).flatten()?;
+        let is_near = units <= MAX_UNITS;
+        let away = is_near.then(|| SignedDuration::try_from_secs_f64(units * unit_s).ok()).flatten()?;
         now.checked_add(away).ok()
     };
     Some(Prognosis {
@@ -125,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn a_known_rate_passes_the_limit_when_it_must() {
+    fn a_known_rate_gives_the_time_to_the_limit() {
         let (by_rate, depths) = sure(3, 10);
         let told = prognosis(&by_rate, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0).unwrap();
         let hours = |time: Timestamp| time.duration_since(Timestamp::UNIX_EPOCH).as_secs_f64() / 3600.0;
@@ -135,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_without_growth_or_beyond_the_limit() {
+    fn no_prognosis_without_growth_or_beyond_the_limit() {
         let (standing, depths) = sure(0, 10);
         assert_eq!(prognosis(&standing, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0), None);
         let (past, _) = sure(3, 30);

@@ -1,5 +1,5 @@
-//! The fold over an asset's records: baseline first, then a probability over wear depths that each record
-//! sharpens.
+//! The fold over an asset's records: first the baseline is collected, then each record updates a probability
+//! over wear depths.
 
 mod answer;
 mod collecting;
@@ -13,27 +13,27 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use self::collecting::Collecting;
-pub use self::hindsight::LifeStep;
+pub use self::hindsight::HistoryStep;
 use self::tracking::Tracking;
 use super::depth_grid::DepthGrid;
 use super::discrepancy::Discrepancy;
 use super::event::{MaintenanceEvent, MaintenanceKind};
 use super::filter::Filter;
 use super::growth::Growth;
-use super::wear::{LibraryLack, WearEstimate, WearStatus};
+use super::wear::{MissingLibrary, WearEstimate, WearStatus};
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 
-/// What a user decides about the estimate.
+/// Settings of the wear estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EstimatorSettings {
     /// Records in the healthy baseline.
     pub baseline_records: u32,
-    /// Wear depth in µm that the prognosis is about.
+    /// Wear limit in µm that the prognosis is made for.
     pub limit_um: Option<f64>,
 }
 
-/// What is known after the records so far; an exact copy in JSON continues with the same bits.
+/// State after the records so far. A copy through JSON continues with bit-identical results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrackerState(Stage);
 
@@ -49,8 +49,8 @@ enum Stage {
 pub struct Tracker {
     settings: EstimatorSettings,
     ensemble: Option<Arc<Ensemble>>,
-    lack: LibraryLack,
-    /// Whether more members of the ensemble follow.
+    missing_library: MissingLibrary,
+    /// Whether further members of the ensemble are still being simulated.
     is_provisional: bool,
     grid: DepthGrid,
     growth: Growth,
@@ -58,8 +58,7 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// A tracker for an ensemble of libraries; without one, only the baseline is collected and novelty
-    /// judged.
+    /// Creates a tracker for an ensemble. Without one, it only collects the baseline and judges novelty.
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>) -> Self {
         let grid =
             ensemble.as_deref().map(|ensemble| DepthGrid::of(ensemble.depths_um())).unwrap_or_default();
@@ -69,55 +68,56 @@ impl Tracker {
             discrepancy: ensemble.as_deref().map(Discrepancy::of),
             grid,
             ensemble,
-            lack: LibraryLack::default(),
+            missing_library: MissingLibrary::default(),
             is_provisional: false,
         }
     }
 
-    /// A tracker for the first members of an ensemble whose rest is still simulated: what it answers to a
-    /// record is told as provisional, and nothing is called other than wear.
+    /// Creates a tracker for the first members of an ensemble while the rest is still being simulated. Its
+    /// answers are marked provisional, and it attributes no record to anything but wear.
     pub fn provisional(settings: EstimatorSettings, first: Arc<Ensemble>) -> Self {
         Self { is_provisional: true, ..Self::new(settings, Some(first)) }
     }
 
-    /// A tracker while there is no library: as without one, and records are told why.
-    pub fn without_library(settings: EstimatorSettings, lack: LibraryLack) -> Self {
-        Self { lack, ..Self::new(settings, None) }
+    /// Creates a tracker without a library; its answers say why there is none.
+    pub fn without_library(settings: EstimatorSettings, missing_library: MissingLibrary) -> Self {
+        Self { missing_library, ..Self::new(settings, None) }
     }
 
-    /// The state before the first record.
+    /// Returns the state before the first record.
     pub fn start(&self) -> TrackerState {
         TrackerState(Stage::Collecting(Box::default()))
     }
 
-    /// Takes one more record that began at `at`; records and events come in time order.
+    /// Updates the state with a record that began at `at` and returns its estimate. Records and events must
+    /// come in time order.
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
-        let mut answer = self.take_record(state, at, features);
-        self.lack.tell(&mut answer);
+        let mut answer = self.update_state(state, at, features);
+        self.missing_library.apply_to(&mut answer);
         if self.is_provisional {
             answer.make_provisional();
         }
         answer
     }
 
-    /// The answer to a record that takes no part; the state stays as it is.
+    /// Returns the answer to a record that users excluded; it does not change the state.
     pub fn excluded(&self, state: &TrackerState) -> WearEstimate {
         let have = match &state.0 {
             Stage::Collecting(collecting) => collecting.have().min(self.settings.baseline_records),
             Stage::Tracking(_) => self.settings.baseline_records,
         };
-        let reason = "the record is excluded: it takes no part in the baseline, the estimate and the alarms";
-        self.no_number(WearStatus::Excluded, have, reason)
+        let reason = "the record is excluded from the baseline, the estimate and the alarms";
+        self.without_depth(WearStatus::Excluded, have, reason)
     }
 
-    fn take_record(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
+    fn update_state(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         match &mut state.0 {
             Stage::Collecting(collecting) => {
-                if collecting.is_chosen_until(at)
-                    && let Some(tracking) = self.end_chosen(collecting, at)
+                if collecting.ends_chosen_baseline(at)
+                    && let Some(tracking) = self.finish_chosen_baseline(collecting, at)
                 {
                     state.0 = Stage::Tracking(Box::new(tracking));
-                    return self.take_record(state, at, features);
+                    return self.update_state(state, at, features);
                 }
                 let (answer, tracking) = self.collect(collecting, at, features);
                 if let Some(tracking) = tracking {
@@ -129,8 +129,9 @@ impl Tracker {
         }
     }
 
-    /// Takes an event: an inspection says how deep the wear is; else a new baseline is learnt, and unless the
-    /// gear was replaced, wear goes on from where it was.
+    /// Updates the state with a maintenance event. An inspection sets the wear depth. Any other event starts
+    /// a new baseline; wear continues from its present depth unless the gear was replaced or the baseline
+    /// was chosen.
     pub fn event(&self, state: &mut TrackerState, event: &MaintenanceEvent) {
         let carried = match (&mut state.0, event.kind) {
             (Stage::Tracking(tracking), MaintenanceKind::Inspected) => {
@@ -139,7 +140,7 @@ impl Tracker {
                 }
                 return;
             }
-            // Nothing has been compared yet that a depth could tell from.
+            // No record has been compared with the library yet, so there is nothing to update.
             (Stage::Collecting(_), MaintenanceKind::Inspected) => return,
             (_, MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen) => None,
             (Stage::Collecting(collecting), _) => collecting.take_carried(),
@@ -152,9 +153,9 @@ impl Tracker {
         self.ensemble.as_deref().map_or(1, Ensemble::variants)
     }
 
-    /// A filter for this ensemble: the kept one where it fits, else that of a new machine.
-    fn fitting(&self, kept: Option<Filter>, members: usize) -> Filter {
-        match kept {
+    /// Returns the existing filter where its size fits the ensemble, else that of a new machine.
+    fn filter_for(&self, existing: Option<Filter>, members: usize) -> Filter {
+        match existing {
             Some(filter) if filter.fits(members, self.variants()) => filter,
             _ => Filter::start(self.grid.depths_um(), members, self.variants()),
         }

@@ -1,4 +1,4 @@
-//! The answer: wear depth with an interval, or why there is none.
+//! The wear estimate: a depth with an interval, or the reason why there is none.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,12 +9,12 @@ use flankwatch_signal::{Indicators, PREPROCESSING};
 /// Identifier of the estimator.
 pub const METHOD: &str = "ensemble-filter-1";
 
-/// What kind of answer a wear estimate is.
+/// Status of a wear estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum WearStatus {
-    /// Records are still being collected to learn what healthy looks like on this asset.
+    /// Records are still being collected for the asset's healthy baseline.
     CollectingBaseline,
     /// The asset has no gear pair described, so there is no library to compare with.
     NoLibrary,
@@ -22,46 +22,46 @@ pub enum WearStatus {
     NoMesh,
     /// The library to compare with is still being simulated; the estimate follows.
     AwaitingLibrary,
-    /// The first answer, from a part of the library: the final one follows when all of it is simulated.
+    /// A first estimate from a part of the library: the final one follows when all of it is simulated.
     Provisional,
     /// The library to compare with could not be simulated.
     LibraryFailed,
-    /// The record gives no feature to compare (no shaft speed found, for example).
+    /// The record has no features to compare (no shaft speed was found, for example).
     NoFeatures,
-    /// The shaft speed that was found in the record is in doubt, or the number of teeth is.
+    /// The shaft speed found in the record, or the described number of teeth, is in doubt.
     SpeedInDoubt,
     /// The record is too short or too sparsely sampled to be compared with the baseline.
     NotComparable,
-    /// Compared, but the interval spans most of the library: the record does not say.
+    /// The record was compared, but the interval spans most of the library.
     NotIdentifiable,
     /// No state of the library explains the record: something other than wear has changed.
     OutsideLibrary,
-    /// The sensor, not the machine, is the reason why the record is not explained.
+    /// The sensor, not the machine, is the reason why the library does not explain the record.
     SensorFault,
     /// A wear depth with an interval.
     Estimated,
-    /// The records before are being computed again; the estimate follows.
+    /// Earlier records are being recomputed; the estimate follows.
     Recomputing,
-    /// The record was excluded: it takes no part in the estimate.
+    /// The record was excluded from the estimate.
     Excluded,
 }
 
 /// Why there is no library to compare with.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub enum LibraryLack {
+pub enum MissingLibrary {
     /// No gear pair is described.
     #[default]
     NotDescribed,
     /// The machine has no gear mesh.
     NoMesh,
-    /// It is still being simulated.
-    Simulated,
-    /// It could not be simulated, with the reason.
+    /// The library is still being simulated.
+    Simulating,
+    /// The library could not be simulated, for this reason.
     Failed(String),
 }
 
-impl LibraryLack {
-    /// What is answered to a record meanwhile; none where that does not depend on the library.
+impl MissingLibrary {
+    /// Returns the status and reason for records meanwhile; `None` where they do not need a library.
     fn answer(&self) -> Option<(WearStatus, String)> {
         match self {
             Self::NotDescribed => None,
@@ -70,9 +70,9 @@ impl LibraryLack {
                 "the machine has no gear mesh, so there is no wear to estimate; the record is like the healthy ones"
                     .to_owned(),
             )),
-            Self::Simulated => Some((
+            Self::Simulating => Some((
                 WearStatus::AwaitingLibrary,
-                "the library of the gear pair is being simulated, the wear follows".to_owned(),
+                "the library of the gear pair is being simulated; the wear estimate follows".to_owned(),
             )),
             Self::Failed(reason) => Some((
                 WearStatus::LibraryFailed,
@@ -81,11 +81,11 @@ impl LibraryLack {
         }
     }
 
-    /// Puts it into the answer to a record of which nothing else is to be told.
-    pub(super) fn tell(&self, wear: &mut WearEstimate) {
+    /// Sets the status and reason of an estimate that has no other result.
+    pub(super) fn apply_to(&self, wear: &mut WearEstimate) {
         let is_open = match wear.status {
             WearStatus::NoLibrary => true,
-            // A library that is awaited comes before the baseline; without a mesh none is.
+            // A library that is awaited takes precedence over the baseline; without a mesh none is awaited.
             WearStatus::CollectingBaseline => *self != Self::NoMesh,
             _ => false,
         };
@@ -95,7 +95,7 @@ impl LibraryLack {
     }
 }
 
-/// How far the healthy baseline has come.
+/// Progress of the healthy baseline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct BaselineProgress {
@@ -113,7 +113,7 @@ pub struct BestState {
     pub index: usize,
     /// Its greatest wear depth in µm.
     pub wear_um: f64,
-    /// Which member of the ensemble explains it.
+    /// Index of the ensemble's member that explains it.
     #[serde(default)]
     pub member: usize,
 }
@@ -140,15 +140,15 @@ pub struct Posterior {
     pub probability: Vec<f64>,
 }
 
-/// Wear depth (the greatest over the flank) with its 5 % to 95 % interval, or the reason why there is none.
+/// Greatest wear depth over the flank with its 5 % to 95 % interval, or the reason why there is none.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct WearEstimate {
-    /// What kind of answer this is.
+    /// Status of the estimate.
     pub status: WearStatus,
-    /// The same in words, with the numbers that matter.
+    /// The result or its absence in words, with the numbers that matter.
     pub reason: String,
-    /// How far the baseline has come.
+    /// Progress of the baseline.
     pub baseline: BaselineProgress,
     /// Median wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -168,15 +168,14 @@ pub struct WearEstimate {
     /// 95 % quantile of wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p95_um: Option<f64>,
-    /// Transmission error that the wear adds under load, peak to peak in µm along the line of action: what
-    /// the mesh lines see, alike for shapes of wear whose greatest depths differ by a factor.
+    /// Transmission error that the wear adds under load, peak to peak in µm along the line of action. This is
+    /// what the mesh lines respond to, similar for wear shapes whose greatest depths differ by a factor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub transmission_error_um: Option<Interval>,
-    /// Where the interval reaches the library's end: the wear is at least this deep in µm, with 95 %
-    /// probability.
+    /// Depth in µm reached with 95 % probability, where the interval extends to the end of the library.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_least_um: Option<f64>,
-    /// Probability that the user's limit is passed.
+    /// Probability that wear has passed the user's limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub above_limit: Option<f64>,
     /// Natural logarithm of this record's evidence under the library.
@@ -185,20 +184,20 @@ pub struct WearEstimate {
     /// The library state that explains this record best.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub best_state: Option<BestState>,
-    /// Depths that this operating point can tell from the median at all: within them the library's changes
-    /// are smaller than what it may be wrong by and the scatter of one record.
+    /// Range of depths in µm that this record cannot resolve at its operating point: within it, the library
+    /// changes less than its own error and the scatter of one record.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolved_um: Option<[f64; 2]>,
     /// How well the best state explains the record.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub novelty: Option<Novelty>,
-    /// Rate of wear and time to the user's limit; nothing before the rate is known.
+    /// Rate of wear and time to the user's limit; absent until the rate is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prognosis: Option<Prognosis>,
-    /// Hash of the library that was compared with.
+    /// Hash of the library that the record was compared with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub library_id: Option<String>,
-    /// Hash of all libraries of the ensemble around it.
+    /// Hash of the ensemble around that library.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ensemble_id: Option<String>,
     /// Identifier of the features' preprocessing and of the estimator.
@@ -209,15 +208,15 @@ pub struct WearEstimate {
 }
 
 impl WearEstimate {
-    /// Tells a comparison as the first answer from a part of the library: a depth stays, and what no part
-    /// explains is left open.
+    /// Marks the result of a comparison as a first estimate from a part of the library. A depth is kept; a
+    /// record that this part does not explain is left unjudged.
     pub(super) fn make_provisional(&mut self) {
         match self.status {
             WearStatus::Estimated | WearStatus::NotIdentifiable => {
-                self.reason = format!("first answer from a part of the library: {}", self.reason);
+                self.reason = format!("first estimate from a part of the library: {}", self.reason);
             }
             WearStatus::OutsideLibrary => {
-                "the part of the library that is simulated does not explain this record"
+                "the part of the library simulated so far does not explain this record"
                     .clone_into(&mut self.reason);
                 self.novelty = None;
             }
@@ -226,13 +225,13 @@ impl WearEstimate {
         self.status = WearStatus::Provisional;
     }
 
-    /// What of the estimate is followed over time as an indicator: `novelty`, where there is one.
+    /// Returns the values that are followed over time as indicators: `novelty`, where there is one.
     pub fn indicators(&self) -> Indicators {
         let novelty = self.novelty.iter().map(|novelty| ("novelty".to_owned(), novelty.score));
         Indicators { values: novelty.collect(), ..Indicators::default() }
     }
 
-    /// An answer without a wear depth.
+    /// Creates an estimate without a wear depth.
     pub fn without_number(status: WearStatus, reason: String, baseline: BaselineProgress) -> Self {
         Self {
             status,

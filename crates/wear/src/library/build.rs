@@ -1,5 +1,5 @@
-//! Simulating the grid: each wear state's geometry, its mesh cycle at each torque, its response at each
-//! speed, and the features.
+//! Simulation of the grid: each wear state's geometry, its mesh cycle at each torque, its response at each
+//! speed, and its features.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -25,10 +25,10 @@ use flankwatch_signal::{
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
 
-/// Every how many-th of them is kept in the library for display.
-const KEPT_EVERY: usize = 5;
+/// Stride of the positions that the library stores for display.
+const CYCLE_STRIDE: usize = 5;
 
-/// Most wear states of a part, the unit of work that is kept when a build is stopped.
+/// Most wear states of a part, the unit of work in a checkpoint.
 const PART_STATES: usize = 8;
 
 #[derive(Serialize)]
@@ -40,8 +40,7 @@ struct Inputs<'a> {
     grid: &'a GridSettings,
 }
 
-/// The name of the library that these inputs give: a hash of all of them, of the model's version and of the
-/// file format.
+/// Returns the id of a library: a hash of its inputs, of the model's version and of the file format.
 pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
     let inputs =
         Inputs { format: FORMAT_VERSION, model: MODEL_VERSION, preprocessing: PREPROCESSING, pair, grid };
@@ -51,12 +50,12 @@ pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
 
 /// Simulates every point of the grid, in parallel.
 ///
-/// The result depends on the inputs alone: not on the number of threads, nor on whether the build was stopped
-/// and taken up again.
+/// The result depends on the inputs alone, not on the number of threads or on whether the build was
+/// interrupted and resumed.
 ///
 /// # Errors
 /// [`LibraryError::Grid`] and [`LibraryError::Gear`] for inputs that cannot be simulated,
-/// [`LibraryError::Cancelled`], and an error of the file system for a checkpoint that cannot be written.
+/// [`LibraryError::Cancelled`], and an I/O error for a checkpoint that cannot be written.
 pub fn build(
     spec: &PairSpec,
     grid: &GridSettings,
@@ -66,7 +65,7 @@ pub fn build(
     let pair = spec.resolve()?;
     let depths_mm: Vec<f64> = (0..grid.states).map(|index| grid.wear_um(index) * 1e-3).collect();
     let id = library_id(spec, grid);
-    let kept = control.checkpoint().map_or(Ok(Vec::new()), |checkpoint| checkpoint.open(&id))?;
+    let finished = control.checkpoint().map_or(Ok(Vec::new()), |checkpoint| checkpoint.open(&id))?;
     let build = Build {
         grid,
         worn: FlankWear::from_shape_at(&pair, &depths_mm)?,
@@ -75,7 +74,7 @@ pub fn build(
         counter: Counter::new(control, grid.simulations()),
         analyzers: Mutex::default(),
     };
-    let parts = build.parts(kept)?;
+    let parts = build.parts(finished)?;
     let manifest = Manifest {
         id,
         model_version: MODEL_VERSION.to_owned(),
@@ -92,20 +91,20 @@ struct Build<'a> {
     worn: Vec<FlankWear>,
     control: &'a BuildControl<'a>,
     counter: Counter<'a>,
-    /// Those not in use: their transforms' plans are worth keeping.
+    /// Idle analyzers, reused for their transforms' plans.
     analyzers: Mutex<Vec<Analyzer>>,
 }
 
 impl Build<'_> {
-    /// All parts by torque and first state; `kept` are those that an earlier build has finished.
-    fn parts(&self, kept: Vec<Part>) -> Result<Vec<Part>, LibraryError> {
-        let kept: BTreeMap<(usize, usize), Part> =
-            kept.into_iter().map(|part| ((part.first, part.torque), part)).collect();
+    /// Returns all parts by torque and first state; `finished` are those of an earlier build.
+    fn parts(&self, finished: Vec<Part>) -> Result<Vec<Part>, LibraryError> {
+        let finished: BTreeMap<(usize, usize), Part> =
+            finished.into_iter().map(|part| ((part.first, part.torque), part)).collect();
         let groups = self.grid.states.div_ceil(PART_STATES);
         let start = |group: usize| group * self.grid.states / groups;
         let mut parts: Vec<Part> = (0..groups)
             .into_par_iter()
-            .map(|group| self.group(start(group)..start(group + 1), &kept))
+            .map(|group| self.group(start(group)..start(group + 1), &finished))
             .collect::<Result<Vec<_>, LibraryError>>()?
             .into_iter()
             .flatten()
@@ -114,16 +113,17 @@ impl Build<'_> {
         Ok(parts)
     }
 
-    /// The parts of neighbouring wear states, whose bodies are worked out once for all torques.
+    /// Returns the parts of neighbouring wear states, whose bodies are computed once for all torques.
     fn group(
         &self,
         states: Range<usize>,
-        kept: &BTreeMap<(usize, usize), Part>,
+        finished: &BTreeMap<(usize, usize), Part>,
     ) -> Result<Vec<Part>, LibraryError> {
         let mut bodies: Option<Vec<Option<ElasticBodies>>> = None;
         let mut parts = Vec::with_capacity(self.grid.torque_factors.len());
         for torque in 0..self.grid.torque_factors.len() {
-            if let Some(part) = kept.get(&(states.start, torque)).filter(|part| self.fits(part, &states)) {
+            if let Some(part) = finished.get(&(states.start, torque)).filter(|part| self.fits(part, &states))
+            {
                 self.counter.add(states.len() * self.grid.speed_factors.len());
                 parts.push(part.clone());
                 continue;
@@ -212,7 +212,7 @@ impl Build<'_> {
         Ok(part)
     }
 
-    /// The pair at a part of its torque.
+    /// Returns the pair with its torque multiplied by `factor`.
     fn at_torque(&self, factor: f64) -> Result<GearPair, LibraryError> {
         let mut spec = self.pair.spec.clone();
         spec.operation.torque_nm *= factor;
@@ -222,8 +222,7 @@ impl Build<'_> {
         Ok(spec.resolve()?)
     }
 
-    /// What the analyzer says of the responses to neighbouring states' cycles, the first of which has the
-    /// index `first`.
+    /// Simulates and analyses responses to neighbouring states' cycles; `first` is the first one's index.
     fn analyses(
         &self,
         pair: &GearPair,
@@ -252,7 +251,7 @@ impl Build<'_> {
     }
 }
 
-/// What the analyzer says of a response in m/s².
+/// Analyses a response in m/s².
 pub(super) fn analyze(
     analyzer: &mut Analyzer,
     teeth: u32,
@@ -278,7 +277,7 @@ pub(super) fn analyze(
     Ok(analyzer.analyze(&record, &mesh))
 }
 
-/// Puts the parts, sorted by torque and first state, together.
+/// Assembles the parts, sorted by torque and first state.
 fn assemble(manifest: Manifest, parts: Vec<Part>) -> Library {
     let grid = &manifest.grid;
     if grid.operating_points() == 1 {
@@ -300,7 +299,7 @@ fn assemble(manifest: Manifest, parts: Vec<Part>) -> Library {
 impl CycleTable {
     fn thinned(cycle: &MeshCycle) -> Self {
         fn every<T: Copy>(values: &[T]) -> Vec<T> {
-            values.iter().copied().step_by(KEPT_EVERY).collect()
+            values.iter().copied().step_by(CYCLE_STRIDE).collect()
         }
         Self {
             phi1_rad: every(&cycle.phi1_rad),

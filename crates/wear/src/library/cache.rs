@@ -1,4 +1,4 @@
-//! The folder where libraries are kept, each under the hash of its inputs.
+//! A cache of libraries in a folder, each under the hash of its inputs.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -13,30 +13,30 @@ use super::{
 };
 use flankwatch_gear::PairSpec;
 
-/// Ending of library files.
+/// Extension of library files.
 const EXTENSION: &str = "fwlib";
 
-/// A folder of libraries.
+/// A cache of libraries and ensembles in a folder.
 #[derive(Debug, Clone)]
 pub struct LibraryCache {
     folder: PathBuf,
 }
 
 impl LibraryCache {
-    /// A cache in a folder, which is made when the first library is kept.
+    /// Creates a cache in a folder, which is created with the first library.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into() }
     }
 
-    /// Where it is.
+    /// Returns the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// The library of these inputs: loaded where it is kept and whole, else built and kept.
+    /// Returns the library of these inputs, from the cache or else built and added to it.
     ///
-    /// A damaged file, or one of other inputs under this name, is reported, never used, and replaced. Parts
-    /// that a stopped build has left beside it are taken up.
+    /// A damaged file, or one of other inputs under this id, is logged and replaced. A build that was stopped
+    /// is resumed from its checkpoint.
     pub fn get_or_build(
         &self,
         pair: &PairSpec,
@@ -49,41 +49,40 @@ impl LibraryCache {
                 return Ok(library);
             }
             Ok(Some(_)) => {
-                tracing::warn!(library = %id, "the kept library was made from other inputs; building it again")
+                tracing::warn!(library = %id, "the cached library has other inputs; rebuilding it")
             }
             Ok(None) => {}
             Err(error @ (LibraryError::Damaged(_) | LibraryError::Version { .. })) => {
-                tracing::warn!(library = %id, %error, "the kept library cannot be used; building it again");
+                tracing::warn!(library = %id, %error, "failed to read the cached library; rebuilding it");
             }
             Err(error) => return Err(error),
         }
         build_into(&self.path(&id), pair, grid, control).map(Arc::new)
     }
 
-    /// The ensemble around a library: loaded where it is kept and whole, else simulated and kept.
+    /// Returns the ensemble around a library, from the cache or else simulated and added to it.
     ///
     /// # Errors
-    /// Those of [`Ensemble::build`]; [`LibraryError::Io`] where it cannot be kept.
+    /// Those of [`Ensemble::build`]; [`LibraryError::Io`] where it cannot be read or written.
     pub fn ensemble(
         &self,
         library: Arc<Library>,
         settings: &EnsembleSettings,
         control: &BuildControl<'_>,
     ) -> Result<Ensemble, LibraryError> {
-        if let Some(kept) = self.kept_ensemble(&library, settings)? {
-            return Ok(kept);
+        if let Some(ensemble) = self.get_ensemble(&library, settings)? {
+            return Ok(ensemble);
         }
         let ensemble = Ensemble::build(library, settings, control)?;
         self.put_ensemble(&ensemble)?;
         Ok(ensemble)
     }
 
-    /// The ensemble around a library, where it is kept; one that is damaged is reported and counts as not
-    /// kept.
+    /// Returns the ensemble around a library if it is cached. A damaged file is logged and ignored.
     ///
     /// # Errors
     /// [`LibraryError::Io`].
-    pub fn kept_ensemble(
+    pub fn get_ensemble(
         &self,
         library: &Arc<Library>,
         settings: &EnsembleSettings,
@@ -99,30 +98,30 @@ impl LibraryCache {
             Ok(ensemble) if ensemble.id() == id => Ok(Some(ensemble)),
             Ok(_) => Ok(None),
             Err(error) => {
-                tracing::warn!(ensemble = %id, %error, "failed to read the kept ensemble; simulating it again");
+                tracing::warn!(ensemble = %id, %error, "failed to read the cached ensemble; simulating it again");
                 Ok(None)
             }
         }
     }
 
-    /// Keeps an ensemble.
+    /// Adds an ensemble to the cache.
     ///
     /// # Errors
     /// [`LibraryError::Io`].
     pub fn put_ensemble(&self, ensemble: &Ensemble) -> Result<(), LibraryError> {
-        keep_bytes(&self.ensemble_path(ensemble.id()), &encode_ensemble(ensemble))
+        write_atomically(&self.ensemble_path(ensemble.id()), &encode_ensemble(ensemble))
     }
 
     fn ensemble_path(&self, id: &str) -> PathBuf {
         self.folder.join("ensembles").join(id).with_extension("fwens")
     }
 
-    /// Keeps a library.
+    /// Adds a library to the cache.
     pub fn put(&self, library: &Library) -> Result<(), LibraryError> {
-        keep(&self.path(library.id()), library)
+        save_library(&self.path(library.id()), library)
     }
 
-    /// The library with this name, where it is kept.
+    /// Returns the library with this id if it is cached.
     pub fn get(&self, id: &str) -> Result<Option<Arc<Library>>, LibraryError> {
         if !id.bytes().all(|b| b.is_ascii_alphanumeric()) {
             return Ok(None);
@@ -133,7 +132,7 @@ impl LibraryCache {
                 let library = decode(&bytes)?;
                 if library.id() != id {
                     return Err(LibraryError::Damaged(format!(
-                        "it says that it is {:?}, expected {id:?}",
+                        "its id is {:?}, expected {id:?}",
                         library.id()
                     )));
                 }
@@ -144,7 +143,7 @@ impl LibraryCache {
         }
     }
 
-    /// What is on the cache, by name; files that cannot be used are left out and reported.
+    /// Lists the cached libraries by id; files that cannot be read are logged and skipped.
     pub fn list(&self) -> Result<Vec<Manifest>, LibraryError> {
         let entries = match fs::read_dir(&self.folder) {
             Ok(entries) => entries,
@@ -165,7 +164,7 @@ impl LibraryCache {
             };
             match self.get(id) {
                 Ok(library) => manifests.extend(library.map(|library| library.manifest().clone())),
-                Err(error) => tracing::warn!(file = %path.display(), %error, "left out"),
+                Err(error) => tracing::warn!(file = %path.display(), %error, "skipped unreadable library"),
             }
         }
         manifests.sort_by(|a, b| a.id.cmp(&b.id));
@@ -177,31 +176,31 @@ impl LibraryCache {
     }
 }
 
-/// Builds a library into a file; a build that is stopped goes on from the parts that are kept beside the file
-/// until then.
+/// Builds a library into a file. A build that is stopped leaves a checkpoint beside the file, from which the
+/// next one resumes.
 ///
 /// # Errors
-/// Those of [`build`] and [`keep`].
+/// Those of [`build`] and [`save_library`].
 pub fn build_into(
     path: &Path,
     pair: &PairSpec,
     grid: &GridSettings,
     control: &BuildControl<'_>,
 ) -> Result<Library, LibraryError> {
-    let checkpoint = Checkpoint::beside(path);
+    let checkpoint = Checkpoint::for_library(path);
     let library = build(pair, grid, &control.resumed_from(&checkpoint))?;
-    keep(path, &library)?;
+    save_library(path, &library)?;
     checkpoint.remove()?;
     Ok(library)
 }
 
-/// Writes a library to a file so that a reader sees all of it or none.
-pub fn keep(path: &Path, library: &Library) -> Result<(), LibraryError> {
-    keep_bytes(path, &encode(library))
+/// Writes a library to a file atomically.
+pub fn save_library(path: &Path, library: &Library) -> Result<(), LibraryError> {
+    write_atomically(path, &encode(library))
 }
 
-fn keep_bytes(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
-    // Two threads may keep the same library: one that nobody needed any more ends beside its successor.
+fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
+    // Two threads may write the same library: an obsolete build may end at the same time as its successor.
     static WRITERS: AtomicU64 = AtomicU64::new(0);
     let writer = WRITERS.fetch_add(1, Ordering::Relaxed);
     let failed = |source| LibraryError::Io { path: path.to_owned(), source };
@@ -218,13 +217,13 @@ fn keep_bytes(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
 mod tests {
     use std::thread;
 
-    use super::super::testing::made_up_library;
+    use super::super::testing::synthetic_library;
     use super::*;
 
     #[test]
-    fn threads_that_keep_the_same_library_do_not_disturb_each_other() {
+    fn concurrent_writers_of_the_same_library_do_not_conflict() {
         let folder = tempfile::tempdir().unwrap();
-        let (cache, library) = (LibraryCache::new(folder.path()), made_up_library());
+        let (cache, library) = (LibraryCache::new(folder.path()), synthetic_library());
         thread::scope(|scope| {
             for _ in 0..8 {
                 scope.spawn(|| (0..10).for_each(|_| cache.put(&library).unwrap()));

@@ -1,7 +1,7 @@
-//! Finished parts of a library that is being built, kept so that a stopped build can go on.
+//! Checkpoint of a library build: its finished parts, from which a stopped build resumes.
 //!
-//! A line that names the library, then one line a part with its hash. Parts are only ever added, so that a
-//! build that is cut off leaves at most one broken line; broken lines are left out.
+//! The file has a line with the library's id, then one line per part with its hash. It is append-only, so a
+//! build that is killed leaves at most one incomplete line; damaged lines are skipped.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -15,33 +15,32 @@ use super::part::{Part, PartStore};
 
 const MAGIC: &str = "flankwatch-library-parts";
 
-/// Where the parts of a library that will be kept in `path` are kept while it is built: beside it, with
-/// `.parts` added to its name.
-pub fn checkpoint_beside(path: &Path) -> PathBuf {
+/// Returns the path of the checkpoint for a library at `path`: the same path with `.parts` appended.
+pub fn checkpoint_path(path: &Path) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".parts");
     PathBuf::from(name)
 }
 
-/// The file.
+/// A checkpoint file.
 #[derive(Debug)]
 pub(super) struct Checkpoint {
     path: PathBuf,
-    /// Open for further parts once [`PartStore::open`] was called.
+    /// Open for appending after [`PartStore::open`].
     file: Mutex<Option<File>>,
 }
 
 impl Checkpoint {
-    /// The checkpoint of a library that will be kept in `library`.
-    pub(super) fn beside(library: &Path) -> Self {
-        Self::at(checkpoint_beside(library))
+    /// Creates the checkpoint for a library at the path `library`.
+    pub(super) fn for_library(library: &Path) -> Self {
+        Self::at(checkpoint_path(library))
     }
 
     fn at(path: PathBuf) -> Self {
         Self { path, file: Mutex::default() }
     }
 
-    /// Removes it: the library is kept whole.
+    /// Removes the file, once the library is complete.
     pub(super) fn remove(&self) -> Result<(), LibraryError> {
         match fs::remove_file(&self.path) {
             Err(source) if source.kind() != io::ErrorKind::NotFound => Err(self.failed(source)),
@@ -55,7 +54,7 @@ impl Checkpoint {
 }
 
 impl PartStore for Checkpoint {
-    /// Starts a new file where there is none or another library's.
+    /// Starts a new file where there is none or where it belongs to another library.
     fn open(&self, id: &str) -> Result<Vec<Part>, LibraryError> {
         let path = &self.path;
         let failed = |source| self.failed(source);
@@ -78,7 +77,7 @@ impl PartStore for Checkpoint {
 
     fn add(&self, part: &Part) -> Result<(), LibraryError> {
         let body = serde_json::to_vec(part).expect("numbers, strings and lists always serialise");
-        // It starts a line of its own, whatever an earlier build that was cut off has left.
+        // The leading newline ends an incomplete line that an earlier build may have left.
         let mut line = format!("\n{} ", hex(&body)).into_bytes();
         line.extend_from_slice(&body);
         line.push(b'\n');
@@ -89,11 +88,11 @@ impl PartStore for Checkpoint {
     }
 }
 
-/// The whole parts, or nothing where the first line is not `header`.
+/// Returns the intact parts, or `None` where the first line is not `header`.
 fn read(bytes: &[u8], header: &str, path: &Path) -> Option<Vec<Part>> {
     let mut lines = bytes.split(|byte| *byte == b'\n');
     if lines.next() != Some(header.as_bytes()) {
-        tracing::warn!(file = %path.display(), "the kept parts are damaged or another library's; beginning again");
+        tracing::warn!(file = %path.display(), "the checkpoint is damaged or of another library; starting over");
         return None;
     }
     let part = |line: &[u8]| -> Option<Part> {
@@ -105,7 +104,9 @@ fn read(bytes: &[u8], header: &str, path: &Path) -> Option<Vec<Part>> {
     for line in lines.filter(|line| !line.is_empty()) {
         match part(line) {
             Some(part) => parts.push(part),
-            None => tracing::warn!(file = %path.display(), "a kept part is damaged; simulating it again"),
+            None => {
+                tracing::warn!(file = %path.display(), "a part of the checkpoint is damaged; simulating it again")
+            }
         }
     }
     Some(parts)
@@ -117,7 +118,7 @@ mod tests {
     use std::io::Write;
     use std::path::Path;
 
-    use super::{Checkpoint, Part, PartStore, checkpoint_beside};
+    use super::{Checkpoint, Part, PartStore, checkpoint_path};
 
     fn open(path: &Path, id: &str) -> (Checkpoint, Vec<Part>) {
         let checkpoint = Checkpoint::at(path.to_owned());
@@ -130,16 +131,16 @@ mod tests {
     }
 
     #[test]
-    fn whole_parts_are_taken_up_and_broken_ones_left_out() {
+    fn intact_parts_are_resumed_and_damaged_ones_skipped() {
         let folder = tempfile::tempdir().unwrap();
-        let path = checkpoint_beside(&folder.path().join("new/library.fwlib"));
+        let path = checkpoint_path(&folder.path().join("new/library.fwlib"));
         assert!(path.ends_with("new/library.fwlib.parts"));
         let (checkpoint, parts) = open(&path, "a");
         assert_eq!(parts, []);
         checkpoint.add(&part(0)).unwrap();
         checkpoint.add(&part(8)).unwrap();
         drop(checkpoint);
-        // Cut off in the middle of a line, then gone on with.
+        // Truncated in the middle of a line, then continued.
         let whole = fs::read(&path).unwrap();
         fs::write(&path, &whole[..whole.len() - 20]).unwrap();
         let (checkpoint, parts) = open(&path, "a");
@@ -159,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn another_librarys_parts_are_not_taken() {
+    fn another_librarys_parts_are_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.parts");
         open(&path, "a").0.add(&part(0)).unwrap();

@@ -1,11 +1,11 @@
-//! How a build is watched, stopped, and taken up again.
+//! Progress, cancellation and resumption of a build.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::LibraryError;
 use super::part::PartStore;
 
-/// How a build is watched, stopped, and taken up again where it was stopped.
+/// Progress callback, cancellation and checkpoint of a build.
 #[derive(Clone, Copy)]
 pub struct BuildControl<'a> {
     progress: &'a (dyn Fn(usize, usize) + Sync),
@@ -14,12 +14,12 @@ pub struct BuildControl<'a> {
 }
 
 impl<'a> BuildControl<'a> {
-    /// A build that nobody watches or stops.
+    /// Neither reports progress nor can be cancelled.
     pub fn silent() -> Self {
         Self::with_progress(&|_, _| ())
     }
 
-    /// Calls `progress` with the simulated records done and their number in all.
+    /// Calls `progress` with the number of records simulated so far and the total.
     pub fn with_progress(progress: &'a (dyn Fn(usize, usize) + Sync)) -> Self {
         Self { progress, cancel: None, checkpoint: None }
     }
@@ -30,8 +30,8 @@ impl<'a> BuildControl<'a> {
         Self { cancel: Some(cancel), ..self }
     }
 
-    /// Keeps finished parts here until the build ends well, and takes up those of an earlier build of the
-    /// same library.
+    /// Stores finished parts in a checkpoint until the build succeeds, and resumes from those of an earlier
+    /// build of the same library.
     #[cfg(feature = "files")]
     pub(super) fn resumed_from(self, checkpoint: &'a dyn PartStore) -> Self {
         Self { checkpoint: Some(checkpoint), ..self }
@@ -57,7 +57,7 @@ impl<'a> BuildControl<'a> {
     }
 }
 
-/// Counts what is done and reports it.
+/// Counts finished records and reports progress.
 pub(super) struct Counter<'a> {
     control: &'a BuildControl<'a>,
     done: AtomicUsize,

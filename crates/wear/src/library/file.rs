@@ -1,5 +1,5 @@
-//! The library's file: a line that says what follows and its hash, then the manifest, the states and
-//! the curves as JSON.
+//! The library's file format: a header line with the format version and the content's hash, then the
+//! manifest, the states and the curves as JSON.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -28,7 +28,7 @@ struct Body {
     tables: Vec<FeatureCurves>,
 }
 
-/// The library as bytes.
+/// Encodes a library.
 pub fn encode(library: &Library) -> Vec<u8> {
     let body = serde_json::to_vec(&BodyRef {
         manifest: library.manifest(),
@@ -41,7 +41,10 @@ pub fn encode(library: &Library) -> Vec<u8> {
     bytes
 }
 
-/// The library in the bytes, if they are whole and as they were written.
+/// Decodes a library.
+///
+/// # Errors
+/// [`LibraryError::Version`], or [`LibraryError::Damaged`] where the content does not match its hash.
 pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
     let damaged = |what: &str| LibraryError::Damaged(what.to_owned());
     let end = bytes.iter().take(200).position(|&b| b == b'\n').ok_or_else(|| damaged("no header line"))?;
@@ -93,17 +96,17 @@ pub(super) fn hex(bytes: &[u8]) -> String {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing::made_up_library;
+    use super::super::testing::synthetic_library;
     use super::*;
 
     #[test]
     fn a_library_reads_back_as_it_was_written() {
-        let library = made_up_library();
+        let library = synthetic_library();
         assert_eq!(decode(&encode(&library)).unwrap(), library);
     }
 
     #[test]
-    fn another_format_is_named() {
+    fn another_format_version_is_reported() {
         for found in [1, 99] {
             let error = decode(format!("flankwatch-library {found} abc\n{{}}").as_bytes()).unwrap_err();
             assert!(error.to_string().contains(&format!("version {found}, expected 2")), "{error}");
@@ -113,7 +116,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_changed_byte_or_a_missing_end_is_found(position in 0.0..1.0f64, flip in 1u8.., cut in any::<bool>()) {
-            let mut bytes = encode(&made_up_library());
+            let mut bytes = encode(&synthetic_library());
             let at = (position * bytes.len() as f64) as usize;
             if cut { bytes.truncate(at) } else { bytes[at] ^= flip }
             prop_assert!(decode(&bytes).is_err());

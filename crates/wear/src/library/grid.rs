@@ -7,20 +7,19 @@ use flankwatch_gear::PairSpec;
 
 /// Most torques and most speeds.
 const MAX_FACTORS: usize = 32;
-/// Least and greatest part of the pair's own torque or speed.
+/// Least and greatest factor on the pair's torque or speed.
 const FACTORS: (f64, f64) = (0.01, 100.0);
 
 /// The grid of wear states and operating points, and how each point of it is simulated.
 ///
-/// Torques and speeds are parts of the pair's own (1 is the nominal operating point), rising, with 1 among
-/// them. Every wear state is simulated at every combination of both.
+/// Torques and speeds are rising factors on the pair's own and include 1, the nominal operating point. Every
+/// wear state is simulated at every combination of both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GridSettings {
     /// Number of wear states, equally spaced from unworn to `max_wear_um`.
     pub states: usize,
-    /// Greatest wear depth of the last state in µm; [`GridSettings::for_pair`] makes it one of another pair's
-    /// size.
+    /// Greatest wear depth of the last state in µm; [`GridSettings::for_pair`] scales it to a pair's size.
     pub max_wear_um: f64,
     /// Length of each simulated record in seconds.
     pub seconds: f64,
@@ -28,9 +27,9 @@ pub struct GridSettings {
     pub sample_rate_hz: f64,
     /// Seed of the random error, the same at every point of the grid.
     pub seed: u64,
-    /// Torques as parts of the pair's `torque_nm`; both gears' torques keep their proportion.
+    /// Torques as factors on the pair's `torque_nm`; the torques of both gears keep their ratio.
     pub torque_factors: Vec<f64>,
-    /// Speeds as parts of the pair's `shaft_speed_hz`.
+    /// Speeds as factors on the pair's `shaft_speed_hz`.
     pub speed_factors: Vec<f64>,
 }
 
@@ -50,7 +49,7 @@ impl Default for GridSettings {
     }
 }
 
-/// What a grid's operating points span.
+/// Range of a grid's operating points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OperatingRange {
     /// Least and greatest torque on the driving gear in N·m.
@@ -60,29 +59,28 @@ pub struct OperatingRange {
 }
 
 impl GridSettings {
-    /// The grid for a pair where these settings are meant for pairs of any size: their depths are those of
-    /// module 6 mm, and go with the module.
+    /// Returns the grid for a pair, with the depths, which apply to module 6 mm, scaled to its module.
     #[must_use]
     pub fn for_pair(&self, pair: &PairSpec) -> Self {
         Self { max_wear_um: self.max_wear_um * pair.size(), ..self.clone() }
     }
 
-    /// Greatest wear depth of a state in µm.
+    /// Returns the greatest wear depth of a state in µm.
     pub fn wear_um(&self, index: usize) -> f64 {
         self.max_wear_um * index as f64 / (self.states - 1) as f64
     }
 
-    /// Combinations of torque and speed.
+    /// Number of combinations of torque and speed.
     pub fn operating_points(&self) -> usize {
         self.torque_factors.len() * self.speed_factors.len()
     }
 
-    /// Records that are simulated.
+    /// Number of records that are simulated.
     pub fn simulations(&self) -> usize {
         self.states * self.operating_points()
     }
 
-    /// What the operating points span for a pair.
+    /// Returns the range of the operating points for a pair.
     pub fn operating_range(&self, pair: &PairSpec) -> OperatingRange {
         let ends = |factors: &[f64], nominal: f64| {
             let end = |factor: Option<&f64>| factor.map_or(nominal, |factor| nominal * factor);
@@ -97,7 +95,7 @@ impl GridSettings {
     /// Checks that the grid can be simulated.
     ///
     /// # Errors
-    /// [`LibraryError::Grid`] naming the field, its value and what was expected.
+    /// [`LibraryError::Grid`] with the field, its value and the expected value.
     pub fn validate(&self) -> Result<(), LibraryError> {
         let refuse = |field, value: String, expected| Err(LibraryError::Grid { field, value, expected });
         if !(2..=10_000).contains(&self.states) {
@@ -125,7 +123,7 @@ impl GridSettings {
                 return refuse(
                     field,
                     format!("{factors:?}"),
-                    "at most 32 rising factors from 0.01 to 100 with 1, the pair's own, among them",
+                    "at most 32 rising factors from 0.01 to 100 that include 1, the pair's own",
                 );
             }
         }
@@ -133,8 +131,8 @@ impl GridSettings {
     }
 }
 
-/// Place of a value on an axis of the grid: cell and part of it, held at the ends. `factors` are rising and
-/// not empty.
+/// Returns the cell of a value on an axis of the grid and the fraction within it, limited to the ends.
+/// `factors` are rising and not empty.
 pub(super) fn place(factors: &[f64], factor: f64) -> (usize, f64) {
     let after = factors.partition_point(|at| *at <= factor);
     if after == 0 {
@@ -149,12 +147,12 @@ pub(super) fn place(factors: &[f64], factor: f64) -> (usize, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::made_up_library;
+    use super::super::testing::synthetic_library;
     use super::{GridSettings, place};
 
     #[test]
-    fn depths_go_with_the_module() {
-        let mut pair = made_up_library().pair().clone();
+    fn depths_scale_with_the_module() {
+        let mut pair = synthetic_library().pair().clone();
         let usual = GridSettings::default();
         assert_eq!(usual.for_pair(&pair), usual);
         pair.geometry.module_mm = 0.3;
@@ -163,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_held_at_the_ends() {
+    fn places_are_limited_to_the_ends() {
         let factors = [0.5, 1.0, 1.5];
         for (factor, wanted) in [
             (0.1, (0, 0.0)),
@@ -180,10 +178,10 @@ mod tests {
     }
 
     #[test]
-    fn unusable_factors_are_refused_with_their_axis() {
-        let unusable =
+    fn invalid_factors_are_rejected_with_their_axis() {
+        let invalid =
             [vec![], vec![0.5, 2.0], vec![1.0, 1.0], vec![1.0, 0.5], vec![-1.0, 1.0], vec![1.0, f64::NAN]];
-        for factors in unusable {
+        for factors in invalid {
             let torques = GridSettings { torque_factors: factors.clone(), ..GridSettings::default() };
             let speeds = GridSettings { speed_factors: factors, ..GridSettings::default() };
             assert!(torques.validate().unwrap_err().to_string().starts_with("library torques is ["));

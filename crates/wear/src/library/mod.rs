@@ -1,6 +1,6 @@
-//! The grid of simulated wear states and operating points: its building and its file format.
+//! The grid of simulated wear states and operating points, and its file format.
 //!
-//! A [`Library`] is simulated once for a gear pair and kept on a [`LibraryCache`] under the hash of
+//! A [`Library`] is simulated once for a gear pair and stored in a [`LibraryCache`] under the hash of
 //! everything that it depends on.
 
 mod build;
@@ -24,9 +24,9 @@ use thiserror::Error;
 
 pub use build::{build, library_id};
 #[cfg(feature = "files")]
-pub use cache::{LibraryCache, build_into, keep};
+pub use cache::{LibraryCache, build_into, save_library};
 #[cfg(feature = "files")]
-pub use checkpoint::checkpoint_beside;
+pub use checkpoint::checkpoint_path;
 pub use control::BuildControl;
 pub use ensemble::{
     DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, VARIANTS,
@@ -41,14 +41,14 @@ use operating::FeatureCurves;
 use flankwatch_gear::{ContactRule, GearError, PairSpec};
 use flankwatch_signal::{Features, Indicators, OperatingPoint, RecordError};
 
-/// What a library is and what it was made from.
+/// Identity and inputs of a library.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// Hash of everything below: the library's name.
+    /// The library's id: a hash of everything below.
     pub id: String,
     /// The gear model's version.
     pub model_version: String,
-    /// The features' preprocessing.
+    /// Identifier of the features' preprocessing.
     pub preprocessing: String,
     /// The gear pair.
     pub pair: PairSpec,
@@ -57,7 +57,7 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// Which pairs of teeth were taken to carry the load.
+    /// Returns the rule for which pairs of teeth carry the load.
     pub fn contact(&self) -> ContactRule {
         self.pair.dynamics.contact
     }
@@ -70,7 +70,7 @@ pub struct LibraryState {
     pub index: usize,
     /// Greatest wear depth in µm.
     pub wear_um: f64,
-    /// Turns of the driving gear that this wear took, where Archard's law shaped it.
+    /// Turns of the driving gear to this wear, where it follows Archard's law.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driving_turns: Option<f64>,
     /// Indicators of the simulated response.
@@ -82,7 +82,7 @@ pub struct LibraryState {
     pub cycle: CycleTable,
 }
 
-/// Mesh stiffness and transmission error over one mesh period; the four lists have one entry a position.
+/// Mesh stiffness and transmission error over one mesh period. The four lists have one entry per position.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct CycleTable {
     /// Angle φ₁ of the driving tooth in rad.
@@ -95,49 +95,50 @@ pub struct CycleTable {
     pub pairs_in_contact: Vec<u32>,
 }
 
-/// A grid of simulated wear states of one gear pair. Its states are those at the nominal operating point; of
-/// the grid's others it has the features.
+/// A grid of simulated wear states of one gear pair. It holds full states at the nominal operating point, and
+/// features at the others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Library {
     manifest: Manifest,
     states: Vec<LibraryState>,
-    /// For each torque and, within it, each speed.
+    /// Feature curves for each torque and, within it, each speed.
     tables: Vec<FeatureCurves>,
 }
 
 impl Library {
-    /// Puts a library together; states in rising order of wear, the first unworn; tables by torque and speed.
+    /// Creates a library from states in rising order of wear, from unworn, and tables by torque and speed.
     fn from_parts(manifest: Manifest, states: Vec<LibraryState>, tables: Vec<FeatureCurves>) -> Self {
         Self { manifest, states, tables }
     }
 
-    /// Hash of everything the library depends on.
+    /// Returns the library's id, a hash of everything that it depends on.
     pub fn id(&self) -> &str {
         &self.manifest.id
     }
 
-    /// What the library was made from.
+    /// Returns the inputs of the library.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
-    /// The gear pair.
+    /// Returns the gear pair.
     pub fn pair(&self) -> &PairSpec {
         &self.manifest.pair
     }
 
-    /// The states at the nominal operating point in rising order of wear.
+    /// Returns the states at the nominal operating point in rising order of wear.
     pub fn states(&self) -> &[LibraryState] {
         &self.states
     }
 
-    /// Greatest wear depth of the last state in µm.
+    /// Returns the greatest wear depth of the last state in µm.
     pub fn max_wear_um(&self) -> f64 {
         self.states.last().map_or(0.0, |state| state.wear_um)
     }
 
-    /// How far a value that wear hardly moves ([`Features::checks`]) has moved from unworn at a depth in µm,
-    /// linear between the states and held at the ends; `None` where a state lacks it.
+    /// Returns the change of a check ([`Features::checks`]) from the unworn state at a depth in µm,
+    /// interpolated linearly between the states and constant beyond the ends; `None` where a state lacks the
+    /// check.
     pub fn check_change(&self, name: &str, wear_um: f64) -> Option<f64> {
         let value = |index: usize| self.states.get(index)?.features.checks.get(name).copied();
         let upper = self.states.partition_point(|state| state.wear_um <= wear_um);
@@ -151,74 +152,73 @@ impl Library {
         Some(at - value(0)?)
     }
 
-    /// Features that every state has, with their values over the states, at the nominal operating point.
+    /// Returns the curves over the states of the features that all have, at the nominal operating point.
     pub fn feature_curves(&self) -> BTreeMap<&str, Vec<f64>> {
         self.feature_curves_at(&OperatingPoint::default())
     }
 
-    /// The same at an operating point: interpolated linearly over torque and over speed between the grid's
-    /// points, and held at the grid's ends. Torque or speed that the point does not say are nominal. Left out
-    /// are features that a grid point around it does not have (a harmonic above half the sampling rate).
+    /// Returns the feature curves at an operating point, interpolated linearly over torque and speed between
+    /// the grid's points and constant beyond its ends. A torque or speed that is not given is nominal.
+    /// Features that a surrounding grid point lacks (a harmonic above half the sampling rate) are excluded.
     pub fn feature_curves_at(&self, point: &OperatingPoint) -> BTreeMap<&str, Vec<f64>> {
         operating::at(&self.manifest.grid, self.pair(), &self.tables, point)
     }
 
     /// Whether an operating point lies within the grid's torques and speeds, so that
-    /// [`Library::feature_curves_at`] need not hold it at an end. A library of the nominal point alone covers
-    /// no other.
+    /// [`Library::feature_curves_at`] interpolates. A library of the nominal point alone covers no other.
     pub fn covers(&self, point: &OperatingPoint) -> bool {
         operating::covers(&self.manifest.grid, self.pair(), point)
     }
 
-    /// Torques and speeds that the grid spans.
+    /// Returns the torques and speeds that the grid spans.
     pub fn operating_range(&self) -> OperatingRange {
         self.manifest.grid.operating_range(self.pair())
     }
 }
 
-/// Why a library could not be built, read or kept.
+/// Why a library could not be built, read or written.
 #[derive(Debug, Error)]
 pub enum LibraryError {
-    /// A number of the grid cannot be used.
+    /// A setting of the grid is invalid.
     #[error("library {field} is {value}, expected {expected}")]
     Grid {
-        /// Which number.
+        /// Name of the field.
         field: &'static str,
         /// Its value.
         value: String,
-        /// What would have been right.
+        /// The expected value.
         expected: &'static str,
     },
-    /// The gear model refused the pair.
+    /// The gear model rejected the pair.
     #[error("the gear pair cannot be simulated: {0}")]
     Gear(#[source] GearError),
-    /// The model's response is not a usable record.
+    /// The model's response is not a valid record.
     #[error("the simulated response of wear state {index} is not usable: {source}")]
     Response {
-        /// The state.
+        /// Index of the wear state.
         index: usize,
-        /// What is wrong with it.
+        /// The cause.
         source: RecordError,
     },
-    /// It was told to stop.
+    /// The build was cancelled.
     #[error("stopped before the library was complete")]
     Cancelled,
-    /// The file is not a library, or not the one that was written.
+    /// The file is not a library, or it was changed after it was written.
     #[error("damaged library file: {0}")]
     Damaged(String),
-    /// The file was written by another version.
+    /// The file has another format version.
     #[error("library format version {found}, expected {FORMAT_VERSION}")]
     Version {
         /// The version found.
         found: u32,
     },
-    /// The file system refused.
+    /// The file system returned an error.
     #[cfg(feature = "files")]
     #[error("{path}: {source}")]
     Io {
         /// The file or folder.
         path: std::path::PathBuf,
-        /// What it said.
+        /// The cause.
         source: std::io::Error,
     },
 }

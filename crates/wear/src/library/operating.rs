@@ -7,14 +7,13 @@ use super::{GridSettings, LibraryState};
 use flankwatch_gear::PairSpec;
 use flankwatch_signal::{Features, OperatingPoint};
 
-/// Part of the range's ends within which a point still counts as inside: rounding of a measured speed's
-/// arithmetic.
+/// Relative tolerance at the ends of a range, for rounding errors of a measured speed.
 const ROUNDING: f64 = 1e-9;
 
-/// Values over the wear states by feature, for features that every state has.
+/// Values over the wear states by feature, of the features that every state has.
 pub(super) type FeatureCurves = BTreeMap<String, Vec<f64>>;
 
-/// Curves of a list of states' features.
+/// Returns the curves of a sequence of features.
 pub(super) fn curves<'a>(states: impl Iterator<Item = &'a Features> + Clone) -> FeatureCurves {
     let Some(first) = states.clone().next() else {
         return FeatureCurves::new();
@@ -30,12 +29,12 @@ pub(super) fn curves<'a>(states: impl Iterator<Item = &'a Features> + Clone) -> 
         .collect()
 }
 
-/// Curves of whole states.
+/// Returns the curves of full states.
 pub(super) fn state_curves(states: &[LibraryState]) -> FeatureCurves {
     curves(states.iter().map(|state| &state.features))
 }
 
-/// Torque and speed of a point as parts of the pair's; nominal where the point does not say.
+/// Torque and speed of a point over the pair's; 1 where not given.
 fn factors(pair: &PairSpec, point: &OperatingPoint) -> [f64; 2] {
     let part = |value: Option<f64>, nominal: f64| value.map_or(1.0, |value| value / nominal);
     let factors = [
@@ -55,9 +54,9 @@ pub(super) fn covers(grid: &GridSettings, pair: &PairSpec, point: &OperatingPoin
     within(&grid.torque_factors, torque) && within(&grid.speed_factors, speed)
 }
 
-/// Curves at a point, linear over torque and over speed between the grid's and held at its ends, of the
-/// features that all grid points around it have. `tables` has one entry for each torque and, within it, each
-/// speed.
+/// Returns the curves at a point, interpolated linearly over torque and speed and constant beyond the grid's
+/// ends, of the features that all surrounding grid points have. `tables` has one entry for each torque and,
+/// within it, each speed.
 pub(super) fn at<'a>(
     grid: &GridSettings,
     pair: &PairSpec,

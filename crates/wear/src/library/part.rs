@@ -1,4 +1,4 @@
-//! The unit of work of a library's build, and where finished ones can be kept.
+//! The unit of work of a library build, and a store for finished ones.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,15 +12,15 @@ pub(super) struct Part {
     pub(super) first: usize,
     /// Index of the torque.
     pub(super) torque: usize,
-    /// The whole states, at the nominal torque alone.
+    /// Full states; empty but at the nominal torque.
     pub(super) states: Vec<LibraryState>,
-    /// Features over the speeds, then over the wear states.
+    /// Features by speed, then by wear state.
     pub(super) features: Vec<Vec<Features>>,
 }
 
-/// Keeps the finished parts of a build, so that a stopped one can go on.
+/// Stores the finished parts of a build, so that it can be resumed.
 pub(super) trait PartStore: Sync {
-    /// The parts of the library `id` that are kept; further ones of it can be added from here on.
+    /// Opens the store for the library `id` and returns its stored parts.
     fn open(&self, id: &str) -> Result<Vec<Part>, LibraryError>;
 
     /// Adds a finished part.

@@ -1,5 +1,4 @@
-//! A made-up library for unit tests: curves with known shape, some of them not monotone, and no gear model
-//! behind them.
+//! A synthetic library for unit tests: curves of known shape, some not monotonic, without a gear model.
 
 use std::collections::BTreeMap;
 
@@ -10,8 +9,7 @@ use flankwatch_signal::{Features, Indicators};
 
 type Curve = fn(f64) -> f64;
 
-/// Natural logarithms of four mesh lines over wear in parts of the greatest; the second one falls and rises
-/// again.
+/// Natural logarithms of four mesh lines over wear in parts of the greatest; the second falls and then rises.
 const CURVES: [(&str, Curve); 4] = [
     ("ln_mesh_1", |w| 1.2 * w),
     ("ln_mesh_2", |w| 2.0 * (w - 0.4) * (w - 0.4)),
@@ -20,7 +18,7 @@ const CURVES: [(&str, Curve); 4] = [
 ];
 
 /// 50 states from 0 to 245 µm.
-pub(crate) fn made_up_library() -> Library {
+pub(crate) fn synthetic_library() -> Library {
     let grid = GridSettings::default();
     let states: Vec<LibraryState> = (0..grid.states)
         .map(|index| {
@@ -45,18 +43,18 @@ pub(crate) fn made_up_library() -> Library {
         .collect();
     let manifest = Manifest {
         id: "0123456789abcdef".to_owned(),
-        model_version: "made-up".to_owned(),
-        preprocessing: "made-up".to_owned(),
-        pair: made_up_pair(),
+        model_version: "synthetic".to_owned(),
+        preprocessing: "synthetic".to_owned(),
+        pair: synthetic_pair(),
         grid,
     };
     let tables = vec![state_curves(&states)];
     Library::from_parts(manifest, states, tables)
 }
 
-fn made_up_pair() -> PairSpec {
+fn synthetic_pair() -> PairSpec {
     PairSpec {
-        name: "made up".to_owned(),
+        name: "synthetic".to_owned(),
         geometry: GeometrySpec {
             teeth: [24, 26],
             module_mm: 6.0,

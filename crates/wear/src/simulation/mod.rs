@@ -1,5 +1,5 @@
-//! A synthetic run to failure: the gear model's vibration of a wearing pair, seen through a random
-//! transmission path with sensor noise, with the true wear known. For demonstrations, tests and evaluations.
+//! Synthetic runs to failure: the gear model's vibration of a wearing pair, through a random transmission
+//! path and with sensor noise, with known true wear. For demonstrations, tests and evaluations.
 
 mod path;
 mod run;

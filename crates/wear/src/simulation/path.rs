@@ -2,17 +2,17 @@
 
 use rand::{Rng, RngExt};
 
-/// Resonances of a path.
+/// Number of resonances of a path.
 const RESONANCES: usize = 8;
 
 /// Lowest resonance in hertz, and the highest as a part of the sampling rate.
 const LOWEST_HZ: f64 = 200.0;
 const MAX_PART: f64 = 0.45;
 
-/// Seconds after which the path's slowest resonance has died away (ζ = 1 % at 200 Hz: e^{-2π·2·0.5} = 0.2 %).
+/// Seconds after which the path's slowest resonance has decayed (ζ = 1 % at 200 Hz: e^{-2π·2·0.5} = 0.2 %).
 pub(super) const SETTLING_S: f64 = 0.5;
 
-/// A linear path: a direct part and resonances of random frequency, damping and sign, as a housing has.
+/// A linear path like that of a housing: a direct part and resonances of random frequency, damping and sign.
 #[derive(Debug, Clone)]
 pub struct TransmissionPath {
     direct: f64,
@@ -29,12 +29,13 @@ struct Resonance {
 }
 
 impl TransmissionPath {
-    /// A path that passes everything unchanged.
+    /// Creates a path that leaves the vibration unchanged.
     pub fn direct() -> Self {
         Self { direct: 1.0, resonances: Vec::new() }
     }
 
-    /// A random path for a sampling rate in hertz; damping ratios of 1 to 5 %, gains of 0.3 to 3 either way.
+    /// Creates a random path for a sampling rate in hertz; damping ratios of 1 to 5 %, gains of 0.3 to 3 of
+    /// either sign.
     pub fn random(rng: &mut impl Rng, sample_rate_hz: f64) -> Self {
         let resonances = (0..RESONANCES)
             .map(|_| {
@@ -49,9 +50,9 @@ impl TransmissionPath {
         Self { direct: 0.5, resonances }
     }
 
-    /// What the sensor sees of a vibration; starts from rest.
+    /// Applies the path to a vibration, starting from rest.
     pub fn apply(&self, samples: &[f64]) -> Vec<f64> {
-        // All sections side by side: their recursions do not wait for each other.
+        // All sections are computed side by side, as their recursions are independent.
         let mut state = vec![[0.0; 2]; self.resonances.len()];
         let (mut x1, mut x2) = (0.0, 0.0);
         samples

@@ -14,7 +14,7 @@ use flankwatch_signal::{OperatingPoint, Record, RecordError};
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
 
-/// A run to failure as the user orders it.
+/// Settings of a run to failure.
 #[derive(Debug, Clone)]
 pub struct RunPlan {
     /// The gear pair.
@@ -27,7 +27,7 @@ pub struct RunPlan {
     pub sample_rate_hz: f64,
     /// Greatest wear depth of the last record in µm.
     pub max_wear_um: f64,
-    /// Wear grows with time to this power.
+    /// Power of time with which wear grows.
     pub wear_exponent: f64,
     /// Time of the first record.
     pub start_time: Timestamp,
@@ -48,34 +48,34 @@ pub struct RunPlan {
 /// Why a run cannot be simulated.
 #[derive(Debug, Error)]
 pub enum SimulationError {
-    /// A number of the plan cannot be used.
+    /// A number of the plan is out of range.
     #[error("{field} is {value}, expected {expected}")]
     Plan {
-        /// Which number.
+        /// Name of the field.
         field: &'static str,
         /// Its value.
         value: f64,
-        /// What would have been right.
+        /// The expected value.
         expected: &'static str,
     },
-    /// The gear model refused.
+    /// The gear model rejected the pair.
     #[error(transparent)]
     Gear(#[from] GearError),
-    /// The simulated samples are not a usable record.
+    /// The simulated samples are not a valid record.
     #[error("the simulated record is not usable: {0}")]
     Record(#[from] RecordError),
 }
 
-/// One record of a run, with the truth.
+/// One record of a run, with its true wear.
 #[derive(Debug, Clone)]
 pub struct SimulatedRecord {
-    /// What the sensor recorded.
+    /// The sensor's record.
     pub record: Record,
     /// Greatest wear depth of the flanks in µm.
     pub wear_um: f64,
 }
 
-/// A run ready to be simulated, record by record in any order.
+/// A run that can be simulated record by record, in any order.
 pub struct Run {
     plan: RunPlan,
     pair: GearPair,
@@ -84,7 +84,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// Checks the plan, draws the path, and sets the noise from the healthy vibration.
+    /// Checks the plan, draws the path, and derives the noise from the healthy vibration.
     pub fn new(plan: RunPlan) -> Result<Self, SimulationError> {
         plan.validate()?;
         let pair = plan.pair.resolve()?;
@@ -104,18 +104,18 @@ impl Run {
         Ok(run)
     }
 
-    /// The plan.
+    /// Returns the plan.
     pub fn plan(&self) -> &RunPlan {
         &self.plan
     }
 
-    /// Greatest wear depth of one record in µm.
+    /// Returns the greatest wear depth of one record in µm.
     pub fn wear_um(&self, index: u32) -> f64 {
         let last = (self.plan.records.max(2) - 1) as f64;
         self.plan.max_wear_um * (index as f64 / last).powf(self.plan.wear_exponent)
     }
 
-    /// The time of one record's first sample.
+    /// Returns the time of one record's first sample.
     pub fn start_time(&self, index: u32) -> Timestamp {
         self.plan.start_time + SignedDuration::from_secs_f64(self.plan.interval_s * f64::from(index))
     }
@@ -140,7 +140,7 @@ impl Run {
             .collect();
         let record =
             Record::new(plan.channel.clone(), self.start_time(index), plan.sample_rate_hz, "m/s2", samples)?;
-        // The speed is left for the receiver to find, as on a machine without a tachometer.
+        // The speed is not given, as on a machine without a tachometer.
         let record = record.with_operating_point(OperatingPoint {
             shaft_speed_hz: None,
             torque_nm: Some(torque_nm),

@@ -1,7 +1,7 @@
-//! Any pair that an engineer may describe has a library and an ensemble, or is refused at its description
-//! with the field, the value and the bound.
+//! Tests that any plausible pair either has a library and an ensemble, or is rejected at its description with
+//! the field, the value and the bound.
 //!
-//! 48 pairs in a usual run; `FLANKWATCH_PAIRS=500` draws as many as it says.
+//! Draws 48 pairs by default; `FLANKWATCH_PAIRS=500` draws 500.
 
 mod plausible;
 
@@ -14,10 +14,10 @@ use flankwatch_wear::library::{
     VARIANTS, build,
 };
 
-/// Pairs of a usual run.
+/// Default number of pairs.
 const PAIRS: u64 = 48;
-/// What counts as hanging: a quick library takes a tenth of a second of processor time, but waits here for
-/// the other test's work on the same threads.
+/// Time limit of a build: a quick library takes a tenth of a second of processor time, but it shares its
+/// threads with the other test.
 const LONGEST: Duration = Duration::from_secs(120);
 
 fn pairs() -> u64 {
@@ -25,7 +25,7 @@ fn pairs() -> u64 {
         .map_or(PAIRS, |pairs| pairs.parse().expect("FLANKWATCH_PAIRS is a number"))
 }
 
-/// Three wear states, a quarter of a second each, down to the usual depth.
+/// A library of three wear states of a quarter of a second each, up to the default depth.
 fn quick_library(spec: &PairSpec) -> Result<Library, LibraryError> {
     let grid = GridSettings { states: 3, seconds: 0.25, ..GridSettings::default() };
     build(spec, &grid.for_pair(spec), &BuildControl::silent())
@@ -35,13 +35,13 @@ fn described(number: u64) -> PairSpec {
     let spec = plausible::pair(number);
     let text = toml::to_string(&spec).expect("a pair can be written");
     let read = PairSpec::from_toml(&text).expect("what is written can be read");
-    assert_eq!(read, spec, "pair {number} is read as it is written");
+    assert_eq!(read, spec, "pair {number} does not survive a round trip");
     spec
 }
 
 #[test]
-fn each_pair_has_a_library_or_is_refused_at_its_description() {
-    // One after the other: a build uses every core by itself.
+fn each_pair_has_a_library_or_is_rejected_at_its_description() {
+    // Sequentially, as a build uses every core.
     let refused: usize = (0..pairs())
         .map(|number| {
             let spec = described(number);
@@ -61,15 +61,15 @@ fn each_pair_has_a_library_or_is_refused_at_its_description() {
                     );
                     1
                 }
-                Err(error) => panic!("pair {number} is refused without a field: {error}"),
+                Err(error) => panic!("pair {number} is rejected without a field: {error}"),
             }
         })
         .sum();
-    println!("{refused} of {} pairs are refused", pairs());
-    assert!(refused as u64 * 10 < pairs(), "{refused} of {} plausible pairs are refused", pairs());
+    println!("{refused} of {} pairs are rejected", pairs());
+    assert!(refused as u64 * 10 < pairs(), "{refused} of {} plausible pairs are rejected", pairs());
 }
 
-/// A group of members around each eighth pair; none of them is left out.
+/// Builds a group of members around each eighth pair; none of them is skipped.
 #[test]
 fn each_accepted_pair_has_members_around_it() {
     (0..pairs() / 8).for_each(|number| {

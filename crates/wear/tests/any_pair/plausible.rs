@@ -1,4 +1,4 @@
-//! Pairs that an engineer may describe.
+//! Random pairs that an engineer might describe.
 
 use flankwatch_gear::{
     ContactRule, DynamicsSpec, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, PlaneState,
@@ -7,7 +7,7 @@ use flankwatch_gear::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Young's modulus in Pa, Poisson's ratio, density in kg/m³ and what the roots of the teeth bear in MPa.
+/// Young's modulus in Pa, Poisson's ratio, density in kg/m³ and permissible root stress in MPa.
 const MATERIALS: [(f64, f64, f64, f64); 5] = [
     (2.05e11, 0.3, 7850.0, 300.0),
     (2.05e11, 0.3, 7850.0, 300.0),
@@ -38,8 +38,7 @@ impl Dice {
 }
 
 /// Pair number `number`: module 0.3 to 20 mm, 12 to 200 teeth, face width 2 to 300 mm, steel, cast iron and
-/// plastic, loads from a hundredth of what the teeth bear to all of it, pitch line velocities from 0.1 to 20
-/// m/s.
+/// plastic, loads from 0.01 to 1 of the permissible one, pitch line velocities from 0.1 to 20 m/s.
 pub(crate) fn pair(number: u64) -> PairSpec {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(number));
     let module_mm = dice.log_between(0.3, 20.0);
@@ -47,7 +46,7 @@ pub(crate) fn pair(number: u64) -> PairSpec {
     let face_width_mm = (module_mm * dice.log_between(4.0, 40.0)).clamp(2.0, 300.0);
     let (youngs_modulus_pa, poisson_ratio, density_kg_per_m3, bears_mpa) = dice.one_of(&MATERIALS);
     let pressure_angle_deg = dice.one_of(&[20.0, 20.0, 20.0, 20.0, 14.5, 25.0]);
-    // Few teeth are usually cut with a profile shift; now and then somebody forgets it.
+    // Gears with few teeth usually have a profile shift; in some descriptions it is missing.
     let careless = dice.chance(0.1);
     let shift = |teeth: u32, more: f64| {
         let angle: f64 = f64::to_radians(pressure_angle_deg);

@@ -1,4 +1,4 @@
-//! What happens to an alarm: the states it goes through, what people do, and the entries of its history.
+//! Alarm states, actions on alarms, and the entries of an alarm's history.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -6,30 +6,30 @@ use serde::{Deserialize, Serialize};
 use super::Severity;
 use crate::estimate::MaintenanceKind;
 
-/// Where an alarm stands.
+/// State of an alarm.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum AlarmState {
-    /// Nothing is the matter.
+    /// Not raised.
     #[default]
     Normal,
-    /// Raised, and nobody has said that they know.
+    /// Raised and not acknowledged.
     Unacknowledged,
-    /// Raised, and somebody knows.
+    /// Raised and acknowledged.
     Acknowledged,
-    /// It was raised and is over, and nobody has said that they know.
+    /// Returned to normal without having been acknowledged.
     ReturnedUnacknowledged,
-    /// Put aside by somebody until a time.
+    /// Shelved by a user until a given time.
     Shelved,
 }
 
 impl AlarmState {
-    /// All of them.
+    /// All states.
     pub const ALL: [Self; 5] =
         [Self::Normal, Self::Unacknowledged, Self::Acknowledged, Self::ReturnedUnacknowledged, Self::Shelved];
 
-    /// Its name in JSON.
+    /// Returns its name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Normal => "normal",
@@ -40,38 +40,38 @@ impl AlarmState {
         }
     }
 
-    /// The one of that name.
+    /// Returns the state with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|state| state.name() == name)
     }
 }
 
-/// What a person does.
+/// An action on an alarm, by a user or automatic.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum AlarmAction {
-    /// They know.
+    /// Acknowledge the alarm.
     Acknowledge,
-    /// They want to hear no more of it until a time.
+    /// Shelve the alarm until a given time.
     Shelve {
-        /// Until when.
+        /// Time at which the shelving expires.
         until: Timestamp,
     },
-    /// They want to hear of it again.
+    /// End the shelving.
     Unshelve,
-    /// They have something to say.
+    /// Add a comment.
     Comment,
-    /// Nobody: the time that it was put aside until has come.
+    /// Automatic: the shelving has expired.
     ShelvingOver,
-    /// Nobody: so long no record has come that the severity is another one.
+    /// Automatic: the time without a record calls for a different severity.
     Stale {
-        /// The severity that the time without a record calls for; none where one has come.
+        /// The severity that the time without a record calls for; absent where a record has arrived.
         severity: Option<Severity>,
         /// Seconds without a record.
         silent_s: u64,
     },
-    /// Nobody: all channels together call for another severity.
+    /// Automatic: all channels together call for a different severity.
     Joint {
         /// The severity that they call for.
         severity: Option<Severity>,
@@ -81,8 +81,9 @@ pub enum AlarmAction {
 }
 
 impl AlarmAction {
-    /// The severity and the reading of what nobody did: of silence, or of all channels together.
-    pub fn told(&self) -> Option<(Option<Severity>, f64)> {
+    /// Returns the severity and the reading of an automatic action on missing records or on all channels
+    /// together; `None` for other actions.
+    pub fn automatic_reading(&self) -> Option<(Option<Severity>, f64)> {
         match *self {
             Self::Stale { severity, silent_s } => Some((severity, silent_s as f64)),
             Self::Joint { severity, value } => Some((severity, value)),
@@ -91,35 +92,34 @@ impl AlarmAction {
     }
 }
 
-/// What a person did, with its place among the readings.
+/// An action that was taken, with its place among the readings.
 ///
-/// The place is after the latest record there was, and not the time of the clock: of a recording that is
-/// replayed, people acknowledge what it has shown so far, not what it will show.
+/// The place is after the latest record at that moment, not the time of the clock: while a recording is
+/// replayed, users acknowledge what it has shown so far, not what it will show.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ActionTaken {
-    /// When, by the clock.
+    /// Time of the action by the clock.
     pub time: Timestamp,
-    /// It comes after the records that begin at this time or earlier.
+    /// The action comes after the records that begin at this time or earlier.
     pub after: Timestamp,
-    /// What was done.
+    /// The action.
     pub action: AlarmAction,
-    /// The severity that was shown: nobody acknowledges a worse one.
+    /// The severity that was shown to the user; an acknowledgement does not cover a higher one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen: Option<Severity>,
     /// Who did it.
     pub by: String,
-    /// What they said.
+    /// Comment.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub comment: String,
 }
 
-/// One reading of what a rule watches.
+/// One reading of the quantity that a rule watches.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AlarmReading {
-    /// When.
+    /// Time of the record.
     pub time: Timestamp,
-    /// The value; none where there is none (no wear is claimed, an indicator is absent), which neither raises
-    /// nor clears.
+    /// The value. `None` (no wear depth, or the indicator is absent) neither raises nor clears an alarm.
     pub value: Option<f64>,
 }
 
@@ -128,17 +128,17 @@ pub struct AlarmReading {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "openapi", schema(as = AlarmHistoryEntry))]
 pub struct AlarmChange {
-    /// When: the time of the record or event that caused it, or when somebody did something.
+    /// Time of the record, event or action that caused it.
     pub time: Timestamp,
     /// The state after it.
     pub state: AlarmState,
-    /// The severity after it; none where nothing is raised.
+    /// The severity after it; absent where the alarm is not raised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub severity: Option<Severity>,
     /// The reading that caused it, in the unit of the quantity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<f64>,
-    /// What a person did.
+    /// The action that caused it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<AlarmAction>,
     /// The maintenance that caused it.
@@ -147,14 +147,14 @@ pub struct AlarmChange {
     /// Who did it; empty where a reading caused it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub by: String,
-    /// What they said.
+    /// Comment.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub comment: String,
 }
 
 impl AlarmChange {
-    /// Whether both tell the same: readings that were computed again may differ in their last digits.
-    pub fn tells_the_same_as(&self, other: &Self) -> bool {
+    /// Whether both changes are equal but for their readings, whose last digits may differ when recomputed.
+    pub fn is_equivalent_to(&self, other: &Self) -> bool {
         let value = other.value;
         Self { value, ..self.clone() } == *other
     }

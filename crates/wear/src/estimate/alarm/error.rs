@@ -1,36 +1,36 @@
-//! What cannot be used or done.
+//! Errors of alarm rules and actions.
 
 use thiserror::Error;
 
 use super::AlarmState;
 
-/// Why a rule cannot be used or an action not be done.
+/// Why a rule is invalid or an action is not possible.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum AlarmError {
-    /// A number of the rule.
+    /// A number of the rule is out of range.
     #[error("{field} is {value}, expected {expected}")]
     Field {
-        /// Which number.
+        /// Name of the field.
         field: &'static str,
         /// Its value.
         value: f64,
-        /// What would have been right.
+        /// The expected value.
         expected: &'static str,
     },
-    /// Neither level is given.
+    /// The rule has no level.
     #[error("the alarm has neither a warning nor a danger level, expected at least one")]
     NoLevel,
-    /// A rate without the stretch of time over which the change is measured.
+    /// A rule on a rate has no time over which the change is measured.
     #[error(
         "the alarm on a rate has no over_s, expected the number of seconds over which the change is measured"
     )]
-    NoStretch,
-    /// The alarm is in a state in which this cannot be done.
+    NoRateWindow,
+    /// The action is not possible in the alarm's state.
     #[error("the alarm is {}, expected {expected}", state.name())]
     State {
         /// Its state.
         state: AlarmState,
-        /// The states that would have been right.
+        /// The expected states.
         expected: &'static str,
     },
 }

@@ -1,12 +1,12 @@
 //! Alarms: rules over readings, and the states an alarm goes through.
 //!
-//! Pure: an [`Alarm`] is a fold over readings, maintenance events and people's actions in the order of time;
-//! an [`AlarmPanel`] is one for each rule of a measuring channel. Late records fold again like estimates do:
-//! actions keep their place among the readings.
+//! An [`Alarm`] is a pure fold over readings, maintenance events and users' actions in time order; an
+//! [`AlarmPanel`] has one alarm for each rule of a measuring channel. After a late record the fold is
+//! repeated, as for estimates; actions keep their place among the readings.
 //!
-//! A level is entered when N of the last M readings lie beyond it, and left when N of the last M lie on the
-//! good side of its clear level: a value that wanders around one level changes nothing. That no record comes
-//! is no reading: whoever has a clock tells of it as of an action.
+//! A level is entered when N of the last M readings lie beyond it. It is left when N of the last M lie on the
+//! good side of its clear level, so a value that wanders around a level changes nothing. Missing records are
+//! no readings; the caller, who has a clock, reports them as an action.
 
 mod change;
 mod error;
@@ -31,26 +31,26 @@ pub use panel::{AlarmPanel, PanelAction, PanelChange};
 pub use quantity::{AlarmQuantity, RatedQuantity};
 pub use rule::{AlarmRule, AlarmSettings, Severity};
 
-/// One rule's alarm; an exact copy in JSON goes on the same.
+/// The alarm of one rule. A copy through JSON continues with the same results.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
-    /// The severity that the readings call for.
+    /// The raised severity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     raised: Option<Severity>,
-    /// Since when something is raised.
+    /// Time since which the alarm is raised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     raised_at: Option<Timestamp>,
     acknowledged: bool,
-    /// Raised or returned since somebody acknowledged last.
+    /// Whether it was raised after the last acknowledgement.
     outstanding: bool,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     shelved_until: Option<Timestamp>,
-    /// The latest readings, the last one at the back.
+    /// The latest readings, the newest at the back.
     recent: VecDeque<f64>,
-    /// What a rate is measured from.
+    /// Readings from which a rate is measured.
     #[serde(default, skip_serializing_if = "RateWindow::is_empty")]
     rate: RateWindow,
-    /// The reading of the latest change that a reading made.
+    /// The reading that caused the latest change of severity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     value: Option<f64>,
     /// The latest change.
@@ -59,16 +59,16 @@ pub struct Alarm {
 }
 
 impl Alarm {
-    /// Where it stands at a time.
+    /// Returns the state at a time.
     pub fn state(&self, now: Timestamp) -> AlarmState {
         if self.shelved_until.is_some_and(|until| now < until) {
             return AlarmState::Shelved;
         }
-        self.standing()
+        self.unshelved_state()
     }
 
-    /// Where it stands apart from being put aside.
-    pub fn standing(&self) -> AlarmState {
+    /// Returns the state regardless of shelving.
+    pub fn unshelved_state(&self) -> AlarmState {
         match (self.raised, self.acknowledged, self.outstanding) {
             (Some(_), true, _) => AlarmState::Acknowledged,
             (Some(_), false, _) => AlarmState::Unacknowledged,
@@ -77,32 +77,32 @@ impl Alarm {
         }
     }
 
-    /// The severity that is raised, shelved or not.
+    /// Returns the raised severity, shelved or not.
     pub fn severity(&self) -> Option<Severity> {
         self.raised
     }
 
-    /// Since when something is raised, whatever its severity.
+    /// Returns the time since which the alarm is raised, at any severity.
     pub fn raised_at(&self) -> Option<Timestamp> {
         self.raised_at
     }
 
-    /// Until when it is put aside.
+    /// Returns the time until which the alarm is shelved.
     pub fn shelved_until(&self) -> Option<Timestamp> {
         self.shelved_until
     }
 
-    /// The reading of the latest change that a reading made, in the unit of the quantity.
+    /// Returns the reading that caused the latest change of severity, in the unit of the quantity.
     pub fn value(&self) -> Option<f64> {
         self.value
     }
 
-    /// The latest change; none where nothing ever happened.
+    /// Returns the latest change; `None` before the first one.
     pub fn last(&self) -> Option<&AlarmChange> {
         self.last.as_ref()
     }
 
-    /// Takes a reading; the change where it raised, worsened, eased or cleared the alarm.
+    /// Adds a reading. Returns the change where it raised, worsened, eased or cleared the alarm.
     pub fn reading(&mut self, rule: &AlarmRule, reading: AlarmReading) -> Option<AlarmChange> {
         let value = reading.value.filter(|value| value.is_finite())?;
         let value = match rule.over_s {
@@ -120,14 +120,13 @@ impl Alarm {
         if severity == self.raised {
             return None;
         }
-        self.stands_at(severity, reading.time);
+        self.set_severity(severity, reading.time);
         self.value = Some(value);
-        Some(self.changed(reading.time, |change| change.value = Some(value)))
+        Some(self.record_change(reading.time, |change| change.value = Some(value)))
     }
 
-    /// The severity that these latest readings of a rule call for, in order, as it stands before them; the
-    /// alarm stays as it is.
-    pub fn severity_by(&self, rule: &AlarmRule, readings: &[AlarmReading]) -> Option<Severity> {
+    /// Returns the severity after further readings of a rule, in order, without changing the alarm.
+    pub fn severity_after(&self, rule: &AlarmRule, readings: &[AlarmReading]) -> Option<Severity> {
         let mut alarm = Self { raised: self.raised, ..Self::default() };
         for reading in readings {
             alarm.reading(rule, *reading);
@@ -135,34 +134,34 @@ impl Alarm {
         alarm.raised
     }
 
-    /// Takes that a record came, where its absence is what is watched; the change where that was raised.
-    pub fn record_came(&mut self, time: Timestamp) -> Option<AlarmChange> {
+    /// Clears an alarm on missing records as a record arrives. Returns the change where it was raised.
+    pub fn record_arrived(&mut self, time: Timestamp) -> Option<AlarmChange> {
         self.raised?;
-        self.stands_at(None, time);
+        self.set_severity(None, time);
         self.value = Some(0.0);
-        Some(self.changed(time, |change| change.value = Some(0.0)))
+        Some(self.record_change(time, |change| change.value = Some(0.0)))
     }
 
-    /// Forgets what a rate is measured from.
-    pub(crate) fn forget_rate(&mut self) {
+    /// Discards the readings from which a rate is measured.
+    pub(crate) fn clear_rate(&mut self) {
         self.rate.clear();
     }
 
-    fn stands_at(&mut self, severity: Option<Severity>, time: Timestamp) {
+    fn set_severity(&mut self, severity: Option<Severity>, time: Timestamp) {
         let before = std::mem::replace(&mut self.raised, severity);
-        // What is worse than before has to be acknowledged again; what is less bad does not.
+        // A higher severity has to be acknowledged again, a lower one does not.
         if severity > before {
             self.acknowledged = false;
             self.outstanding = true;
             self.raised_at.get_or_insert(time);
         }
         if severity.is_none() {
-            self.is_over();
+            self.close();
         }
     }
 
-    /// Takes what a person did. What cannot be done any more, because records that came late changed the
-    /// alarm, leaves it as it is.
+    /// Applies an action and returns the change. An action that is no longer possible, because late records
+    /// changed the alarm, is recorded without effect.
     pub fn act(&mut self, taken: &ActionTaken) -> AlarmChange {
         if self.check(taken.time, &taken.action).is_ok() {
             match taken.action {
@@ -173,26 +172,26 @@ impl Alarm {
                 AlarmAction::Shelve { until } => self.shelved_until = Some(until),
                 AlarmAction::Unshelve | AlarmAction::ShelvingOver => self.shelved_until = None,
                 AlarmAction::Stale { .. } | AlarmAction::Joint { .. } => {
-                    let (severity, value) = taken.action.told().unzip();
-                    self.stands_at(severity.flatten(), taken.time);
+                    let (severity, value) = taken.action.automatic_reading().unzip();
+                    self.set_severity(severity.flatten(), taken.time);
                     self.value = value;
                 }
                 AlarmAction::Acknowledge | AlarmAction::Comment => {}
             }
         }
-        self.changed(taken.time, |change| {
-            change.value = taken.action.told().map(|(_, value)| value);
+        self.record_change(taken.time, |change| {
+            change.value = taken.action.automatic_reading().map(|(_, value)| value);
             change.action = Some(taken.action.clone());
             change.by.clone_from(&taken.by);
             change.comment.clone_from(&taken.comment);
         })
     }
 
-    /// Whether an action can be done.
+    /// Checks whether an action is possible.
     ///
     /// # Errors
-    /// [`AlarmError::State`] where there is nothing to acknowledge or nothing shelved, or a shelving would be
-    /// over already.
+    /// [`AlarmError::State`] where there is nothing to acknowledge, nothing is shelved, or a shelving would
+    /// have expired already.
     pub fn check(&self, time: Timestamp, action: &AlarmAction) -> Result<(), AlarmError> {
         let state = self.state(time);
         let is_open = self.outstanding && !self.acknowledged;
@@ -201,41 +200,40 @@ impl Alarm {
                 Err(AlarmError::State { state, expected: "unacknowledged or returned_unacknowledged" })
             }
             AlarmAction::Shelve { until } if *until <= time => {
-                Err(AlarmError::State { state, expected: "shelving until a later time" })
+                Err(AlarmError::State { state, expected: "a shelving until a future time" })
             }
             AlarmAction::Unshelve if state != AlarmState::Shelved => {
                 Err(AlarmError::State { state, expected: "shelved" })
             }
             AlarmAction::ShelvingOver if self.shelved_until.is_none_or(|until| until > time) => {
-                Err(AlarmError::State { state, expected: "a shelving that is over" })
+                Err(AlarmError::State { state, expected: "an expired shelving" })
             }
             AlarmAction::Stale { severity, .. } | AlarmAction::Joint { severity, .. }
                 if *severity == self.raised =>
             {
-                Err(AlarmError::State { state, expected: "another severity" })
+                Err(AlarmError::State { state, expected: "a different severity" })
             }
             _ => Ok(()),
         }
     }
 
-    /// Forgets the readings, since those to come are of another gear or sensor; the change where something
-    /// was raised.
-    pub fn begin_again(&mut self, event: &MaintenanceEvent) -> Option<AlarmChange> {
+    /// Discards the readings, as of another gear or sensor. Returns the change where the alarm was raised.
+    pub fn reset(&mut self, event: &MaintenanceEvent) -> Option<AlarmChange> {
         self.recent.clear();
         self.rate.clear();
         self.raised.take()?;
-        self.is_over();
-        Some(self.changed(event.time, |change| change.maintenance = Some(event.kind)))
+        self.close();
+        Some(self.record_change(event.time, |change| change.maintenance = Some(event.kind)))
     }
 
-    fn is_over(&mut self) {
+    fn close(&mut self) {
         self.outstanding = self.outstanding && !self.acknowledged;
         self.acknowledged = false;
         self.raised_at = None;
     }
 
-    /// Whether the latest readings call for a severity: raised by N of M beyond it on one side, or raised
-    /// before and not cleared by N of M on the good side of all its levels.
+    /// Whether the latest readings call for a severity: N of M lie beyond it on one side, or it is raised
+    /// already and not cleared by N of M on the good side of all its levels.
     fn calls_for(&self, rule: &AlarmRule, severity: Severity) -> bool {
         let (above, below) = (rule.above(severity), rule.below(severity));
         if above.is_none() && below.is_none() {
@@ -258,7 +256,7 @@ impl Alarm {
         }
     }
 
-    fn changed(&mut self, time: Timestamp, fill: impl FnOnce(&mut AlarmChange)) -> AlarmChange {
+    fn record_change(&mut self, time: Timestamp, fill: impl FnOnce(&mut AlarmChange)) -> AlarmChange {
         let mut change = AlarmChange {
             time,
             state: self.state(time),

@@ -7,19 +7,18 @@ use crate::estimate::{MaintenanceEvent, WearEstimate};
 use flankwatch_signal::Indicators;
 use jiff::Timestamp;
 
-/// The alarms of a channel, one for each rule in the order of the rules; an exact copy in JSON goes on the
-/// same.
+/// The alarms of a channel in the order of the rules. A copy through JSON continues with the same results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmPanel {
     pub(super) alarms: Vec<Alarm>,
 }
 
-/// What a person did to the alarm of a quantity.
+/// An action on the alarm of a quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PanelAction {
     /// The quantity that the alarm's rule watches.
     pub quantity: AlarmQuantity,
-    /// What was done.
+    /// The action.
     pub taken: ActionTaken,
 }
 
@@ -27,17 +26,17 @@ pub struct PanelAction {
 pub type PanelChange = (usize, AlarmChange);
 
 impl AlarmPanel {
-    /// Before the first record.
+    /// Creates the alarms before the first record.
     pub fn of(rules: &[AlarmRule]) -> Self {
         Self { alarms: vec![Alarm::default(); rules.len()] }
     }
 
-    /// The alarms in the order of the rules.
+    /// Returns the alarms in the order of the rules.
     pub fn alarms(&self) -> &[Alarm] {
         &self.alarms
     }
 
-    /// Takes a record's results; `indicators` are those of the record and those of the run up to it.
+    /// Adds a record's results; `indicators` are those of the record and those of the run up to it.
     pub fn reading(
         &mut self,
         rules: &[AlarmRule],
@@ -49,7 +48,7 @@ impl AlarmPanel {
         let changes = each.filter_map(|(n, (alarm, rule))| {
             let value = rule.quantity.value(wear, indicators);
             let change = match rule.quantity {
-                AlarmQuantity::StaleS => alarm.record_came(time),
+                AlarmQuantity::StaleS => alarm.record_arrived(time),
                 _ => alarm.reading(rule, AlarmReading { time, value }),
             };
             Some((n, change?))
@@ -57,22 +56,22 @@ impl AlarmPanel {
         changes.collect()
     }
 
-    /// Takes what a person did; none where no rule watches that any more.
+    /// Applies an action; `None` where no rule watches its quantity any more.
     pub fn act(&mut self, rules: &[AlarmRule], action: &PanelAction) -> Option<PanelChange> {
         let n = rules.iter().position(|rule| rule.quantity == action.quantity)?;
         Some((n, self.alarms.get_mut(n)?.act(&action.taken)))
     }
 
-    /// Takes a maintenance event.
+    /// Applies a maintenance event.
     pub fn maintenance(&mut self, rules: &[AlarmRule], event: &MaintenanceEvent) -> Vec<PanelChange> {
         for (alarm, rule) in self.alarms.iter_mut().zip(rules) {
-            // A depth that was measured is no growth.
+            // The step to a depth that was measured is not growth.
             if rule.quantity.is_wear() {
-                alarm.forget_rate();
+                alarm.clear_rate();
             }
         }
         let each = self.alarms.iter_mut().zip(rules).enumerate();
-        let begin_again = each.filter(|(_, (_, rule))| rule.quantity.begins_again(event.kind));
-        begin_again.filter_map(|(n, (alarm, _))| Some((n, alarm.begin_again(event)?))).collect()
+        let resets = each.filter(|(_, (_, rule))| rule.quantity.is_reset_by(event.kind));
+        resets.filter_map(|(n, (alarm, _))| Some((n, alarm.reset(event)?))).collect()
     }
 }

@@ -1,4 +1,4 @@
-//! What an alarm watches.
+//! The quantities that alarms watch.
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::estimate::{MaintenanceKind, WearEstimate, WearStatus};
 use flankwatch_signal::Indicators;
 
-/// What a rule watches.
+/// A quantity that a rule watches.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
@@ -18,19 +18,19 @@ pub enum AlarmQuantity {
     WearAboveLimit,
     /// The novelty score: −log₁₀ of the p-value.
     Novelty,
-    /// The same of all channels of the asset together, told by whoever knows them all.
+    /// The novelty score of all channels of the asset together, reported by the caller.
     JointNovelty,
-    /// Whether the sensor is at fault: 1 where it is, 0 where it is not.
+    /// Whether the sensor has a fault: 1 or 0.
     SensorFault,
-    /// Seconds without a record, by the clock of whoever waits for it. A record is its end.
+    /// Seconds without a record, by the caller's clock. A record ends it.
     StaleS,
     /// A condition indicator by name, in its own unit.
     Indicator(String),
-    /// How fast something changes, in its unit a day.
+    /// Rate of change of a quantity, in its unit per day.
     RatePerDay(RatedQuantity),
 }
 
-/// What has a rate of change.
+/// A quantity whose rate of change can be watched.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
@@ -44,8 +44,8 @@ pub enum RatedQuantity {
 }
 
 impl AlarmQuantity {
-    /// The value in a record's results, of a rate that which changes; none where there is none. `indicators`
-    /// gives those of the record and of the run up to it.
+    /// Returns the quantity's value in a record's results (for a rate, the value that changes), or `None`
+    /// where there is none. `indicators` are those of the record and those of the run up to it.
     pub fn value(&self, wear: &WearEstimate, indicators: [&Indicators; 2]) -> Option<f64> {
         let indicator = |name: &str| indicators.iter().find_map(|indicators| indicators.get(name));
         let novelty = || wear.novelty.as_ref().map(|novelty| novelty.score);
@@ -60,7 +60,7 @@ impl AlarmQuantity {
         }
     }
 
-    /// The name of the indicator that is watched, itself or its rate.
+    /// Returns the name of the indicator that is watched, directly or by its rate.
     pub fn indicator(&self) -> Option<&str> {
         match self {
             Self::Indicator(name) | Self::RatePerDay(RatedQuantity::Indicator(name)) => Some(name),
@@ -68,15 +68,15 @@ impl AlarmQuantity {
         }
     }
 
-    /// Whether it judges wear: what was read of a gear says nothing of the one that replaces it.
+    /// Whether the quantity measures wear, which belongs to a gear and not to its sensor.
     pub fn is_wear(&self) -> bool {
         matches!(self, Self::WearUm | Self::WearAboveLimit | Self::RatePerDay(RatedQuantity::WearUm))
     }
 
-    /// Whether readings before an event say nothing of those after it.
-    pub(super) fn begins_again(&self, event: MaintenanceKind) -> bool {
+    /// Whether an event makes earlier readings irrelevant.
+    pub(super) fn is_reset_by(&self, event: MaintenanceKind) -> bool {
         match event {
-            // Nothing that is done to the machine brings a record.
+            // Maintenance does not end the silence of a channel.
             _ if *self == Self::StaleS => false,
             MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen => true,
             MaintenanceKind::Inspected => false,
@@ -85,7 +85,7 @@ impl AlarmQuantity {
     }
 }
 
-/// None where nothing was judged, as while the baseline is collected.
+/// Returns `None` where the record was not judged, for example while the baseline is collected.
 fn sensor_fault(wear: &WearEstimate) -> Option<f64> {
     let is_fault = wear.status == WearStatus::SensorFault || wear.novelty.as_ref()?.sensor_fault.is_some();
     Some(f64::from(u8::from(is_fault)))

@@ -1,39 +1,41 @@
-//! How fast a reading changes: the slope of a straight line through the readings of a stretch of time.
+//! Rate of change of readings: the slope of a straight line through the readings in a time window.
 
 use std::collections::VecDeque;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-/// Parts into which the stretch is divided; of each the mean counts, so that no number of records makes the
-/// state longer, nor a burst of them the line steeper.
+/// Cells of the window. Each cell counts with its mean, so that many records do not enlarge the state and a
+/// burst of them does not dominate the line.
 const CELLS: i64 = 24;
 
-/// No rate is told before the readings reach over this part of the stretch.
+/// Part of the window that the readings must span before a rate is given.
 const MIN_REACH: f64 = 0.5;
 
 const SECONDS_A_DAY: f64 = 86_400.0;
 
-/// The readings of a stretch of time; an exact copy in JSON goes on the same.
+/// The readings in a time window. A copy through JSON continues with the same results.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct RateWindow {
     cells: VecDeque<Cell>,
 }
 
-/// The readings of a part of the stretch.
+/// The readings in one cell of the window.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Cell {
-    /// Its begin in lengths of a cell since 1970.
+    /// Start of the cell, in cell lengths since 1970.
     number: i64,
+    /// Number of readings.
     readings: f64,
-    /// Mean time of the readings since the cell's begin in seconds.
+    /// Mean time of the readings after the start of the cell, in seconds.
     after_s: f64,
+    /// Mean value.
     value: f64,
 }
 
 impl RateWindow {
-    /// Takes a reading, and gives the change a day over the last `over_s` seconds; none while the readings
-    /// reach over less than half of it.
+    /// Adds a reading and returns the change per day over the last `over_s` seconds; `None` while the
+    /// readings span less than half of this window.
     pub(super) fn update(&mut self, over_s: f64, time: Timestamp, value: f64) -> Option<f64> {
         let cell_s = over_s / CELLS as f64;
         let seconds = time.as_nanosecond() as f64 * 1e-9;
@@ -65,7 +67,7 @@ impl RateWindow {
         Some(SECONDS_A_DAY * across / along).filter(|rate| rate.is_finite())
     }
 
-    /// Forgets the readings.
+    /// Discards the readings.
     pub(super) fn clear(&mut self) {
         self.cells.clear();
     }
@@ -83,18 +85,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_straight_line_has_its_slope_whatever_the_distance_of_readings() {
+    fn a_straight_line_has_its_slope_at_any_spacing_of_readings() {
         // 3 a day over two days, hourly at first, then every second for a while, then hourly.
         let mut window = RateWindow::default();
         let value = |seconds: i64| 5.0 + 3.0 * seconds as f64 / SECONDS_A_DAY;
         let times =
             (0..24).map(|n| 3600 * n).chain((0..5000).map(|n| 86_400 + n)).chain((26..48).map(|n| 3600 * n));
-        let mut told = Vec::new();
+        let mut rates = Vec::new();
         for seconds in times {
             let time = Timestamp::UNIX_EPOCH + SignedDuration::from_secs(seconds);
-            told.push((seconds, window.update(86_400.0, time, value(seconds))));
+            rates.push((seconds, window.update(86_400.0, time, value(seconds))));
         }
-        for (seconds, rate) in told {
+        for (seconds, rate) in rates {
             assert_eq!(rate.is_some(), seconds >= 43_200, "{seconds} s: {rate:?}");
             assert!(rate.is_none_or(|rate| (rate - 3.0).abs() < 1e-6), "{seconds} s: {rate:?}");
         }
@@ -102,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_pause_the_rate_is_of_what_came_since() {
+    fn readings_before_a_pause_do_not_count() {
         let mut window = RateWindow::default();
         for minute in 0..60 {
             let time = Timestamp::UNIX_EPOCH + SignedDuration::from_mins(minute);

@@ -1,22 +1,22 @@
-//! When an alarm is raised and cleared.
+//! Alarm rules: when an alarm is raised and cleared.
 
 use serde::{Deserialize, Serialize};
 
 use super::{AlarmError, AlarmQuantity};
 
-/// How bad it is.
+/// Severity of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Look at it.
+    /// Inspection is advised.
     Warning,
-    /// Act now.
+    /// Immediate action is required.
     Danger,
 }
 
 impl Severity {
-    /// Its name in JSON.
+    /// Returns its name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Warning => "warning",
@@ -24,54 +24,54 @@ impl Severity {
         }
     }
 
-    /// The one of that name.
+    /// Returns the severity with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         [Self::Warning, Self::Danger].into_iter().find(|severity| severity.name() == name)
     }
 }
 
-/// When an alarm is raised and cleared.
+/// A rule that raises and clears an alarm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AlarmRule {
-    /// What is watched.
+    /// The quantity that is watched.
     pub quantity: AlarmQuantity,
-    /// A reading above this warns.
+    /// A reading above this level is a warning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warning: Option<f64>,
-    /// A reading above this is dangerous.
+    /// A reading above this level is a danger.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub danger: Option<f64>,
-    /// A reading below this warns.
+    /// A reading below this level is a warning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warning_below: Option<f64>,
-    /// A reading below this is dangerous.
+    /// A reading below this level is a danger.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub danger_below: Option<f64>,
-    /// How far on the good side of its level a reading has to lie to clear it.
+    /// Distance from the level, on its good side, at which a reading counts towards clearing.
     #[serde(default)]
     pub hysteresis: f64,
-    /// Of a rate, and only of it: over how many seconds the change is measured.
+    /// Time in seconds over which the change is measured; required for a rate, invalid otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub over_s: Option<f64>,
-    /// How many of the last readings decide.
+    /// Numbers of readings that raise and clear the alarm.
     #[serde(default)]
     pub settings: AlarmSettings,
 }
 
-/// N of M, for raising and for clearing.
+/// N of M readings, for raising and for clearing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AlarmSettings {
-    /// So many ...
+    /// Readings beyond a level that raise the alarm ...
     pub raise: u32,
-    /// ... of the last so many readings beyond a level raise it.
+    /// ... out of the last this many.
     pub raise_of: u32,
-    /// So many ...
+    /// Readings on the good side of the clear level that clear the alarm ...
     pub clear: u32,
-    /// ... of the last so many readings on the good side of its clear level clear it.
+    /// ... out of the last this many.
     pub clear_of: u32,
 }
 
@@ -81,17 +81,17 @@ impl Default for AlarmSettings {
     }
 }
 
-/// The most readings that a rule may look back on.
+/// Largest number of readings that a rule may look back on.
 const MAX_READINGS: u32 = 100;
 
-/// No level is further from zero than this: with it and any hysteresis a reading can be compared.
+/// Largest magnitude of a level, small enough that sums with the hysteresis stay finite.
 const MAX_LEVEL: f64 = 1e30;
 
-/// A change is measured over a second to a hundred years.
+/// Range in seconds of the time over which a change is measured: one second to a hundred years.
 const OVER_S: [f64; 2] = [1.0, 3.2e9];
 
 impl AlarmRule {
-    /// One for a quantity with no level yet.
+    /// Creates a rule for a quantity, without levels.
     pub fn of(quantity: AlarmQuantity) -> Self {
         Self {
             quantity,
@@ -105,10 +105,10 @@ impl AlarmRule {
         }
     }
 
-    /// Whether every number can be used.
+    /// Checks the rule.
     ///
     /// # Errors
-    /// The first one that cannot, with what was expected.
+    /// The first number that is invalid, with the expected value.
     pub fn validate(&self) -> Result<(), AlarmError> {
         let refuse = |field, value, expected| Err(AlarmError::Field { field, value, expected });
         let levels = [
@@ -119,20 +119,16 @@ impl AlarmRule {
         ];
         for (field, level) in levels {
             let Some(value) = level else { continue };
-            // NaN lies within no bound.
+            // NaN is in no range.
             if !(-MAX_LEVEL..=MAX_LEVEL).contains(&value) {
                 return refuse(field, value, "a number from -1e30 to 1e30");
             }
             match self.quantity {
                 AlarmQuantity::SensorFault | AlarmQuantity::StaleS if field.ends_with("_below") => {
-                    return refuse(
-                        field,
-                        value,
-                        "only levels above which it is raised, with sensor_fault and stale_s",
-                    );
+                    return refuse(field, value, "no lower level for sensor_fault and stale_s");
                 }
                 AlarmQuantity::SensorFault if !(value > 0.0 && value < 1.0) => {
-                    return refuse(field, value, "a level between 0 and 1, since a reading is 0 or 1");
+                    return refuse(field, value, "a level between 0 and 1, as a reading is 0 or 1");
                 }
                 AlarmQuantity::StaleS if value <= 0.0 => {
                     return refuse(field, value, "a number of seconds above 0");
@@ -145,13 +141,13 @@ impl AlarmRule {
         }
         self.check_order()?;
         match (&self.quantity, self.over_s) {
-            (AlarmQuantity::RatePerDay(_), None) => return Err(AlarmError::NoStretch),
+            (AlarmQuantity::RatePerDay(_), None) => return Err(AlarmError::NoRateWindow),
             (AlarmQuantity::RatePerDay(_), Some(value)) if !(OVER_S[0]..=OVER_S[1]).contains(&value) => {
                 return refuse("over_s", value, "a number of seconds from 1 to 3.2e9");
             }
             (AlarmQuantity::RatePerDay(_), Some(_)) | (_, None) => {}
             (_, Some(value)) => {
-                return refuse("over_s", value, "nothing beside a quantity that is no rate_per_day");
+                return refuse("over_s", value, "no over_s with a quantity other than rate_per_day");
             }
         }
         let AlarmSettings { raise, raise_of, clear, clear_of } = self.settings;
@@ -160,25 +156,26 @@ impl AlarmRule {
                 return refuse(
                     field,
                     f64::from(some),
-                    "a number from 1 to that of the readings looked back on, at most 100",
+                    "at least 1 and at most the number of readings looked back on, which is at most 100",
                 );
             }
         }
         Ok(())
     }
 
-    /// Whether there is a level, and danger lies beyond warning on both sides, with room between the sides.
+    /// Checks that there is a level, that danger lies beyond warning on both sides, and that the sides are
+    /// further apart than twice the hysteresis.
     fn check_order(&self) -> Result<(), AlarmError> {
         let refuse = |field, value, expected| Err(AlarmError::Field { field, value, expected });
         match (self.warning, self.danger) {
             (Some(warning), Some(danger)) if danger <= warning => {
-                return refuse("danger", danger, "a level above the warning's");
+                return refuse("danger", danger, "a level above warning");
             }
             _ => {}
         }
         match (self.warning_below, self.danger_below) {
             (Some(warning), Some(danger)) if danger >= warning => {
-                return refuse("danger_below", danger, "a level below that of warning_below");
+                return refuse("danger_below", danger, "a level below warning_below");
             }
             _ => {}
         }
@@ -187,16 +184,14 @@ impl AlarmRule {
             .find_map(|(field, level)| Some((field, level?)));
         match (highest_below, self.warning.or(self.danger)) {
             (None, None) => Err(AlarmError::NoLevel),
-            (Some((field, below)), Some(above)) if below + 2.0 * self.hysteresis >= above => refuse(
-                field,
-                below,
-                "a level below those of warning and danger by more than twice the hysteresis",
-            ),
+            (Some((field, below)), Some(above)) if below + 2.0 * self.hysteresis >= above => {
+                refuse(field, below, "a level more than twice the hysteresis below warning and danger")
+            }
             _ => Ok(()),
         }
     }
 
-    /// The level of a severity above which it is raised, where it has one.
+    /// Returns the level above which a severity is raised, where there is one.
     pub(super) fn above(&self, severity: Severity) -> Option<f64> {
         match severity {
             Severity::Warning => self.warning,
@@ -204,7 +199,7 @@ impl AlarmRule {
         }
     }
 
-    /// The level of a severity below which it is raised, where it has one.
+    /// Returns the level below which a severity is raised, where there is one.
     pub(super) fn below(&self, severity: Severity) -> Option<f64> {
         match severity {
             Severity::Warning => self.warning_below,
@@ -212,7 +207,7 @@ impl AlarmRule {
         }
     }
 
-    /// The severity that so many seconds without a record call for, of a rule of such.
+    /// Returns the severity that this time in seconds without a record calls for, by a rule on `stale_s`.
     pub fn severity_of_silence(&self, silent_s: f64) -> Option<Severity> {
         let is_beyond = |severity: &Severity| self.above(*severity).is_some_and(|level| silent_s > level);
         [Severity::Danger, Severity::Warning].into_iter().find(is_beyond)

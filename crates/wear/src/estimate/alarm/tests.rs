@@ -1,4 +1,4 @@
-//! Alarms through their states.
+//! Tests of alarms through their states.
 
 use jiff::SignedDuration;
 use proptest::prelude::*;
@@ -31,7 +31,7 @@ fn taken(minute: i64, action: AlarmAction, seen: Option<Severity>) -> ActionTake
     }
 }
 
-/// Does what can be done, seeing what there is.
+/// Applies an action if it is possible, as a user who sees the present severity.
 fn act(alarm: &mut Alarm, minute: i64, action: AlarmAction) -> Result<AlarmChange, AlarmError> {
     alarm.check(at(minute), &action)?;
     Ok(alarm.act(&taken(minute, action, alarm.severity())))
@@ -68,7 +68,7 @@ fn an_alarm_goes_through_its_states() {
         (AlarmState::Acknowledged, "Ada", "seen")
     );
     assert!(act(&mut alarm, 1, AlarmAction::Acknowledge).is_err());
-    // Worse: to be acknowledged again. Less bad: not.
+    // A higher severity has to be acknowledged again, a lower one does not.
     feed(&mut alarm, &rule, &[250.0]);
     assert_eq!((alarm.state(at(2)), alarm.severity()), (AlarmState::Unacknowledged, Some(Severity::Danger)));
     act(&mut alarm, 2, AlarmAction::Acknowledge).unwrap();
@@ -83,21 +83,21 @@ fn an_alarm_goes_through_its_states() {
 }
 
 #[test]
-fn nobody_acknowledges_worse_than_was_shown() {
+fn an_acknowledgement_does_not_cover_a_severity_that_was_not_shown() {
     let (mut alarm, rule) = (Alarm::default(), rule(1, 1, 1, 1));
     feed(&mut alarm, &rule, &[250.0]);
-    // Done when only a warning was there: a late record made it worse.
+    // Acknowledged as a warning; a late record then raised it to danger.
     let change = alarm.act(&taken(1, AlarmAction::Acknowledge, Some(Severity::Warning)));
     assert_eq!((change.state, change.by.as_str()), (AlarmState::Unacknowledged, "Ada"));
     let change = alarm.act(&taken(1, AlarmAction::Acknowledge, Some(Severity::Danger)));
     assert_eq!(change.state, AlarmState::Acknowledged);
-    // Done again, as after a late record that changed what it was about: kept, without effect.
+    // No longer possible, as after a late record: recorded without effect.
     let change = alarm.act(&taken(2, AlarmAction::Unshelve, None));
     assert_eq!((change.state, change.action), (AlarmState::Acknowledged, Some(AlarmAction::Unshelve)));
 }
 
 #[test]
-fn a_new_gear_ends_what_the_old_one_raised() {
+fn a_new_gear_clears_the_alarms_of_the_old_one() {
     let rules = [rule(2, 2, 2, 2), AlarmRule { quantity: AlarmQuantity::Novelty, ..rule(1, 1, 1, 1) }];
     let mut panel = AlarmPanel::of(&rules);
     let event = |kind| MaintenanceEvent {
@@ -125,7 +125,7 @@ fn a_new_gear_ends_what_the_old_one_raised() {
 }
 
 #[test]
-fn what_is_shelved_comes_back_by_itself() {
+fn shelving_expires() {
     let (mut alarm, rule) = (Alarm::default(), rule(1, 1, 1, 1));
     feed(&mut alarm, &rule, &[150.0]);
     assert!(act(&mut alarm, 5, AlarmAction::Unshelve).is_err());
@@ -147,7 +147,7 @@ fn no_value_neither_raises_nor_clears() {
 }
 
 #[test]
-fn rules_that_cannot_be_used_are_refused() {
+fn invalid_rules_are_rejected() {
     let good = rule(1, 3, 1, 3);
     assert!(good.validate().is_ok());
     let refused = [
@@ -165,8 +165,7 @@ fn rules_that_cannot_be_used_are_refused() {
 }
 
 proptest! {
-    /// Between two changes of one direction and the other lie at least as many readings as the rule asks for:
-    /// a severity cannot be left before N readings below it, nor entered before N above.
+    /// A severity cannot be left before N readings below its level, nor entered before N above.
     #[test]
     fn nothing_flaps_faster_than_n(
         values in prop::collection::vec(60.0..240.0f64, 1..200),
@@ -206,7 +205,7 @@ proptest! {
     }
 
     #[test]
-    fn a_copy_in_json_goes_on_the_same(values in prop::collection::vec(60.0..240.0f64, 1..60)) {
+    fn a_copy_through_json_continues_with_the_same_results(values in prop::collection::vec(60.0..240.0f64, 1..60)) {
         let (mut alarm, rule) = (Alarm::default(), rule(2, 3, 2, 4));
         for (i, value) in values.iter().enumerate() {
             let mut copy: Alarm = serde_json::from_str(&serde_json::to_string(&alarm).unwrap()).unwrap();
@@ -228,7 +227,7 @@ fn a_level_can_lie_below_and_on_both_sides() {
         &[75.0, 45.0, 45.0, 55.0, 55.0, 65.0, 65.0, 10.0, 10.0, 150.0, 150.0, 75.0, 75.0],
     );
     let (none, warning, danger) = (None, Some(Severity::Warning), Some(Severity::Danger));
-    // 55 is not yet beyond the hysteresis; from danger below it goes to warning above, and back.
+    // 55 is within the hysteresis; the alarm goes from danger below to warning above, and back.
     let expected =
         [none, none, warning, warning, warning, warning, none, none, danger, danger, warning, warning, none];
     assert_eq!(got, expected);
@@ -243,7 +242,7 @@ fn a_level_can_lie_below_and_on_both_sides() {
 }
 
 #[test]
-fn a_rate_is_watched_and_an_inspection_is_no_growth() {
+fn a_rate_raises_an_alarm_and_an_inspection_is_no_growth() {
     let rate = AlarmRule {
         warning: Some(100.0),
         over_s: Some(3600.0),
@@ -252,7 +251,7 @@ fn a_rate_is_watched_and_an_inspection_is_no_growth() {
     };
     assert!(rate.validate().is_ok());
     let without = AlarmRule { over_s: None, ..rate.clone() };
-    assert_eq!(without.validate(), Err(AlarmError::NoStretch));
+    assert_eq!(without.validate(), Err(AlarmError::NoRateWindow));
     let stray = AlarmRule { over_s: Some(60.0), ..rule(1, 1, 1, 1) };
     assert!(stray.validate().is_err());
     // 60 µm a day for an hour, then 240.
@@ -280,7 +279,7 @@ fn a_rate_is_watched_and_an_inspection_is_no_growth() {
 }
 
 #[test]
-fn silence_is_told_by_a_clock_and_ended_by_a_record() {
+fn a_record_ends_the_alarm_on_missing_records() {
     let stale =
         AlarmRule { warning: Some(60.0), danger: Some(600.0), ..AlarmRule::of(AlarmQuantity::StaleS) };
     assert!(stale.validate().is_ok());
@@ -291,19 +290,19 @@ fn silence_is_told_by_a_clock_and_ended_by_a_record() {
     assert!(act(&mut alarm, 5, silent(None, 3)).is_err(), "nothing is raised");
     let raised = act(&mut alarm, 5, silent(Some(Severity::Warning), 61)).unwrap();
     assert_eq!((raised.state, raised.value), (AlarmState::Unacknowledged, Some(61.0)));
-    assert!(act(&mut alarm, 6, silent(Some(Severity::Warning), 120)).is_err(), "told already");
+    assert!(act(&mut alarm, 6, silent(Some(Severity::Warning), 120)).is_err(), "already raised");
     act(&mut alarm, 7, AlarmAction::Acknowledge).unwrap();
     let worse = act(&mut alarm, 8, silent(Some(Severity::Danger), 601)).unwrap();
     assert_eq!((worse.state, worse.severity), (AlarmState::Unacknowledged, Some(Severity::Danger)));
-    let back = alarm.record_came(at(9)).unwrap();
+    let back = alarm.record_arrived(at(9)).unwrap();
     assert_eq!((back.state, back.severity), (AlarmState::ReturnedUnacknowledged, None));
-    assert_eq!(alarm.record_came(at(10)), None);
+    assert_eq!(alarm.record_arrived(at(10)), None);
     let below = AlarmRule { warning_below: Some(1.0), ..stale };
     assert!(below.validate().is_err());
 }
 
 #[test]
-fn a_fault_of_the_sensor_is_watched_where_it_is_judged() {
+fn a_sensor_fault_has_a_reading_only_where_it_is_judged() {
     use crate::estimate::{BaselineProgress, Novelty, SensorFault, WearEstimate, WearStatus};
     use flankwatch_signal::Indicators;
 

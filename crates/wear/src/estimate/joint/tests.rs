@@ -11,7 +11,7 @@ const CHECKS: [&str; 8] = ["a", "b", "c", "d", "e", "f", "g", "h"];
 
 fn answer(status: WearStatus, p_value: f64) -> WearEstimate {
     let baseline = BaselineProgress { have: 20, need: 20 };
-    let mut wear = WearEstimate::without_number(status, "told".to_owned(), baseline);
+    let mut wear = WearEstimate::without_number(status, "reason".to_owned(), baseline);
     wear.novelty = Some(Novelty {
         p_value,
         score: Novelty::score_of(p_value),
@@ -42,39 +42,39 @@ fn estimated(low_um: f64, high_um: f64) -> WearEstimate {
     wear
 }
 
-/// Records of channels whose deviates are correlated; each channel pools its own with
-/// charts, as in a history. `shift` is what all checks called "a" deviate by.
+/// Records of channels with correlated deviates; each channel pools its own with CUSUMs, as in a history.
 struct Machine {
     random: ChaCha8Rng,
     correlation: f64,
-    charts: Vec<Cusums>,
+    cusums: Vec<Cusums>,
 }
 
 impl Machine {
     fn new(seed: u64, correlation: f64) -> Self {
         let random = ChaCha8Rng::seed_from_u64(seed);
-        Self { random, correlation, charts: vec![Cusums::default(); CHANNELS] }
+        Self { random, correlation, cusums: vec![Cusums::default(); CHANNELS] }
     }
 
+    /// P-values of the channels after one record; `shift` is the mean deviation of the checks called "a".
     fn record(&mut self, shift: f64) -> [f64; CHANNELS] {
         let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
         let shared: Vec<f64> = CHECKS.iter().map(|_| self.correlation.sqrt() * normal()).collect();
         let own = (1.0 - self.correlation).sqrt();
         let mut p_values = [1.0; CHANNELS];
-        for (charts, p_value) in self.charts.iter_mut().zip(&mut p_values) {
+        for (cusums, p_value) in self.cusums.iter_mut().zip(&mut p_values) {
             let deviates: Vec<f64> = shared.iter().map(|shared| shared + own * normal()).collect();
             let shifted = CHECKS.into_iter().zip(deviates);
-            charts.update(shifted.map(|(name, z)| (name, z + if name == "a" { shift } else { 0.0 })));
-            *p_value = charts.highest().map_or(1.0, |(_, p)| p);
+            cusums.update(shifted.map(|(name, z)| (name, z + if name == "a" { shift } else { 0.0 })));
+            *p_value = cusums.highest().map_or(1.0, |(_, p)| p);
         }
         p_values
     }
 }
 
-/// 50 000 healthy records of four channels with eight charts each: the asset is flagged no more often than
-/// is told, for channels that are independent and for those that move together as is assumed.
+/// 50 000 healthy records of four channels with eight CUSUMs each: the asset is flagged no more often than
+/// stated, for independent channels and for the assumed correlation.
 #[test]
-fn healthy_channels_pass_a_level_no_more_often_than_is_told() {
+fn healthy_channels_pass_a_level_no_more_often_than_stated() {
     for (seed, correlation) in [(1, 0.0), (2, 0.3), (3, 0.5), (4, CORRELATION)] {
         let mut machine = Machine::new(seed, correlation);
         let levels = [1e-2, 1e-3, MIN_P_VALUE];
@@ -87,16 +87,16 @@ fn healthy_channels_pass_a_level_no_more_often_than_is_told() {
         }
         for (passed, level) in passed.into_iter().zip(levels) {
             let part = f64::from(passed) / 5e4;
-            // One excursion holds for a few records: at the lowest level 5 expected ones may be 10.
+            // An excursion lasts for a few records: at the lowest level, 10 may pass where 5 are expected.
             assert!(part <= 2.0 * level, "{part} below {level} at a correlation of {correlation}");
         }
     }
 }
 
-/// 1.7 standard deviations on every channel: within ten records all channels together say so in more
-/// machines than the first one does.
+/// 1.7 standard deviations on every channel: within ten records, all channels together flag more machines than
+/// the first channel does.
 #[test]
-fn what_is_small_on_each_channel_is_seen_on_all_together() {
+fn a_small_deviation_on_each_channel_is_detected_jointly() {
     let (mut together, mut alone) = (0, 0);
     for seed in 0..200 {
         let mut machine = Machine::new(100 + seed, 0.2);
@@ -116,12 +116,12 @@ fn what_is_small_on_each_channel_is_seen_on_all_together() {
 }
 
 #[test]
-fn no_depth_is_claimed_where_a_channel_is_certain_that_it_is_not_wear() {
+fn no_depth_is_claimed_where_one_channel_is_outside_the_library() {
     let (calm, novel) = (estimated(0.0, 2.0), answer(WearStatus::OutsideLibrary, 1e-12));
     let joint = JointEstimate::of(&[("a1", &calm), ("a2", &novel)]).unwrap();
     assert_eq!((joint.leading, joint.wear.status), (1, WearStatus::OutsideLibrary));
     assert_eq!((joint.wear.median_um, joint.wear.p95_um), (None, None));
-    assert_eq!(joint.wear.reason, "channel a2: told");
+    assert_eq!(joint.wear.reason, "channel a2: reason");
     let parts: Vec<_> = joint.channels.iter().map(|part| (part.channel.as_str(), part.status)).collect();
     assert_eq!(parts, [("a1", WearStatus::Estimated), ("a2", WearStatus::OutsideLibrary)]);
     assert_eq!(joint.channels[0].p95_um, Some(2.0));
@@ -141,7 +141,7 @@ fn channels_that_all_deviate_a_little_are_named_together() {
     assert!(joint.wear.reason.ends_with(parts), "{}", joint.wear.reason);
     let novelty = joint.wear.novelty.unwrap();
     assert!(novelty.outside && novelty.score > 4.0 && joint.wear.median_um.is_none());
-    // Whatever the order of the channels.
+    // The order of the channels does not matter.
     let reversed: Vec<_> = latest.iter().rev().copied().collect();
     let other = JointEstimate::of(&reversed).unwrap().wear.novelty.unwrap();
     assert!((other.p_value / novelty.p_value - 1.0).abs() < 1e-9);
@@ -157,7 +157,7 @@ fn depths_of_channels_are_mixed() {
     let joint = JointEstimate::of(&[("a1", &thin), ("a2", &unclear), ("a3", &thick)]).unwrap().wear;
     assert_eq!((joint.status, joint.above_limit), (WearStatus::Estimated, Some(0.5)));
     assert!(joint.p05_um.unwrap() < 1.5 && joint.p95_um.unwrap() > 27.0, "{joint:?}");
-    assert!(joint.reason.ends_with("by channels a1, a3"), "{}", joint.reason);
+    assert!(joint.reason.ends_with("from channels a1, a3"), "{}", joint.reason);
     let far = estimated(80.0, 89.0);
     let joint = JointEstimate::of(&[("a1", &thin), ("a2", &far)]).unwrap().wear;
     assert_eq!(joint.status, WearStatus::NotIdentifiable);
@@ -165,7 +165,7 @@ fn depths_of_channels_are_mixed() {
 }
 
 #[test]
-fn a_sensor_fault_is_told_beside_what_the_others_say() {
+fn a_sensor_fault_is_reported_with_the_other_channels_estimate() {
     let (calm, mut dead) = (estimated(0.0, 2.0), answer(WearStatus::SensorFault, 1e-20));
     dead.novelty.as_mut().unwrap().sensor_fault = Some(crate::estimate::SensorFault::Dead);
     "the sensor gives no signal".clone_into(&mut dead.reason);
@@ -188,19 +188,19 @@ fn a_channel_that_missed_more_than_ten_of_its_records_is_silent() {
     let slower = times(0, 5400, 10);
     assert_eq!(RecordTimes::silent(&[every_minute, times(0, 5400, 91), slower]), [false, false, false]);
     assert_eq!(RecordTimes::silent(&[every_minute, times(0, 5399, 91)]), [false, true]);
-    // One record says nothing of an interval: that of the slowest other channel counts.
+    // One record has no interval: that of the slowest other channel is used.
     assert_eq!(RecordTimes::silent(&[every_minute, times(0, 0, 1)]), [false, true]);
     assert_eq!(RecordTimes::silent(&[every_minute, times(0, 0, 1), slower]), [false, false, false]);
     assert_eq!(RecordTimes::silent(&[times(0, 0, 1), times(90_000, 90_000, 1)]), [false, false]);
 }
 
 #[test]
-fn a_silent_channel_is_named_and_takes_no_part() {
+fn a_silent_channel_is_named_and_not_included() {
     let (near, far) = (estimated(10.0, 20.0), estimated(40.0, 60.0));
     let mut joint = JointEstimate::of(&[("near", &near)]).unwrap();
-    joint.name_silent("far", &far, Timestamp::from_second(0).unwrap());
+    joint.add_silent_channel("far", &far, Timestamp::from_second(0).unwrap());
     assert_eq!((joint.wear.p05_um, joint.wear.p95_um), (near.p05_um, near.p95_um));
-    assert!(joint.wear.reason.ends_with("channel far takes no part: no record since 1970-01-01T00:00:00Z"));
+    assert!(joint.wear.reason.ends_with("channel far is not included: no record since 1970-01-01T00:00:00Z"));
     assert_eq!(joint.channels[1].silent_since, Timestamp::from_second(0).ok());
     assert_eq!(joint.channels[0].silent_since, None);
 }

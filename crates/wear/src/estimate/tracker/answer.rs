@@ -1,55 +1,57 @@
-//! What is believed after a record, in numbers and in words.
+//! The answer to a record: its numbers, and its reason in words.
 
 use super::Tracker;
-use crate::estimate::filter::Believed;
+use crate::estimate::filter::JointPosterior;
 use crate::estimate::likelihood::Likelihood;
-use crate::estimate::novelty::{Novelty, SensorFault};
-use crate::estimate::wear::{BaselineProgress, BestState, Interval, LibraryLack, WearEstimate, WearStatus};
+use crate::estimate::novelty::{FeatureDeviation, Novelty, SensorFault};
+use crate::estimate::wear::{
+    BaselineProgress, BestState, Interval, MissingLibrary, WearEstimate, WearStatus,
+};
 use crate::library::{DEPTHS, Ensemble, Library};
 use flankwatch_signal::{Features, NotComputed};
 
-/// An interval of the tracked depth wider than this part of the library says that the records do not tell.
-const WIDEST_INTERVAL: f64 = 0.6;
+/// Widest 90 % interval, as a part of the library's depths, that still counts as an estimate.
+const MAX_INTERVAL_PART: f64 = 0.6;
 
-/// Places of the transmission error that probabilities are counted by.
-const ERROR_PLACES: usize = 2048;
+/// Bins of the transmission error's histogram.
+const ERROR_BINS: usize = 2048;
 
 impl Tracker {
-    /// Puts the novelty of a record with these features into an answer without a number.
-    pub(super) fn tell_novelty(&self, answer: &mut WearEstimate, novelty: Novelty, features: &Features) {
+    /// Adds a record's novelty to an answer without a depth, with the status and reason that follow from it.
+    pub(super) fn apply_novelty(&self, answer: &mut WearEstimate, novelty: Novelty, features: &Features) {
         if let Some(fault) = novelty.sensor_fault {
             answer.status = WearStatus::SensorFault;
             answer.reason = fault.words().to_owned();
         } else if let Some(sign) = novelty.machine_sign {
             answer.status = WearStatus::OutsideLibrary;
             let band =
-                novelty.band_hz.map(|[low, high]| format!(" (most between {low:.0} and {high:.0} Hz)"));
+                novelty.band_hz.map(|[low, high]| format!(" (mostly between {low:.0} and {high:.0} Hz)"));
             let also: Vec<&str> = novelty.also.iter().map(|sign| sign.short()).collect();
             let also =
                 if also.is_empty() { String::new() } else { format!("; also possible: {}", also.join(", ")) };
-            let off = match &novelty.lasting {
+            let deviation = match &novelty.lasting {
                 Some(check) => format!("{check} has deviated for several records"),
-                None => format!("off are {}", most_deviating(&novelty)),
+                None => largest_deviations(&novelty),
             };
-            let words = match self.lack {
-                LibraryLack::NoMesh => sign.words_without_mesh(),
+            let words = match self.missing_library {
+                MissingLibrary::NoMesh => sign.words_without_mesh(),
                 _ => sign.words(),
             };
             let band = band.unwrap_or_default();
             let line = novelty.envelope_line.as_ref().map(|line| format!("; {}", line.words()));
             let line = line.unwrap_or_default();
-            answer.reason = format!("most like this: {words}{band}{also}{line}; {off}");
+            answer.reason = format!("most likely: {words}{band}{also}{line}; {deviation}");
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
             let what = match &self.ensemble {
                 Some(_) if novelty.lasting.is_some() => {
-                    "no wear of the library has explained several records well"
+                    "no wear state of the library has explained the last records well"
                 }
-                Some(_) => "no wear of the library explains this record",
-                None if novelty.lasting.is_some() => "several records have been unlike the healthy ones",
-                None => "this record is unlike the healthy ones",
+                Some(_) => "no wear state of the library explains this record",
+                None if novelty.lasting.is_some() => "the last records differ from the healthy ones",
+                None => "this record differs from the healthy ones",
             };
-            answer.reason = format!("{what}: off are {}", most_deviating(&novelty));
+            answer.reason = format!("{what}; {}", largest_deviations(&novelty));
         }
         if novelty.outside && novelty.sensor_fault.is_none() && features.fault == Some(NotComputed::Clipped) {
             answer.reason = format!("{}; {}", answer.reason, SensorFault::Clipped.words());
@@ -57,23 +59,23 @@ impl Tracker {
         answer.novelty = Some(novelty);
     }
 
-    /// The answer to a record that wear explains.
+    /// Returns the answer to a record that wear explains.
     pub(super) fn answer(
         &self,
         ensemble: &Ensemble,
-        believed: &Believed,
+        posterior: &JointPosterior,
         likelihood: &Likelihood,
     ) -> WearEstimate {
         let library = ensemble.described();
-        let probability = believed.by_depth();
+        let probability = posterior.by_depth();
         let quantile = |level| self.grid.quantile_um(&probability, level);
         let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
         let end_um = library.max_wear_um();
         let at_end = p95 >= self.grid.cell_um(DEPTHS - 2)[0];
-        let (status, reason) = if p95 - p05 > WIDEST_INTERVAL * end_um {
+        let (status, reason) = if p95 - p05 > MAX_INTERVAL_PART * end_um {
             (
                 WearStatus::NotIdentifiable,
-                format!("wear anywhere between {p05:.0} and {p95:.0} µm explains the records"),
+                format!("any wear between {p05:.0} and {p95:.0} µm explains the records"),
             )
         } else if at_end {
             (
@@ -89,7 +91,7 @@ impl Tracker {
             )
         };
         let (member, depth) = likelihood.best;
-        let mut answer = self.no_number(status, self.settings.baseline_records, &reason);
+        let mut answer = self.without_depth(status, self.settings.baseline_records, &reason);
         answer.median_um = Some(median);
         answer.mean_um = Some(self.grid.mean_um(&probability));
         answer.p05_um = Some(p05);
@@ -97,7 +99,7 @@ impl Tracker {
         answer.p75_um = Some(quantile(0.75));
         answer.p95_um = Some(p95);
         answer.at_least_um = at_end.then_some(p05);
-        answer.transmission_error_um = transmission_error(ensemble, &believed.joint);
+        answer.transmission_error_um = transmission_error(ensemble, &posterior.joint);
         answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest);
         answer.best_state = Some(best_state(library, self.grid.depths_um()[depth], member));
         answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.depths_um()[depth]));
@@ -105,16 +107,21 @@ impl Tracker {
         answer
     }
 
-    /// The answer to a record without lines of the mesh: its speed is in doubt, or else why.
-    pub(super) fn no_mesh(&self, features: &Features, have: u32, else_reason: &str) -> WearEstimate {
+    /// Returns the answer to a record without mesh lines: that its speed is in doubt, or `else_reason`.
+    pub(super) fn without_mesh_lines(
+        &self,
+        features: &Features,
+        have: u32,
+        else_reason: &str,
+    ) -> WearEstimate {
         match &features.speed_doubt {
-            Some(doubt) => self.no_number(WearStatus::SpeedInDoubt, have, doubt),
-            None => self.no_number(WearStatus::NoFeatures, have, else_reason),
+            Some(doubt) => self.without_depth(WearStatus::SpeedInDoubt, have, doubt),
+            None => self.without_depth(WearStatus::NoFeatures, have, else_reason),
         }
     }
 
-    /// An answer without a depth.
-    pub(super) fn no_number(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
+    /// Returns an answer without a depth.
+    pub(super) fn without_depth(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
         let baseline = BaselineProgress { have, need: self.settings.baseline_records };
         let ensemble = self.ensemble.as_ref();
         WearEstimate {
@@ -125,42 +132,42 @@ impl Tracker {
     }
 }
 
-/// The transmission error due to wear, of a probability by group of members and depth; the members of a group
-/// have the same wear, and so the same error.
+/// Transmission error due to wear in µm, from the probability by group of members and depth. The members of
+/// a group have the same wear, and so the same error.
 fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
     let groups = ensemble.members().chunks(ensemble.variants());
     let errors = groups.flat_map(|group| group[0].transmission_error_um().iter().copied());
     let greatest_um = ensemble.greatest_transmission_error_um();
-    // Places of the square root, which are close together where errors are small.
-    let places = (ERROR_PLACES - 1) as f32 / greatest_um.max(f32::MIN_POSITIVE).sqrt();
-    let mut by_place = [0.0_f32; ERROR_PLACES];
+    // Bins are equally wide in the square root, so they are narrow where errors are small.
+    let bins_per_root = (ERROR_BINS - 1) as f32 / greatest_um.max(f32::MIN_POSITIVE).sqrt();
+    let mut by_bin = [0.0_f32; ERROR_BINS];
     for (error_um, p) in errors.zip(joint) {
-        by_place[(error_um.max(0.0).sqrt() * places) as usize] += p;
+        by_bin[(error_um.max(0.0).sqrt() * bins_per_root) as usize] += p;
     }
-    let total: f32 = by_place.iter().sum();
+    let total: f32 = by_bin.iter().sum();
     let quantile = |level: f32| {
         let mut left = level * total;
-        let place = by_place.iter().position(|p| {
+        let bin = by_bin.iter().position(|p| {
             left -= p;
             left <= 0.0
         })?;
-        // `left` is what of the place lies above the quantile, below zero.
-        let at = if place == 0 { 0.0 } else { place as f32 + 1.0 + left / by_place[place] };
-        Some(f64::from((at / places).powi(2).min(greatest_um)))
+        // `left` is now negative: minus the probability of the bin that lies above the quantile.
+        let at = if bin == 0 { 0.0 } else { bin as f32 + 1.0 + left / by_bin[bin] };
+        Some(f64::from((at / bins_per_root).powi(2).min(greatest_um)))
     };
     Some(Interval { median: quantile(0.5)?, p05: quantile(0.05)?, p95: quantile(0.95)? })
 }
 
 /// The features that deviate most, in words.
-fn most_deviating(novelty: &Novelty) -> String {
-    let most = novelty.most.iter();
-    let most = most.map(|d| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp()));
-    most.collect::<Vec<_>>().join(", ")
+fn largest_deviations(novelty: &Novelty) -> String {
+    let factor = |d: &FeatureDeviation| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp());
+    let factors: Vec<String> = novelty.most.iter().map(factor).collect();
+    format!("largest deviations: {}", factors.join(", "))
 }
 
-/// The library state nearest to a depth.
+/// The library state whose depth is nearest to `wear_um`.
 fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
-    let far = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
-    let index = (0..library.states().len()).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+    let distance = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
+    let index = (0..library.states().len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0);
     BestState { index, wear_um: library.states()[index].wear_um, member }
 }

@@ -1,28 +1,31 @@
-//! The baseline while it is collected.
+//! Collecting the healthy baseline.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::Tracker;
-use super::healthy::Prepared;
+use super::healthy::CachedModel;
 use super::tracking::Tracking;
 use crate::estimate::baseline::Baseline;
-use crate::estimate::comparability::go_together;
+use crate::estimate::comparability::can_share_baseline;
 use crate::estimate::cusum::Cusums;
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::Filter;
 use crate::estimate::healthy_checks::Drift;
-use crate::estimate::novelty::{Circumstances, judge};
-use crate::estimate::wear::{LibraryLack, WearEstimate, WearStatus};
+use crate::estimate::novelty::{RecordContext, judge};
+use crate::estimate::wear::{MissingLibrary, WearEstimate, WearStatus};
 use flankwatch_signal::Features;
 
-/// Fewest records of a chosen baseline; with fewer it is learnt as any other.
+/// Fewest records of a chosen baseline; with fewer, the baseline is learnt as if none had been chosen.
 const MIN_CHOSEN: usize = 8;
+
+/// Reason given for a record without a mesh line.
+const NO_MESH_LINE: &str = "no mesh line was found in this record, so it is not used";
 
 /// Most records of a chosen baseline.
 const MAX_CHOSEN: usize = 10_000;
 
-/// The records of a baseline so far.
+/// The records collected for a baseline.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Collecting {
     records: Vec<Features>,
@@ -30,37 +33,38 @@ pub(super) struct Collecting {
     carried: Option<Carried>,
     #[serde(default)]
     meshless: Meshless,
-    /// Where people say which records the baseline is.
+    /// Set where users chose which records make the baseline.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     chosen: Option<Chosen>,
 }
 
-/// The records without a mesh line of a channel on which none has been found often enough for a baseline.
+/// Records without a mesh line, collected before enough records with one make a baseline.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 struct Meshless {
     records: Vec<Features>,
-    charts: Cusums,
+    #[serde(rename = "charts")]
+    cusums: Cusums,
     #[serde(skip)]
-    prepared: Prepared,
+    model: CachedModel,
 }
 
-/// A baseline of all records before a time.
+/// A baseline that users chose: all records before `until`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Chosen {
     until: Timestamp,
-    /// The latest of them so far.
+    /// Time of the latest record collected.
     latest: Option<Timestamp>,
 }
 
-/// What goes on over a new baseline.
+/// State that is carried over to a new baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Carried {
     filter: Filter,
 }
 
 impl Collecting {
-    /// From the first record after an event on: with what goes on over the new baseline, which is that of all
-    /// records before `until` where people chose it.
+    /// Starts a new baseline after an event, with the filter that is carried over. Where users chose the
+    /// baseline, it consists of all records before `until`.
     pub(super) fn after_event(carried: Option<Filter>, until: Option<Timestamp>) -> Self {
         Self {
             carried: carried.map(|filter| Carried { filter }),
@@ -69,36 +73,40 @@ impl Collecting {
         }
     }
 
-    /// How many records there are.
+    /// Number of records collected.
     pub(super) fn have(&self) -> u32 {
         self.records.len() as u32
     }
 
-    /// What goes on over the baseline.
+    /// Takes the filter that is carried over to the baseline.
     pub(super) fn take_carried(&mut self) -> Option<Filter> {
         self.carried.take().map(|carried| carried.filter)
     }
 
-    /// Whether a record at this time is the first one after a chosen baseline.
-    pub(super) fn is_chosen_until(&self, at: Timestamp) -> bool {
+    /// Whether a record at this time is the first one after the chosen baseline.
+    pub(super) fn ends_chosen_baseline(&self, at: Timestamp) -> bool {
         self.chosen.as_ref().is_some_and(|chosen| at >= chosen.until)
     }
 }
 
 impl Tracker {
-    /// The tracking after a chosen baseline; none where it has too few records, which then are the beginning
-    /// of one that is learnt as any other.
-    pub(super) fn end_chosen(&self, collecting: &mut Collecting, at: Timestamp) -> Option<Tracking> {
+    /// Starts tracking after a chosen baseline. Returns `None` where it has too few records; these then
+    /// start a baseline that is learnt as if none had been chosen.
+    pub(super) fn finish_chosen_baseline(
+        &self,
+        collecting: &mut Collecting,
+        at: Timestamp,
+    ) -> Option<Tracking> {
         let over = collecting.chosen.take()?;
         if collecting.records.len() < MIN_CHOSEN {
             return None;
         }
         let (began, ended) = (collecting.start.unwrap_or(at), over.latest.unwrap_or(at));
         let carried = collecting.take_carried();
-        Some(self.begin(&collecting.records, began, ended, carried))
+        Some(self.start_tracking(&collecting.records, began, ended, carried))
     }
 
-    /// Takes a record into the baseline, and the tracking that begins where it is complete.
+    /// Adds a record to the baseline. Returns the answer, and the tracking once the baseline is complete.
     pub(super) fn collect(
         &self,
         collecting: &mut Collecting,
@@ -108,14 +116,15 @@ impl Tracker {
         let (have, need) = (collecting.have(), self.settings.baseline_records);
         let has_no_lines = self.ensemble.is_some() && !features.has_mesh();
         if has_no_lines || features.speed_doubt.is_some() {
-            return (self.without_mesh(&mut collecting.meshless, have, features), None);
+            return (self.collect_meshless(&mut collecting.meshless, have, features), None);
         }
-        if let Some(reason) = self.unusable(features) {
-            return (self.no_number(WearStatus::NoFeatures, have, reason), None);
+        if let Some(reason) = self.unusable_reason(features) {
+            return (self.without_depth(WearStatus::NoFeatures, have, reason), None);
         }
         let ensemble = self.ensemble.as_deref();
-        if let Some(reason) = ensemble.and_then(|ensemble| Extrapolation::of(ensemble, features).refuses()) {
-            return (self.no_number(WearStatus::NotComparable, have, &reason), None);
+        if let Some(reason) = ensemble.and_then(|ensemble| Extrapolation::of(ensemble, features).rejection())
+        {
+            return (self.without_depth(WearStatus::NotComparable, have, &reason), None);
         }
         collecting.start.get_or_insert(at);
         if let Some(chosen) = &mut collecting.chosen {
@@ -125,54 +134,52 @@ impl Tracker {
             }
             let have = collecting.records.len();
             let until = chosen.until;
-            let reason = format!("collecting the chosen baseline, {have} records of those before {until}");
+            let reason = format!("collecting the chosen baseline: {have} of the records before {until}");
             let have = (have as u32).min(need);
-            return (self.no_number(WearStatus::CollectingBaseline, have, &reason), None);
+            return (self.without_depth(WearStatus::CollectingBaseline, have, &reason), None);
         }
         collecting.records.push(features.clone());
-        // Records whose lines and sidebands run together make a baseline of their own.
-        let alike = |record: &Features| go_together(record, features);
+        // Records too short to separate lines from sidebands need a baseline of their own.
+        let alike = |record: &Features| can_share_baseline(record, features);
         let have = collecting.records.iter().filter(|record| alike(record)).count() as u32;
         let tracking = (have >= need).then(|| {
             collecting.records.retain(alike);
             let (began, carried) = (collecting.start.unwrap_or(at), collecting.take_carried());
-            self.begin(&collecting.records, began, at, carried)
+            self.start_tracking(&collecting.records, began, at, carried)
         });
         let reason = format!("collecting baseline, {have} of {need}");
-        (self.no_number(WearStatus::CollectingBaseline, have, &reason), tracking)
+        (self.without_depth(WearStatus::CollectingBaseline, have, &reason), tracking)
     }
 
-    /// Why a record cannot be part of the baseline.
-    fn unusable(&self, features: &Features) -> Option<&'static str> {
+    /// Returns why a record cannot be part of the baseline.
+    fn unusable_reason(&self, features: &Features) -> Option<&'static str> {
         if features.fault.is_some() {
-            return Some("the samples of this record are not what the sensor felt, so it does not count");
+            return Some("the samples of this record are faulty, so it is not used");
         }
         let mesh_line = features.has_mesh();
         if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
-            return Some(match self.lack {
-                LibraryLack::NoMesh => "the record is too short to be compared, so it does not count",
-                _ => "the mesh line was not found in this record, so it does not count",
+            return Some(match self.missing_library {
+                MissingLibrary::NoMesh => "the record is too short to be compared, so it is not used",
+                _ => NO_MESH_LINE,
             });
         }
         None
     }
 
-    /// A record without a mesh line while the baseline is collected: such records are no wear's, but as many
-    /// of them as a baseline has show what is usual among them.
-    fn without_mesh(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
+    /// Handles a record without a mesh line while the baseline is collected. Wear cannot be read from such
+    /// records; once there are as many as a baseline has, they serve as a baseline for novelty.
+    fn collect_meshless(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
         let usable = features.fault.is_none() && !features.checks.is_empty();
-        let known = meshless.records.len() >= self.settings.baseline_records as usize;
-        let mut answer =
-            self.no_mesh(features, have, "the mesh line was not found in this record, so it does not count");
-        if known {
-            let Meshless { records, charts, prepared } = meshless;
-            let healthy = prepared.get(|| self.healthy(&Baseline::of(records)));
-            let circumstances =
-                Circumstances { impulsive: healthy.is_impulsive(features), ..Circumstances::default() };
+        let is_complete = meshless.records.len() >= self.settings.baseline_records as usize;
+        let mut answer = self.without_mesh_lines(features, have, NO_MESH_LINE);
+        if is_complete {
+            let Meshless { records, cusums, model } = meshless;
+            let healthy = model.get(|| self.healthy_model(&Baseline::of(records)));
+            let context =
+                RecordContext { impulsive: healthy.is_impulsive(features), ..RecordContext::default() };
             let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
-            let novelty =
-                judge(features, &[Vec::new(), checks], healthy.checks.freedom(), circumstances, charts);
-            self.tell_novelty(&mut answer, novelty, features);
+            let novelty = judge(features, &[Vec::new(), checks], healthy.checks.freedom(), context, cusums);
+            self.apply_novelty(&mut answer, novelty, features);
         } else if usable {
             meshless.records.push(features.clone());
         }

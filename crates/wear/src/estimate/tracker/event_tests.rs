@@ -1,4 +1,4 @@
-//! What people do and say: records left out and chosen, gears replaced, inspections.
+//! Tests of excluded records, chosen baselines, replaced gears and inspections.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -6,11 +6,11 @@ use rand_chacha::ChaCha8Rng;
 use super::super::event::Inspection;
 use super::tests::{NEED, seen, tracker};
 use super::*;
-use crate::library::testing::made_up_library;
+use crate::library::testing::synthetic_library;
 
 #[test]
-fn an_excluded_record_leaves_the_state_as_it_is() {
-    let library = Arc::new(made_up_library());
+fn an_excluded_record_does_not_change_the_state() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut state = tracker.start();
@@ -25,8 +25,8 @@ fn an_excluded_record_leaves_the_state_as_it_is() {
 }
 
 #[test]
-fn the_baseline_is_the_records_that_people_choose() {
-    let library = Arc::new(made_up_library());
+fn a_chosen_baseline_replaces_the_learnt_one() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(23);
     let mut state = tracker.start();
@@ -47,7 +47,7 @@ fn the_baseline_is_the_records_that_people_choose() {
     for hour in from..until {
         let wear = tracker.update(&mut state, at(hour), &seen(&library, 60.0, 0.03, &mut rng));
         assert_eq!(wear.status, WearStatus::CollectingBaseline, "{}", wear.reason);
-        // A copy goes on the same.
+        // Continue with a copy through JSON.
         state = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
     }
     let mut last = None;
@@ -62,7 +62,7 @@ fn the_baseline_is_the_records_that_people_choose() {
 
 #[test]
 fn too_few_chosen_records_are_no_baseline() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(29);
     let mut state = tracker.start();
@@ -85,8 +85,8 @@ fn too_few_chosen_records_are_no_baseline() {
 }
 
 #[test]
-fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
-    let library = Arc::new(made_up_library());
+fn wear_restarts_after_a_replaced_gear_and_continues_after_a_replaced_sensor() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut state = tracker.start();
@@ -119,8 +119,8 @@ fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
 }
 
 #[test]
-fn an_inspection_narrows_the_interval_and_is_believed() {
-    let library = Arc::new(made_up_library());
+fn an_inspection_narrows_the_interval_around_the_measured_depth() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(17);
     let mut state = tracker.start();
@@ -156,7 +156,7 @@ fn an_inspection_narrows_the_interval_and_is_believed() {
 
 #[test]
 fn hindsight_reaches_from_the_teeth_to_their_last_inspection() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(23);
     let at = |record: u32| Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(record));
@@ -179,21 +179,25 @@ fn hindsight_reaches_from_the_teeth_to_their_last_inspection() {
     let inspected =
         [20, 40].map(|record| event(NEED + record, MaintenanceKind::Inspected, Some(f64::from(record))));
     let replaced = event(NEED + 50, MaintenanceKind::GearReplaced, None);
-    let mut steps: Vec<LifeStep<'_>> =
-        features.iter().zip(0..).map(|(features, record)| LifeStep::Record(at(record), features)).collect();
+    let mut steps: Vec<HistoryStep<'_>> = features
+        .iter()
+        .zip(0..)
+        .map(|(features, record)| HistoryStep::Record(at(record), features))
+        .collect();
     for (place, event) in [(NEED + 50, &replaced), (NEED + 40, &inspected[1]), (NEED + 20, &inspected[0])] {
-        steps.insert(place as usize, LifeStep::Event(event));
+        steps.insert(place as usize, HistoryStep::Event(event));
     }
-    let looked_back = tracker.in_hindsight(&steps);
-    assert_eq!(looked_back.len(), steps.len());
-    // Records after the last inspection, and those of the new teeth, are not looked back at.
-    let last =
-        steps.iter().rposition(|step| matches!(step, LifeStep::Event(event) if event.inspection.is_some()));
-    assert!(looked_back[last.unwrap()..].iter().all(Option::is_none));
-    let told = looked_back[NEED as usize + 30].as_ref().unwrap();
-    assert!((told.median_um.unwrap() - 29.0).abs() < 8.0, "{}", told.reason);
-    // Without an inspection there is nothing to look back from.
-    let records: Vec<LifeStep<'_>> =
-        steps.iter().filter(|step| matches!(step, LifeStep::Record(..))).copied().collect();
+    let in_hindsight = tracker.in_hindsight(&steps);
+    assert_eq!(in_hindsight.len(), steps.len());
+    // Records after the last inspection, and those of the new teeth, have no estimate in hindsight.
+    let last = steps
+        .iter()
+        .rposition(|step| matches!(step, HistoryStep::Event(event) if event.inspection.is_some()));
+    assert!(in_hindsight[last.unwrap()..].iter().all(Option::is_none));
+    let estimate = in_hindsight[NEED as usize + 30].as_ref().unwrap();
+    assert!((estimate.median_um.unwrap() - 29.0).abs() < 8.0, "{}", estimate.reason);
+    // Without an inspection there are no estimates in hindsight.
+    let records: Vec<HistoryStep<'_>> =
+        steps.iter().filter(|step| matches!(step, HistoryStep::Record(..))).copied().collect();
     assert!(tracker.in_hindsight(&records).iter().all(Option::is_none));
 }

@@ -1,43 +1,43 @@
-//! What the machine's lines and checks are while it is healthy.
+//! The model of a healthy machine's lines and checks.
 
 use std::sync::Arc;
 
 use super::Tracker;
 use crate::estimate::baseline::Baseline;
 use crate::estimate::deviation::Deviation;
-use crate::estimate::healthy_checks::{Drifting, HealthyChecks};
+use crate::estimate::healthy_checks::{AllowedDrift, HealthyChecks};
 use crate::estimate::healthy_lines::HealthyLines;
 use crate::estimate::levels::is_impulsive;
 use flankwatch_signal::Features;
 
-/// What follows from a baseline.
+/// Lines and checks fitted to a baseline.
 #[derive(Debug)]
-pub(super) struct Healthy {
+pub(super) struct HealthyModel {
     pub(super) lines: HealthyLines,
     pub(super) checks: HealthyChecks,
 }
 
-/// The same, worked out again where a state was read.
+/// A lazily fitted [`HealthyModel`]. It is not saved: a state that was read fits it again.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Prepared(Option<Arc<Healthy>>);
+pub(super) struct CachedModel(Option<Arc<HealthyModel>>);
 
-impl PartialEq for Prepared {
-    /// It says nothing that the baseline does not say.
+impl PartialEq for CachedModel {
+    /// Always true: the model follows from the baseline.
     fn eq(&self, _: &Self) -> bool {
         true
     }
 }
 
-impl Prepared {
-    /// What follows from a baseline, worked out the first time.
-    pub(super) fn get(&mut self, work_out: impl FnOnce() -> Healthy) -> Arc<Healthy> {
-        Arc::clone(self.0.get_or_insert_with(|| Arc::new(work_out())))
+impl CachedModel {
+    /// Returns the model, fitting it on the first call.
+    pub(super) fn get(&mut self, compute: impl FnOnce() -> HealthyModel) -> Arc<HealthyModel> {
+        Arc::clone(self.0.get_or_insert_with(|| Arc::new(compute())))
     }
 }
 
 impl Tracker {
-    /// What follows from a baseline.
-    pub(super) fn healthy(&self, baseline: &Baseline) -> Healthy {
+    /// Fits the healthy model to a baseline.
+    pub(super) fn healthy_model(&self, baseline: &Baseline) -> HealthyModel {
         let nominal = match self.ensemble.as_deref() {
             Some(ensemble) => {
                 let operation = &ensemble.described().pair().operation;
@@ -47,23 +47,22 @@ impl Tracker {
         };
         let lines = HealthyLines::new(baseline, nominal);
         let log_speeds = lines.log_speeds(baseline);
-        Healthy {
+        HealthyModel {
             checks: HealthyChecks::new(baseline, log_speeds, self.ensemble.as_deref(), self.grid.depths_um()),
             lines,
         }
     }
 }
 
-impl Healthy {
-    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid and a
-    /// drift.
+impl HealthyModel {
+    /// Deviations of the checks from their expectation at the depth with index `depth` and a drift.
     pub(super) fn checks_at(
         &self,
         record: &Features,
         depth: usize,
-        drifting: Drifting<'_>,
+        drift: AllowedDrift<'_>,
     ) -> Vec<Deviation> {
-        self.checks.deviations(record, self.lines.log_speed(record), depth, drifting)
+        self.checks.deviations(record, self.lines.log_speed(record), depth, drift)
     }
 
     /// Whether a record is more impulsive than the healthy ones.

@@ -1,4 +1,4 @@
-//! The fold over a made-up library's records.
+//! Tests of the fold over records of a synthetic library.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use rand_distr::{Distribution, Normal};
 use super::super::novelty::MachineSign;
 use super::*;
 use crate::library::Library;
-use crate::library::testing::made_up_library;
+use crate::library::testing::synthetic_library;
 
 pub(super) const NEED: u32 = 20;
 
@@ -18,8 +18,7 @@ fn settings() -> EstimatorSettings {
     EstimatorSettings { baseline_records: NEED, limit_um: Some(200.0) }
 }
 
-/// Features that the made-up library gives at a wear depth, seen through a path with its own gain per line,
-/// with noise.
+/// Noisy features that the synthetic library gives at a wear depth through a path with its own gain per line.
 pub(super) fn seen(library: &Library, wear_um: f64, noise: f64, rng: &mut ChaCha8Rng) -> Features {
     let states = library.states();
     let step = library.max_wear_um() / (states.len() - 1) as f64;
@@ -45,7 +44,7 @@ pub(super) fn tracker(library: &Arc<Library>) -> Tracker {
     Tracker::new(settings(), Some(Arc::new(Ensemble::of(library.clone()))))
 }
 
-/// A run from 0 to 240 µm: the estimates after the baseline, with the truth.
+/// A run from 0 to 240 µm: the estimates after the baseline, with the true depths.
 fn run(library: &Arc<Library>, records: usize, seed: u64) -> Vec<(WearEstimate, f64)> {
     let tracker = tracker(library);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -62,8 +61,8 @@ fn run(library: &Arc<Library>, records: usize, seed: u64) -> Vec<(WearEstimate, 
 }
 
 #[test]
-fn the_baseline_is_counted_and_no_number_is_claimed_meanwhile() {
-    let library = Arc::new(made_up_library());
+fn the_baseline_is_counted_and_no_depth_is_claimed_meanwhile() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let mut state = tracker.start();
@@ -81,7 +80,7 @@ fn the_baseline_is_counted_and_no_number_is_claimed_meanwhile() {
 
 #[test]
 fn a_run_through_an_unknown_path_is_followed_and_its_interval_holds_the_truth() {
-    let library = Arc::new(made_up_library());
+    let library = Arc::new(synthetic_library());
     let mut error_um = 0.0;
     let mut covered = 0;
     let mut count = 0;
@@ -93,14 +92,14 @@ fn a_run_through_an_unknown_path_is_followed_and_its_interval_holds_the_truth() 
         }
     }
     let (error_um, coverage) = (error_um / f64::from(count), covered as f64 / f64::from(count));
-    // Four lines, each of which a member may have wrong by half: a tenth of the library.
+    // Four lines, each with a model error of up to a half: a tenth of the library's depths.
     assert!(error_um < 24.5, "mean error {error_um} µm");
     assert!(coverage >= 0.85, "the 90 % interval holds the truth in {coverage} of the records");
 }
 
 #[test]
-fn a_copy_in_json_goes_on_with_the_same_bits() {
-    let library = Arc::new(made_up_library());
+fn a_copy_through_json_continues_with_the_same_bits() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut state = tracker.start();
@@ -122,8 +121,8 @@ fn a_record_without_its_mesh_line_is_not_counted_into_the_baseline() {
 }
 
 #[test]
-fn without_a_library_the_answer_says_so() {
-    let library = made_up_library();
+fn without_a_library_the_status_says_so() {
+    let library = synthetic_library();
     let tracker = Tracker::new(settings(), None);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut state = tracker.start();
@@ -137,7 +136,7 @@ fn without_a_library_the_answer_says_so() {
 }
 
 #[test]
-fn a_speed_in_doubt_is_told_without_a_library_too_and_kept_out_of_the_baseline() {
+fn a_speed_in_doubt_is_reported_without_a_library_too_and_excluded_from_the_baseline() {
     let tracker = Tracker::new(settings(), None);
     let normal = Normal::new(0.0, 0.02).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(8);
@@ -164,12 +163,12 @@ fn a_speed_in_doubt_is_told_without_a_library_too_and_kept_out_of_the_baseline()
 
 #[test]
 fn while_there_is_no_library_every_answer_says_why() {
-    let library = made_up_library();
-    for (lack, status, word) in [
-        (LibraryLack::Simulated, WearStatus::AwaitingLibrary, "being simulated"),
-        (LibraryLack::Failed("no teeth".into()), WearStatus::LibraryFailed, "no teeth"),
+    let library = synthetic_library();
+    for (missing_library, status, word) in [
+        (MissingLibrary::Simulating, WearStatus::AwaitingLibrary, "being simulated"),
+        (MissingLibrary::Failed("no teeth".into()), WearStatus::LibraryFailed, "no teeth"),
     ] {
-        let tracker = Tracker::without_library(settings(), lack);
+        let tracker = Tracker::without_library(settings(), missing_library);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut state = tracker.start();
         for n in 1..=NEED + 3 {
@@ -183,7 +182,7 @@ fn while_there_is_no_library_every_answer_says_why() {
     }
 }
 
-/// The baseline is told as ever, then a status of its own.
+/// The baseline has its usual status; later records have one of their own.
 #[test]
 fn a_machine_without_a_mesh_is_judged_by_novelty_alone() {
     let record = |level: f64, kurtosis: f64, rng: &mut ChaCha8Rng| {
@@ -210,7 +209,7 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_alone() {
             ..Features::default()
         }
     };
-    let tracker = Tracker::without_library(settings(), LibraryLack::NoMesh);
+    let tracker = Tracker::without_library(settings(), MissingLibrary::NoMesh);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut state = tracker.start();
     let mut take = |level: f64, kurtosis: f64| {
@@ -226,8 +225,8 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_alone() {
     let failing = take(1.0, 9.0);
     assert_eq!(failing.status, WearStatus::OutsideLibrary, "{}", failing.reason);
     for words in [
-        "impulses have grown: a bearing or looseness",
-        "most between 2828 and 5657 Hz",
+        "impulses have grown: a bearing fault or looseness",
+        "mostly between 2828 and 5657 Hz",
         "line is at 107.3 Hz, the outer race of bearing fan (1 × BPFO)",
     ] {
         assert!(failing.reason.contains(words), "{}", failing.reason);
@@ -236,9 +235,9 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_alone() {
 }
 
 #[test]
-fn a_part_of_the_library_gives_provisional_answers_and_calls_nothing_a_fault() {
-    let library = made_up_library();
-    let first = Arc::new(Ensemble::of(Arc::new(made_up_library())));
+fn a_part_of_the_library_gives_provisional_answers_and_reports_no_fault() {
+    let library = synthetic_library();
+    let first = Arc::new(Ensemble::of(Arc::new(synthetic_library())));
     let [provisional, whole] = [
         Tracker::provisional(settings(), Arc::clone(&first)),
         Tracker::new(settings(), Some(Arc::clone(&first))),
@@ -248,7 +247,7 @@ fn a_part_of_the_library_gives_provisional_answers_and_calls_nothing_a_fault() {
         .map(|n| {
             let mut record = seen(&library, 0.0, 0.05, &mut rng);
             if n >= NEED + 3 {
-                // Lines that no wear moves so.
+                // Changes of the lines that no wear explains.
                 for (i, value) in record.values.values_mut().enumerate() {
                     *value += if i % 2 == 0 { 4.0 } else { -4.0 };
                 }
@@ -269,8 +268,8 @@ fn a_part_of_the_library_gives_provisional_answers_and_calls_nothing_a_fault() {
 }
 
 #[test]
-fn lines_in_the_noise_give_no_number_and_novelty_all_the_same() {
-    let library = Arc::new(made_up_library());
+fn lines_in_the_noise_give_novelty_but_no_depth() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut state = tracker.start();
@@ -294,8 +293,8 @@ fn lines_in_the_noise_give_no_number_and_novelty_all_the_same() {
 }
 
 #[test]
-fn what_wear_does_not_explain_moves_nothing() {
-    let library = Arc::new(made_up_library());
+fn an_unexplained_record_leaves_the_filter_unchanged() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let mut rng = ChaCha8Rng::seed_from_u64(13);
     let mut state = tracker.start();
@@ -308,9 +307,9 @@ fn what_wear_does_not_explain_moves_nothing() {
         }
         features
     };
-    let belief = |state: &TrackerState| match &state.0 {
+    let filter = |state: &TrackerState| match &state.0 {
         Stage::Tracking(tracking) => (tracking.filter.clone(), tracking.newest),
-        Stage::Collecting { .. } => panic!("the baseline is there"),
+        Stage::Collecting { .. } => panic!("the baseline is complete"),
     };
     let mut take = |state: &mut TrackerState, shift: f64| {
         tracker.update(state, Timestamp::UNIX_EPOCH, &record(shift, &mut rng))
@@ -320,18 +319,18 @@ fn what_wear_does_not_explain_moves_nothing() {
     }
     let calm = take(&mut state, 0.0);
     assert!(!calm.novelty.unwrap().outside);
-    let before = belief(&state);
+    let before = filter(&state);
     let other = take(&mut state, 0.8);
     assert_eq!((other.status, other.median_um), (WearStatus::OutsideLibrary, None));
     let novelty = other.novelty.unwrap();
     assert!(novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BandEnergy), "{novelty:?}");
-    assert_eq!(belief(&state), before);
+    assert_eq!(filter(&state), before);
 }
 
-/// The depth is the library's last one for a long time.
+/// The depth stays at the library's last one for a long time.
 #[test]
-fn the_end_of_the_library_is_said_as_such() {
-    let library = Arc::new(made_up_library());
+fn at_the_end_of_the_library_a_least_depth_is_reported() {
+    let library = Arc::new(synthetic_library());
     let mut rng = ChaCha8Rng::seed_from_u64(19);
     let tracker = tracker(&library);
     let mut state = tracker.start();
@@ -346,8 +345,8 @@ fn the_end_of_the_library_is_said_as_such() {
 }
 
 #[test]
-fn far_from_the_described_speed_less_is_told_and_beyond_half_of_it_nothing() {
-    let library = Arc::new(made_up_library());
+fn far_from_the_described_speed_intervals_widen_until_records_are_rejected() {
+    let library = Arc::new(synthetic_library());
     let tracker = tracker(&library);
     let described = library.pair().operation.shaft_speed_hz;
     let mut rng = ChaCha8Rng::seed_from_u64(11);
@@ -376,11 +375,15 @@ fn far_from_the_described_speed_less_is_told_and_beyond_half_of_it_nothing() {
         .into();
     let width = |wear: &WearEstimate| wear.p95_um.unwrap() - wear.p05_um.unwrap();
     assert!(width(&worn[1]) > 1.1 * width(&worn[0]), "{} and {}", worn[0].reason, worn[1].reason);
-    let told = "; less certain, as the shaft speed is 0.80 of the described one";
-    assert!(worn[1].reason.ends_with(told) && !worn[0].reason.contains("less certain"), "{}", worn[1].reason);
+    let caveat = "; less certain because the shaft speed is 0.80 times the described one";
+    assert!(
+        worn[1].reason.ends_with(caveat) && !worn[0].reason.contains("less certain"),
+        "{}",
+        worn[1].reason
+    );
     let mut copy = state.clone();
     let refused = tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &at(2.5, 0.0, &mut rng));
     assert_eq!(refused.status, WearStatus::NotComparable);
-    assert!(refused.reason.contains("shaft speed is 2.50 of the described one, expected 0.5 to 2"));
-    assert!(copy == state, "such a record moves nothing");
+    assert!(refused.reason.contains("shaft speed is 2.50 times the described one, expected 0.5 to 2 times"));
+    assert!(copy == state, "a rejected record does not change the state");
 }

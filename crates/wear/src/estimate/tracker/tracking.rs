@@ -1,4 +1,4 @@
-//! The wear after the baseline, record by record.
+//! Tracking wear record by record after the baseline.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::Tracker;
-use super::healthy::{Healthy, Prepared};
+use super::healthy::{CachedModel, HealthyModel};
 use crate::estimate::anchor::Anchor;
 use crate::estimate::baseline::Baseline;
 use crate::estimate::comparability::sampled_too_slowly;
@@ -15,66 +15,68 @@ use crate::estimate::deviation::Deviation;
 use crate::estimate::event::Inspection;
 use crate::estimate::expectation::{Expectations, Reference};
 use crate::estimate::extrapolation::Extrapolation;
-use crate::estimate::filter::{Believed, Filter};
+use crate::estimate::filter::{Filter, JointPosterior};
 use crate::estimate::healthy_checks::Drift;
-use crate::estimate::healthy_lines::Measured;
+use crate::estimate::healthy_lines::MeasuredLines;
 use crate::estimate::levels::{Levels, is_impulsive};
 use crate::estimate::likelihood::Likelihood;
-use crate::estimate::novelty::{Circumstances, Novelty, SensorFault, judge};
+use crate::estimate::novelty::{Novelty, RecordContext, SensorFault, judge};
 use crate::estimate::prognosis::prognosis;
 use crate::estimate::wear::{WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, MESH_LINES};
 use flankwatch_signal::Features;
 
-/// Fewest lines that a comparison is made on.
+/// Fewest lines that a comparison needs.
 const MIN_LINES: usize = 3;
 
-/// Longest interval between two records in units of growth: what a machine does while nobody records is not
-/// known.
+/// Longest interval between two records in units of growth: whether the machine ran during a longer gap is
+/// not known.
 const MAX_UNITS: f64 = 100.0;
 
-/// Part of the newest record in the mean of the lines that an inspection is compared with.
+/// Weight of the newest record in the moving mean of the lines that an inspection is compared with.
 const NEWEST_PART: f32 = 0.3;
 
-/// Records in a row whose own best depth lies outside the interval before the search begins anew.
+/// Records in a row whose own best depth may lie outside the interval before the estimate is withdrawn.
 const MAX_DISAGREEING: u8 = 10;
 
-/// Probability that lines that moved as load moves them show no wear at all.
+/// Probability of no wear at all where the lines moved as load moves them.
 const LOAD_INSTEAD: f32 = 0.2;
 
-/// What is said of lines that moved as load moves them.
-const LIKE_LOAD: &str = "it may be load instead: the lines moved as they do together in the baseline, so give each record its torque";
+/// Caveat on lines that moved as load moves them.
+const LIKE_LOAD: &str = "a change of load may be the cause instead: the lines moved together as they do in the baseline; supply the torque with each record";
 
-/// What is known of a machine after its baseline.
+/// State of a channel after its baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tracking {
     baseline: Baseline,
-    /// Seconds between two records of the baseline on the mean, and the time of the newest record.
+    /// Unit of growth: mean time between two records of the baseline, in seconds.
     unit_s: f64,
+    /// Time of the newest record that updated the filter.
     pub(super) newest: Timestamp,
-    /// Time of the newest record of all.
+    /// Time of the newest record that was compared with the library.
     seen: Timestamp,
     drift: Drift,
     pub(super) filter: Option<Filter>,
-    /// By member, the depth at which the baseline was taken; none for a new machine.
+    /// By member, the index of the depth at which the baseline was taken; `None` for a new machine.
     reference: Option<Vec<u8>>,
     anchor: Option<Anchor>,
-    /// Mean change of each line over the last records.
+    /// Moving mean of each line's change over the last records.
     recent: Vec<Option<f32>>,
+    /// Number of records in a row whose own best depth lies outside the interval.
     disagreeing: u8,
-    #[serde(default)]
-    charts: Cusums,
+    #[serde(default, rename = "charts")]
+    cusums: Cusums,
     #[serde(default)]
     levels: Levels,
     #[serde(skip)]
-    prepared: Prepared,
-    /// Probability of each group of members in place of what is believed, for looking back.
+    model: CachedModel,
+    /// Probability of each group of members after a later inspection, for estimates in hindsight.
     #[serde(skip)]
     pub(super) hindsight: Option<Arc<[f32]>>,
 }
 
 impl Tracking {
-    /// Units of growth from one time to another.
+    /// Returns the units of growth from one time to another.
     fn units(&self, from: Timestamp, to: Timestamp) -> f64 {
         if self.unit_s > 0.0 {
             (to.duration_since(from).as_secs_f64() / self.unit_s).clamp(0.0, MAX_UNITS)
@@ -83,35 +85,35 @@ impl Tracking {
         }
     }
 
-    /// Judges a record by its deviations of lines and checks; `gained` are those that a change of the gain
-    /// would show in.
+    /// Judges a record by its deviations of lines and checks; `gain_sensitive` are the values that a gain
+    /// multiplies.
     fn judge(
         &mut self,
-        healthy: &Healthy,
+        healthy: &HealthyModel,
         features: &Features,
         deviations: [Vec<Deviation>; 2],
-        gained: &[Deviation],
+        gain_sensitive: &[Deviation],
         lines_fell: Option<bool>,
     ) -> Novelty {
         let freedom = healthy.checks.freedom();
         let kurtosis = healthy.checks.kurtosis(features, healthy.lines.log_speed(features));
-        let gain = self.levels.gain(gained, kurtosis.as_ref(), freedom);
+        let gain = self.levels.gain(gain_sensitive, kurtosis.as_ref(), freedom);
         let impulsive = kurtosis.as_ref().is_some_and(is_impulsive);
-        let circumstances = Circumstances { gain, impulsive, lines_fell };
-        let novelty = judge(features, &deviations, freedom, circumstances, &mut self.charts);
+        let context = RecordContext { gain, impulsive, lines_fell };
+        let novelty = judge(features, &deviations, freedom, context, &mut self.cusums);
         if novelty.outside {
             let named = novelty.sensor_fault == Some(SensorFault::GainChanged);
-            self.levels.unexplained(gain.filter(|_| named));
+            self.levels.add_unexplained(gain.filter(|_| named));
         } else {
-            self.levels.explained(gained.iter().chain(&kurtosis));
+            self.levels.add_explained(gain_sensitive.iter().chain(&kurtosis));
         }
         novelty
     }
 }
 
 impl Tracker {
-    /// The tracking after a baseline of these records, which began at `began` and ended at `ended`.
-    pub(super) fn begin(
+    /// Starts tracking after a baseline of these records, which began at `began` and ended at `ended`.
+    pub(super) fn start_tracking(
         &self,
         records: &[Features],
         began: Timestamp,
@@ -132,20 +134,20 @@ impl Tracker {
             anchor: None,
             recent: vec![None; MESH_LINES],
             disagreeing: 0,
-            charts: Cusums::default(),
+            cusums: Cusums::default(),
             levels: Levels::default(),
-            prepared: Prepared::default(),
+            model: CachedModel::default(),
             hindsight: None,
         }
     }
 
-    /// Takes a depth that was measured on the teeth.
+    /// Updates the filter with a depth that was measured on the teeth.
     pub(super) fn inspect(&self, tracking: &mut Tracking, inspection: &Inspection) {
         let Some(ensemble) = self.ensemble.as_deref() else {
             return;
         };
         let members = ensemble.members().len();
-        let filter = self.fitting(tracking.filter.take(), members);
+        let filter = self.filter_for(tracking.filter.take(), members);
         let filter = tracking.filter.insert(filter);
         let gear = inspection.gear.map(|gear| usize::from(gear.saturating_sub(1)));
         let at_place = |member: &crate::library::Member| member.at_place(gear, inspection.place);
@@ -155,7 +157,7 @@ impl Tracker {
             .flat_map(|member| {
                 let parts = at_place(member);
                 let deviates = self.grid.cells().zip(parts).map(|([low, high], part)| {
-                    // The error of a cell is the measured one's and the cell's own width.
+                    // The variance is the measurement's plus that of a uniform distribution over the cell.
                     let (middle, width) =
                         (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
                     let variance = inspection.error_um * inspection.error_um + width * width / 12.0;
@@ -172,38 +174,38 @@ impl Tracker {
         tracking.disagreeing = 0;
     }
 
-    /// Takes one record.
+    /// Compares one record with the library, updates the state and returns the answer.
     pub(super) fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let Tracking { baseline, prepared, .. } = &mut *tracking;
-        let healthy = prepared.get(|| self.healthy(baseline));
-        if let Some(reason) = tracking.baseline.comparability.refuses(features) {
-            return self.no_number(WearStatus::NotComparable, need, &reason);
+        let Tracking { baseline, model, .. } = &mut *tracking;
+        let healthy = model.get(|| self.healthy_model(baseline));
+        if let Some(reason) = tracking.baseline.comparability.rejection(features) {
+            return self.without_depth(WearStatus::NotComparable, need, &reason);
         }
         let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
             let reason = "no gear pair is described for this asset, so there is no library to compare with";
             let answer = match &features.speed_doubt {
-                Some(doubt) => self.no_number(WearStatus::SpeedInDoubt, need, doubt),
-                None => self.no_number(WearStatus::NoLibrary, need, reason),
+                Some(doubt) => self.without_depth(WearStatus::SpeedInDoubt, need, doubt),
+                None => self.without_depth(WearStatus::NoLibrary, need, reason),
             };
             return self.track_by_checks(tracking, &healthy, features, answer);
         };
         if healthy.lines.len() < MIN_LINES {
             let reason = format!(
-                "{} lines stand above the noise in the baseline, expected at least {MIN_LINES}: this channel cannot show wear",
+                "{} mesh lines stand above the noise in the baseline, expected at least {MIN_LINES}: this channel cannot show wear",
                 healthy.lines.len()
             );
-            let answer = self.no_number(WearStatus::NotIdentifiable, need, &reason);
+            let answer = self.without_depth(WearStatus::NotIdentifiable, need, &reason);
             return self.track_by_checks(tracking, &healthy, features, answer);
         }
         let extrapolation = Extrapolation::of(ensemble, features);
-        if let Some(reason) = extrapolation.refuses() {
-            return self.no_number(WearStatus::NotComparable, need, &reason);
+        if let Some(reason) = extrapolation.rejection() {
+            return self.without_depth(WearStatus::NotComparable, need, &reason);
         }
         let scatter = tracking.baseline.comparability.scatter(features);
-        let measured = healthy.lines.measured(features, scatter);
-        if let Some(reason) = sampling_refuses(&healthy, ensemble, &measured, features) {
-            return self.no_number(WearStatus::NotComparable, need, &reason);
+        let measured = healthy.lines.measure(features, scatter);
+        if let Some(reason) = sampling_rejection(&healthy, ensemble, &measured, features) {
+            return self.without_depth(WearStatus::NotComparable, need, &reason);
         }
         if measured.lines.is_empty() {
             return self.track_without_lines(tracking, &healthy, features);
@@ -216,33 +218,33 @@ impl Tracker {
         let expectations = Expectations::of(discrepancy, ensemble, &measured, reference);
         let likelihood = Likelihood::of(&expectations);
         let lines = expectations.deviations(likelihood.best);
-        let apart = measured.apart();
+        let line_spread = measured.line_spread();
         let unseen = tracking.units(tracking.seen, at).max(1.0);
         tracking.seen = at.max(tracking.seen);
-        let checks = healthy.checks_at(features, likelihood.best.1, tracking.drift.at(apart, unseen));
-        let drift = tracking.drift.after(apart, unseen, &checks);
+        let checks = healthy.checks_at(features, likelihood.best.1, tracking.drift.at(line_spread, unseen));
+        let drift = tracking.drift.after(line_spread, unseen, &checks);
         let mesh_hz = f64::from(ensemble.described().pair().geometry.teeth[0])
             * features.operating_point.shaft_speed_hz.unwrap_or(0.0);
-        let mut gained = healthy.checks.gained(features, healthy.lines.log_speed(features));
-        gained.extend(measured.deviations());
-        let lines_fell = tracking.levels.lines_fell(&gained, &measured.frequencies_hz(mesh_hz));
-        let novelty = tracking.judge(&healthy, features, [lines, checks], &gained, lines_fell);
+        let mut gain_sensitive = healthy.checks.gain_sensitive(features, healthy.lines.log_speed(features));
+        gain_sensitive.extend(measured.deviations());
+        let lines_fell = tracking.levels.lines_fell(&gain_sensitive, &measured.frequencies_hz(mesh_hz));
+        let novelty = tracking.judge(&healthy, features, [lines, checks], &gain_sensitive, lines_fell);
         if novelty.outside {
-            // What is not wear does not move the estimate of wear.
-            let mut answer = self.no_number(WearStatus::OutsideLibrary, need, "");
-            self.tell_novelty(&mut answer, novelty, features);
+            // A record that wear does not explain leaves the wear estimate as it is.
+            let mut answer = self.without_depth(WearStatus::OutsideLibrary, need, "");
+            self.apply_novelty(&mut answer, novelty, features);
             return answer;
         }
         tracking.drift = drift;
-        let mut believed = self.take(tracking, at, &measured, &likelihood);
+        let mut posterior = self.update_filter(tracking, at, &measured, &likelihood);
         if let Some(groups) = &tracking.hindsight {
-            believed = believed.with_groups(groups);
+            posterior = posterior.with_groups(groups);
         }
         let like_load = healthy.lines.moved_like_load(features, &measured);
         if like_load {
-            believed = believed.or_no_wear(LOAD_INSTEAD);
+            posterior = posterior.or_no_wear(LOAD_INSTEAD);
         }
-        let mut answer = self.answer(ensemble, &believed, &likelihood);
+        let mut answer = self.answer(ensemble, &posterior, &likelihood);
         let disagrees = self.disagrees(&answer, &likelihood);
         tracking.disagreeing = if disagrees { tracking.disagreeing.saturating_add(1) } else { 0 };
         let is_disputed = tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated;
@@ -250,26 +252,25 @@ impl Tracker {
             answer.status = WearStatus::NotIdentifiable;
         }
         let doubts = [
-            is_disputed.then(|| ": the last records say otherwise than those before".to_owned()),
-            extrapolation.words().map(|words| format!("; {words}")),
+            is_disputed.then(|| "; the last records contradict the earlier ones".to_owned()),
+            extrapolation.caveat().map(|caveat| format!("; {caveat}")),
             like_load.then(|| format!("; {LIKE_LOAD}")),
         ];
         answer.reason.extend(doubts.into_iter().flatten());
         if let Some(limit_um) = self.settings.limit_um {
             answer.prognosis =
-                prognosis(&believed.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
-            answer.above_limit = Some(self.grid.probability_above(&believed.by_depth(), limit_um));
+                prognosis(&posterior.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
+            answer.above_limit = Some(self.grid.probability_above(&posterior.by_depth(), limit_um));
         }
         answer.novelty = Some(novelty);
         answer
     }
 
-    /// Takes a record whose mesh lines are compared with nothing: its novelty is put into the `answer` that
-    /// says why.
+    /// Judges a record without comparable mesh lines; adds its novelty to the `answer` that says why.
     fn track_by_checks(
         &self,
         tracking: &mut Tracking,
-        healthy: &Healthy,
+        healthy: &HealthyModel,
         features: &Features,
         mut answer: WearEstimate,
     ) -> WearEstimate {
@@ -277,37 +278,37 @@ impl Tracker {
         let [healthy_checks, shared] = healthy.checks.shared(features);
         if features.fault.is_none() && 2 * shared < healthy_checks {
             if features.speed_doubt.is_some() {
-                return self.no_mesh(features, need, "");
+                return self.without_mesh_lines(features, need, "");
             }
             let reason = format!(
-                "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines, as another sampling rate or length gives"
+                "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines; its sampling rate or length probably differs"
             );
-            return self.no_number(WearStatus::NotComparable, need, &reason);
+            return self.without_depth(WearStatus::NotComparable, need, &reason);
         }
-        let gained = healthy.checks.gained(features, healthy.lines.log_speed(features));
+        let gain_sensitive = healthy.checks.gain_sensitive(features, healthy.lines.log_speed(features));
         let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
-        let novelty = tracking.judge(healthy, features, [Vec::new(), checks], &gained, None);
-        self.tell_novelty(&mut answer, novelty, features);
+        let novelty = tracking.judge(healthy, features, [Vec::new(), checks], &gain_sensitive, None);
+        self.apply_novelty(&mut answer, novelty, features);
         answer
     }
 
-    /// Takes a record that has none of the baseline's lines: less than usual is then a machine that stands
-    /// still.
+    /// Judges a record that has none of the baseline's lines. Values below the healthy ones are ignored:
+    /// they mean that the machine stands still.
     fn track_without_lines(
         &self,
         tracking: &mut Tracking,
-        healthy: &Healthy,
+        healthy: &HealthyModel,
         features: &Features,
     ) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let mut answer = self.no_mesh(features, need, "this record has none of the baseline's lines");
+        let mut answer =
+            self.without_mesh_lines(features, need, "this record has none of the baseline's mesh lines");
         let mut checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
         checks.retain(|deviation| deviation.residual > 0.0);
-        let circumstances =
-            Circumstances { impulsive: healthy.is_impulsive(features), ..Circumstances::default() };
+        let context = RecordContext { impulsive: healthy.is_impulsive(features), ..RecordContext::default() };
         let freedom = healthy.checks.freedom();
-        let novelty = judge(features, &[Vec::new(), checks], freedom, circumstances, &mut tracking.charts);
-        self.tell_novelty(&mut answer, novelty, features);
+        let novelty = judge(features, &[Vec::new(), checks], freedom, context, &mut tracking.cusums);
+        self.apply_novelty(&mut answer, novelty, features);
         answer
     }
 
@@ -320,14 +321,14 @@ impl Tracker {
         }
     }
 
-    /// Lets wear grow up to a record, and takes it.
-    fn take(
+    /// Lets wear grow up to a record, then updates the filter with the record.
+    fn update_filter(
         &self,
         tracking: &mut Tracking,
         at: Timestamp,
-        measured: &Measured,
+        measured: &MeasuredLines,
         likelihood: &Likelihood,
-    ) -> Believed {
+    ) -> JointPosterior {
         let members = likelihood.log.len() / DEPTHS;
         let units = tracking.units(tracking.newest, at);
         tracking.newest = at.max(tracking.newest);
@@ -336,16 +337,16 @@ impl Tracker {
             let change = line.change as f32;
             *recent = Some(recent.map_or(change, |mean| mean + NEWEST_PART * (change - mean)));
         }
-        let filter = self.fitting(tracking.filter.take(), members);
+        let filter = self.filter_for(tracking.filter.take(), members);
         tracking.filter.insert(filter).update(&self.growth, units * measured.load, likelihood)
     }
 }
 
-/// Why a record has too few of the baseline's lines, where its sampling rate is the reason.
-fn sampling_refuses(
-    healthy: &Healthy,
+/// Returns why a record is rejected where its sampling rate leaves it too few of the baseline's lines.
+fn sampling_rejection(
+    healthy: &HealthyModel,
     ensemble: &Ensemble,
-    measured: &Measured,
+    measured: &MeasuredLines,
     features: &Features,
 ) -> Option<String> {
     let speed_hz = features.operating_point.shaft_speed_hz.filter(|_| measured.lines.len() < MIN_LINES)?;

@@ -1,5 +1,5 @@
-//! An ensemble's file: a line that says what follows and its hash, then numbers of fixed width in
-//! little-endian order.
+//! The ensemble's file format: a header line with the format version, the id and the content's hash, then
+//! numbers of fixed width in little-endian order.
 
 use std::sync::Arc;
 
@@ -14,13 +14,13 @@ const MAGIC: &str = "flankwatch-ensemble";
 /// Version of the file format.
 const FORMAT_VERSION: u32 = 1;
 
-/// Tables of a member: lines, transmission error, places.
+/// Numbers in the tables of a member: lines, transmission error, places.
 const FLOATS: usize = (MESH_LINES + 1 + 8) * DEPTHS;
 
 /// Bytes of a member: draw, contact rule, shape, damping, tables.
 const MEMBER_BYTES: usize = 4 + 1 + 1 + 8 + 4 * FLOATS;
 
-/// The ensemble as bytes.
+/// Encodes an ensemble.
 pub fn encode_ensemble(ensemble: &Ensemble) -> Vec<u8> {
     let mut body = Vec::with_capacity(ensemble.members.len() * MEMBER_BYTES);
     for (member, changes) in ensemble.members.iter().zip(ensemble.changes.tables()) {
@@ -36,10 +36,10 @@ pub fn encode_ensemble(ensemble: &Ensemble) -> Vec<u8> {
     [header.into_bytes(), body].concat()
 }
 
-/// The ensemble in the bytes around its library, if they are whole and as they were written.
+/// Decodes the ensemble around a library.
 ///
 /// # Errors
-/// [`LibraryError::Damaged`] or [`LibraryError::Version`].
+/// [`LibraryError::Version`], or [`LibraryError::Damaged`] where the content does not match its hash.
 pub fn decode_ensemble(bytes: &[u8], described: Arc<Library>) -> Result<Ensemble, LibraryError> {
     let damaged = |what: &str| LibraryError::Damaged(what.to_owned());
     let end = bytes.iter().take(200).position(|&b| b == b'\n').ok_or_else(|| damaged("no header line"))?;
@@ -54,7 +54,7 @@ pub fn decode_ensemble(bytes: &[u8], described: Arc<Library>) -> Result<Ensemble
     }
     let body = &bytes[end + 1..];
     if hash != hex(body) || !body.len().is_multiple_of(MEMBER_BYTES) {
-        return Err(damaged("its content is not what was written"));
+        return Err(damaged("its content does not match its hash or size"));
     }
     let members = body.chunks_exact(MEMBER_BYTES).map(member).collect();
     Ok(Ensemble::from_members(id.to_owned(), described, members))

@@ -1,12 +1,11 @@
-//! How the mesh lines of all members move with wear, members side by side: a record is compared with many of
-//! them at once.
+//! Changes of all members' mesh lines with wear, side by side for comparing a record with many at once.
 
 use super::{DEPTHS, MESH_LINES};
 
-/// Members that stand side by side.
+/// Number of members side by side.
 pub(crate) const LANES: usize = 16;
 
-/// One number of each member of a block.
+/// One number for each member of a block.
 pub(crate) type Lanes = [f32; LANES];
 
 /// Changes by block of [`LANES`] members, line and depth: natural logarithms of amplitudes over those of the
@@ -18,7 +17,8 @@ pub(super) struct LineChanges {
 }
 
 impl LineChanges {
-    /// Of members' tables by line and depth. What stands beside the last member moves as it does.
+    /// Creates the changes from the members' tables by line and depth. Unused lanes of the last block repeat
+    /// the last member.
     pub(super) fn of(tables: &[Vec<f32>]) -> Self {
         let mut values = Vec::with_capacity(tables.len().div_ceil(LANES) * MESH_LINES * DEPTHS);
         for block in tables.chunks(LANES) {
@@ -30,23 +30,23 @@ impl LineChanges {
         Self { members: tables.len(), values }
     }
 
-    /// One member's table by line and depth.
+    /// Returns one member's table by line and depth.
     pub(super) fn table(&self, member: usize) -> Vec<f32> {
         let block = &self.values[member / LANES * MESH_LINES * DEPTHS..][..MESH_LINES * DEPTHS];
         block.iter().map(|lanes| lanes[member % LANES]).collect()
     }
 
-    /// All members' tables.
+    /// Returns all members' tables.
     pub(super) fn tables(&self) -> impl Iterator<Item = Vec<f32>> {
         (0..self.members).map(|member| self.table(member))
     }
 
-    /// One line of one member at a depth.
+    /// Returns the change of one line of one member at a depth.
     pub(super) fn at(&self, member: usize, line: usize, depth: usize) -> f32 {
         self.values[(member / LANES * MESH_LINES + line) * DEPTHS + depth][member % LANES]
     }
 
-    /// One line of a block's members, by depth.
+    /// Returns the changes of one line of a block's members, by depth.
     pub(super) fn block(&self, block: usize, line: usize) -> &[Lanes; DEPTHS] {
         let first = (block * MESH_LINES + line) * DEPTHS;
         self.values[first..].first_chunk().expect("a block has every line at every depth")
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tables_come_back_as_they_were() {
+    fn tables_are_recovered() {
         let table = |member: usize| -> Vec<f32> {
             (0..MESH_LINES * DEPTHS).map(|at| (member * 1000 + at) as f32).collect()
         };

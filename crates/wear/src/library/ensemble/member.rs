@@ -1,4 +1,4 @@
-//! One pair that a machine may be: how its mesh lines and its transmission error move with wear.
+//! Members of the ensemble: mesh lines and transmission error of one possible pair over wear.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,20 +12,19 @@ use flankwatch_gear::{
 /// Positions of the mesh cycle.
 const CYCLE_POINTS: usize = 500;
 
-/// Samples of a mesh period, and mesh periods of a response: whole ones, so that a Fourier coefficient is
-/// exact.
+/// Samples per mesh period, and mesh periods of a response: whole periods make Fourier coefficients exact.
 const SAMPLES_A_PERIOD: f64 = 40.0;
 const PERIODS: f64 = 2.0;
 
 /// Least amplitude in m/s² whose logarithm is taken.
 const MIN_AMPLITUDE: f64 = 1e-12;
 
-/// A place on a flank where its wear may be measured.
+/// A place on the flank where wear may be measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum FlankPlace {
-    /// Wherever it is deepest.
+    /// The deepest point.
     #[default]
     Greatest,
     /// The start of the active profile.
@@ -36,10 +35,10 @@ pub enum FlankPlace {
     Tip,
 }
 
-/// How one pair wears. Tables have one entry a depth of the ensemble.
+/// Wear of one possible pair. Tables have one entry per depth of the ensemble.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Member {
-    /// Number of the draw; none for the described library itself.
+    /// Number of the draw; `None` for the described library itself.
     pub(super) draw: Option<usize>,
     /// Contact rule of the pair.
     pub contact: ContactRule,
@@ -49,11 +48,11 @@ pub struct Member {
     pub archard: bool,
     /// Peak-to-peak transmission error that wear adds under load, in µm along the line of action.
     pub(super) transmission_error_um: Vec<f32>,
-    /// By gear, place (root, pitch, tip, greatest) and depth: depth there over the greatest of both gears.
+    /// By gear, place (root, pitch, tip, greatest) and depth: local depth over the greatest of both gears.
     pub(super) places: Vec<f32>,
 }
 
-/// A member and what its lines do.
+/// A member with the changes of its lines.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Simulated {
     pub(super) member: Member,
@@ -63,8 +62,8 @@ pub(super) struct Simulated {
 }
 
 impl Simulated {
-    /// The described library on a grid of depths in µm. Its transmission error is that of the kept mesh
-    /// cycles, its places are those of the greatest depth.
+    /// Returns the described library on a grid of depths in µm. Its transmission error follows from the
+    /// stored mesh cycles; its depth at every place is taken to be the greatest.
     pub(super) fn described(library: &Library, depths_um: &[f64]) -> Self {
         let states: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
         let curves = library.feature_curves();
@@ -85,7 +84,7 @@ impl Simulated {
                 .collect(),
             Err(_) => vec![Vec::new(); states.len()],
         };
-        let swings = swings_um(&errors);
+        let peak_to_peak = peak_to_peak_um(&errors);
         let member = Member {
             draw: None,
             contact: pair.dynamics.contact,
@@ -93,7 +92,7 @@ impl Simulated {
             archard: pair.wear.shape == WearShape::Archard,
             transmission_error_um: depths_um
                 .iter()
-                .map(|um| interpolated(&states, &swings, *um) as f32)
+                .map(|um| interpolated(&states, &peak_to_peak, *um) as f32)
                 .collect(),
             places: vec![1.0; 8 * DEPTHS],
         };
@@ -108,7 +107,7 @@ impl Simulated {
     ) -> Result<Vec<Self>, GearError> {
         let mut drawn = prior::draw(described, draw as u32, VARIANTS as u32)?;
         match Self::of_drawn(&drawn, draw, depths_um) {
-            // Rigid flanks of this shape leave each other, or hammer without bound; elastic ones do neither.
+            // Rigid flanks of this shape lose contact or vibrate without bound; elastic ones do neither.
             Err(GearError::NoContact { .. } | GearError::Unstable { .. })
                 if drawn.contact() == Some(ContactRule::Threshold) =>
             {
@@ -126,7 +125,7 @@ impl Simulated {
         let pair = spec.resolve()?;
         let depths_mm: Vec<f64> = depths_um.iter().map(|um| um * 1e-3).collect();
         let worn = FlankWear::from_shape_coarsely_at(&pair, &depths_mm)?;
-        // What the teeth give way changes little with their wear: the bodies stay those of the unworn gears.
+        // The teeth's compliance changes little with wear, so the bodies of the unworn gears are used.
         let bodies = match spec.dynamics.contact {
             ContactRule::Loaded if drawn.independent_teeth => Some(ElasticBodies::independent_teeth(&pair)?),
             ContactRule::Loaded => Some(ElasticBodies::new(&pair, &FlankWear::none())?),
@@ -138,7 +137,8 @@ impl Simulated {
             .collect::<Result<_, _>>()?;
         let errors: Vec<Vec<f64>> =
             cycles.iter().map(|cycle| errors_um(&pair, &cycle.uste_rad, &cycle.stiffness_n_per_m)).collect();
-        let transmission_error_um: Vec<f32> = swings_um(&errors).into_iter().map(|um| um as f32).collect();
+        let transmission_error_um: Vec<f32> =
+            peak_to_peak_um(&errors).into_iter().map(|um| um as f32).collect();
         let places = places(&pair, &worn, &depths_mm);
         let member = |spec: &PairSpec| {
             let member = Member {
@@ -156,13 +156,13 @@ impl Simulated {
 }
 
 impl Member {
-    /// Peak-to-peak transmission error due to wear in µm, by depth.
+    /// Returns the peak-to-peak transmission error due to wear in µm, by depth.
     pub fn transmission_error_um(&self) -> &[f32] {
         &self.transmission_error_um
     }
 
-    /// Depth at a place of gear `gear` (0 drives; none: the deeper of both) over the greatest depth, by
-    /// depth.
+    /// Returns the depth at a place of gear `gear` (0 is driving; `None` for the deeper of both) over the
+    /// greatest depth, by depth.
     pub fn at_place(&self, gear: Option<usize>, place: FlankPlace) -> Vec<f32> {
         let index = match place {
             FlankPlace::Root => 0,
@@ -178,17 +178,17 @@ impl Member {
     }
 }
 
-/// Name of the feature of a line.
+/// Returns the name of a line's feature.
 pub(crate) fn line_name(line: usize) -> String {
     format!("ln_mesh_{}", line + 1)
 }
 
-/// Relative depths at root, pitch point, tip and where it is deepest, of both gears.
+/// Relative depths of both gears at the root, the pitch point, the tip and the deepest point.
 fn places(pair: &GearPair, worn: &[FlankWear], depths_mm: &[f64]) -> Vec<f32> {
     let mut parts = Vec::with_capacity(8 * DEPTHS);
     for (index, gear) in pair.gears.iter().enumerate() {
         for radius in [Some(gear.sap_radius_mm), Some(gear.pitch_radius_mm), Some(gear.tip_radius_mm), None] {
-            // Without wear the first step's shape stands for it.
+            // The unworn state takes the shape of the first worn one.
             let states = worn.iter().zip(depths_mm).enumerate();
             parts.extend(states.map(|(i, (wear, depth_mm))| {
                 let (wear, depth_mm) = if i == 0 { (&worn[1], &depths_mm[1]) } else { (wear, depth_mm) };
@@ -203,8 +203,7 @@ fn places(pair: &GearPair, worn: &[FlankWear], depths_mm: &[f64]) -> Vec<f32> {
     parts
 }
 
-/// Loaded static transmission errors in µm along the line of action: the unloaded ones, and what the mesh
-/// gives way.
+/// Loaded static transmission errors in µm along the line of action: unloaded plus mesh deflection.
 fn errors_um(pair: &GearPair, uste_rad: &[f64], stiffness_n_per_m: &[f64]) -> Vec<f64> {
     let [driving, driven] = pair.gears.each_ref().map(|gear| gear.base_radius_mm * 1e-3);
     let force_n = pair.spec.operation.torque_nm / driving;
@@ -212,18 +211,18 @@ fn errors_um(pair: &GearPair, uste_rad: &[f64], stiffness_n_per_m: &[f64]) -> Ve
     places.map(|(uste, stiffness)| 1e6 * (uste * driven + force_n / stiffness)).collect()
 }
 
-/// Peak to peak of what each state's transmission error has more than the first one's.
-fn swings_um(errors: &[Vec<f64>]) -> Vec<f64> {
-    let swing = |errors_um: &Vec<f64>| {
+/// Peak-to-peak difference of each state's transmission error from the first one's.
+fn peak_to_peak_um(errors: &[Vec<f64>]) -> Vec<f64> {
+    let peak_to_peak = |errors_um: &Vec<f64>| {
         let added = errors_um.iter().zip(&errors[0]).map(|(worn, new)| worn - new);
         let (low, high) =
             added.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(e), high.max(e)));
         if high >= low { high - low } else { 0.0 }
     };
-    errors.iter().map(swing).collect()
+    errors.iter().map(peak_to_peak).collect()
 }
 
-/// By line and mesh cycle: natural logarithm of the response's amplitude over that with the first cycle.
+/// By line and mesh cycle: natural logarithm of the response's amplitude over that of the first cycle.
 fn changes(spec: &PairSpec, cycles: &[MeshCycle]) -> Result<Vec<f32>, GearError> {
     let pair = spec.resolve()?;
     let mesh_hz = spec.operation.shaft_speed_hz * f64::from(spec.geometry.teeth[0]);
@@ -253,7 +252,7 @@ fn log_amplitudes(response: &[f64]) -> Vec<f64> {
     (0..MESH_LINES).map(amplitude).collect()
 }
 
-/// Linear between rising points, held at the ends.
+/// Interpolates linearly between rising points, constant beyond the ends.
 fn interpolated(points: &[f64], values: &[f64], at: f64) -> f64 {
     let upper = points.partition_point(|point| *point <= at);
     if upper == 0 || upper == points.len() {

@@ -1,10 +1,9 @@
-//! What nobody knows of a real pair: many pairs drawn around the described one, each worn from new to the
-//! library's end.
+//! The ensemble: pairs drawn around the described one, each worn from new to the library's last depth.
 //!
-//! One library says what wear of one shape does to one pair. Of a real machine nobody knows the damping of
-//! the mesh, the bodies' stiffness, the teeth's small errors, or where on the flank wear is deepest; each of
-//! them changes how the mesh lines move with depth. So the estimate compares a record with several hundred
-//! pairs ([`prior`] says which), and lets the records decide.
+//! One library gives the effect of one shape of wear on one pair. The mesh damping, the stiffness of the
+//! bodies, the small errors of the teeth and the place of the deepest wear are not known of a real machine;
+//! each of them affects how the mesh lines change with depth. The estimate therefore compares a record with
+//! many drawn pairs (see [`prior`]) and lets the records weight them.
 
 mod file;
 mod line_changes;
@@ -28,27 +27,27 @@ use member::Simulated;
 pub(crate) use member::line_name;
 pub use member::{FlankPlace, Member};
 
-/// Mesh harmonics that a member is known by.
+/// Number of mesh harmonics that are simulated for a member.
 pub const MESH_LINES: usize = 16;
 
-/// Wear depths of a member.
+/// Number of wear depths of a member.
 pub const DEPTHS: usize = 50;
 
-/// Members of the same gears and the same wear; they differ in damping, supports and the teeth's small
-/// errors. The mesh cycles take most of the time that a member costs.
+/// Members with the same gears and the same wear; they differ in damping, supports and the teeth's small
+/// errors. They share mesh cycles, which take most of a member's computing time.
 pub const VARIANTS: usize = 4;
 
-/// Members that a first answer is made with while the rest are simulated.
+/// Members used for provisional estimates while the rest are simulated.
 pub const FIRST_MEMBERS: usize = 96;
 
-/// Identifier of the prior: it changes when other pairs are drawn, or when they are simulated in another way.
+/// Version of the prior; it changes when other pairs are drawn, or when they are simulated differently.
 const PRIOR_VERSION: &str = "prior-7";
 
-/// How many pairs are drawn.
+/// Size of the ensemble.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EnsembleSettings {
-    /// Pairs; 0 for the described pair alone.
+    /// Number of drawn pairs; 0 for the described pair alone.
     pub members: usize,
 }
 
@@ -59,19 +58,19 @@ impl Default for EnsembleSettings {
 }
 
 impl EnsembleSettings {
-    /// The described pair and no other.
+    /// Settings for the described pair alone.
     pub fn described_alone() -> Self {
         Self { members: 0 }
     }
 
-    /// The first members of these, which are simulated in seconds.
+    /// Settings for the first members of this ensemble, which are simulated in seconds.
     #[must_use]
     pub fn first(self) -> Self {
         Self { members: self.members.min(FIRST_MEMBERS) }
     }
 }
 
-/// Pairs that a machine may be, each worn in steps.
+/// Possible pairs of a machine, each simulated at a series of wear depths.
 #[derive(Debug, Clone)]
 pub struct Ensemble {
     id: String,
@@ -82,20 +81,20 @@ pub struct Ensemble {
     greatest_transmission_error_um: f32,
 }
 
-/// The name of an ensemble: a hash of all that it depends on.
+/// Returns the id of an ensemble: a hash of everything that it depends on.
 pub fn ensemble_id(library_id: &str, settings: &EnsembleSettings) -> String {
     let inputs = format!("{library_id} {MODEL_VERSION} {PRIOR_VERSION} {}", settings.members);
     hex(inputs.as_bytes())[..16].to_owned()
 }
 
-/// Depths in µm from 0 to a greatest one, closer together where wear is small and the lines move fast.
+/// Depths in µm from 0 to a greatest one, closer together where wear is small and the lines change fast.
 fn depths_um(greatest_um: f64) -> Vec<f64> {
     let part = |index: usize| index as f64 / (DEPTHS - 1) as f64;
     (0..DEPTHS).map(|index| greatest_um * part(index) * (0.25 + 0.75 * part(index))).collect()
 }
 
 impl Ensemble {
-    /// The described library as the only member.
+    /// Creates an ensemble with the described library as the only member.
     pub fn of(library: Arc<Library>) -> Self {
         let id = ensemble_id(library.id(), &EnsembleSettings::described_alone());
         let described = Simulated::described(&library, &depths_um(library.max_wear_um()));
@@ -111,20 +110,19 @@ impl Ensemble {
         Self { id, described, depths_um, members, changes, greatest_transmission_error_um }
     }
 
-    /// The members with what their lines do.
+    /// Returns the members with the changes of their lines.
     fn simulated(&self) -> impl Iterator<Item = Simulated> {
         let both = self.members.iter().cloned().zip(self.changes.tables());
         both.map(|(member, changes)| Simulated { member, changes })
     }
 
     /// Draws and simulates the members, in parallel. The result depends on the library and the settings
-    /// alone; members of a smaller ensemble of the same library are the first of a larger one.
+    /// alone. The members of a smaller ensemble of the same library are the first ones of a larger ensemble.
     ///
-    /// A drawn pair that cannot be simulated is left out.
+    /// Drawn pairs that cannot be simulated are skipped.
     ///
     /// # Errors
-    /// [`LibraryError::Cancelled`]; [`LibraryError::Gear`] where no drawn pair can be simulated, with the
-    /// first one's reason.
+    /// [`LibraryError::Cancelled`]; [`LibraryError::Gear`] of the first pair where none can be simulated.
     pub fn build(
         library: Arc<Library>,
         settings: &EnsembleSettings,
@@ -133,7 +131,7 @@ impl Ensemble {
         Self::of(Arc::clone(&library)).extended(settings, control)
     }
 
-    /// The ensemble with these settings, with the members that this one has already.
+    /// Returns the ensemble with these settings, reusing the members of this one.
     ///
     /// # Errors
     /// As [`Ensemble::build`].
@@ -175,39 +173,39 @@ impl Ensemble {
         }
     }
 
-    /// Hash of all that it depends on.
+    /// Returns the ensemble's id, a hash of everything that it depends on.
     pub fn id(&self) -> &str {
         &self.id
     }
 
-    /// The library of the pair as it is described.
+    /// Returns the library of the pair as it is described.
     pub fn described(&self) -> &Arc<Library> {
         &self.described
     }
 
-    /// Depths in µm that every member is known at, from 0 on.
+    /// Returns the depths in µm at which the members are simulated, starting at 0.
     pub fn depths_um(&self) -> &[f64] {
         &self.depths_um
     }
 
-    /// The members, all equally probable beforehand.
+    /// Returns the members, which are equally probable a priori.
     pub fn members(&self) -> &[Member] {
         &self.members
     }
 
-    /// Greatest transmission error due to wear of any member, in µm.
+    /// Returns the greatest transmission error due to wear of any member, in µm.
     pub(crate) fn greatest_transmission_error_um(&self) -> f32 {
         self.greatest_transmission_error_um
     }
 
-    /// How far line `line` (0 is the first mesh harmonic) of a member has moved at a depth of the grid: the
+    /// Returns the change of line `line` (0 is the first mesh harmonic) of a member at a depth index: the
     /// natural logarithm of its amplitude over that of the unworn pair; NaN where it is not known.
     pub fn change(&self, member: usize, line: usize, depth: usize) -> f32 {
         self.changes.at(member, line, depth)
     }
 
-    /// The same of a line for [`LANES`] members side by side, by depth. What stands beside the last member
-    /// moves as it does.
+    /// Returns the changes of a line for [`LANES`] members side by side, by depth. Unused lanes of the last
+    /// block repeat the last member.
     pub(crate) fn changes_side_by_side(&self, block: usize, line: usize) -> &[Lanes; DEPTHS] {
         self.changes.block(block, line)
     }
@@ -217,13 +215,13 @@ impl Ensemble {
         self.variants() > 1 && self.id != ensemble_id(self.described.id(), settings)
     }
 
-    /// Members of one group, which stand one after the other: they have the same gears and the same wear.
+    /// Number of consecutive members that form a group with the same gears and the same wear.
     pub fn variants(&self) -> usize {
         let drawn = self.members.first().is_some_and(|member| member.draw.is_some());
         if drawn { VARIANTS } else { 1 }
     }
 
-    /// The same without one group of members: for scoring the estimate on the vibration of one of them.
+    /// Returns the ensemble without one group of members, for scoring the estimate on one of them.
     #[must_use]
     pub fn without_group(&self, group: usize) -> Self {
         let without = group * self.variants()..(group + 1) * self.variants();
@@ -235,7 +233,7 @@ impl Ensemble {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::made_up_library;
+    use super::super::testing::synthetic_library;
     use super::*;
 
     #[test]
@@ -248,19 +246,19 @@ mod tests {
 
     #[test]
     fn the_described_library_is_a_member_by_itself() {
-        let library = Arc::new(made_up_library());
+        let library = Arc::new(synthetic_library());
         let ensemble = Ensemble::of(Arc::clone(&library));
         assert_eq!(ensemble.members().len(), 1);
         let curve = &library.feature_curves()["ln_mesh_1"].clone();
         assert!((f64::from(ensemble.change(0, 0, 49)) - (curve[49] - curve[0])).abs() < 1e-6);
         assert_eq!(ensemble.change(0, 0, 0), 0.0);
-        // Lines that the library does not have do not move.
+        // Lines that the library does not have are unknown.
         assert!((0..DEPTHS).all(|depth| ensemble.change(0, 7, depth).is_nan()));
     }
 
     #[test]
     fn a_smaller_ensemble_is_the_beginning_of_a_larger_one() {
-        let library = Arc::new(made_up_library());
+        let library = Arc::new(synthetic_library());
         let settings = |members| EnsembleSettings { members };
         let control = BuildControl::silent();
         let small = Ensemble::build(Arc::clone(&library), &settings(4), &control).unwrap();

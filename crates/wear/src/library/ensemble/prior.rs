@@ -1,16 +1,16 @@
-//! Which pairs are drawn: the prior over what nobody knows of a machine.
+//! The prior from which pairs are drawn: the distribution of a machine's unknown properties.
 //!
-//! | of the pair | not given | given |
+//! | property | not given | given |
 //! | --- | --- | --- |
 //! | mesh damping ζ | log-uniform 0.03 to 0.5 | log-normal, 25 % |
-//! | contact rule | loaded 0.7, threshold 0.3; loaded where rigid flanks would leave each other or hammer without bound | half of the members the described one at least |
+//! | contact rule | loaded 0.7, threshold 0.3; loaded where rigid flanks would lose contact or vibrate without bound | the described one in at least half of the members |
 //! | bore radius | × 0.75 to 1.9, both gears within 10 % | – |
 //! | support stiffness | × 0.5 to 2 | log-normal, 20 % |
 //! | once-per-tooth error | 0 to twice the usual amplitude, any phase | log-normal, 30 %, any phase |
 //! | torque | ± 10 % | ± 10 % |
-//! | shape of wear | Archard 0.4 (hardness ratio 0.35 to 2.8, pressure exponent 0.85 to 1.25), least at the pitch point 0.6 | the given one within 10 %; where it was not measured, in 0.7 of the members |
+//! | shape of wear | Archard 0.4 (hardness ratio 0.35 to 2.8, pressure exponent 0.85 to 1.25), least at the pitch point 0.6 | the given one within 10 %; in 0.7 of the members where it was not measured |
 //!
-//! A field counts as given where it differs from its default, which for supports and errors goes with the
+//! A field counts as given where it differs from its default, which for supports and errors scales with the
 //! size of the pair. The shape that is least at the pitch point has exponents from 1.2 to 4 (log-uniform:
 //! sliding grows linearly from the pitch point, the paper draws a parabola), a depth at the pitch point of 0
 //! to 0.7 of the greatest (mostly near 0: nothing slides there), a tip ratio of 0.3 to 1.2, and in 0.3 of the
@@ -20,20 +20,20 @@ use flankwatch_gear::{
     ContactRule, DynamicsSpec, GearError, GearPair, PairSpec, WearPoint, WearShape, WearSpec,
 };
 
-/// Ratio of root to bore radius above which a gear's body can be modelled.
+/// Least ratio of root to bore radius at which a gear's body can be modelled.
 const MIN_ROOT_TO_BORE: f64 = 1.45;
 
 /// Points of a drawn shape's table on each flank.
 const SHAPE_POINTS: usize = 40;
 
-/// Depth in µm of a drawn shape's greatest point: tables are scaled anyway.
+/// Greatest depth in µm of a drawn shape's table, which is scaled later.
 const SHAPE_DEPTH_UM: f64 = 100.0;
 
-/// Seed of the sequence; changed only together with the prior's version.
+/// Seed of the sequence; change it only together with the prior's version.
 const SEED: u32 = 1;
 
-/// A point of a scrambled Sobol sequence, one coordinate after the other: a few hundred points fill the prior
-/// more evenly than chance would.
+/// A point of a scrambled Sobol sequence, read coordinate by coordinate: a few hundred points cover the prior
+/// more evenly than random ones.
 struct Draw {
     number: u32,
     coordinate: u32,
@@ -63,26 +63,26 @@ impl Draw {
     }
 }
 
-/// Drawn pairs of the same gears and the same wear: they differ in what does not change the mesh cycles.
+/// Drawn pairs with the same gears and wear; they differ in properties that the mesh cycles do not need.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Drawn {
     pub(super) specs: Vec<PairSpec>,
-    /// Under load, every pair of teeth gives way by itself.
+    /// Whether, under load, every pair of teeth deflects independently.
     pub(super) independent_teeth: bool,
 }
 
 impl Drawn {
-    /// The contact rule of all of them.
+    /// Returns the contact rule, which all of them share.
     pub(super) fn contact(&self) -> Option<ContactRule> {
         self.specs.first().map(|spec| spec.dynamics.contact)
     }
 }
 
-/// Draw number `draw` around a described pair, with `variants` pairs.
+/// Makes draw number `draw` around a described pair, with `variants` pairs.
 pub(super) fn draw(described: &PairSpec, draw: u32, variants: u32) -> Result<Drawn, GearError> {
     let mut dice = Draw { number: draw, coordinate: 0 };
     let mut spec = described.clone();
-    // Neither moves a mesh line while the teeth touch.
+    // Neither affects a mesh line while the teeth are in contact.
     spec.errors.long_period_um = Some(0.0);
     spec.errors.random_um = Some(0.0);
     let loaded = match described.dynamics.contact {
@@ -158,20 +158,20 @@ impl Wear {
     }
 }
 
-/// Every kind of shape takes the same coordinates of the sequence.
+/// Draws a shape of wear. Every kind of shape uses the same coordinates of the sequence.
 fn wear(dice: &mut Draw, described: &WearSpec) -> Wear {
     let is_usual = *described == WearSpec::default();
     let (given, archard, gears_differ) = (dice.chance(0.7), dice.chance(0.4), dice.chance(0.3));
     let ratio = dice.log_between(0.35, 2.8);
-    let like = like(dice, described);
-    dice.coordinate -= LIKE_COORDINATES;
+    let perturbed = perturbed(dice, described);
+    dice.coordinate -= PERTURBED_COORDINATES;
     let floor = 0.7 * dice.between(0.0, 1.0).powi(3);
-    // A shape after Archard has neither tip ratio nor floor, but an exponent of the pressure.
+    // Archard's shape has a pressure exponent instead of tip ratio and floor.
     let third = dice.uniform();
     let shape = Shape { floor, tip_ratio: 0.3 + 0.9 * third, exponent: dice.log_between(1.2, 4.0) };
     if described.measured || (!is_usual && given) {
-        let mut spec = like;
-        // The hardness is given to a tenth.
+        let mut spec = perturbed;
+        // A given hardness ratio varies by about a tenth.
         spec.hardness_pa[1] *= ratio.powf(0.1);
         return Wear::Given(spec);
     }
@@ -187,11 +187,11 @@ fn wear(dice: &mut Draw, described: &WearSpec) -> Wear {
     Wear::Drawn { shape, ratio: if gears_differ { ratio } else { 1.0 } }
 }
 
-/// Coordinates that a given shape takes.
-const LIKE_COORDINATES: u32 = 3;
+/// Coordinates that a given shape uses.
+const PERTURBED_COORDINATES: u32 = 3;
 
-/// The given shape, as well as it was measured.
-fn like(dice: &mut Draw, described: &WearSpec) -> WearSpec {
+/// Perturbs the given shape within its measurement error.
+fn perturbed(dice: &mut Draw, described: &WearSpec) -> WearSpec {
     let mut wear = described.clone();
     wear.floor = (wear.floor + dice.between(-0.03, 0.03)).clamp(0.0, 1.0);
     wear.tip_ratio = (wear.tip_ratio * dice.factor(0.08)).min(1.0);
@@ -199,7 +199,7 @@ fn like(dice: &mut Draw, described: &WearSpec) -> WearSpec {
     wear
 }
 
-/// Least wear at the pitch point, growing with a power to root and tip.
+/// Shape with the least wear at the pitch point, growing as a power towards root and tip.
 struct Shape {
     floor: f64,
     tip_ratio: f64,
@@ -212,12 +212,12 @@ impl Shape {
         let (root, pitch, tip) = (gear.sap_radius_mm, gear.pitch_radius_mm, gear.tip_radius_mm);
         let point = |i: usize| {
             let radius_mm = root + (tip - root) * i as f64 / SHAPE_POINTS as f64;
-            let (end, way) = if radius_mm < pitch {
+            let (end, distance) = if radius_mm < pitch {
                 (1.0, (pitch - radius_mm) / (pitch - root))
             } else {
                 (self.tip_ratio, (radius_mm - pitch) / (tip - pitch))
             };
-            let part = self.floor + (end - self.floor) * way.clamp(0.0, 1.0).powf(self.exponent);
+            let part = self.floor + (end - self.floor) * distance.clamp(0.0, 1.0).powf(self.exponent);
             WearPoint { gear: index as u32 + 1, radius_mm, depth_um: SHAPE_DEPTH_UM * scale * part.max(0.0) }
         };
         (0..=SHAPE_POINTS).map(point).collect()
@@ -226,7 +226,7 @@ impl Shape {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::testing::made_up_library;
+    use super::super::super::testing::synthetic_library;
     use super::*;
 
     fn draws(described: &PairSpec) -> Vec<PairSpec> {
@@ -234,8 +234,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_given_is_drawn_widely() {
-        let described = made_up_library().pair().clone();
+    fn properties_not_given_are_drawn_widely() {
+        let described = synthetic_library().pair().clone();
         let all = draws(&described);
         let damping: Vec<f64> = all.iter().map(|spec| spec.dynamics.mesh_damping_ratio).collect();
         assert!(damping.iter().any(|z| *z < 0.05) && damping.iter().any(|z| *z > 0.35));
@@ -246,8 +246,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_is_drawn_around_it() {
-        let mut described = made_up_library().pair().clone();
+    fn given_properties_are_drawn_around_their_value() {
+        let mut described = synthetic_library().pair().clone();
         described.dynamics.mesh_damping_ratio = 0.1;
         described.wear.exponent = 2.0;
         described.wear.measured = true;
@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn a_draw_is_a_function_of_pair_and_number() {
-        let described = made_up_library().pair().clone();
+        let described = synthetic_library().pair().clone();
         assert_eq!(draw(&described, 7, 2).unwrap(), draw(&described, 7, 2).unwrap());
         assert_ne!(draw(&described, 7, 2).unwrap(), draw(&described, 8, 2).unwrap());
     }
