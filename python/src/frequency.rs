@@ -103,7 +103,7 @@ pub(crate) fn condition<'py>(
     };
     let (mesh, record) = (machine.mesh()?, machine.record(x, rate_hz, unit)?);
     let bands: Vec<Band> = bands.map_or_else(|| Ok(Vec::new()), |bands| from_python("bands", bands))?;
-    if let Some(band) = bands.iter().find(|band| !band.is_usable()) {
+    if let Some(band) = bands.iter().find(|band| !band.is_valid()) {
         let expected =
             "a name of 1 to 32 of a-z, 0-9 and _, and two frequencies in hertz, the lower one first";
         return Err(argument_error("bands", format!("{:?} {:?}", band.name, band.band_hz), expected));

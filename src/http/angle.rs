@@ -88,7 +88,7 @@ pub(super) async fn orders(
         "compute an order spectrum",
         |analyzer, record, mesh| analyzer.order_spectrum(record, mesh, None),
     );
-    let spectrum = computed.await?.map_err(|absence| absent("spectrum over orders", absence))?;
+    let spectrum = computed.await?.map_err(|reason| absent("spectrum over orders", reason))?;
     let resolution_orders = spectrum.resolution_orders;
     let places = range.places(spectrum.amplitude.len(), resolution_orders);
     let mesh_amplitudes = teeth.map_or_else(Vec::new, |[driving, _]| mesh_amplitudes(&spectrum, driving));
@@ -187,7 +187,7 @@ pub(super) async fn turn(
         })
         .await?;
     let TurnAverage { turns, angle, signals } =
-        computed.map_err(|absence| absent("average over a turn", absence))?;
+        computed.map_err(|reason| absent("average over a turn", reason))?;
     let samples = signals.average.len();
     Ok(Json(TurnView {
         segment_id: segment.id,
@@ -204,8 +204,8 @@ pub(super) async fn turn(
 }
 
 /// The problem that a record has no such curve.
-pub(super) fn absent(what: &str, absence: NotComputed) -> Problem {
-    let reason = serde_json::to_value(absence).ok();
+pub(super) fn absent(what: &str, reason: NotComputed) -> Problem {
+    let reason = serde_json::to_value(reason).ok();
     let reason = reason.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('_', " ");
     Problem::new(StatusCode::UNPROCESSABLE_ENTITY, format!("this record has no {what}: {reason}"))
 }

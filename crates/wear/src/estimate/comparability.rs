@@ -29,7 +29,7 @@ pub(super) struct Comparability {
 /// Whether a record's mesh lines are read apart from their sidebands, where its speed and length are known.
 fn lines_are_apart(record: &Features) -> Option<bool> {
     let speed_hz = record.operating_point.shaft_speed_hz.filter(|_| record.has_mesh())?;
-    Some(record.extent?.seconds >= Extent::seconds_apart(speed_hz))
+    Some(record.extent?.seconds >= Extent::min_seconds_to_separate_lines(speed_hz))
 }
 
 /// Whether two records can be part of one baseline.
@@ -58,7 +58,7 @@ impl Comparability {
             return None;
         }
         let speed_hz = record.operating_point.shaft_speed_hz.or(self.shaft_speed_hz)?;
-        let needed_s = Extent::seconds_apart(speed_hz);
+        let needed_s = Extent::min_seconds_to_separate_lines(speed_hz);
         match (self.apart?, seconds >= needed_s) {
             (true, false) => Some(format!(
                 "not comparable with the baseline: a record of {seconds:.2} s, and {needed_s:.2} s are needed to tell the mesh lines from their sidebands"
