@@ -1,4 +1,4 @@
-//! A CSV file as records, cut as any other recording.
+//! Records of a CSV file.
 
 use std::io::Read;
 
@@ -7,10 +7,10 @@ use super::cut::{Blocks, Frames};
 use super::{CsvFrames, CsvLayout, CsvTiming, Cut, CutPlan, Cutter, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
-/// Reads a CSV file, whose columns are what `layout` says, as one record a channel.
+/// Reads a CSV file, whose columns are given by `layout`, as one record per channel.
 ///
-/// The rate is that of the layout or of the defaults, else the file's own; the time of a column with dates,
-/// and units of the header, count before the defaults.
+/// The rate is that of the layout, else of the defaults, else the file's own. The start time from a column
+/// with dates and the units in the header take precedence over the defaults.
 pub fn decode_csv(
     bytes: &[u8],
     layout: CsvLayout,
@@ -32,8 +32,7 @@ pub fn decode_csv(
     CsvBlocks::with_plan(CsvFrames::with_layout(bytes, layout)?, &timing, defaults, plan)?.collect()
 }
 
-/// Reads a CSV file of any length as consecutive records: all channels of one stretch, then those of the
-/// next.
+/// Reads a CSV file of any length as consecutive records: all channels of one block, then those of the next.
 pub struct CsvBlocks<R> {
     blocks: Blocks<CsvFrames<R>>,
 }
@@ -45,7 +44,7 @@ impl<R: Read> Frames for CsvFrames<R> {
 }
 
 impl<R: Read> CsvBlocks<R> {
-    /// Records of a file whose timing has been read.
+    /// Creates a reader of the records of a file whose timing is known.
     pub fn new(
         frames: CsvFrames<R>,
         timing: &CsvTiming,
@@ -65,20 +64,20 @@ impl<R: Read> CsvBlocks<R> {
     ) -> Result<Self, RecordingError> {
         let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
         let channels = frames.channels();
-        let names = defaults.names_before(channels.to_vec());
-        let mut said = defaults.clone();
-        said.start_time = timing.start_time.unwrap_or(defaults.start_time);
+        let names = defaults.names_or(channels.to_vec());
+        let mut completed = defaults.clone();
+        completed.start_time = timing.start_time.unwrap_or(defaults.start_time);
         for (name, unit) in names.iter().zip(frames.units()) {
             if let Some(unit) = unit {
-                said.channel_units.insert(name.clone(), (*unit).to_owned());
+                completed.channel_units.insert(name.clone(), (*unit).to_owned());
             }
         }
         let channels = channels.len();
-        let cutter = Cutter::new(names, rate_hz, &said, plan);
+        let cutter = Cutter::new(names, rate_hz, &completed, plan);
         Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
     }
 
-    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    /// Returns the length of the records in seconds if a long recording is cut by default.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         self.blocks.default_cut_seconds()
     }

@@ -1,18 +1,18 @@
-//! A waveform message's samples, copied as a whole.
+//! Bulk copy of the samples of a waveform message.
 
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 
 /// Number of the field `samples` in `WaveformBlock`.
 const SAMPLES: u32 = 5;
 
-/// Bytes besides the samples up to which a message is split: they are copied.
+/// A message is split only if it has at most this many bytes besides the samples, as these are copied.
 const MAX_OTHER_BYTES: usize = 1 << 16;
 
-/// Samples of a `WaveformBlock` message that are packed, and the bytes of its other fields in their order.
+/// Splits a `WaveformBlock` message into its packed samples and the bytes of its other fields, in order.
 ///
-/// The generated decoder takes packed samples one after the other, which costs several times as much as to
-/// copy them. `None` where samples are not packed, or something is wrong or large: then that decoder says
-/// what it is.
+/// The generated decoder reads packed samples one by one, which takes several times as long as copying them.
+/// `None` if the samples are not packed, or the message is damaged or large: then the generated decoder reads
+/// it or reports the error.
 pub(super) fn split(bytes: &[u8]) -> Option<(Vec<f32>, Vec<u8>)> {
     let (mut samples, mut others) = (Vec::new(), Vec::new());
     let mut left = bytes;

@@ -1,5 +1,5 @@
-//! How many tachometer pulses a protobuf message has, counted before it is decoded: what takes one byte there
-//! takes eight in memory.
+//! Number of tachometer pulses in a protobuf message, counted before decoding: one byte of the message may
+//! take eight in memory.
 
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 
@@ -12,12 +12,12 @@ const TACHOMETER: u32 = 9;
 /// Number of the field `pulse_time_ns` in `Tachometer`.
 const PULSE_TIME: u32 = 1;
 
-/// Refuses a `Tachometer` message with more pulses than are taken.
+/// Rejects a `Tachometer` message with more than the maximum number of pulses.
 pub(super) fn check_tachometer(message: &[u8]) -> Result<(), RecordingError> {
     check(pulses_in(message, message.len()))
 }
 
-/// Refuses a `WaveformBlock` message with more pulses than are taken.
+/// Rejects a `WaveformBlock` message with more than the maximum number of pulses.
 pub(super) fn check_block(message: &[u8]) -> Result<(), RecordingError> {
     check(pulses_in_block(message))
 }
@@ -33,14 +33,15 @@ fn check(pulses: usize) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// Pulses in a `WaveformBlock` message. Several tachometers in it are merged, and so count together.
+/// Counts the pulses in a `WaveformBlock` message. Several tachometers in it are merged when decoding, so
+/// they are summed.
 fn pulses_in_block(message: &[u8]) -> usize {
     let tachometers = Fields { left: message, after: 0 }.filter(|(tag, _)| *tag == TACHOMETER);
     let lengths = tachometers.filter_map(|(_, content)| content);
     lengths.map(|(bytes, length)| pulses_in(bytes, length)).sum()
 }
 
-/// Pulses, packed or not, in a `Tachometer` message that is the first `length` of these bytes.
+/// Counts the pulses, packed or not, in a `Tachometer` message that is the first `length` of these bytes.
 fn pulses_in(bytes: &[u8], length: usize) -> usize {
     let after = bytes.len() - length;
     let times = Fields { left: bytes, after }.filter(|(tag, _)| *tag == PULSE_TIME);
@@ -48,8 +49,8 @@ fn pulses_in(bytes: &[u8], length: usize) -> usize {
         .map(|(_, content)| match content {
             Some((bytes, length)) => {
                 let packed = &bytes[..length];
-                // Of each number only the last byte is below 128; one that goes on behind the end is decoded
-                // before that is noticed.
+                // Only the last byte of each number is below 128. A number that continues past the end is
+                // decoded before that is detected.
                 packed.iter().filter(|byte| **byte < 0x80).count()
                     + usize::from(packed.last().is_some_and(|last| *last >= 0x80))
             }
@@ -58,14 +59,14 @@ fn pulses_in(bytes: &[u8], length: usize) -> usize {
         .sum()
 }
 
-/// The fields of a message: number and, where a length stands before it, the bytes from its content on and
-/// that length.
+/// The fields of a message: number and, for length-delimited fields, the bytes from the content on and its
+/// length.
 ///
-/// It goes wherever the generated decoder does: that notices only behind a field that the field ends after
-/// its message, and so decodes it whole. Where anything else is wrong both end.
+/// It follows the generated decoder, which detects only after a field that the field exceeds its message, and
+/// hence decodes it completely. At any other error both stop.
 struct Fields<'a> {
     left: &'a [u8],
-    /// How many bytes are left at the message's end.
+    /// Number of remaining bytes at the message's end.
     after: usize,
 }
 

@@ -65,7 +65,7 @@ impl Cutting {
 
     /// Samples before and after an alarm that become records; none where all do anyway.
     pub(super) fn around_alarm(&self) -> Option<(u64, u64)> {
-        self.around_alarm.filter(|_| !self.takes_all())
+        self.around_alarm.filter(|_| !self.is_continuous())
     }
 
     /// Length of records of a time that is kept whole.
@@ -74,8 +74,8 @@ impl Cutting {
     }
 
     /// Whether all samples become records.
-    pub(super) fn takes_all(&self) -> bool {
-        self.steady.is_none() && self.clocked.takes_all()
+    pub(super) fn is_continuous(&self) -> bool {
+        self.steady.is_none() && self.clocked.is_continuous()
     }
 
     /// Where the next record begins at the earliest after one.
@@ -100,7 +100,7 @@ impl Cutting {
         if self.steady.is_some() {
             // A record is cut as soon as it is whole.
             cutter.skip_before((cutter.end() + 1).saturating_sub(self.clocked.record_frames()));
-        } else if self.clocked.takes_none() {
+        } else if self.clocked.is_disabled() {
             cutter.skip();
         }
     }

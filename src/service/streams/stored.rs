@@ -95,7 +95,7 @@ impl StoredStream {
 
     /// The sender begins again at the next index: what waits for samples in front of it is forgotten.
     pub(crate) fn begin_again(&mut self) {
-        self.assembler.forget_held();
+        self.assembler.discard_pending();
     }
 
     /// Takes chunks and has them on the disk. Where one cannot be used those before it are taken.
@@ -125,7 +125,7 @@ impl StoredStream {
         index: u64,
         cutting: &Cutting,
     ) -> Result<StreamProgress, ServiceError> {
-        let pieces = self.assembler.give_up_before(index)?;
+        let pieces = self.assembler.declare_lost_before(index)?;
         self.write(pieces, cutting)
     }
 

@@ -70,21 +70,21 @@ const FIXTURES: &[(&str, &[Expected])] = &[
     ),
     ("mcap-unknown-compression.mcap", &[Error("Unsupported compression format `snappy`")]),
     ("mcap-broken-zstd.mcap", &[Error("damaged at byte 34: Error during decompression")]),
-    ("mcap-zstd-of-zeros.mcap", &[Error("no vibration in it")]),
+    ("mcap-zstd-of-zeros.mcap", &[Error("no vibration found")]),
     (
         "mcap-undeclared-channel.mcap",
         &[
             Error(
                 "message 1 on \"(channel 7)\": channel id is 7, expected that of a channel declared before",
             ),
-            Error("no vibration in it"),
+            Error("no vibration found"),
         ],
     ),
     (
         "mcap-topic-longer-than-record.mcap",
         &[Error("damaged at byte 34: a channel's topic has 4294967295 bytes")],
     ),
-    ("mcap-no-topics.mcap", &[Error("no vibration in it")]),
+    ("mcap-no-topics.mcap", &[Error("no vibration found")]),
     ("mcap-only-magic.mcap", &[Error("ends at byte 8")]),
     ("mcap-json.mcap", &[Samples(&[1.0, 2.0])]),
     (

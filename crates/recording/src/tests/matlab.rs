@@ -69,7 +69,7 @@ fn a_matlab_file_without_a_rate_needs_one() {
     assert!(error.contains("the sampling rate is missing"), "{error}");
     let other = RecordDefaults { sample_rate_hz: Some(12_000.0), ..RecordDefaults::default() };
     let error = refusal("times.mat", other);
-    assert!(error.contains("12000 Hz, expected 12800 Hz as the times in the file say"), "{error}");
+    assert!(error.contains("12000 Hz, expected 12800 Hz according to the times in the file"), "{error}");
 }
 
 #[test]
