@@ -125,7 +125,7 @@ impl Simulated {
         };
         let pair = spec.resolve()?;
         let depths_mm: Vec<f64> = depths_um.iter().map(|um| um * 1e-3).collect();
-        let worn = FlankWear::from_shape_coarsely_at(&pair, &depths_mm)?;
+        let worn = FlankWear::from_shape_coarse_at(&pair, &depths_mm)?;
         // What the teeth give way changes little with their wear: the bodies stay those of the unworn gears.
         let bodies = match spec.dynamics.contact {
             ContactRule::Loaded if drawn.independent_teeth => Some(ElasticBodies::independent_teeth(&pair)?),
