@@ -194,7 +194,7 @@ impl FlankWear {
             for point in Flank::new(gear, self, i).active_points(CHECKED_POINTS) {
                 if point.y_mm - point.depth_mm <= 0.0 {
                     let expected = format!(
-                        "less: at radius {:.3} mm of gear {} it takes {:.4} mm and half of the tooth is {:.4} mm",
+                        "a smaller depth: at radius {:.3} mm of gear {} the wear is {:.4} mm and half of the tooth is {:.4} mm",
                         point.radius_mm,
                         i + 1,
                         point.depth_mm,
@@ -208,7 +208,7 @@ impl FlankWear {
     }
 }
 
-/// Refuses what a shape cannot be made from, whatever its depth.
+/// Rejects invalid parameters of a shape, whatever its depth.
 pub(super) fn check_shape(spec: &WearSpec) -> Result<(), GearError> {
     match spec.shape {
         WearShape::Parabolic => check_parabola(spec),

@@ -178,7 +178,7 @@ mod tests {
     fn times_that_cannot_be_are_refused_with_their_line() {
         for (text, rate_hz, expected) in [
             ("a\n1\n2\n", None, "the sampling rate is missing"),
-            ("t,a\n0,1\n0.1,2\n0.05,3\n", None, "csv line 4: its time lies before that of the line above"),
+            ("t,a\n0,1\n0.1,2\n0.05,3\n", None, "csv line 4: its time is before that of the line above"),
             ("t,a\n0,1\n1,1\n2,1\n3,1\n6,1\n7,1\n8,1\n", None, "csv line 6: 3 s after the line above"),
             ("t,a\n0,1\n0.1,2\n", Some(10.02), "the sampling rate is 10.02 Hz, expected 10 Hz"),
             ("fs=11\nt,a\n0,1\n0.1,2\n", None, "the sampling rate is 11 Hz, expected 10 Hz"),

@@ -69,7 +69,7 @@ pub(crate) fn variables(bytes: &[u8], max_bytes: u64) -> Result<Vec<Variable>, R
     let big_endian = match bytes.get(HEADER - 2..HEADER) {
         Some(b"IM") => false,
         Some(b"MI") => true,
-        Some(other) => return Err(damaged("order of bytes", format!("{other:02x?}"), "IM or MI")),
+        Some(other) => return Err(damaged("byte order", format!("{other:02x?}"), "IM or MI")),
         None => return Err(damaged("header", format!("{} bytes long", bytes.len()), "128 bytes")),
     };
     let mut reader = Variables { big_endian, left: max_bytes, found: Vec::new(), count: 0 };

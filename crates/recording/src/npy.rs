@@ -292,7 +292,7 @@ mod tests {
         for (bytes, words) in [
             (array("<c16", "(2,)", &[]), ["descr", "'<c16'"]),
             (array("O", "(2,)", &[]), ["descr", "'O'"]),
-            (array("=f4", "(2,)", &[]), ["descr", "order of bytes"]),
+            (array("=f4", "(2,)", &[]), ["descr", "byte order"]),
             (array("<f4", "(2, 3, 4)", &[]), ["shape", "(2, 3, 4)"]),
             (array("<f4", "(2, 0)", &[]), ["shape", "(2, 0)"]),
             (array("<f4", "(2, 257)", &[]), ["shape", "257"]),

@@ -75,7 +75,7 @@ const FIXTURES: &[(&str, &[Expected])] = &[
         "mcap-undeclared-channel.mcap",
         &[
             Error(
-                "message 1 on \"(channel 7)\": channel id is 7, expected that of a channel declared before",
+                "message 1 on \"(channel 7)\": channel id is 7, expected the id of a channel declared before",
             ),
             Error("no vibration found"),
         ],

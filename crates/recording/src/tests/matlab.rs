@@ -105,7 +105,7 @@ fn what_cannot_be_read_is_named() {
         (mat[..mat.len() - 20].to_vec(), ["mat: length", "are there"]),
         (mat[..mat.len() - 60].to_vec(), ["mat: end", "4 bytes of a variable"]),
         (mat[..128].to_vec(), ["mat: variables", "an array of real numbers"]),
-        ([&mat[..126], b"XY", &mat[128..]].concat(), ["mat: order of bytes", "IM or MI"]),
+        ([&mat[..126], b"XY", &mat[128..]].concat(), ["mat: byte order", "IM or MI"]),
     ] {
         let error = refusal(&damaged);
         assert!(words.iter().all(|word| error.contains(word)), "{error}");
