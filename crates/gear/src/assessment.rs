@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_is_wrong_is_said_at_once() {
+    fn all_errors_are_reported_at_once() {
         let mut spec = shen2022_spec();
         spec.geometry.module_mm = -1.0;
         spec.geometry.bore_radius_mm[1] = 0.0;
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_geometry_that_cannot_be_is_measured_all_the_same() {
+    fn an_impossible_geometry_is_still_measured() {
         let mut spec = shen2022_spec();
         spec.geometry.teeth = [12, 26];
         spec.geometry.centre_distance_mm = Some(100.0);

@@ -39,7 +39,7 @@ const REFUSALS: [(&str, &str, &str, &str); 17] = [
 const OUT_OF_CONTACT: &str = "worn-out-of-contact";
 
 #[test]
-fn bad_pair_files_are_refused_with_field_value_and_limit() {
+fn bad_pair_files_are_rejected_with_field_value_and_limit() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/pairs/bad");
     for (name, wanted_field, wanted_value, limit) in REFUSALS {
         let text = fs::read_to_string(folder.join(name).with_extension("toml")).unwrap();
@@ -64,7 +64,7 @@ fn bad_pair_files_are_refused_with_field_value_and_limit() {
 /// Under the threshold rule a part of the period has no contact; under loaded contact the tip edges bridge
 /// it.
 #[test]
-fn wear_that_leaves_rigid_teeth_out_of_contact_is_refused() {
+fn wear_that_separates_rigid_teeth_is_rejected() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/pairs/bad").join(OUT_OF_CONTACT);
     let mut spec = PairSpec::from_toml(&fs::read_to_string(path.with_extension("toml")).unwrap()).unwrap();
     let cycle = |spec: &PairSpec| {

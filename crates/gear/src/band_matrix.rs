@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_not_positive_definite() {
+    fn rejects_indefinite_matrices() {
         let mut matrix = BandMatrix::zeros(2, 1);
         matrix.add(0, 0, 1.0);
         matrix.add(1, 0, 2.0);

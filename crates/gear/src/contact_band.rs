@@ -171,7 +171,7 @@ fn driving_length_mm(gear: &Gear, point: &FlankPoint) -> f64 {
     gear.base_radius_mm * (point.alpha_rad + gear.base_half_angle_rad)
 }
 
-/// The same from the point's radius in mm.
+/// Length of that line from the point's radius in mm.
 fn flank_length_mm(gear: &Gear, radius_mm: f64) -> f64 {
     (radius_mm * radius_mm - gear.base_radius_mm.powi(2)).max(0.0).sqrt()
 }

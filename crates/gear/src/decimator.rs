@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_and_stops_where_it_says_without_delay() {
+    fn has_the_stated_pass_and_stop_bands_without_delay() {
         for factor in [8, 14, 64] {
             for frequency in [0.05, 0.2, 0.4] {
                 let (gain, phase) = response(factor, frequency);

@@ -256,7 +256,7 @@ mod tests {
     /// Free flight between working flanks and backs at constant speed, a half vibration on each: the period
     /// is 2π/ω + 2b/v.
     #[test]
-    fn parted_teeth_fly_freely_and_strike_their_backs() {
+    fn separated_teeth_move_freely_and_strike_the_back_flanks() {
         let (mut motion, excitation, omega) = oscillator(0.0);
         let backlash = 20e-6;
         motion.backlash_m = backlash;

@@ -96,7 +96,7 @@ pub(super) fn within(field: &'static str, value: f64, min: f64, max: f64) -> Res
     }
 }
 
-/// Returns the value if it lies above zero and is at max `max`.
+/// Returns the value if it lies above zero and is at most `max`.
 pub(super) fn positive(field: &'static str, value: f64, max: f64) -> Result<f64, GearError> {
     if value > 0.0 && value <= max {
         Ok(value)

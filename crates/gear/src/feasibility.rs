@@ -129,7 +129,7 @@ mod tests {
 
     /// Light plastic gears on stiff supports that hardly damp: found among drawn pairs.
     #[test]
-    fn vibration_that_grows_without_bound_is_refused() {
+    fn vibration_that_grows_without_bound_is_rejected() {
         let mut spec = shen2022_spec();
         (spec.geometry.teeth, spec.geometry.module_mm, spec.geometry.face_width_mm) = ([36, 66], 1.33, 6.6);
         (spec.geometry.bore_radius_mm, spec.geometry.centre_distance_mm) = ([5.0, 9.0], None);
@@ -152,7 +152,7 @@ mod tests {
 
     /// `fixtures/pairs/bad/worn-out-of-contact.toml`, whose library would fail after a part of its states.
     #[test]
-    fn wear_that_parts_rigid_flanks_is_refused_with_the_depth_that_it_carries() {
+    fn wear_that_separates_rigid_flanks_is_rejected_with_the_possible_depth() {
         let mut spec =
             PairSpec::from_toml(include_str!("../../../fixtures/pairs/bad/worn-out-of-contact.toml"))
                 .unwrap();

@@ -242,7 +242,7 @@ mod tests {
     use crate::{GearError, PairSpec, WearShape};
 
     #[test]
-    fn values_that_cannot_be_used_are_refused_with_the_field() {
+    fn invalid_values_are_rejected_with_the_field() {
         type Change = fn(&mut PairSpec);
         let cases: [(&str, Change); 36] = [
             ("geometry.teeth", |s| s.geometry.teeth[0] = 0),
@@ -295,7 +295,7 @@ mod tests {
     /// A hundred times what the paper's pair carries is too much for its teeth, and for ones of plastic what
     /// it carries.
     #[test]
-    fn the_torque_is_held_against_the_teeth() {
+    fn the_torque_is_limited_by_the_teeth() {
         let refusal = |change: fn(&mut PairSpec)| {
             let mut spec = shen2022_spec();
             change(&mut spec);
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn refusals_say_what_is_wrong_with_the_teeth() {
+    fn errors_describe_the_problem_of_the_teeth() {
         let refusal = |change: fn(&mut PairSpec)| {
             let mut spec = shen2022_spec();
             spec.geometry.centre_distance_mm = None;

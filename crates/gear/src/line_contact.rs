@@ -61,7 +61,7 @@ mod tests {
     /// Hertz's pressure is P (1 − ν²)/(πE) (2 ln(2d/b) − ν/(1 − ν)), and the half-plane's displacement at
     /// depth d is P (1 + ν)/(πE) (1 − 2(1 − ν) ln d).
     #[test]
-    fn far_from_the_edge_it_is_hertz() {
+    fn contact_far_from_the_edge_is_hertzian() {
         let (young, poisson, force, curvature) = (205e3, 0.3, 400.0, 0.09);
         let modulus = young / (2.0 * (1.0 - poisson * poisson));
         let contact = LineContact { curvature_per_mm: curvature, edge_angle_rad: -1.0 };

@@ -281,7 +281,7 @@ mod tests {
     /// `fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv`: one pair alone along its whole path,
     /// tip edges at both ends.
     #[test]
-    fn a_single_pair_is_that_of_the_finite_element_reference() {
+    fn a_single_pair_matches_the_finite_element_reference() {
         let (pair, wear) = (shen2022(), FlankWear::none());
         let bodies = ElasticBodies::new(&pair, &wear).unwrap();
         let teeth = ToothPair::new(&pair, &wear, &bodies.outlines);
@@ -309,7 +309,7 @@ mod tests {
     /// The shares of `K_perfect.csv` at φ₁ = −0.2122 rad, the middle of double contact, and −0.0240 rad,
     /// where a tip's edge carries: 0.4819 and 0.2751 of the torque on the entering pair.
     #[test]
-    fn shares_are_those_of_the_finite_element_reference() {
+    fn shares_match_the_finite_element_reference() {
         let (pair, wear) = (shen2022(), FlankWear::none());
         let bodies = ElasticBodies::new(&pair, &wear).unwrap();
         let teeth = ToothPair::new(&pair, &wear, &bodies.outlines);

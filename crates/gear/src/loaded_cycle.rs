@@ -301,7 +301,7 @@ mod tests {
     /// `fixtures/reference/mesh-stiffness-fe`: a fine finite-element model with resolved contact, at every
     /// position of the period.
     #[test]
-    fn stiffness_is_that_of_the_finite_element_reference() {
+    fn stiffness_matches_the_finite_element_reference() {
         let cases = [
             (
                 include_str!("../../../fixtures/reference/mesh-stiffness-fe/K_perfect_T130Nm.csv"),
@@ -371,7 +371,7 @@ mod tests {
     /// `fixtures/reference/loaded-contact-worn`: whole gears meshed with their worn outlines, contact
     /// resolved node by node.
     #[test]
-    fn worn_flanks_are_those_of_a_second_method() {
+    fn worn_flanks_match_a_second_method() {
         let mut greatest = (0.0, String::new());
         for line in
             include_str!("../../../fixtures/reference/loaded-contact-worn/stiffness.csv").lines().skip(1)
@@ -420,7 +420,7 @@ mod tests {
 
     /// Without load the two rules know the same mesh relationship wherever flanks touch.
     #[test]
-    fn unloaded_error_is_that_of_the_mesh_relationship() {
+    fn unloaded_error_equals_that_of_the_mesh_relationship() {
         let (pair, wear) = typical_wear();
         let rigid = MeshCycle::compute(&pair, &wear, 500).unwrap();
         let loaded =
@@ -434,7 +434,7 @@ mod tests {
     /// bit; under a thousandth of it, with the paper's errors, they part. Without backlash their backs would
     /// hold them.
     #[test]
-    fn teeth_part_under_light_load_only() {
+    fn teeth_separate_only_under_light_load() {
         let mut spec = shen2022_spec();
         spec.dynamics.contact = ContactRule::Loaded;
         spec.geometry.centre_distance_mm = Some(150.1);
@@ -460,7 +460,7 @@ mod tests {
 
     /// A torque that no pair file may have, given past the check.
     #[test]
-    fn a_force_beyond_all_measure_is_refused() {
+    fn an_excessive_force_is_rejected() {
         let mut pair = shen2022();
         let bodies = ElasticBodies::new(&pair, &FlankWear::none()).unwrap();
         for torque_nm in [1e9, 1e15, f64::INFINITY, f64::NAN] {
@@ -473,7 +473,7 @@ mod tests {
     /// Gears of other tooth numbers, profile shifts, bores and pressure angles: the cycle is sound and
     /// stiffer with two pairs than one.
     #[test]
-    fn other_pairs_are_sound() {
+    fn other_pairs_are_plausible() {
         let cases = [
             ([17, 17], [0.2, 0.2], 20.0, [10.0, 10.0], 1.0),
             ([12, 90], [0.5, -0.5], 20.0, [8.0, 150.0], 1.0),

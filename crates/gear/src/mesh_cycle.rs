@@ -227,7 +227,8 @@ impl<'a> Mesh<'a> {
             }
         }
         // Less material cannot advance the driven gear, and a pair that lags by more than both depths leaves
-        // another one in contact. Tables with steps cause edge contact, which the relationship does not model.
+        // another one in contact. Tables with steps cause edge contact, which the relationship does not
+        // model.
         let plausible_lags = -LEAD_ROUNDING_RAD..=self.max_lag_rad;
         let Some((leader, phi2_rad)) =
             leader.filter(|(_, phi2)| plausible_lags.contains(&self.lag(phi1, *phi2)))
@@ -405,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn drastic_hollows_still_carry_the_whole_period() {
+    fn deep_hollows_carry_load_over_the_whole_period() {
         let pair = shen2022();
         // Flanks hollowed by 1.5 mm around the pitch point: contact hops from one side of the hollow to the
         // other.

@@ -529,7 +529,7 @@ mod tests {
 
     /// Lanes know nothing of each other but for the length of the start-up.
     #[test]
-    fn records_made_together_are_those_made_alone() {
+    fn records_simulated_together_equal_single_ones() {
         let pair = shen2022();
         let worn = |depth: f64| {
             MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 1000).unwrap()

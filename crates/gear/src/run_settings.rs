@@ -55,7 +55,7 @@ mod tests {
     use crate::{FlankWear, MeshCycle, simulate};
 
     #[test]
-    fn settings_that_cannot_be_used_are_refused() {
+    fn invalid_settings_are_rejected() {
         let pair = shen2022();
         let cycle = MeshCycle::compute(&pair, &FlankWear::none(), 1000).unwrap();
         let run = RunSettings::nominal(&pair, 20_000.0, 0.1);

@@ -116,7 +116,7 @@ mod tests {
     use crate::{ErrorSpec, SupportSpec};
 
     #[test]
-    fn what_the_papers_pair_does_not_say_is_what_it_says() {
+    fn defaults_of_the_papers_pair_are_its_own_values() {
         let given = shen2022_spec();
         let mut silent = given.clone();
         (silent.supports, silent.errors) = (SupportSpec::default(), ErrorSpec::default());

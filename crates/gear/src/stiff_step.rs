@@ -214,7 +214,7 @@ mod tests {
 
     /// Teeth that fly through their backlash and come back.
     #[test]
-    fn parted_teeth_are_those_of_the_explicit_step() {
+    fn separated_teeth_match_the_explicit_step() {
         let mut motion = motion(6.56e7, 1e3);
         motion.backlash_m = 10e-6;
         motion.drive_m_per_s2 = 50.0;

@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn wear_that_cannot_be_is_refused() {
+    fn invalid_wear_is_rejected() {
         let pair = shen2022();
         for depth in [-0.01, f64::NAN, f64::INFINITY, 4.5] {
             let refusal = FlankWear::from_shape(&pair, depth).unwrap_err();

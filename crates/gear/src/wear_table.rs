@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_tables_are_refused_with_line_field_and_value() {
+    fn invalid_tables_are_rejected_with_line_field_and_value() {
         let refusal = |rows: &str| {
             let text = format!("gear,radius_mm,depth_um\n{rows}");
             FlankWear::from_table_csv(&shen2022(), &text).unwrap_err().to_string()

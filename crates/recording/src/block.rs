@@ -90,10 +90,12 @@ impl RecordDefaults {
 
 /// Decodes one block.
 ///
-/// A missing start time (0 in protobuf), channel, unit or field of the operating point is completed_by from
+/// A missing start time (0 in protobuf), channel, unit or field of the operating point is filled from
 /// `defaults`; a channel without a name is `"1"`.
 ///
 /// # Errors
+/// An invalid field, named in the error; more than [`MAX_RECORD_SAMPLES`] samples or 4 194 304 pulses, which
+/// are rejected before memory is allocated.
 pub fn decode_block(
     bytes: &[u8],
     encoding: BlockEncoding,
@@ -335,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn defaults_fill_what_a_block_leaves_out() {
+    fn defaults_fill_missing_fields_of_a_block() {
         let block = WaveformBlock { sample_rate_hz: 100.0, samples: vec![1.0], ..Default::default() };
         let defaults = RecordDefaults {
             channel: Some("x".to_owned()),
@@ -357,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_refused() {
+    fn values_that_are_not_finite_are_rejected() {
         let mut block =
             WaveformBlock { sample_rate_hz: 100.0, samples: vec![0.0, f32::NAN], ..Default::default() };
         let refused = |block: &WaveformBlock| {

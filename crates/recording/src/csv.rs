@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_line_ends_is_refused_early() {
+    fn a_file_without_line_ends_is_rejected_early() {
         let mut frames = CsvFrames::new(Read::chain(&b"a\n1"[..], io::repeat(b'1')), &[]).unwrap();
         let error = frames.next_frame(&mut [0.0]).unwrap_err().to_string();
         assert!(error.contains("a line of more than 1048576 bytes"), "{error}");

@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_read_as_they_are_usually_written() {
+    fn common_time_formats_are_parsed() {
         let second = 1_000_000_000;
         let day = Moment::Since1970(86_400 * second + second / 2);
         for text in [
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn units_are_told_from_words() {
+    fn units_are_distinguished_from_words() {
         assert_eq!(name_and_unit("acc [m/s²]"), ("acc", Some("m/s2")));
         assert_eq!(name_and_unit("a1 (g)"), ("a1", Some("g")));
         assert_eq!(name_and_unit("a1 (left)"), ("a1 (left)", None));

@@ -138,7 +138,7 @@ fn sample_columns(line: &str, separator: u8) -> Option<usize> {
     (numbers > 0).then_some(values.len())
 }
 
-/// Returns the first line of samples with at min_columns `min_columns` columns whose next line has as many.
+/// Returns the first line of samples with at least `min_columns` columns whose next line has as many.
 fn first_samples(lines: &[&str], separator: u8, min_columns: usize) -> Option<usize> {
     let at = |line: usize| sample_columns(lines[line], separator).filter(|&columns| columns >= min_columns);
     (0..lines.len()).find(|&line| {

@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_media_type_says_the_whole_layout() {
+    fn a_media_type_contains_the_whole_layout() {
         for (layout, text) in [
             (CsvLayout::default(), "text/csv"),
             (CsvLayout::new(Some(2560.5), None, &[]).unwrap(), "text/csv;rate=2560.5"),
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_cannot_be_are_refused() {
+    fn invalid_columns_are_rejected() {
         let error = CsvLayout::new(None, Some(300), &[]).unwrap_err().to_string();
         assert!(error.contains("time_column is 300, expected a number from 0 to 256"), "{error}");
         let error = CsvLayout::new(None, None, &[1, 0]).unwrap_err().to_string();

@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_preview_says_columns_rate_start_and_shape() {
+    fn a_preview_gives_columns_rate_start_and_envelopes() {
         let lines = "at;in [g];count\n2026-03-01T08:00:00Z;1;7\n2026-03-01T08:00:00.5Z;-2;7\n\
                      2026-03-01T08:00:01Z;4;7\n2026-03-01T08:00:01.5Z;3;7\n";
         let layout = CsvLayout::new(None, None, &[2]).unwrap();
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_told_where_the_samples_cannot_be_taken() {
+    fn columns_are_listed_if_the_samples_are_invalid() {
         let text = b"t,a1\n0,1\n1,none\n";
         let preview = CsvPreview::of(text, CsvLayout::default(), 10).unwrap();
         assert_eq!(preview.columns.len(), 2);

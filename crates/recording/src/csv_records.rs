@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_cannot_be_are_refused_with_their_line() {
+    fn invalid_times_are_rejected_with_their_line() {
         for (text, rate_hz, expected) in [
             ("a\n1\n2\n", None, "the sampling rate is missing"),
             ("t,a\n0,1\n0.1,2\n0.05,3\n", None, "csv line 4: its time is before that of the line above"),
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_may_stand_before_the_header() {
+    fn the_rate_may_precede_the_header() {
         for line in
             ["Sample rate: 25600 Hz", "# fs = 25600", "Sampling Frequency (kHz),25.6", "SampleRate;25600"]
         {
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn latin_1_and_names_that_stand_there_twice_are_read() {
+    fn latin_1_and_duplicate_names_are_read() {
         let bytes = b"Gr\xf6\xdfe;Gr\xf6\xdfe\n1;2\n3;4\n";
         let defaults = RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() };
         let records = decode_csv(bytes, CsvLayout::default(), &defaults).unwrap();
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn given_names_stand_for_those_of_the_header() {
+    fn given_names_replace_those_of_the_header() {
         let defaults = RecordDefaults {
             sample_rate_hz: Some(1.0),
             channel_names: vec!["in".to_owned(), "out".to_owned()],
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_what_is_said_of_them() {
+    fn columns_follow_the_layout() {
         let text = "n;in [g];out (m/s2);speed\n0;1;5;25\n1;2;6;25\n2;3;7;25\n3;4;8;25\n";
         let read = |layout: Result<CsvLayout, RecordingError>| {
             let records = decode_csv(text.as_bytes(), layout.unwrap(), &RecordDefaults::default());
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_column_of_times_is_known_by_many_names() {
+    fn time_columns_have_many_names() {
         for heading in
             ["Time - Voltage_1", "X (ms)", "t", "Zeitstempel", "elapsed", "Zeit / s", "time_ms", "date"]
         {

@@ -38,7 +38,7 @@ pub struct CutPlan {
 }
 
 impl CutPlan {
-    /// Creates the plan for at max_frames `total_frames` samples per channel.
+    /// Creates the plan for at most `total_frames` samples per channel.
     ///
     /// # Errors
     /// The sampling rate is not positive, or the records have no samples or too many.
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rest_of_less_than_half_a_record_is_none() {
+    fn a_remainder_below_half_a_record_is_dropped() {
         let lengths = |frames: usize, cut: Option<Cut>| -> Vec<usize> {
             let plan = CutPlan::new(cut, frames as u64, 8.0, 1).unwrap();
             let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn cuts_that_cannot_be_held_are_refused() {
+    fn cuts_too_large_for_memory_are_rejected() {
         for cut in [
             Cut::Samples(0),
             Cut::Samples(MAX_RECORD_SAMPLES + 1),
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_in_a_later_record_says_where_it_stands() {
+    fn an_error_in_a_later_record_gives_its_position() {
         let plan = CutPlan::new(Some(Cut::Samples(2)), 4, 8.0, 1).unwrap();
         let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
         cutter.push(&[0.0]);

@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_is_told_from_other_bytes() {
+    fn text_is_distinguished_from_binary_data() {
         assert_eq!(Format::detect(mcap::MAGIC).unwrap(), Format::Mcap);
         assert_eq!(Format::detect(b"RF64....WAVE").unwrap(), Format::Wav);
         // 15 bytes and the first half of a letter.
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn formats_that_are_not_read_are_named() {
+    fn unsupported_formats_are_named() {
         for (beginning, name) in [
             (&b"\x89HDF\r\n\x1a\n\0\0"[..], "an HDF5 file"),
             (b"MATLAB 7.3 MAT-file, Plat", "(MATLAB v7.3)"),

@@ -40,7 +40,7 @@ pub struct JsonBlock {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", schema(example = "m/s2"))]
     unit: String,
-    /// The samples in `unit`, at max 2²⁴.
+    /// The samples in `unit`, at most 2²⁴.
     #[serde(deserialize_with = "samples")]
     samples: Vec<f32>,
     /// Quality flags set by the acquisition.
@@ -64,7 +64,7 @@ pub struct JsonBlock {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", schema(as = Tachometer))]
 pub(crate) struct JsonTachometer {
-    /// Time of each pulse in nanoseconds UTC since 1970, at max 2²² of them.
+    /// Time of each pulse in nanoseconds UTC since 1970, at most 2²² of them.
     #[serde(default, deserialize_with = "pulse_times")]
     pulse_time_ns: Vec<i64>,
     /// Pulses per revolution.
@@ -264,7 +264,7 @@ fn pulse_times<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<i64>, D
     })
 }
 
-/// A list of at max `max` numbers.
+/// A list of at most `max` numbers.
 struct Numbers<T> {
     max: usize,
     expected: &'static str,
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn both_forms_of_the_time_mean_the_same() {
+    fn both_forms_of_the_time_are_equivalent() {
         let text = decode(r#"{"start_time": "2026-01-02T03:04:05.000000006Z", "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#).unwrap();
         let number =
             decode(r#"{"start_time_ns": 1767323045000000006, "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#)
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn one_pulse_more_than_are_taken_is_refused() {
+    fn one_pulse_too_many_is_rejected() {
         let tachometer = |pulses: usize| {
             let times = vec!["1"; pulses].join(",");
             format!(r#"{{"pulses_per_revolution": 1, "pulse_time_ns": [{times}]}}"#)

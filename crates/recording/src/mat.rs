@@ -1,6 +1,6 @@
 //! MATLAB files of version 5: the longest variables are the channels, a scalar gives the rate.
 //!
-//! Channels are vectors and the columns of matrices (rows, if these are longer_side). Shorter variables than the
+//! Channels are vectors and the columns of matrices (rows, if these are longer). Shorter variables than the
 //! longest ones are not channels. Fields of structs count like variables, with dotted names. `scale` of the
 //! defaults converts the numbers to a unit; the start time is that of the defaults.
 
@@ -153,7 +153,7 @@ impl Frames for MatFrames {
 /// Reads a MATLAB file of at most 128 MiB once inflated as one record per channel.
 ///
 /// # Errors
-/// Those of [`MatFrames`]; channels longer_side than a record may be; a sample that is not finite.
+/// Those of [`MatFrames`]; channels longer than a record may be; a sample that is not finite.
 pub fn decode_mat(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
@@ -207,7 +207,7 @@ impl Iterator for MatBlocks {
     }
 }
 
-/// Returns the longer_side dimension of a variable.
+/// Returns the longer dimension of a variable.
 fn longer_side(variable: &Variable) -> usize {
     variable.shape[0].max(variable.shape[1])
 }

@@ -143,7 +143,7 @@ impl McapReader {
         }
     }
 
-    /// Returns the next item that is is_complete.
+    /// Returns the next item that is complete.
     fn ready(&mut self) -> Option<Result<Recorded, RecordingError>> {
         let first = self.pending.front()?;
         if let (Some(asset), Ok(recorded)) = (&first.waits_for, &first.item) {

@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_moments_and_columns_are_channels() {
+    fn rows_are_time_steps_and_columns_are_channels() {
         let data: Vec<u8> = [1_i16, 10, 2, 20, 3, 30].iter().flat_map(|value| value.to_le_bytes()).collect();
         let records = read(&array("<i2", "(3, 2)", &data), Some(0.5)).unwrap();
         assert_eq!((records[0].channel(), records[0].samples()), ("1", &[0.5, 1.0, 1.5][..]));
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_named() {
+    fn unreadable_files_name_the_problem() {
         for (bytes, words) in [
             (array("<c16", "(2,)", &[]), ["descr", "'<c16'"]),
             (array("O", "(2,)", &[]), ["descr", "'O'"]),
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_of_any_kind_are_read_or_refused() {
+    fn arbitrary_bytes_are_read_or_rejected() {
         let whole = array("<i2", "(3, 2)", &[0; 12]);
         for at in 0..whole.len() {
             let _ = read(&whole[..at], None);

@@ -52,7 +52,7 @@ mod tests {
 
     /// What is split and put together is what the generated decoder makes of the whole.
     #[test]
-    fn a_message_in_any_order_reads_as_the_generated_decoder_reads_it() {
+    fn a_message_in_any_order_matches_the_generated_decoder() {
         let block = |unit: &str, samples: &[f32]| WaveformBlock {
             unit: unit.to_owned(),
             sample_rate_hz: 20_000.0,
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_packed_or_damaged_is_left_to_the_generated_decoder() {
+    fn unpacked_or_damaged_messages_use_the_generated_decoder() {
         let unpacked = [&[0x2d_u8][..], &1.5_f32.to_le_bytes()].concat();
         let whole = [&[0x2a_u8, 8][..], &[0; 8]].concat();
         assert_eq!(split(&whole), Some((vec![0.0; 2], Vec::new())));

@@ -132,7 +132,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn as_many_are_counted_as_are_decoded(parts in prop::collection::vec(any_tachometer(), 1..4)) {
+        fn the_count_equals_the_decoded_pulses(parts in prop::collection::vec(any_tachometer(), 1..4)) {
             let message = parts.concat();
             prop_assert_eq!(pulses_in(&message, message.len()), Tachometer::decode(&message[..]).unwrap().pulse_time_ns.len());
             let block = block_of(&parts);
@@ -140,7 +140,7 @@ mod tests {
         }
 
         #[test]
-        fn of_a_changed_message_no_more_are_decoded_than_counted(
+        fn a_corrupted_message_decodes_at_most_the_count(
             parts in prop::collection::vec(any_tachometer(), 1..4),
             changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..3),
         ) {
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn pulses_behind_the_end_of_their_tachometer_count() {
+    fn pulses_beyond_the_end_of_their_tachometer_count() {
         // A tachometer of two bytes whose pulses go on for a hundred.
         let block = [vec![0x4a, 2, 0x0a, 100], vec![1; 100]].concat();
         assert_eq!((decoded(&block), pulses_in_block(&block)), (100, 100));
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn one_more_than_are_taken_is_refused_also_in_two_parts() {
+    fn one_pulse_too_many_is_rejected_even_in_two_parts() {
         let most = Tachometer { pulse_time_ns: vec![1; MAX_PULSES], ..Default::default() };
         let block = WaveformBlock { tachometer: Some(most.clone()), ..Default::default() };
         let (most, block) = (most.encode_to_vec(), block.encode_to_vec());

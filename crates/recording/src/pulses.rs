@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn another_shaft_is_not_this_one() {
+    fn pulses_of_another_shaft_are_ignored() {
         let mut other = pulses(vec![1, 2, 3]);
         other.shaft = "driven".to_owned();
         let mut trains = PulseTrains::default();
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn the_assets_of_a_recording_share_what_is_kept() {
+    fn the_assets_of_a_recording_share_the_pulse_limit() {
         let max = i64::try_from(MAX_PULSES).unwrap();
         let mut trains = PulseTrains::default();
         let kept = |trains: &PulseTrains| -> Vec<usize> {
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn the_seconds_of_pulses_take_no_memory_of_their_own() {
+    fn converting_pulses_to_seconds_takes_no_memory() {
         let many = pulses((0..100_000).collect());
         let counted = allocation_counter::measure(|| {
             let times = many.of(Timestamp::UNIX_EPOCH).unwrap().pulse_times_s;

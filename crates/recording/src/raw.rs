@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_are_taken_apart_and_integers_scaled() {
+    fn channels_are_deinterleaved_and_integers_scaled() {
         let bytes: Vec<u8> = [16384_i16, -32768, 0, 16384].iter().flat_map(|n| n.to_le_bytes()).collect();
         let records = read(&bytes, RawSample::I16, 2, None).unwrap();
         assert_eq!(records[0].samples(), [0.5, 0.0]);
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn mismatched_lengths_are_rejected() {
         assert!(read(&[], RawSample::F32, 1, None).is_err());
         assert!(read(&[0; 6], RawSample::F32, 1, None).is_err());
         assert!(read(&[0; 4], RawSample::F32, 0, None).is_err());

@@ -20,6 +20,7 @@ const MAX_DATA_BYTES: u64 = u32::MAX as u64 - 128;
 /// Channels are named `"1"`, `"2"`, …; a single one takes the name of the defaults.
 ///
 /// # Errors
+/// A recording longer than a record may be, a truncated one, or a sample that is not finite.
 pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);

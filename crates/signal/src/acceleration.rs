@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn accelerations_are_brought_to_each_other_and_nothing_else_is() {
+    fn only_accelerations_are_converted() {
         for (from, to, first) in [
             ("g", "m/s2", 9.806_65_f32),
             ("m/s²", "m/s2", 1.0),

@@ -361,7 +361,7 @@ mod tests {
     /// The amplitudes put in: A_h = 1/h; each sideband 0.1/h, two of them; the envelope's shaft line 0.2/h.
     /// With and without noise.
     #[test]
-    fn lines_put_in_come_out() {
+    fn generated_lines_are_measured() {
         for noise in [0.0, 0.05] {
             let got = analyze(&gear(40_000, noise, 0.0), MESH);
             let speed = got.shaft_speed.unwrap();
@@ -394,7 +394,7 @@ mod tests {
     /// White noise of deviation s: root-mean-square amplitude s·√(4·1.5/N) in a Hann bin, twice that in four
     /// sidebands.
     #[test]
-    fn backgrounds_are_those_of_the_noise_put_in() {
+    fn backgrounds_match_the_generated_noise() {
         let got = analyze(&gear(40_000, 0.05, 0.0), MESH);
         let bin = 0.05 * (6.0_f64 / 40_000.0).sqrt();
         for order in 1..=4 {
@@ -408,7 +408,7 @@ mod tests {
 
     /// A gain shifts every feature but the kurtosis by its logarithm; an offset changes none.
     #[test]
-    fn gain_is_an_offset_and_offset_nothing() {
+    fn gain_is_an_offset_and_an_offset_has_no_effect() {
         let plain = analyze(&gear(20_000, 0.05, 0.0), MESH).features;
         let record_with_gain = gear(20_000, 0.05, 0.0).samples().iter().map(|x| 8.0 * x).collect();
         let gained = analyze(&record(record_with_gain), MESH).features;
@@ -422,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn a_given_speed_is_kept_and_its_lines_found_beside_it() {
+    fn a_given_speed_is_kept_and_its_lines_are_located() {
         let got = analyze(&at_speed(gear(200_000, 0.05, 0.0), 16.7), MESH);
         let speed = got.shaft_speed.unwrap();
         assert_eq!((speed.shaft_speed_hz, speed.source), (16.7, SpeedSource::Record));
@@ -432,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_computed_says_why() {
+    fn missing_indicators_have_a_reason() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let noise = record((0..20_000).map(|_| StandardNormal.sample(&mut random)).collect());
         let got = analyze(&noise, MESH);

@@ -222,7 +222,7 @@ impl<'a> Lines<'a> {
     }
 
     /// Returns 2 or 3 if only every second or third harmonic has a line: the true mesh frequency is that
-    /// missing_multiple.
+    /// multiple.
     fn missing_multiple(&self, mesh: f64, sought: u32) -> Option<f64> {
         let has_line = |order: &u32| self.at(f64::from(*order) * mesh) > 0.0;
         [2, 3].into_iter().find_map(|factor| {
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn a_comb_whose_lines_are_there_is_not_doubted() {
+    fn a_comb_with_its_lines_has_no_doubt() {
         let shaft = MESH / f64::from(TEETH);
         for positions in [
             comb(MESH).collect::<Vec<_>>(),
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn one_line_is_no_comb() {
+    fn a_single_line_is_not_a_comb() {
         let support = support_of(MESH, [MESH], &context());
         assert_eq!((support.found, support.doubt), (1, Some(CombDoubt::FewHarmonics)));
         assert_eq!(support_of(MESH, [], &context()).doubt, Some(CombDoubt::FewHarmonics));
@@ -350,7 +350,7 @@ mod tests {
 
     /// 4 × 480.3 is a harmonic of either, and so on; the truth lies within a bin.
     #[test]
-    fn the_comb_that_has_the_lines_is_named() {
+    fn doubt_names_the_better_mesh_frequency() {
         for part in [4.0 / 3.0, 0.75, 2.0, 0.5, 0.83] {
             let truth = part * MESH;
             match support_of(MESH, comb(truth), &context()).doubt {
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shaft_rate_that_has_the_lines_is_named() {
+    fn doubt_names_the_better_shaft_rate() {
         let truth = MESH / 25.0;
         let positions = || comb(MESH).take(4).chain(shaft_lines(truth));
         match support_of(MESH, positions(), &context()).doubt {
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_at_all_is_no_panic() {
+    fn zeros_do_not_panic() {
         for amplitude in [vec![0.0; 2], vec![0.0; 4000], vec![1.0; 30]] {
             let support = support(&amplitude, 10.0, &context(), &mut Vec::new(), &mut Vec::new());
             assert_eq!(support.found, 0);

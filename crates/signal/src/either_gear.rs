@@ -231,7 +231,7 @@ mod tests {
 
     /// The same error of the pinion's angle is less of a turn of the slower gear.
     #[test]
-    fn the_driven_angle_is_as_sure_as_the_driving_one() {
+    fn the_driven_angle_has_the_scaled_error() {
         let record = record(&[], &[]);
         let error = |gear| match residual(&record, &mesh(TEETH, 25.0), gear).1 {
             AngleSource::MeshPhase { angle_error_deg, .. } => angle_error_deg,
@@ -241,9 +241,9 @@ mod tests {
         assert!((ratio - 19.0 / 31.0).abs() < 1e-12, "{ratio}");
     }
 
-    /// A line of another mesh lies at another order of the driven shaft, and is taken out there too.
+    /// A line of another mesh has another order of the driven shaft, and is removed there too.
     #[test]
-    fn lines_of_other_meshes_are_taken_out_of_the_driven_average() {
+    fn lines_of_other_meshes_are_removed_from_the_driven_average() {
         // 14 teeth on the driving shaft with 50 on another, and a sideband of theirs.
         let beside = 14.0 + 14.0 / 50.0;
         let record = record(&[(14.0, 0.8), (beside, 0.4)], &[(7.0, 0.3)]);
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_driven_gear_without_teeth_has_no_average() {
+    fn a_driven_gear_of_unknown_teeth_has_no_average() {
         let record = record(&[], &[]);
         let alone = MeshContext { mate_teeth: 0, ..mesh(TEETH, 25.0) };
         let got = analyzer().turn_average(&record, &alone, Gear::Driven, None);

@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_bands_are_refused() {
+    fn invalid_bands_are_rejected() {
         assert_eq!(band_bins([5.0, 2.0], 100, 100.0), Err(BandError::Order { low: 5.0, high: 2.0 }));
         assert!(matches!(band_bins([f64::NAN, 2.0], 100, 100.0), Err(BandError::Order { .. })));
         assert!(matches!(band_bins([0.0, f64::INFINITY], 100, 100.0), Err(BandError::Order { .. })));

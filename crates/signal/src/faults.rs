@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn clipped_and_missing_samples_are_seen() {
+    fn clipped_and_missing_samples_are_detected() {
         assert_eq!(fault(&sine(50.3, 0.9)), Some(NotComputed::Clipped));
         let mut gap = sine(50.3, 1.0);
         gap[1000..1064].fill(0.25);
@@ -136,7 +136,7 @@ mod tests {
 
     /// Impacts and noise that pass the limit for one or two samples each.
     #[test]
-    fn single_samples_that_pile_up_at_a_limit_are_seen() {
+    fn single_samples_accumulating_at_a_limit_are_detected() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let normal: Vec<f32> = (0..20_000).map(|_| StandardNormal.sample(&mut random)).collect();
         for limit in [1.5, 2.0, 2.5] {

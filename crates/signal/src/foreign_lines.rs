@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_of_others_go_and_own_ones_stay() {
+    fn lines_of_other_meshes_are_removed_and_own_ones_kept() {
         let (per_turn, turns) = (240, 20);
         let signal = |lines: &[(f64, f64)]| -> Vec<f64> {
             let at = |i: usize| {

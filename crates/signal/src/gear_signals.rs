@@ -150,7 +150,7 @@ mod tests {
 
     /// What is put in at each order comes out in its part, and nowhere else.
     #[test]
-    fn parts_are_the_orders_put_in() {
+    fn components_are_the_generated_orders() {
         let regular = [(1.0, 0.3), (2.0, 0.2), (20.0, 1.0), (40.0, 0.5), (100.0, 0.1)];
         let sidebands = [(19.0, 0.2), (21.0, 0.25), (41.0, 0.05), (99.0, 0.03)];
         let others = [(3.0, 0.07), (18.0, 0.06), (55.0, 0.04), (115.0, 0.02)];
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_without_room_for_its_mesh_is_refused() {
+    fn a_turn_too_short_for_its_mesh_is_rejected() {
         for (samples, teeth) in [(0, 20), (42, 20), (240, 0), (240, u32::MAX)] {
             assert_eq!(
                 GearSignals::split(&vec![1.0; samples], teeth, &|_| false, &mut Transforms::default()),

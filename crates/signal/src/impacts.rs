@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outer_race_fault_stands_out_alone_and_is_named() {
+    fn only_an_outer_race_fault_is_detected_and_named() {
         for seed in 0..10 {
             let analysis = analysed(&bearing_fault(2.0, 3.0, seed), None);
             let [bpfo, others @ ..] = ratios(&analysis);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_that_cannot_be_read_say_why() {
+    fn unreadable_lines_report_the_reason() {
         let short = analysed(&bearing_fault(0.1, 3.0, 0), None);
         assert_eq!(short.indicators.absent["bearing_de_ftf"], NotComputed::TooShort);
         let narrow = analysed(&bearing_fault(1.0, 3.0, 0), Some([4200.0, 4300.0]));

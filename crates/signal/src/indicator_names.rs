@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn the_names_are_those_that_an_analysis_gives() {
+    fn the_names_match_an_analysis() {
         let bands = [Band { name: "low".into(), band_hz: [10.0, 100.0], quantity: BandQuantity::Record }];
         let orders = BearingOrders::of_geometry(9, 0.2, 0.0);
         let bearings = [Bearing { name: "de".into(), shaft_turns: 1.0, orders }];

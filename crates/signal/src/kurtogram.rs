@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn short_and_constant_records_say_why() {
+    fn short_and_constant_records_report_the_reason() {
         assert_eq!(analyzer().kurtogram(&record(vec![1.0; 1000])), Err(NotComputed::Constant));
         let short =
             |samples: usize| analyzer().kurtogram(&record((0..samples).map(|i| (i % 7) as f32).collect()));

@@ -38,7 +38,7 @@ pub(super) struct LineReading {
     pub(super) amplitude: f64,
 }
 
-/// Returns whether a line's main lobe lies offset a spectrum of `bins` bins.
+/// Returns whether a line's main lobe lies inside a spectrum of `bins` bins.
 pub(super) fn fits(position: f64, bins: usize) -> bool {
     position >= MAIN_LOBE_BINS && position + MAIN_LOBE_BINS <= bins as f64 - 1.0
 }

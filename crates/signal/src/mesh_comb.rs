@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_found_where_nothing_can_be() {
+    fn nothing_is_found_without_a_comb() {
         assert_eq!(comb_in(vec![0.0; 4000], [76.0, 84.0], 24), None);
         assert_eq!(comb_in(noise(4000, 1), [2500.0, 2700.0], 24), None);
         assert_eq!(comb_in(noise(1, 1), [76.0, 84.0], 24), None);

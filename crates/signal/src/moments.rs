@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn constant_zero_and_single_samples_say_why() {
+    fn constant_zero_and_single_samples_report_the_reason() {
         let constant = indicators(&[0.1; 1000]);
         assert_eq!(constant.absent["kurtosis"], NotComputed::Constant);
         assert!((constant.values["rms"] - f64::from(0.1_f32)).abs() < 1e-15);

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn units_that_are_none_of_motion_stay_away() {
+    fn units_other_than_motion_are_rejected() {
         assert_eq!(Motion::Velocity.of_record(&record("V", |t| t.sin()), 10.0), None);
         let same = Motion::Velocity.of_record(&record("m/s", |_| 0.5), 10.0).unwrap();
         assert_eq!(same[7], 500.0);

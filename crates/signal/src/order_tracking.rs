@@ -404,7 +404,7 @@ mod tests {
 
     /// Amplitudes put in: mesh 1, sidebands 0.1 each; σ² of the average Σ (1 + 0.02)/2h².
     #[test]
-    fn sidebands_and_ratios_are_those_put_in() {
+    fn sidebands_and_ratios_match_the_generated_ones() {
         let got = tracked(&record(0.04, 0.1), None).indicators.values;
         let deviation = ((1..=5).map(|h| 1.02 / f64::from(2 * h * h)).sum::<f64>()).sqrt();
         let level = got["sideband_level_factor"];
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_tracked_says_why() {
+    fn untrackable_records_report_the_reason() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let noise: Vec<f32> = (0..SAMPLES).map(|_| StandardNormal.sample(&mut random)).collect();
         let with =
@@ -440,7 +440,7 @@ mod tests {
         let fast =
             OperatingPoint { shaft_speed_hz: Some(500.0), torque_nm: None, ..OperatingPoint::default() };
         assert_eq!(reason(&with(noise.clone()).with_operating_point(fast).unwrap(), &MESH), "AboveNyquist");
-        // A given speed without a line to follow is taken to be constant, and says so.
+        // A given speed without a trackable line is taken as constant, and reported as such.
         let got = analyzer().gear_indicators(&with(noise), &exact, None);
         assert_eq!(got.source(), Some(AngleSource::ConstantSpeed));
     }

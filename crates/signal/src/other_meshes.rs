@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn harmonics_and_their_first_sidebands_lie_where_the_teeth_put_them() {
+    fn harmonics_and_first_sidebands_follow_the_tooth_numbers() {
         let others = second_stage();
         let mesh = 19.0 * 24.0 / 36.0;
         for order in [mesh, 3.0 * mesh, 2.0 * mesh + 24.0 / 36.0, mesh - 24.0 / 36.0 / 3.0] {
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_lies_where_no_other_mesh_is_known() {
+    fn no_lines_without_other_meshes() {
         assert!(
             OtherMeshes::NONE.is_empty()
                 && !OtherMeshes::NONE.has_line_near(24.0, 100.0)

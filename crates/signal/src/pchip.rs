@@ -88,7 +88,7 @@ impl Pchip {
         [self.x[0], self.x[self.x.len() - 1]]
     }
 
-    /// Returns the max_slope slope between two points.
+    /// Returns the steepest slope between two points.
     pub(super) fn max_slope(&self) -> f64 {
         let secants = self.x.windows(2).zip(self.y.windows(2)).map(|(x, y)| (y[1] - y[0]) / (x[1] - x[0]));
         secants.fold(0.0, f64::max)
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_points_are_refused() {
+    fn invalid_points_are_rejected() {
         assert_eq!(Pchip::new(vec![1.0], vec![1.0]), Err(PchipError::TooFew(1)));
         assert_eq!(Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3]), Err(PchipError::NotRising(2)));
         assert_eq!(Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2]), Err(PchipError::NotRising(1)));

@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn phases_are_those_of_the_library() {
+    fn phases_equal_those_of_the_standard_library() {
         let steps = 100_003;
         let on_circle = (0..=steps).map(|i| {
             Complex::from_polar(1e-3 * f64::from(i + 1), PI * (2.0 * f64::from(i) / f64::from(steps) - 1.0))

@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_and_bad_rates_are_refused() {
+    fn empty_records_and_invalid_rates_are_rejected() {
         assert!(matches!(record(vec![]), Err(RecordError::Empty { .. })));
         for rate in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
             assert!(matches!(

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-/// Returns the positions of at max_points about `max_points` entries of parallel columns of `length` entries: the
+/// Returns the positions of at most about `max_points` entries of parallel columns of `length` entries: the
 /// first and the last one, and the minimum and maximum of every column in each of equal intervals. Returns
-/// all positions if there are at max_points `max_points`.
+/// all positions if there are at most `max_points`.
 ///
 /// NaN means no value; an interval without any value keeps its first position. At least two positions per
 /// column are returned.
@@ -31,8 +31,8 @@ pub fn extremes(columns: &[&[f64]], length: usize, max_points: usize) -> Vec<usi
     positions
 }
 
-/// Positions of at max_points `max_points` entries: the greatest in each of equal intervals. All positions where there
-/// are no more.
+/// Returns the positions of at most `max_points` entries: the maximum in each of equal intervals. Returns all
+/// positions if there are no more.
 pub fn peaks(values: &[f64], max_points: usize) -> Vec<usize> {
     if values.len() <= max_points {
         return (0..values.len()).collect();
@@ -64,14 +64,14 @@ mod tests {
     }
 
     #[test]
-    fn a_stretch_without_values_keeps_its_place() {
+    fn an_interval_without_values_keeps_its_position() {
         let values = vec![f64::NAN; 100];
         assert_eq!(extremes(&[&values], 100, 12).len(), 6);
     }
 
     proptest! {
         #[test]
-        fn extremes_of_the_whole_are_among_the_kept(values in prop::collection::vec(-1e6..1e6f64, 1..500), max_points in 10..100usize) {
+        fn global_extremes_are_kept(values in prop::collection::vec(-1e6..1e6f64, 1..500), max_points in 10..100usize) {
             let positions = extremes(&[&values], values.len(), max_points);
             prop_assert!(positions.len() <= max_points);
             prop_assert!(positions.is_sorted_by(|a, b| a < b));

@@ -30,10 +30,10 @@ pub(super) struct Resampler {
 }
 
 impl Resampler {
-    /// Resamples the whole turns of a record over a known `angle`. At min_samples_per_turn 16 samples are needed before and
+    /// Resamples the whole turns of a record over a known `angle`. At least 16 samples are needed before and
     /// after them.
     ///
-    /// The number of samples per turn is at min_samples_per_turn that of the slowest turn, so nothing is aliased. A value
+    /// The number of samples per turn is at least that of the slowest turn, so nothing is aliased. A value
     /// between samples is Σ xᵢ·sinc(t − i)·w(t − i) / Σ sinc·w over the 32 samples around it, w the Blackman
     /// window: flat within 10⁻⁴ to 0.4 of the sampling rate. `orders` is the highest order to preserve.
     ///

@@ -248,7 +248,7 @@ mod tests {
     /// Independent errors of 20 µs in the pulses of a shaft at 10 turns a second that speeds up:
     /// 360°·10·20·10⁻⁶ = 0.072°.
     #[test]
-    fn scattered_pulses_say_how_sure_the_angle_is() {
+    fn pulse_scatter_gives_the_angle_error() {
         let mut random = ChaCha8Rng::seed_from_u64(4);
         let pulses: Vec<f64> = (0..400)
             .map(|pulse| {
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_pulses_say_why() {
+    fn invalid_pulses_report_the_reason() {
         let error =
             |times: &[f64], per_revolution| ShaftAngle::from_pulses(times, per_revolution).unwrap_err();
         assert_eq!(error(&[0.0, 1.0], 0), PulseError::PulsesPerRevolution);

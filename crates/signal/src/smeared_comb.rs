@@ -150,7 +150,7 @@ mod tests {
     /// Harmonics 2 to 6 of a speed that swings by ± 0.3 % over the record, each a tenth of the noise's
     /// deviation.
     #[test]
-    fn a_comb_that_swings_is_found_within_its_swing() {
+    fn a_fluctuating_comb_is_found() {
         for seed in 0..20 {
             let mesh = 388.3 + seed as f64;
             let mut samples = noise(seed);
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn one_line_is_no_comb() {
+    fn a_single_line_is_not_a_comb() {
         let mut samples = noise(3);
         for (i, x) in samples.iter_mut().enumerate() {
             *x += (TAU * 401.3 * i as f64 / LENGTH as f64).sin();
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_found_where_nothing_can_be() {
+    fn nothing_is_found_without_a_comb() {
         assert_eq!(find(&[0.0; 2000], [76.0, 84.0], &mut Vec::new()), None);
         assert_eq!(find(&[1.0; 40], [76.0, 84.0], &mut Vec::new()), None);
         assert_eq!(find(&[], [76.0, 84.0], &mut Vec::new()), None);

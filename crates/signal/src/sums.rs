@@ -27,7 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_of_any_length_are_whole() {
+    fn sums_of_any_length_are_complete() {
         for count in 0..40_u32 {
             let values: Vec<u32> = (0..count).collect();
             assert_eq!(

@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn teeth_that_are_alike_have_noise_alone_whatever_the_mesh_does() {
+    fn identical_teeth_leave_only_noise() {
         let calm = checks(1.0, 0.0).checks;
         // Noise: as much in the average as in half the difference, kurtosis 3.
         assert!(calm["ln_tooth_repeated_8"].abs() < 0.15, "{calm:?}");
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn one_tooth_that_differs_stands_out() {
+    fn a_different_tooth_stands_out() {
         let (calm, cracked) = (checks(1.0, 0.0).checks, checks(1.0, 0.5).checks);
         for (name, least) in
             [("ln_tooth_repeated_8", 0.15), ("ln_tooth_kurtosis_8", 0.3), ("ln_tooth_worst_8", 0.5)]
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn another_mesh_that_is_known_is_no_tooth_that_differs() {
+    fn a_known_other_mesh_is_not_a_different_tooth() {
         let others =
             OtherMeshes::of([OtherMesh { mesh_orders: OTHER_ORDERS, shaft_orders: [24.0 / 26.0, 0.5] }]);
         let calm = checks_beside(1.0, 0.0, 0.0, others).checks;
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn few_teeth_and_few_samples_say_nothing() {
+    fn few_teeth_and_few_samples_give_no_checks() {
         let angle_record = AngleRecord {
             unit: "g".to_owned(),
             samples_per_turn: 48,

@@ -19,7 +19,7 @@ const ALWAYS_EXACT: usize = 1 << 14;
 /// above 11.
 ///
 /// A prime length costs as much as a dozen transforms of a smooth one. Omitting the tail, at most 1.6 % of
-/// the record, changes only the resolution, by that much: there is no padding, and amplitudes recycle their
+/// the record, changes only the resolution, by that much: there is no padding, and amplitudes keep their
 /// meaning.
 pub(super) fn spectrum_length(samples: usize) -> usize {
     if samples <= ALWAYS_EXACT || is_smooth(samples, &[2, 3, 5, 7, 11, 13]) {
@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn smooth_and_short_lengths_are_kept() {
+    fn smooth_and_short_lengths_are_unchanged() {
         for length in [1, 2, 3, 7919, 16_381, 20_000, 200_000, 13 * 4096, 1 << 24] {
             assert_eq!(spectrum_length(length), length);
         }

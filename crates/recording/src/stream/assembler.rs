@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_for_long_is_a_gap_and_is_late_after_that() {
+    fn samples_missing_too_long_are_a_gap_and_dropped_later() {
         let mut assembler = Assembler::new(&format(2), None, 50);
         assert_eq!(assembler.push(chunk(100, 10)).unwrap(), [Piece::Frames(chunk(100, 10))]);
         assert_eq!(assembler.push(chunk(120, 30)).unwrap(), []);
@@ -245,14 +245,14 @@ mod tests {
         assert_eq!(pieces, [gap, Piece::Frames(chunk(120, 30)), Piece::Frames(chunk(150, 20))]);
         assert_eq!(assembler.push(chunk(105, 15)).unwrap(), []);
         assert_eq!(assembler.next(), Some(170));
-        // One that the sender says itself need not be waited for.
+        // A gap declared by the sender needs no waiting.
         let gap = Piece::Gap { first: 170, frames: 30 };
         assert_eq!(assembler.declare_lost_before(200).unwrap(), [gap]);
         assert_eq!(assembler.push(chunk(200, 1)).unwrap(), [Piece::Frames(chunk(200, 1))]);
     }
 
     #[test]
-    fn what_waits_for_a_gap_that_is_given_up_goes_on() {
+    fn pending_chunks_continue_after_a_declared_gap() {
         let mut assembler = Assembler::new(&format(2), Some(0), 1000);
         assert_eq!(assembler.push(chunk(10, 5)).unwrap(), []);
         let pieces = assembler.declare_lost_before(20).unwrap();
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_and_lengths_that_cannot_be_meant_are_refused() {
+    fn implausible_indices_and_lengths_are_rejected() {
         let mut assembler = Assembler::new(&format(2), Some(0), 50);
         let half = Chunk { bytes: Bytes::from_static(&[0; 6]), ..chunk(0, 1) };
         for bad in [half, chunk(MAX_INDEX, 1), chunk(400 * 24 * 3600 * 1000, 1)] {
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn what_waits_is_bounded() {
+    fn pending_chunks_are_bounded() {
         let mut assembler = Assembler::new(&format(2), Some(0), u64::MAX);
         let mut pieces = Vec::new();
         for k in 0..3 * MAX_PENDING as u64 {

@@ -161,8 +161,8 @@ mod tests {
     const RATE_HZ: f64 = 1000.0;
     const BEGIN_NS: i64 = 1_760_000_000_000_000_000;
 
-    /// A clock after so many seconds of samples that come `drift` faster and are seen up to 8 ms late;
-    /// `ahead_s` is what the sender's clock is ahead at each second. Also the greatest error in seconds.
+    /// Returns a clock after `seconds` of samples that arrive faster by `drift` and are seen up to 8 ms late,
+    /// and the largest error in seconds. `ahead_s` gives the lead of the sender's clock at each second.
     fn run(seconds: u64, drift: f64, ahead_s: impl Fn(u64) -> f64) -> (StreamClock, f64) {
         let mut random = ChaCha8Rng::seed_from_u64(7);
         let (mut clock, mut worst) = (StreamClock::new(RATE_HZ), 0.0_f64);
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_drifts_is_followed_and_said() {
+    fn a_drifting_rate_is_tracked_and_reported() {
         for drift in [-1e-4, 0.0, 1e-4] {
             let (clock, worst) = run(3600, drift, |_| 0.0);
             let said = clock.drift_ppm().unwrap();
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_jumps_moves_nothing() {
+    fn a_clock_jump_does_not_move_the_time() {
         for jump_s in [3600.0, -3600.0, 2.0] {
             for at in [150, 900] {
                 let (clock, worst) = run(2 * at, 5e-5, |second| if second >= at { jump_s } else { 0.0 });
@@ -202,14 +202,14 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_come_late_for_a_minute_keep_their_time() {
+    fn samples_delayed_for_a_minute_keep_their_time() {
         let late = |second: u64| if (600..660).contains(&second) { 30.0 } else { 0.0 };
         let (_, worst) = run(1800, 0.0, late);
         assert!(worst < 0.02, "{worst} s");
     }
 
     #[test]
-    fn a_stored_clock_goes_on_as_it_was() {
+    fn a_stored_clock_continues_unchanged() {
         let (clock, _) = run(200, 1e-4, |_| 0.0);
         let stored = serde_json::to_string(&clock).unwrap();
         assert_eq!(serde_json::from_str::<StreamClock>(&stored).unwrap(), clock);

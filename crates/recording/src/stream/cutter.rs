@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_that_no_record_has_are_refused() {
+    fn invalid_record_lengths_are_rejected() {
         for (record_s, interval_s) in
             [(0.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (1e9, 1e9), (1.0, f64::INFINITY)]
         {
@@ -231,7 +231,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn records_do_not_depend_on_how_samples_came(
+        fn records_do_not_depend_on_the_chunks(
             edges in prop::collection::btree_set(1_u64..1000, 0..50),
             record in 1_u64..80,
             more in 0_u64..80,

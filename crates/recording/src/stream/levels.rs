@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_and_samples_that_are_no_numbers_are_left_out() {
+    fn gaps_and_invalid_samples_are_excluded() {
         let format = StreamFormat::new(RawSample::F32, 4.0, 1, None).unwrap();
         let (mut meter, mut levels) = (LevelMeter::default(), Vec::new());
         meter.extend(&format, 0, &bytes([3.0, f32::NAN]), &mut levels);

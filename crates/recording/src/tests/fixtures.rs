@@ -8,7 +8,7 @@ enum Expected {
 
 use Expected::{Error, Samples};
 
-/// Values follow from how `fixtures/recordings/README.md` says that each file was made.
+/// Expected values follow from the description of each file in `fixtures/recordings/README.md`.
 const FIXTURES: &[(&str, &[Expected])] = &[
     ("empty.wav", &[Error("0 bytes")]),
     ("zeros.bin", &[Error("begins with the bytes 00 00 00")]),
@@ -105,7 +105,7 @@ fn check(name: &str, expected: &[Expected], items: &[Result<Recorded, String>]) 
 }
 
 #[test]
-fn every_hand_made_file_gives_what_it_should() {
+fn every_hand_made_file_gives_the_expected_items() {
     for (name, expected) in FIXTURES {
         check(name, expected, &read_all(&fixture(name), None));
     }
@@ -140,7 +140,7 @@ fn reference_wear_belongs_to_the_record_of_its_start_time() {
 }
 
 #[test]
-fn every_prefix_of_a_recording_is_read_or_refused() {
+fn every_prefix_of_a_recording_is_read_or_rejected() {
     for name in
         ["wav-int16.wav", "wav-left-justified-24-in-4.wav", "mcap-bad-chunk-crc.mcap", "mcap-json.mcap"]
     {
