@@ -104,7 +104,11 @@ pub(crate) fn angle_record(
     Ok(AngleRecord {
         angle: angle_source(py, &by_angle.angle)?,
         unit: by_angle.unit,
-        samples: by_angle.samples.into_pyarray(py).reshape([by_angle.turns, by_angle.samples_per_turn])?.unbind(),
+        samples: by_angle
+            .samples
+            .into_pyarray(py)
+            .reshape([by_angle.turns, by_angle.samples_per_turn])?
+            .unbind(),
         synchronous_average: average.into_pyarray(py).unbind(),
     })
 }

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arguments::{from_python, to_python};
-use crate::error::{not_computed_error, argument_error, value_error};
+use crate::error::{argument_error, not_computed_error, value_error};
 use crate::record::{Machine, analyze, plain_record};
 
 /// A one-sided spectrum.

@@ -51,7 +51,7 @@ fn run_build<T: Send>(
                 let last = ended.load(Ordering::Acquire) || building.is_finished();
                 let now = (done.load(Ordering::Relaxed), total.load(Ordering::Relaxed));
                 if interruption.is_none() {
-                    let run_build = Python::attach(|py| {
+                    let reporting = Python::attach(|py| {
                         py.check_signals()?;
                         match &progress {
                             Some(progress) if reported != Some(now) && now.1 > 0 => {
@@ -61,7 +61,7 @@ fn run_build<T: Send>(
                         }
                     });
                     reported = Some(now);
-                    if let Err(error) = run_build {
+                    if let Err(error) = reporting {
                         stop.store(true, Ordering::Relaxed);
                         interruption = Some(error);
                     }

@@ -52,7 +52,9 @@ impl Wear {
             (Some(wear_um), None, None) => Ok(Self::Depth(wear_um)),
             (None, Some(profile), None) => Ok(Self::Table(table(profile)?)),
             (None, None, Some(turns)) => Ok(Self::Turns(turns)),
-            _ => Err(argument_error("wear", "given more than once", "only one of wear_um, profile and turns")),
+            _ => {
+                Err(argument_error("wear", "given more than once", "only one of wear_um, profile and turns"))
+            }
         }
     }
 

@@ -77,7 +77,8 @@ impl Run {
     fn __getitem__(&self, py: Python<'_>, index: isize) -> PyResult<SimulatedRecord> {
         let count = self.__len__();
         let position = if index < 0 { index + count as isize } else { index };
-        let Some(position) = u32::try_from(position).ok().filter(|position| (*position as usize) < count) else {
+        let Some(position) = u32::try_from(position).ok().filter(|position| (*position as usize) < count)
+        else {
             return Err(PyIndexError::new_err(format!("record {index} of {count}")));
         };
         let simulated = py.detach(|| self.run.record(position)).map_err(value_error)?;
