@@ -1,4 +1,4 @@
-//! Bytes from outside through everything that reads them: nothing may panic, and what is taken is whole.
+//! Fuzz entry points of all parsers of external data: nothing may panic, and accepted data must be valid.
 
 use std::io::Cursor;
 use std::str;
@@ -14,10 +14,10 @@ use flankwatch::recording::{
 use flankwatch::service::ReplayRequest;
 use flankwatch::signal::Record;
 
-/// A name, which is that of the program that fuzzes it, and what it does with bytes.
+/// A name, which is that of the fuzz target, and its function.
 pub type Entry = (&'static str, fn(&[u8]));
 
-/// All of them.
+/// All entry points.
 pub const ALL: [Entry; 11] = [
     ("wav", wav),
     ("mcap", mcap),
@@ -32,10 +32,10 @@ pub const ALL: [Entry; 11] = [
     ("api_json", api_json),
 ];
 
-/// Records or frames read of one input.
-const MOST: usize = 1000;
+/// Largest number of records or frames read from one input.
+const MAX_ITEMS: usize = 1000;
 
-/// A WAV, whole and cut into short records.
+/// A WAV recording, whole and cut into short records.
 pub fn wav(bytes: &[u8]) {
     let defaults = RecordDefaults::default();
     for record in decode_wav(bytes, &defaults).into_iter().flatten() {
@@ -43,7 +43,7 @@ pub fn wav(bytes: &[u8]) {
     }
     let cut = Some(Cut::Samples(16));
     if let Ok(blocks) = WavBlocks::new(Cursor::new(bytes), bytes.len() as u64, &defaults, cut) {
-        for record in blocks.take(MOST).flatten() {
+        for record in blocks.take(MAX_ITEMS).flatten() {
             check(&record);
         }
     }
@@ -52,7 +52,7 @@ pub fn wav(bytes: &[u8]) {
 /// An MCAP recording.
 pub fn mcap(bytes: &[u8]) {
     let _ = Format::detect(bytes);
-    for recorded in McapReader::new(Cursor::new(bytes.to_vec())).take(MOST).flatten() {
+    for recorded in McapReader::new(Cursor::new(bytes.to_vec())).take(MAX_ITEMS).flatten() {
         check(&recorded.record);
     }
 }
@@ -68,7 +68,7 @@ pub fn mat(bytes: &[u8]) {
 /// A FLAC recording, cut into short records.
 pub fn flac(bytes: &[u8]) {
     if let Ok(blocks) = FlacBlocks::new(bytes, &RecordDefaults::default(), Some(Cut::Samples(16))) {
-        for record in blocks.take(MOST).flatten() {
+        for record in blocks.take(MAX_ITEMS).flatten() {
             check(&record);
         }
     }
@@ -78,7 +78,7 @@ pub fn flac(bytes: &[u8]) {
 pub fn npy(bytes: &[u8]) {
     let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
     if let Ok(blocks) = NpyBlocks::new(bytes, &defaults, Some(Cut::Samples(16))) {
-        for record in blocks.take(MOST).flatten() {
+        for record in blocks.take(MAX_ITEMS).flatten() {
             check(&record);
         }
     }
@@ -93,7 +93,7 @@ pub fn csv(bytes: &[u8]) {
     let _ = CsvPreview::of(bytes, CsvLayout::default(), 100);
     if let Ok(mut frames) = CsvFrames::new(bytes, &[]) {
         let mut frame = vec![0.0; frames.channels().len()];
-        for _ in 0..MOST {
+        for _ in 0..MAX_ITEMS {
             if !matches!(frames.next_frame(&mut frame), Ok(true)) {
                 break;
             }
@@ -101,7 +101,7 @@ pub fn csv(bytes: &[u8]) {
     }
 }
 
-/// Bare samples, whose layout the first two bytes choose.
+/// Raw samples, with the layout chosen by the first two bytes.
 pub fn raw(bytes: &[u8]) {
     let [first, second, samples @ ..] = bytes else {
         return;
@@ -138,7 +138,7 @@ pub fn pair(bytes: &[u8]) {
     }
 }
 
-/// Bodies in JSON that the API takes besides records, and a description in TOML.
+/// JSON bodies of the API other than records, and a description in TOML.
 pub fn api_json(bytes: &[u8]) {
     let of_toml = str::from_utf8(bytes).ok().and_then(|text| AssetSpec::from_toml(text).ok());
     for spec in of_toml.into_iter().chain(serde_json::from_slice(bytes).ok()) {
@@ -146,8 +146,11 @@ pub fn api_json(bytes: &[u8]) {
             assert!(spec.alarm_rules().iter().all(|rule| rule.validate().is_ok()));
             let context = spec.mesh_context();
             assert!(context.nominal_shaft_speed_hz.is_finite());
-            let again = serde_json::to_vec(&spec).expect("a description that is taken can be answered");
-            assert!(serde_json::from_slice::<AssetSpec>(&again).is_ok(), "what is answered can be sent back");
+            let again = serde_json::to_vec(&spec).expect("an accepted description can be serialised");
+            assert!(
+                serde_json::from_slice::<AssetSpec>(&again).is_ok(),
+                "a serialised description can be read back"
+            );
         }
     }
     let _ = serde_json::from_slice::<ReplayRequest>(bytes);

@@ -1,4 +1,4 @@
-//! What is fuzzed; the programs in `fuzz_targets` call it, and so does `tests/model/hostile_bytes.rs` on a
-//! stable toolchain.
+//! The fuzz entry points, called by the programs in `fuzz_targets`, and by `tests/model/hostile_bytes.rs` on
+//! a stable toolchain.
 
 pub mod entries;

@@ -1,14 +1,14 @@
-//! A record over the angle of its shaft.
+//! Records over the shaft angle.
 
 use flankwatch_signal::{AngleSource, MeshContext, Record};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arguments::to_python;
-use crate::error::absence_error;
+use crate::error::not_computed_error;
 use crate::record::{Machine, analyze};
 
-/// Whole turns, evenly sampled in the angle of the shaft.
+/// Whole turns of a shaft, sampled at equal steps of its angle.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct AngleRecord {
     unit: String,
@@ -28,7 +28,7 @@ pub(crate) struct OrderSpectrum {
     angle: Py<PyAny>,
 }
 
-/// The synchronous average split into its parts.
+/// The synchronous average, split into its components.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct GearSignals {
     average: Py<PyArray1<f64>>,
@@ -42,9 +42,9 @@ fn angle_source(py: Python<'_>, source: &AngleSource) -> PyResult<Py<PyAny>> {
     Ok(to_python(py, source)?.unbind())
 }
 
-/// Record and mesh from the arguments that the functions here have in common.
+/// Creates record and mesh from the arguments shared by the functions of this module.
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
-fn parts(
+fn record_and_mesh(
     x: &Bound<'_, PyAny>,
     rate_hz: f64,
     teeth: u32,
@@ -84,7 +84,7 @@ pub(crate) fn angle_record(
     unit: &str,
 ) -> PyResult<AngleRecord> {
     let py = x.py();
-    let (record, mesh) = parts(
+    let (record, mesh) = record_and_mesh(
         x,
         rate_hz,
         teeth,
@@ -95,16 +95,20 @@ pub(crate) fn angle_record(
         pulses_per_revolution,
         unit,
     )?;
-    let (turned, average) = analyze(py, |analyzer| {
-        let turned = analyzer.angle_record(&record, &mesh, None)?;
-        let average = turned.synchronous_average();
-        Ok((turned, average))
+    let (by_angle, average) = analyze(py, |analyzer| {
+        let by_angle = analyzer.angle_record(&record, &mesh, None)?;
+        let average = by_angle.synchronous_average();
+        Ok((by_angle, average))
     })
-    .map_err(|absence| absence_error("record over the shaft's angle", absence))?;
+    .map_err(|reason| not_computed_error("record over the shaft's angle", reason))?;
     Ok(AngleRecord {
-        angle: angle_source(py, &turned.angle)?,
-        unit: turned.unit,
-        samples: turned.samples.into_pyarray(py).reshape([turned.turns, turned.samples_per_turn])?.unbind(),
+        angle: angle_source(py, &by_angle.angle)?,
+        unit: by_angle.unit,
+        samples: by_angle
+            .samples
+            .into_pyarray(py)
+            .reshape([by_angle.turns, by_angle.samples_per_turn])?
+            .unbind(),
         synchronous_average: average.into_pyarray(py).unbind(),
     })
 }
@@ -126,7 +130,7 @@ pub(crate) fn order_spectrum(
     unit: &str,
 ) -> PyResult<OrderSpectrum> {
     let py = x.py();
-    let (record, mesh) = parts(
+    let (record, mesh) = record_and_mesh(
         x,
         rate_hz,
         teeth,
@@ -138,7 +142,7 @@ pub(crate) fn order_spectrum(
         unit,
     )?;
     let spectrum = analyze(py, |analyzer| analyzer.order_spectrum(&record, &mesh, None));
-    let spectrum = spectrum.map_err(|absence| absence_error("order spectrum", absence))?;
+    let spectrum = spectrum.map_err(|reason| not_computed_error("order spectrum", reason))?;
     let orders: Vec<f64> =
         (0..spectrum.amplitude.len()).map(|k| k as f64 * spectrum.resolution_orders).collect();
     Ok(OrderSpectrum {
@@ -168,7 +172,7 @@ pub(crate) fn gear_signals(
     unit: &str,
 ) -> PyResult<GearSignals> {
     let py = x.py();
-    let (record, mesh) = parts(
+    let (record, mesh) = record_and_mesh(
         x,
         rate_hz,
         teeth,
@@ -180,7 +184,7 @@ pub(crate) fn gear_signals(
         unit,
     )?;
     let signals = analyze(py, |analyzer| analyzer.gear_signals(&record, &mesh, None));
-    let signals = signals.map_err(|absence| absence_error("synchronous average", absence))?;
+    let signals = signals.map_err(|reason| not_computed_error("synchronous average", reason))?;
     let array = |values: Vec<f64>| values.into_pyarray(py).unbind();
     Ok(GearSignals {
         average: array(signals.average),

@@ -1,4 +1,4 @@
-//! Python values as arguments, and results as Python values.
+//! Conversion of Python arguments, and of results to Python.
 
 use jiff::Timestamp;
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArray1};
@@ -9,7 +9,8 @@ use serde::de::DeserializeOwned;
 
 use crate::error::{argument_error, value_error};
 
-/// Samples of one channel in single precision, from anything that NumPy makes an array of real numbers of.
+/// Returns the samples of one channel in single precision, from anything that NumPy converts to an array of
+/// real numbers.
 pub(crate) fn samples(x: &Bound<'_, PyAny>) -> PyResult<Vec<f32>> {
     if let Ok(array) = x.extract::<PyReadonlyArray1<'_, f32>>() {
         return Ok(array.as_array().iter().copied().collect());
@@ -19,7 +20,7 @@ pub(crate) fn samples(x: &Bound<'_, PyAny>) -> PyResult<Vec<f32>> {
     Ok(real.as_array().iter().map(|&sample| sample as f32).collect())
 }
 
-/// An array of so many dimensions of real numbers in double precision.
+/// Returns an array of real numbers in double precision with this number of dimensions.
 pub(crate) fn real_array<'py>(
     x: &Bound<'py, PyAny>,
     name: &str,
@@ -38,8 +39,8 @@ pub(crate) fn real_array<'py>(
     Ok(array.call_method1("astype", ("float64",))?.cast_into::<PyArrayDyn<f64>>()?)
 }
 
-/// A time: RFC 3339 text, a `datetime` (UTC where it has no zone), a `numpy.datetime64` (UTC), or seconds
-/// since 1970.
+/// Returns a time from RFC 3339 text, a `datetime` (UTC if it has no zone), a `numpy.datetime64` (UTC), or
+/// seconds since 1970.
 pub(crate) fn time(value: &Bound<'_, PyAny>) -> PyResult<Timestamp> {
     let expected = "an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970";
     let refuse = || {
@@ -73,13 +74,13 @@ pub(crate) fn time(value: &Bound<'_, PyAny>) -> PyResult<Timestamp> {
     text.parse().map_err(|_| refuse())
 }
 
-/// A value as Python's own dicts, lists, numbers and strings.
+/// Converts a value to Python dicts, lists, numbers and strings.
 pub(crate) fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(value).map_err(value_error)?;
     py.import("json")?.call_method1("loads", (text,))
 }
 
-/// A value from Python's own dicts, lists, numbers and strings.
+/// Converts Python dicts, lists, numbers and strings to a value.
 pub(crate) fn from_python<T: DeserializeOwned>(name: &str, value: &Bound<'_, PyAny>) -> PyResult<T> {
     let text: String = value.py().import("json")?.call_method1("dumps", (value,))?.extract()?;
     serde_json::from_str(&text).map_err(|error| PyValueError::new_err(format!("{name}: {error}")))

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arguments::{from_python, to_python};
-use crate::error::{absence_error, argument_error, value_error};
+use crate::error::{argument_error, not_computed_error, value_error};
 use crate::record::{Machine, analyze, plain_record};
 
 /// A one-sided spectrum.
@@ -55,7 +55,7 @@ fn array(py: Python<'_>, values: Vec<f64>) -> Py<PyArray1<f64>> {
     values.into_pyarray(py).unbind()
 }
 
-/// `count` multiples of `step` from 0 on.
+/// Returns `count` multiples of `step`, starting at 0.
 fn axis(py: Python<'_>, count: usize, step: f64) -> Py<PyArray1<f64>> {
     array(py, (0..count).map(|k| k as f64 * step).collect())
 }
@@ -72,7 +72,7 @@ fn spectrum(py: Python<'_>, spectrum: flankwatch_signal::Spectrum) -> Spectrum {
     }
 }
 
-/// Indicators and what they rest on, as a dict.
+/// Returns the indicators and how they were computed, as a dict.
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, teeth=None, shaft_speed_hz=None, nominal_shaft_speed_hz=None, tolerance=0.05, torque_nm=None,
     pulse_times_s=None, pulses_per_revolution=1, unit="1", bands=None, gear_indicators=true))]
@@ -103,9 +103,9 @@ pub(crate) fn condition<'py>(
     };
     let (mesh, record) = (machine.mesh()?, machine.record(x, rate_hz, unit)?);
     let bands: Vec<Band> = bands.map_or_else(|| Ok(Vec::new()), |bands| from_python("bands", bands))?;
-    if let Some(band) = bands.iter().find(|band| !band.is_usable()) {
+    if let Some(band) = bands.iter().find(|band| !band.is_valid()) {
         let expected =
-            "a name of 1 to 32 of a-z, 0-9 and _, and two frequencies in hertz, the lower one first";
+            "a name of 1 to 32 characters of a-z, 0-9 and _, and two ascending frequencies in hertz";
         return Err(argument_error("bands", format!("{:?} {:?}", band.name, band.band_hz), expected));
     }
     let settings = ConditionSettings {
@@ -213,7 +213,7 @@ pub(crate) fn kurtogram(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Kurtogra
     let py = x.py();
     let record = plain_record(x, rate_hz, "1")?;
     let computed = analyze(py, |analyzer| analyzer.kurtogram(&record))
-        .map_err(|absence| absence_error("kurtogram", absence))?;
+        .map_err(|reason| not_computed_error("kurtogram", reason))?;
     Ok(Kurtogram {
         bandwidth_hz: computed.levels.iter().map(|level| level.bandwidth_hz).collect(),
         kurtosis: computed.levels.into_iter().map(|level| array(py, level.kurtosis)).collect(),
@@ -228,7 +228,7 @@ pub(crate) fn cepstrum(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Cepstrum>
     let py = x.py();
     let record = plain_record(x, rate_hz, "1")?;
     let computed = analyze(py, |analyzer| analyzer.cepstrum(&record))
-        .map_err(|absence| absence_error("cepstrum", absence))?;
+        .map_err(|reason| not_computed_error("cepstrum", reason))?;
     Ok(Cepstrum {
         resolution_s: computed.resolution_s,
         quefrency_s: axis(py, computed.value.len(), computed.resolution_s),

@@ -1,8 +1,8 @@
 //! The native part of the Python package `flankwatch`: signal processing, the gear model and the wear
 //! estimate, over NumPy arrays.
 //!
-//! Each function checks its arguments, releases the interpreter while it computes, and gives the numbers that
-//! the program gives.
+//! Each function validates its arguments, releases the interpreter while it computes, and returns the same
+//! numbers as the program.
 
 mod angle;
 mod arguments;

@@ -1,4 +1,4 @@
-//! Libraries of simulated wear states, and the pairs around one.
+//! Libraries of simulated wear states, and ensembles of similar pairs.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,12 +18,12 @@ use crate::arguments::to_python;
 use crate::error::{argument_error, library_error};
 use crate::pair::Pair;
 
-/// How often a build looks for a pressed Ctrl-C and reports its progress.
-const WATCH: Duration = Duration::from_millis(50);
+/// Interval at which a build checks for Ctrl-C and reports its progress.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Runs a build beside a watch that reports progress and stops it where Python wants to: at Ctrl-C, or where
-/// the callback raises.
-fn watched<T: Send>(
+/// Runs a build in a thread, while this one reports progress and stops it on Ctrl-C or if the callback
+/// raises.
+fn run_build<T: Send>(
     py: Python<'_>,
     progress: Option<Py<PyAny>>,
     work: impl FnOnce(&BuildControl<'_>) -> Result<T, LibraryError> + Send,
@@ -45,34 +45,34 @@ fn watched<T: Send>(
                 watcher.unpark();
                 built
             });
-            let mut told = None;
-            let mut refusal: Option<PyErr> = None;
+            let mut reported = None;
+            let mut interruption: Option<PyErr> = None;
             loop {
                 let last = ended.load(Ordering::Acquire) || building.is_finished();
                 let now = (done.load(Ordering::Relaxed), total.load(Ordering::Relaxed));
-                if refusal.is_none() {
-                    let watched = Python::attach(|py| {
+                if interruption.is_none() {
+                    let reporting = Python::attach(|py| {
                         py.check_signals()?;
                         match &progress {
-                            Some(progress) if told != Some(now) && now.1 > 0 => {
+                            Some(progress) if reported != Some(now) && now.1 > 0 => {
                                 progress.call1(py, now).map(|_| ())
                             }
                             _ => Ok(()),
                         }
                     });
-                    told = Some(now);
-                    if let Err(error) = watched {
+                    reported = Some(now);
+                    if let Err(error) = reporting {
                         stop.store(true, Ordering::Relaxed);
-                        refusal = Some(error);
+                        interruption = Some(error);
                     }
                 }
                 if last {
                     break;
                 }
-                thread::park_timeout(WATCH);
+                thread::park_timeout(POLL_INTERVAL);
             }
             let built = building.join();
-            match (refusal, built) {
+            match (interruption, built) {
                 (Some(error), _) => Err(error),
                 (None, Ok(built)) => built.map_err(library_error),
                 (None, Err(panic)) => std::panic::resume_unwind(panic),
@@ -119,7 +119,7 @@ impl Library {
             torque_factors,
             speed_factors,
         };
-        let library = watched(py, progress, |control| build(&pair.spec, &grid, control))?;
+        let library = run_build(py, progress, |control| build(&pair.spec, &grid, control))?;
         Ok(Self { library: Arc::new(library) })
     }
 
@@ -200,7 +200,7 @@ impl Library {
     }
 }
 
-/// Pairs that a machine may be, around a library's own.
+/// An ensemble of pairs similar to a library's own, any of which the machine may be.
 #[pyclass(frozen, module = "flankwatch")]
 pub(crate) struct Ensemble {
     pub(crate) ensemble: Arc<flankwatch_wear::library::Ensemble>,
@@ -221,7 +221,7 @@ impl Ensemble {
         }
         let settings = EnsembleSettings { members };
         let library = Arc::clone(&library.library);
-        let ensemble = watched(py, progress, |control| {
+        let ensemble = run_build(py, progress, |control| {
             flankwatch_wear::library::Ensemble::build(library, &settings, control)
         })?;
         Ok(Self { ensemble: Arc::new(ensemble) })
@@ -254,7 +254,7 @@ impl Ensemble {
     }
 }
 
-/// The ensemble of an argument: one, or a library as the only member.
+/// Returns the ensemble of an argument: an ensemble, or a library as its only member.
 pub(crate) fn ensemble_of(value: &Bound<'_, PyAny>) -> PyResult<Arc<flankwatch_wear::library::Ensemble>> {
     if let Ok(ensemble) = value.cast::<Ensemble>() {
         return Ok(Arc::clone(&ensemble.get().ensemble));

@@ -1,4 +1,4 @@
-//! What the gear model says of a pair, as arrays.
+//! Results of the gear model as arrays.
 
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -27,7 +27,7 @@ impl MeshCycle {
     }
 }
 
-/// Where and at which rotations one pair of teeth touches.
+/// Contact points and rotations of one pair of teeth.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct ToothContact {
     alpha1_rad: Py<PyArray1<f64>>,

@@ -17,7 +17,7 @@ use crate::mesh::{Flank, MeshCycle, ToothContact};
 /// The pair of the paper's Table 1.
 const SHEN2022: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 
-/// Positions of the mesh period that the dynamics use.
+/// Number of positions of the mesh period used by the dynamics.
 const CYCLE_POINTS: usize = 1000;
 
 /// A pair of spur gears.
@@ -26,7 +26,7 @@ pub(crate) struct Pair {
     pub(crate) spec: PairSpec,
 }
 
-/// A simulated vibration with its truth.
+/// A simulated vibration with its true wear.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct Simulation {
     samples: Py<PyArray1<f64>>,
@@ -38,7 +38,7 @@ pub(crate) struct Simulation {
     mesh: Py<MeshCycle>,
 }
 
-/// How the flanks are worn, as a function is told.
+/// Wear of the flanks, from a function's arguments.
 enum Wear {
     Depth(f64),
     Table(String),
@@ -52,7 +52,9 @@ impl Wear {
             (Some(wear_um), None, None) => Ok(Self::Depth(wear_um)),
             (None, Some(profile), None) => Ok(Self::Table(table(profile)?)),
             (None, None, Some(turns)) => Ok(Self::Turns(turns)),
-            _ => Err(argument_error("wear", "given twice", "one of wear_um, profile and turns")),
+            _ => {
+                Err(argument_error("wear", "given more than once", "only one of wear_um, profile and turns"))
+            }
         }
     }
 
@@ -66,7 +68,7 @@ impl Wear {
     }
 }
 
-/// A wear table as CSV: from text as it is, else from rows of gear, radius in mm and depth in µm.
+/// Converts a wear table to CSV: text unchanged, else rows of gear, radius in mm and depth in µm.
 fn table(profile: &Bound<'_, PyAny>) -> PyResult<String> {
     if let Ok(text) = profile.extract::<String>() {
         return Ok(text);
@@ -83,15 +85,15 @@ fn table(profile: &Bound<'_, PyAny>) -> PyResult<String> {
     }
     let mut csv = "gear,radius_mm,depth_um\n".to_owned();
     for row in rows.rows() {
-        // Writing into a string does not fail.
+        // Writing to a string does not fail.
         let _ = writeln!(csv, "{},{},{}", row[0], row[1], row[2]);
     }
     Ok(csv)
 }
 
 impl Pair {
-    /// The pair with another torque or contact rule.
-    fn changed(&self, torque_nm: Option<f64>, contact: Option<&str>) -> PyResult<PairSpec> {
+    /// Returns the description with another torque or contact rule.
+    fn with_operation(&self, torque_nm: Option<f64>, contact: Option<&str>) -> PyResult<PairSpec> {
         let mut spec = self.spec.clone();
         if let Some(torque_nm) = torque_nm {
             spec.operation.torque_nm = torque_nm;
@@ -183,7 +185,7 @@ impl Pair {
         contact: Option<&str>,
         points: usize,
     ) -> PyResult<MeshCycle> {
-        let (spec, wear) = (self.changed(torque_nm, contact)?, Wear::of(wear_um, profile, turns)?);
+        let (spec, wear) = (self.with_operation(torque_nm, contact)?, Wear::of(wear_um, profile, turns)?);
         let cycle = py.detach(|| {
             let pair = spec.resolve()?;
             flankwatch_gear::MeshCycle::compute(&pair, &wear.flanks(&pair)?, points)
@@ -246,7 +248,7 @@ impl Pair {
         seed: Option<u64>,
         start_phase_turns: f64,
     ) -> PyResult<Simulation> {
-        let (spec, wear) = (self.changed(torque_nm, contact)?, Wear::of(wear_um, profile, turns)?);
+        let (spec, wear) = (self.with_operation(torque_nm, contact)?, Wear::of(wear_um, profile, turns)?);
         let pair = spec.resolve().map_err(value_error)?;
         let nominal = RunSettings::nominal(&pair, rate_hz, seconds);
         let settings = RunSettings {

@@ -1,4 +1,4 @@
-//! A record, and what is known of its mesh, from the arguments of a function.
+//! Creation of a record and its mesh context from the arguments of a function.
 
 use std::cell::RefCell;
 
@@ -13,7 +13,7 @@ use crate::arguments::{real_array, samples};
 use crate::error::{argument_error, value_error};
 
 thread_local! {
-    /// Keeps the plans of transforms from call to call.
+    /// The thread's analyzer, which reuses its transform plans from call to call.
     static ANALYZER: RefCell<Analyzer> = RefCell::new(Analyzer::new(AnalysisSettings::default()));
 }
 
@@ -22,12 +22,12 @@ pub(crate) fn analyze<T: Send>(py: Python<'_>, work: impl FnOnce(&mut Analyzer) 
     py.detach(|| ANALYZER.with_borrow_mut(work))
 }
 
-/// A record without anything known of the machine.
+/// Creates a record without data of the machine.
 pub(crate) fn plain_record(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str) -> PyResult<Record> {
     Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, unit, samples(x)?).map_err(value_error)
 }
 
-/// What a function is told of the machine beside the samples.
+/// Arguments of a function that describe the machine.
 pub(crate) struct Machine<'a, 'py> {
     pub(crate) teeth: Option<u32>,
     pub(crate) shaft_speed_hz: Option<f64>,
@@ -39,7 +39,7 @@ pub(crate) struct Machine<'a, 'py> {
 }
 
 impl Machine<'_, '_> {
-    /// The mesh; unknown without teeth.
+    /// Returns the mesh context, which is unknown without teeth.
     pub(crate) fn mesh(&self) -> PyResult<MeshContext> {
         let Some(teeth) = self.teeth else {
             return Ok(MeshContext::unknown());
@@ -50,8 +50,8 @@ impl Machine<'_, '_> {
         if !(0.0..=0.5).contains(&self.tolerance) {
             return Err(argument_error("tolerance", self.tolerance, "a fraction from 0 to 0.5"));
         }
-        let known = self.nominal_shaft_speed_hz.or(self.shaft_speed_hz);
-        let nominal_shaft_speed_hz = match known {
+        let speed_hz = self.nominal_shaft_speed_hz.or(self.shaft_speed_hz);
+        let nominal_shaft_speed_hz = match speed_hz {
             Some(speed) if speed > 0.0 && speed <= 1e6 => speed,
             Some(speed) => {
                 return Err(argument_error(
@@ -63,7 +63,7 @@ impl Machine<'_, '_> {
             None if self.pulse_times_s.is_some() => 0.0,
             None => {
                 let expected =
-                    "the shaft speed, or nominal_shaft_speed_hz to look for it around, or pulse_times_s";
+                    "the shaft speed, or nominal_shaft_speed_hz to search around, or pulse_times_s";
                 return Err(argument_error("shaft_speed_hz", "missing", expected));
             }
         };
@@ -77,7 +77,7 @@ impl Machine<'_, '_> {
         })
     }
 
-    /// The same of a function that needs the mesh.
+    /// Returns the mesh context of a function that requires it.
     pub(crate) fn required_mesh(&self) -> PyResult<MeshContext> {
         match self.teeth {
             Some(_) => self.mesh(),
@@ -85,7 +85,7 @@ impl Machine<'_, '_> {
         }
     }
 
-    /// The record with its operating point and tachometer.
+    /// Creates the record with its operating point and tachometer.
     pub(crate) fn record(&self, x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str) -> PyResult<Record> {
         let point = OperatingPoint {
             shaft_speed_hz: self.shaft_speed_hz,

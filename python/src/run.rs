@@ -76,11 +76,12 @@ impl Run {
 
     fn __getitem__(&self, py: Python<'_>, index: isize) -> PyResult<SimulatedRecord> {
         let count = self.__len__();
-        let place = if index < 0 { index + count as isize } else { index };
-        let Some(place) = u32::try_from(place).ok().filter(|place| (*place as usize) < count) else {
+        let position = if index < 0 { index + count as isize } else { index };
+        let Some(position) = u32::try_from(position).ok().filter(|position| (*position as usize) < count)
+        else {
             return Err(PyIndexError::new_err(format!("record {index} of {count}")));
         };
-        let simulated = py.detach(|| self.run.record(place)).map_err(value_error)?;
+        let simulated = py.detach(|| self.run.record(position)).map_err(value_error)?;
         let record = simulated.record;
         Ok(SimulatedRecord {
             samples: record.samples().to_vec().into_pyarray(py).unbind(),

@@ -98,7 +98,7 @@ impl Tracker {
         };
         let (analysis, folded) = analyze(py, |analyzer| {
             let analysis = analyzer.condition(&record, &settings).analysis;
-            // What is folded is replaced as a whole, so that a state after a panic elsewhere is still one.
+            // The state is replaced as a whole, so it is valid even after a panic elsewhere.
             let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
             let folded = self.estimator.record(&mut state, time, &analysis.features, &analysis.indicators);
             (analysis, folded)
@@ -153,17 +153,17 @@ impl Tracker {
 
     fn restore(&self, py: Python<'_>, state: &str) -> PyResult<()> {
         let restored: ChannelState = serde_json::from_str(state)
-            .map_err(|error| value_error(format!("not the state of a tracker: {error}")))?;
+            .map_err(|error| value_error(format!("not a tracker state: {error}")))?;
         py.detach(|| *self.state.lock().unwrap_or_else(PoisonError::into_inner) = restored);
         Ok(())
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let text = self.state(py)?;
-        // A reader sees the old state or the new one, never a part.
-        let mut beside = path.clone().into_os_string();
-        beside.push(".new");
-        let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, &path));
+        // A reader sees the old state or the new one, never a partial one.
+        let mut temporary = path.clone().into_os_string();
+        temporary.push(".new");
+        let written = std::fs::write(&temporary, text).and_then(|()| std::fs::rename(&temporary, &path));
         written.map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))
     }
 

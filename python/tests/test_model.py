@@ -49,7 +49,7 @@ def test_a_simulation_contains_its_wear(pair):
     [
         (lambda pair: pair.mesh(torque_nm=0.0), "operation.torque_nm is 0"),
         (lambda pair: pair.mesh(np.nan), "NaN"),
-        (lambda pair: pair.mesh(10.0, turns=5.0), "wear is given twice"),
+        (lambda pair: pair.mesh(10.0, turns=5.0), "wear is given more than once"),
         (lambda pair: pair.mesh(contact="soft"), 'contact is "soft"'),
         (lambda pair: pair.mesh(points=1), "points is 1"),
         (lambda pair: pair.mesh(profile=np.zeros((2, 2))), "profile is 2 columns"),
@@ -83,7 +83,7 @@ def test_errors_name_unreadable_files(tmp_path, pair, library):
     damaged.write_bytes(b"flankwatch-library 2 0\n{}")
     with pytest.raises(ValueError, match="damaged library file"):
         flankwatch.Library.load(damaged)
-    with pytest.raises(ValueError, match="not the state of a tracker"):
+    with pytest.raises(ValueError, match="not a tracker state"):
         flankwatch.Tracker(library).restore("{}")
 
 

@@ -6,7 +6,7 @@ use super::gear_spec::GearSpec;
 use super::spec::AssetSpec;
 use super::velocity_zones::VelocityZone;
 use crate::signal::{
-    BandSource, Bearing, BearingSettings, ConditionSettings, Described, EnvelopeBand, Indicators,
+    BandSource, Bearing, BearingSettings, ConditionSettings, EnvelopeBand, IndicatorScope, Indicators,
     MeshContext, Record, VELOCITY_RMS,
 };
 
@@ -41,7 +41,7 @@ impl AssetSpec {
     pub fn indicator_names(&self) -> Vec<String> {
         let bearings = self.bearings();
         let has_mesh = self.gear.is_some();
-        Indicators::names(&Described { bands: &self.bands, bearings: &bearings, has_mesh })
+        Indicators::names(&IndicatorScope { bands: &self.bands, bearings: &bearings, has_mesh })
     }
 
     /// The velocity zone of a record; `None` if no zones are described or the record has no velocity.
@@ -53,7 +53,7 @@ impl AssetSpec {
     pub fn seen_from_shaft<'a>(&self, record: &'a Record) -> Cow<'a, Record> {
         match &self.gear {
             Some(gear) if gear.shaft_ratio.is_some() => {
-                Cow::Owned(record.clone().seen_from_shaft(gear.driving_shaft_turns()))
+                Cow::Owned(record.clone().referred_to_shaft(gear.driving_shaft_turns()))
             }
             _ => Cow::Borrowed(record),
         }

@@ -177,7 +177,7 @@ impl AssetSpec {
             return Err(field("bands", format!("a list of {}", self.bands.len()), "at most 16 bands"));
         }
         for (index, band) in self.bands.iter().enumerate() {
-            if !band.is_usable()
+            if !band.is_valid()
                 || band.band_hz[1] > MAX_FREQUENCY_HZ
                 || self.bands[..index].iter().any(|other| other.name == band.name)
             {

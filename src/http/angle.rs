@@ -87,7 +87,7 @@ pub(super) async fn orders(
         "compute an order spectrum",
         |analyzer, record, mesh| analyzer.order_spectrum(record, mesh, None),
     );
-    let spectrum = computed.await?.map_err(|absence| absent("spectrum over orders", absence))?;
+    let spectrum = computed.await?.map_err(|reason| absent("spectrum over orders", reason))?;
     let resolution_orders = spectrum.resolution_orders;
     let places = range.places(spectrum.amplitude.len(), resolution_orders);
     let mesh_amplitudes = teeth.map_or_else(Vec::new, |[driving, _]| mesh_amplitudes(&spectrum, driving));
@@ -186,7 +186,7 @@ pub(super) async fn turn(
         })
         .await?;
     let TurnAverage { turns, angle, signals } =
-        computed.map_err(|absence| absent("average over a turn", absence))?;
+        computed.map_err(|reason| absent("average over a turn", reason))?;
     let samples = signals.average.len();
     Ok(Json(TurnView {
         segment_id: segment.id,

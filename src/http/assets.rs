@@ -326,7 +326,7 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
             .spec
             .bearings()
             .into_iter()
-            .map(|bearing| (bearing.name.clone(), bearing.seen()))
+            .map(|bearing| (bearing.name.clone(), bearing.reference_orders()))
             .collect(),
         velocity_limits_mm_per_s: asset.spec.velocity_zones.map(VelocityZones::limits_mm_per_s),
         recent_wear_um,

@@ -73,7 +73,7 @@ pub(super) async fn cepstrum(
         app.service
             .records
             .analyse_stored(&segment, "compute a cepstrum", |analyzer, record, _| analyzer.cepstrum(record));
-    let cepstrum = computed.await?.map_err(|absence| absent("cepstrum", absence))?;
+    let cepstrum = computed.await?.map_err(|reason| absent("cepstrum", reason))?;
     let resolution_s = cepstrum.resolution_s;
     // The value at zero is the mean level of the spectrum and dwarfs the others.
     let first = 1.min(cepstrum.value.len());

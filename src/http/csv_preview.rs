@@ -161,7 +161,7 @@ impl CsvPreviewView {
             let (role, envelope) = match column.role {
                 ColumnRole::Channel => (CsvColumnRole::Channel, envelopes.next().unwrap_or_default()),
                 ColumnRole::Time => (CsvColumnRole::Time, Vec::new()),
-                ColumnRole::LeftOut => (CsvColumnRole::LeftOut, Vec::new()),
+                ColumnRole::Ignored => (CsvColumnRole::LeftOut, Vec::new()),
             };
             let (label, name, unit) = (column.label, column.name, column.unit);
             CsvColumnView { number: at + 1, label, name, unit, role, envelope }

@@ -214,7 +214,7 @@ impl PairModel {
         let step_um = self.spec.usual_wear_um() / ARCHARD_STEPS as f64;
         let course = self.course.get_or_init(|| {
             let depths: Vec<f64> = (0..=ARCHARD_STEPS).map(|step| step as f64 * step_um * 1e-3).collect();
-            FlankWear::from_shape_coarsely_at(&self.pair, &depths)
+            FlankWear::from_shape_coarse_at(&self.pair, &depths)
                 .map_err(|error| Refusal::of_conditions(&error))
         });
         let course = course.as_ref().map_err(Clone::clone)?;

@@ -6,7 +6,7 @@ use std::error::Error;
 
 use flankwatch_gear::{FlankWear, MeshCycle, PairSpec};
 
-/// What is not said is steel, standard full-depth teeth, and contact by the paper's threshold rule.
+/// Defaults not stated here: steel, standard full-depth teeth, and contact by the paper's threshold rule.
 const PAIR: &str = r#"
     [geometry]
     teeth = [24, 26]              # driving, driven

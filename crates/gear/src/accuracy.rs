@@ -15,7 +15,7 @@ const REFINED: usize = 64;
 /// Every amplitude, moment and ratio, worn or not, teeth parting (half the torque, loaded) or not, within 0.1
 /// %. The lines of the shaft's sidebands, a thousandth of the mesh lines, are the hardest.
 #[test]
-fn features_are_those_of_a_refined_step() {
+fn features_match_those_of_a_refined_step() {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     for (contact, torque) in
         [(ContactRule::Threshold, 1.0), (ContactRule::Loaded, 1.0), (ContactRule::Loaded, 0.5)]
@@ -95,7 +95,7 @@ fn module_1_spec() -> PairSpec {
 /// vibration, within 0.3 % of those by explicit steps that do, supports as stiff as a gearbox's among them;
 /// within 5 % by the threshold rule, whose jumps are sharper than the step and leave some lines weak.
 #[test]
-fn features_of_small_pairs_are_those_of_a_refined_step() {
+fn features_of_small_pairs_match_those_of_a_refined_step() {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let cases = [
         (ContactRule::Loaded, None, None, 0.05, 3e-3),

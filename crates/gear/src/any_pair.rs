@@ -1,4 +1,4 @@
-//! Whatever a pair file says, the model gives sound numbers or a reason.
+//! For any pair file, the model returns plausible numbers or an error.
 
 use proptest::prelude::*;
 
@@ -52,7 +52,7 @@ prop_compose! {
             .iter()
             .map(|(gear, place, depth_um)| WearPoint { gear: *gear, radius_mm: radius(*gear) + place * module_mm, depth_um: *depth_um })
             .collect();
-        // A course of wear is worked out in steps.
+        // A wear history is computed in steps.
         let most = if shape == WearShape::Archard { 0.01 } else { f64::INFINITY };
         let depth_mm = (depth_modules * module_mm).min(most);
         (spec, depth_mm)
@@ -69,7 +69,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn a_cycle_is_sound_or_refused((spec, depth_mm) in worn_pairs()) {
+    fn a_cycle_is_valid_or_rejected((spec, depth_mm) in worn_pairs()) {
         // It is read as it is written.
         prop_assert_eq!(&PairSpec::from_toml(&toml::to_string(&spec).unwrap()).unwrap(), &spec);
         match cycle(&spec, depth_mm) {

@@ -1,12 +1,12 @@
-//! Wear of both flanks after Archard, Eq. (22), stepped as the flanks change.
+//! Wear of both flanks by Archard's law, Eq. (22), in steps that follow the changing flanks.
 //!
-//! A place of the flanks under the pressure p that slides by v dφ₁ loses K/H · p v dφ₁, on both flanks
-//! ([`super::contact_band`]). On involutes the band sweeps the flank, so that a point loses k · p̄ · 2a |1 −
-//! u_j/u_i| each mesh: the single-point observation of Flodin and Andersson (Wear 207, 1997). Summing over
-//! the rotations also holds where wear makes the contact linger or a tip's edge carry.
+//! A point of the flanks under the pressure p that slides by v dφ₁ loses K/H · p v dφ₁, on both flanks
+//! ([`super::contact_band`]). On involutes the contact band sweeps the flank, so a point loses k · p̄ · 2a |1
+//! − u_j/u_i| per mesh: the single-point observation of Flodin and Andersson (Wear 207, 1997). Summing over
+//! the rotations remains valid if wear makes the contact dwell or a tip edge carry load.
 //!
-//! Forces and gaps are worked out anew at every step of wear (Ding and Kahraman, J. Sound Vib. 307, 2007),
-//! with the contact rule of the pair.
+//! Forces and gaps are recomputed at every step of wear (Ding and Kahraman, J. Sound Vib. 307, 2007), with
+//! the contact rule of the pair.
 
 use super::contact_band::{ContactBand, Rubbing, alpha_rad, arc_mm};
 use super::contact_load::contact_loads;
@@ -16,19 +16,19 @@ use super::wear::WearProfile;
 use super::wear_table::DepthCurve;
 use super::{ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair};
 
-/// Cells of each flank's active profile, even in arc length.
+/// Number of cells of each flank's active profile, of equal arc length.
 const CELLS: usize = 64;
-/// Greatest change of any depth in modules before forces and gaps are worked out anew: 2.5 µm at module 6 mm.
-/// A step of a fifth of it changes no depth between root and tip by more than 3 % of the greatest.
+/// Largest change of any depth in modules before forces and gaps are recomputed: 2.5 µm at module 6 mm. A
+/// step of a fifth of it changes no depth between root and tip by more than 3 % of the greatest.
 pub(super) const STEP_MODULES: f64 = 2.5e-3 / 6.0;
-/// The same where many courses of wear are compared. The depths differ by a few per cent.
+/// The same for comparisons of many wear histories. The depths differ by a few per cent.
 pub(super) const COARSE_STEP_MODULES: f64 = 5e-3 / 6.0;
-/// Places to a cell at which the contact's pressure is worked out.
-const PLACES: f64 = 2.0;
-/// Most steps of one course of wear.
+/// Number of points per cell at which the contact pressure is computed.
+const POINTS_PER_CELL: f64 = 2.0;
+/// Largest number of steps of one wear history.
 const MAX_STEPS: usize = 20_000;
 
-/// Flanks worn after Archard and how long it took.
+/// Flanks worn by Archard's law, and the number of turns it took.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArchardWear {
     /// Both flanks.
@@ -39,50 +39,50 @@ pub struct ArchardWear {
 }
 
 impl ArchardWear {
-    /// The states of one course of wear at which the greatest depth of both flanks, along Y, is each of
-    /// `depths_mm`, which rise.
+    /// Returns the states of one wear history at which the greatest depth of both flanks, along Y, reaches
+    /// each of the ascending `depths_mm`.
     ///
     /// # Errors
-    /// [`GearError::Field`] for depths that do not rise from 0, or leave less than half of the tooth;
-    /// [`GearError::NoContact`] where the worn flanks no longer carry the mesh over the whole period.
+    /// [`GearError::Field`] for depths that do not ascend from 0, or leave less than half of the tooth;
+    /// [`GearError::NoContact`] if the worn flanks no longer carry load over the whole mesh period.
     pub fn at_depths(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
         Self::at_depths_in_steps(pair, depths_mm, STEP_MODULES)
     }
 
-    /// The same with forces and gaps worked out anew after every `step_modules` of wear.
+    /// Like [`at_depths`](Self::at_depths), recomputing forces and gaps after every `step_modules` of wear.
     pub(super) fn at_depths_in_steps(
         pair: &GearPair,
         depths_mm: &[f64],
         step_modules: f64,
     ) -> Result<Vec<Self>, GearError> {
-        let mut course = Course::new(pair, step_modules)?;
-        let mut least = 0.0;
+        let mut history = WearHistory::new(pair, step_modules)?;
+        let mut min_mm = 0.0;
         let mut states = Vec::with_capacity(depths_mm.len());
         for depth_mm in depths_mm {
-            within("wear depth in mm", *depth_mm, least, f64::MAX)?;
-            least = *depth_mm;
-            course.until(Goal::Depth(*depth_mm))?;
-            states.push(course.state());
+            within("wear depth in mm", *depth_mm, min_mm, f64::MAX)?;
+            min_mm = *depth_mm;
+            history.advance_to(Target::Depth(*depth_mm))?;
+            states.push(history.state());
         }
         Ok(states)
     }
 
-    /// The flanks after a number of turns of the driving gear.
+    /// Returns the flanks after a number of turns of the driving gear.
     ///
     /// # Errors
     /// As [`ArchardWear::at_depths`]; [`GearError::Field`] for turns below 0 or so many that the teeth are
     /// worn through.
     pub fn after_turns(pair: &GearPair, driving_turns: f64) -> Result<Self, GearError> {
         within("turns", driving_turns, 0.0, f64::MAX)?;
-        let mut course = Course::new(pair, STEP_MODULES)?;
-        course.until(Goal::Turns(driving_turns))?;
-        Ok(course.state())
+        let mut history = WearHistory::new(pair, STEP_MODULES)?;
+        history.advance_to(Target::Turns(driving_turns))?;
+        Ok(history.state())
     }
 }
 
-/// What a part of the course ends at.
+/// Target of a part of the history.
 #[derive(Debug, Clone, Copy)]
-enum Goal {
+enum Target {
     Depth(f64),
     Turns(f64),
 }
@@ -90,8 +90,8 @@ enum Goal {
 /// The active profile of one gear in cells.
 #[derive(Debug, Clone)]
 struct FlankCells {
-    /// Arc length and α₁ at the cells' middles: the ends of the first and last cell lie half a cell beyond
-    /// start of active profile and tip.
+    /// Arc length and α₁ at the cells' middles: the outer ends of the first and last cell lie half a cell
+    /// beyond start of active profile and tip.
     arcs_mm: Vec<f64>,
     alphas_rad: Vec<f64>,
     radii_mm: Vec<f64>,
@@ -102,8 +102,8 @@ struct FlankCells {
     wear_mm2_per_n: f64,
 }
 
-/// Wear as it goes on.
-struct Course<'a> {
+/// A wear history in progress.
+struct WearHistory<'a> {
     pair: &'a GearPair,
     bodies: Option<ElasticBodies>,
     outlines: [ToothOutline; 2],
@@ -134,8 +134,8 @@ impl FlankCells {
         }
     }
 
-    /// Growth of the depth along the flank's normal in mm per turn of the driving gear. What comes off below
-    /// the start of active profile is not followed: the depth there is that of its start.
+    /// Returns the growth of the depth along the flank's normal in mm per turn of the driving gear. Wear
+    /// below the start of active profile is not simulated: the depth there is that of its start.
     fn normal_rates(&self, rubbings: &[Rubbing], i: usize) -> Vec<f64> {
         let last = self.arcs_mm.len() - 1;
         let mut rates = vec![0.0; last + 1];
@@ -150,7 +150,7 @@ impl FlankCells {
             rates[before] += area * (1.0 - part);
             rates[before + 1] += area * part;
         }
-        // The end cells are cut in half by the flank's ends.
+        // The flank's ends cut the end cells in half.
         for (cell, rate) in rates.iter_mut().enumerate() {
             *rate /= if cell == 0 || cell == last { 0.5 } else { 1.0 } * self.cell_mm;
         }
@@ -162,9 +162,10 @@ impl FlankCells {
     }
 }
 
-impl<'a> Course<'a> {
+impl<'a> WearHistory<'a> {
     fn new(pair: &'a GearPair, step_modules: f64) -> Result<Self, GearError> {
-        // What the teeth give way changes little with their wear: the bodies stay those of the unworn gears.
+        // The deflection of the teeth changes little with their wear, so the bodies of the unworn gears are
+        // used.
         let bodies = match pair.spec.dynamics.contact {
             ContactRule::Loaded => Some(ElasticBodies::new(pair, &FlankWear::none())?),
             ContactRule::Threshold => None,
@@ -200,11 +201,16 @@ impl<'a> Course<'a> {
         self.flanks.iter().map(FlankCells::deepest_mm).fold(0.0, f64::max)
     }
 
-    /// What both flanks rub off each other in a turn of the driving gear, k times as much as this.
+    /// Returns the wear work of both flanks per turn of the driving gear; the wear is k times that.
     fn rubbings(&self, wear: &FlankWear) -> Result<Vec<Rubbing>, GearError> {
         let loads = contact_loads(self.pair, wear, self.bodies.as_ref())?;
-        let band =
-            ContactBand::new(self.pair, wear, &self.outlines, self.flanks[0].cell_mm / PLACES, self.step_mm);
+        let band = ContactBand::new(
+            self.pair,
+            wear,
+            &self.outlines,
+            self.flanks[0].cell_mm / POINTS_PER_CELL,
+            self.step_mm,
+        );
         let mut rubbings = Vec::new();
         for load in &loads {
             band.rub(load, &mut rubbings);
@@ -212,7 +218,7 @@ impl<'a> Course<'a> {
         Ok(rubbings)
     }
 
-    /// Growth of the depths along Y in mm per turn of the driving gear.
+    /// Returns the growth of the depths along Y in mm per turn of the driving gear.
     fn rates(&self) -> Result<[Vec<f64>; 2], GearError> {
         let wear = self.wear();
         let rubbings = self.rubbings(&wear)?;
@@ -227,27 +233,27 @@ impl<'a> Course<'a> {
         }))
     }
 
-    /// Wears on to the goal in steps of at most `step_mm`.
-    fn until(&mut self, goal: Goal) -> Result<(), GearError> {
+    /// Simulates wear up to the target in steps of at most `step_mm`.
+    fn advance_to(&mut self, target: Target) -> Result<(), GearError> {
         for _ in 0..MAX_STEPS {
-            let reached = match goal {
-                Goal::Depth(depth) => self.deepest_mm() >= depth,
-                Goal::Turns(turns) => self.driving_turns >= turns,
+            let reached = match target {
+                Target::Depth(depth) => self.deepest_mm() >= depth,
+                Target::Turns(turns) => self.driving_turns >= turns,
             };
             if reached {
                 return Ok(());
             }
             let rates = self.rates()?;
             let fastest = rates.iter().flatten().copied().fold(0.0, f64::max);
-            let left = match goal {
-                Goal::Depth(depth) => {
+            let left = match target {
+                Target::Depth(depth) => {
                     let cells =
                         self.flanks.iter().flat_map(|flank| &flank.depths_mm).zip(rates.iter().flatten());
                     let turns =
                         cells.filter(|(_, rate)| **rate > 0.0).map(|(worn, rate)| (depth - worn) / rate);
                     turns.fold(f64::INFINITY, f64::min)
                 }
-                Goal::Turns(turns) => turns - self.driving_turns,
+                Target::Turns(turns) => turns - self.driving_turns,
             };
             let turns = left.min(self.step_mm / fastest);
             for (flank, rates) in self.flanks.iter_mut().zip(&rates) {
@@ -257,29 +263,29 @@ impl<'a> Course<'a> {
             }
             self.driving_turns += turns;
             if turns == left {
-                self.settle(goal);
+                self.snap_to(target);
             }
             self.wear().check_thickness(self.pair, self.deepest_mm())?;
         }
-        let (field, value) = match goal {
-            Goal::Depth(depth) => ("wear depth in mm", depth),
-            Goal::Turns(turns) => ("turns", turns),
+        let (field, value) = match target {
+            Target::Depth(depth) => ("wear depth in mm", depth),
+            Target::Turns(turns) => ("turns", turns),
         };
         Err(GearError::field(
             field,
             value,
-            format!("what {MAX_STEPS} steps of {} mm of wear reach", self.step_mm),
+            format!("at most the wear of {MAX_STEPS} steps of {} mm", self.step_mm),
         ))
     }
 
-    /// Takes the rounding of the last step off.
-    fn settle(&mut self, goal: Goal) {
-        match goal {
-            Goal::Depth(depth) => {
+    /// Removes the rounding of the last step.
+    fn snap_to(&mut self, target: Target) {
+        match target {
+            Target::Depth(depth) => {
                 let scale = depth / self.deepest_mm();
                 self.flanks.iter_mut().flat_map(|flank| &mut flank.depths_mm).for_each(|worn| *worn *= scale);
             }
-            Goal::Turns(turns) => self.driving_turns = turns,
+            Target::Turns(turns) => self.driving_turns = turns,
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Everything that is to be said of a described pair: what cannot be, and the measures that decide it.
+//! Assessment of a described pair: all errors, and the measures that decide them.
 
 use serde::Serialize;
 
@@ -7,33 +7,33 @@ use super::limits::{self, HARMLESS_UNDERCUT_MODULES, MIN_ROOT_TO_BORE};
 use super::refusals::Refusals;
 use super::{GearError, GearPair, PairSpec};
 
-/// Contact ratio from which a mesh has something in reserve: below it the least wear of the tips or a greater
-/// centre distance leaves gaps.
+/// Contact ratio with a usual reserve: below it slight wear of the tips or a larger centre distance
+/// interrupts the contact.
 const USUAL_CONTACT_RATIO: f64 = 1.2;
-/// Tip clearance in modules that leaves room for errors; the basic rack of ISO 53 has 0.25.
+/// Tip clearance in modules that allows for errors; the basic rack of ISO 53 has 0.25.
 const USUAL_CLEARANCE_MODULES: f64 = 0.1;
 /// Tip thickness in modules that a hardened tip should have.
 const USUAL_TIP_MODULES: f64 = 0.2;
 
-/// A described pair with all that is wrong with it.
+/// A described pair with all its errors.
 #[derive(Debug)]
 pub struct Assessment {
-    /// The pair as far as its geometry can be worked out; also one that cannot be used.
+    /// The pair, if its geometry can be computed; possibly an unusable one.
     pub pair: Option<GearPair>,
-    /// What decides whether the teeth can mesh; none without a geometry.
+    /// The measures that decide whether the teeth can mesh; empty without a geometry.
     pub measures: Vec<GeometryMeasure>,
-    /// Why it cannot be used, all reasons; none where [`PairSpec::resolve`] gives a pair.
+    /// All reasons why the pair cannot be used; empty if [`PairSpec::resolve`] returns a pair.
     pub refusals: Vec<GearError>,
 }
 
-/// What a measure of the geometry measures.
+/// The quantity of a geometry measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum MeasuredQuantity {
-    /// Mesh periods that a pair of teeth stays in contact.
+    /// Contact ratio: mesh periods that a pair of teeth stays in contact.
     ContactRatio,
-    /// Play between the teeth's backs, along the operating pitch circles, in mm.
+    /// Backlash along the operating pitch circles in mm.
     Backlash,
     /// Distance from a gear's tip to the other's root in modules.
     TipClearance,
@@ -41,25 +41,25 @@ pub enum MeasuredQuantity {
     TipThickness,
     /// Profile shift beyond the one at which undercut begins, in modules.
     UndercutMargin,
-    /// Length on the line of action in mm from the end of a gear's involute to where the other's tip meets
-    /// it: below zero they interfere.
+    /// Length on the line of action in mm from the end of a gear's involute to its contact with the other's
+    /// tip: negative in case of interference.
     InterferenceMargin,
     /// Root radius over bore radius.
     RootToBore,
-    /// Torque over the greatest that the teeth bear.
+    /// Torque over the largest that the teeth withstand.
     Load,
 }
 
-/// What to think of a measure.
+/// Verdict on a measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// As usual.
+    /// Within the usual range.
     Good,
-    /// It can be, with little in reserve.
+    /// Possible, with little reserve.
     Marginal,
-    /// It cannot be.
+    /// Impossible.
     Impossible,
 }
 
@@ -67,26 +67,26 @@ pub enum Verdict {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct GeometryMeasure {
-    /// What is measured.
+    /// The measured quantity.
     pub quantity: MeasuredQuantity,
-    /// The gear, 1 or 2; none where it is of both.
+    /// The gear, 1 or 2; none if it belongs to both.
     pub gear: Option<u32>,
-    /// Its value.
+    /// The value.
     pub value: f64,
-    /// The least value that can be.
+    /// The smallest possible value.
     pub least: Option<f64>,
-    /// The greatest value that can be.
+    /// The largest possible value.
     pub most: Option<f64>,
-    /// What to think of it.
+    /// The verdict.
     pub verdict: Verdict,
 }
 
 impl PairSpec {
-    /// All that is wrong with the pair, where [`PairSpec::resolve`] says what comes first, with the measures
+    /// Collects all errors of the pair, of which [`PairSpec::resolve`] returns the first, with the measures
     /// of its geometry.
     pub fn assess(&self) -> Assessment {
         let mut refusals = Refusals::default();
-        let pair = GearPair::drafted(self, &mut refusals);
+        let pair = GearPair::draft(self, &mut refusals);
         Assessment {
             measures: pair.as_ref().map(GearPair::measures).unwrap_or_default(),
             pair,
@@ -96,7 +96,7 @@ impl PairSpec {
 }
 
 impl GearPair {
-    /// Play between the teeth's backs along the operating pitch circles in mm, of unworn flanks.
+    /// Returns the backlash along the operating pitch circles in mm, of unworn flanks.
     pub fn backlash_mm(&self) -> f64 {
         let driven = &self.gears[1];
         2.0 * driven.pitch_radius_mm * (self.perfect_lag_rad() + 0.5 * driven.pitch_angle_rad())
@@ -111,7 +111,7 @@ impl GearPair {
         let basic = &self.spec.geometry;
         let module = basic.module_mm;
         let alpha0 = basic.pressure_angle_deg.to_radians();
-        // A centre distance is rounded: by as much as the teeth may be tight.
+        // Allows for the rounding of a centre distance.
         let tight_mm = 2.0 * limits::CENTRE_ROUNDING_MODULES * module * self.pressure_angle_rad.tan();
         let mut measures = vec![
             at_least(ContactRatio, None, self.contact_ratio(), 1.0, USUAL_CONTACT_RATIO),
@@ -120,7 +120,7 @@ impl GearPair {
         for i in 0..2 {
             let (gear, other, number) = (&self.gears[i], &self.gears[1 - i], Some(i as u32 + 1));
             let clearance = (self.centre_distance_mm - gear.tip_radius_mm - other.root_radius_mm) / module;
-            let shift = basic.profile_shift[i] - limits::least_profile_shift(basic, i, alpha0);
+            let shift = basic.profile_shift[i] - limits::min_profile_shift(basic, i, alpha0);
             let sap_length_mm = (gear.root_angle_rad + gear.base_half_angle_rad) * gear.base_radius_mm;
             let involute_mm = sap_length_mm - limits::form_length_mm(basic, i, alpha0);
             measures.extend([
@@ -149,7 +149,7 @@ impl GearPair {
             .into_iter()
             .zip(&self.gears)
             .filter_map(|(torque, gear)| {
-                Some(torque? / limits::most_torque_nm(&self.spec, gear.base_radius_mm))
+                Some(torque? / limits::max_torque_nm(&self.spec, gear.base_radius_mm))
             })
             .fold(0.0, f64::max);
         measures.push(GeometryMeasure {
@@ -164,22 +164,22 @@ impl GearPair {
     }
 }
 
-/// A measure that cannot be below `least`, and is usual from `usual` on.
+/// Creates a measure that must be at least `min`, and is usual from `usual` on.
 fn at_least(
     quantity: MeasuredQuantity,
     gear: Option<u32>,
     value: f64,
-    least: f64,
+    min: f64,
     usual: f64,
 ) -> GeometryMeasure {
     let verdict = if value >= usual {
         Verdict::Good
-    } else if value >= least {
+    } else if value >= min {
         Verdict::Marginal
     } else {
         Verdict::Impossible
     };
-    GeometryMeasure { quantity, gear, value, least: Some(least), most: None, verdict }
+    GeometryMeasure { quantity, gear, value, least: Some(min), most: None, verdict }
 }
 
 #[cfg(test)]
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_is_wrong_is_said_at_once() {
+    fn all_errors_are_reported_at_once() {
         let mut spec = shen2022_spec();
         spec.geometry.module_mm = -1.0;
         spec.geometry.bore_radius_mm[1] = 0.0;
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_geometry_that_cannot_be_is_measured_all_the_same() {
+    fn an_impossible_geometry_is_still_measured() {
         let mut spec = shen2022_spec();
         spec.geometry.teeth = [12, 26];
         spec.geometry.centre_distance_mm = Some(100.0);

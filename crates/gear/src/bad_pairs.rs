@@ -1,4 +1,4 @@
-//! Every pair file of `fixtures/pairs/bad` is refused with the field, its value and the limit.
+//! Every pair file of `fixtures/pairs/bad` is rejected with the field, its value and the limit.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::{ContactRule, FlankWear, GearError, MeshCycle, PairSpec};
 
-/// Greatest wear in mm of a library where nothing else is asked for.
+/// Default greatest wear of a library, in mm.
 const LIBRARY_WEAR_MM: f64 = 0.245;
 
 /// File, field, value, and the part of the expectation that names the limit.
@@ -15,13 +15,18 @@ const REFUSALS: [(&str, &str, &str, &str); 17] = [
     ("pointed-rack", "geometry.dedendum", "2.2", "less than 2.1579"),
     ("pointed-tip", "geometry.addendum", "1", "below 0.1 it is pointed"),
     ("no-contact", "geometry.centre_distance_mm", "163", "less than 162.0000"),
-    ("contact-ratio-below-1", "geometry.addendum", "[0.4, 0.4]", "at least 1 carries the mesh on"),
+    (
+        "contact-ratio-below-1",
+        "geometry.addendum",
+        "[0.4, 0.4]",
+        "at least 1 is needed for continuous contact",
+    ),
     ("jammed", "geometry.centre_distance_mm", "149", "at least 150.0000"),
     ("wear-deeper-than-tooth", "wear depth in mm", "0.245", "half of the tooth is"),
     ("zero-torque", "operation.torque_nm", "0", "above 0"),
     ("nan-torque", "operation.torque_nm", "NaN", "above 0"),
-    ("infinite-speed", "operation.shaft_speed_hz", "inf", "not above 10000"),
-    ("nan-module", "geometry.module_mm", "NaN", "not above 200"),
+    ("infinite-speed", "operation.shaft_speed_hz", "inf", "at most 10000"),
+    ("nan-module", "geometry.module_mm", "NaN", "at most 200"),
     ("nan-bore", "geometry.bore_radius_mm", "NaN", "above 0"),
     ("nan-wear", "wear.floor", "NaN", "from 0 to 1"),
     ("negative-wear-coefficient", "wear.coefficient", "-0.000001", "above 0"),
@@ -30,11 +35,11 @@ const REFUSALS: [(&str, &str, &str, &str); 17] = [
     ("wear-table-without-depth", "wear.table", "1 points", "at least one depth above 0"),
 ];
 
-/// The file whose wear leaves rigid teeth out of contact.
+/// The file whose wear separates rigid teeth.
 const OUT_OF_CONTACT: &str = "worn-out-of-contact";
 
 #[test]
-fn bad_pair_files_are_refused_with_field_value_and_limit() {
+fn bad_pair_files_are_rejected_with_field_value_and_limit() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/pairs/bad");
     for (name, wanted_field, wanted_value, limit) in REFUSALS {
         let text = fs::read_to_string(folder.join(name).with_extension("toml")).unwrap();
@@ -56,9 +61,10 @@ fn bad_pair_files_are_refused_with_field_value_and_limit() {
     assert_eq!(present.collect::<BTreeSet<_>>(), listed);
 }
 
-/// By the threshold rule the period has a part without contact; under loaded contact the tip edges bridge it.
+/// Under the threshold rule a part of the period has no contact; under loaded contact the tip edges bridge
+/// it.
 #[test]
-fn wear_that_leaves_rigid_teeth_out_of_contact_is_refused() {
+fn wear_that_separates_rigid_teeth_is_rejected() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/pairs/bad").join(OUT_OF_CONTACT);
     let mut spec = PairSpec::from_toml(&fs::read_to_string(path.with_extension("toml")).unwrap()).unwrap();
     let cycle = |spec: &PairSpec| {

@@ -1,7 +1,7 @@
 //! Symmetric positive definite band matrix and its Cholesky factor.
 
 /// Lower triangle of a symmetric matrix whose entries vanish further than `half_band` from the diagonal, row
-/// after row.
+/// by row.
 #[derive(Debug, Clone)]
 pub(super) struct BandMatrix {
     size: usize,
@@ -25,9 +25,9 @@ impl BandMatrix {
         &self.rows[start + from..start + to]
     }
 
-    /// The Cholesky factor; none where the matrix is not positive definite.
+    /// Returns the Cholesky factor, or `None` if the matrix is not positive definite.
     pub(super) fn factor(mut self) -> Option<BandFactor> {
-        // A row of the factor begins where the matrix's own does.
+        // A row of the factor starts where the matrix's own row starts.
         let mut first = Vec::with_capacity(self.size);
         for row in 0..self.size {
             let least = row.saturating_sub(self.half_band);
@@ -53,7 +53,7 @@ impl BandMatrix {
     }
 }
 
-/// Scalar product in eight lanes, whose sums do not wait for each other.
+/// Scalar product in eight independent partial sums.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (a_chunks, b_chunks) = (a.chunks_exact(8), b.chunks_exact(8));
@@ -78,7 +78,7 @@ impl BandFactor {
     /// Solves for `count` right-hand sides in place: `values[row * count + side]`.
     pub(super) fn solve(&self, values: &mut [f64], count: usize) {
         let (size, half_band) = (self.lower.size, self.lower.half_band);
-        // Rows before the first that is loaded stay zero.
+        // Rows before the first loaded one remain zero.
         let loaded = values.iter().position(|value| *value != 0.0).map_or(size, |place| place / count);
         for row in loaded..size {
             let first = self.first[row].max(loaded);
@@ -102,7 +102,8 @@ impl BandFactor {
     }
 }
 
-/// Takes from `target` the sum of factors times rows; `rows` has one of the target's length for each factor.
+/// Subtracts from `target` the sum of factors times rows; `rows` has one row of the target's length per
+/// factor.
 fn subtract(target: &mut [f64], factors: &[f64], rows: &[f64]) {
     let count = target.len();
     let (fours, rest) = factors.as_chunks::<4>();
@@ -151,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_not_positive_definite() {
+    fn rejects_indefinite_matrices() {
         let mut matrix = BandMatrix::zeros(2, 1);
         matrix.add(0, 0, 1.0);
         matrix.add(1, 0, 2.0);

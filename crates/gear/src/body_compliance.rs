@@ -1,11 +1,11 @@
-//! How much the flanks of one gear give way under forces on its teeth, with the bore held: bending, shear and
+//! Compliance of one gear's flanks under forces on its teeth, with the bore fixed: bending, shear and
 //! compression of the teeth, their foundation in the ring, the ring's torsion, and the coupling of
 //! neighbouring teeth through the ring.
 //!
-//! The whole gear is a plane finite-element model. All its sectors are alike, so one is condensed to its two
-//! sides and the rest of the ring is made of copies by doubling. Under a point force the displacement grows
-//! without bound; the half-plane's (Flamant) is taken off it inside the tooth, which leaves a smooth
-//! compliance that belongs to the body, and the contact's own part goes to [`super::line_contact`].
+//! The whole gear is a plane finite-element model. All its sectors are identical, so one is condensed to its
+//! two sides, and the rest of the ring is made of copies by repeated doubling. Under a point force the
+//! displacement is singular. The half-plane's displacement (Flamant) is subtracted inside the tooth, which
+//! leaves a smooth compliance of the body; the local part of the contact is added in [`super::line_contact`].
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -15,11 +15,11 @@ use super::sector_mesh::{FlankStation, SectorMesh};
 use super::tooth_outline::ToothOutline;
 use super::{Flank, GearError};
 
-/// Teeth on each side whose displacement is kept.
+/// Number of teeth on each side whose displacement is computed.
 pub(super) const REACH: usize = 3;
-/// Distance in modules from the tip's edge within which the compliance follows the wedge's law.
+/// Distance in modules from the tip edge within which the compliance follows the wedge solution.
 const WEDGE_REACH_MODULES: f64 = 0.075;
-/// Least distance from the edge in modules.
+/// Smallest distance from the edge in modules.
 const MIN_DISTANCE_MODULES: f64 = 1e-4;
 
 /// `[load][component]`, X then Y of the tooth's coordinates; mm for 1 N/mm.
@@ -30,7 +30,7 @@ type Tensor = [[f64; 2]; 2];
 pub(super) struct BodyCompliance {
     /// Radii in mm of the unworn flank points in the tables.
     radii_mm: Vec<f64>,
-    /// The tooth's own, without the half-plane's part.
+    /// Compliance of the loaded tooth itself, without the half-plane's part.
     own: Vec<Tensor>,
     /// Displacement on a tooth `offset` teeth further towards positive Y,
     /// `across[offset + reach][load × stations + place]`.
@@ -56,10 +56,10 @@ struct TipWedge {
 }
 
 impl BodyCompliance {
-    /// Works out the compliance of gear number `gear` (0 or 1) of its pair, thinned by the wear of its flank.
+    /// Computes the compliance of gear number `gear` (0 or 1) of its pair, thinned by the wear of its flank.
     ///
     /// # Errors
-    /// [`GearError::ElasticModel`] where the gear's shape cannot be meshed.
+    /// [`GearError::ElasticModel`] if the gear's shape cannot be meshed.
     pub(super) fn new(
         gear: usize,
         outline: &ToothOutline,
@@ -101,8 +101,8 @@ impl BodyCompliance {
         Ok(Self { radii_mm, own, across, reach, tip })
     }
 
-    /// Displacement in mm along the direction `(sin, cos)` of a force of 1 N/mm in the same direction at a
-    /// radius of the flank, without the half-plane's displacement at 1 mm.
+    /// Returns the displacement in mm along the direction `(sin, cos)` of a force of 1 N/mm in the same
+    /// direction at a radius of the flank, without the half-plane's displacement at 1 mm.
     pub(super) fn own(&self, radius_mm: f64, direction: [f64; 2]) -> f64 {
         let distance = (self.tip.tip_radius_mm - radius_mm) * self.tip.flank_per_radius;
         let tensor = if distance < self.tip.reach_mm {
@@ -113,13 +113,13 @@ impl BodyCompliance {
         project(&tensor, direction, direction)
     }
 
-    /// Radius in mm of the flank point at a distance in mm from the tip's edge along the flank.
+    /// Returns the radius in mm of the flank point at a distance in mm from the tip edge along the flank.
     pub(super) fn radius_at(&self, from_edge_mm: f64) -> f64 {
         self.tip.tip_radius_mm - from_edge_mm / self.tip.flank_per_radius
     }
 
-    /// Displacement in mm at a place of the tooth `offset` teeth towards positive Y from the one that a force
-    /// of 1 N/mm loads.
+    /// Returns the displacement in mm at a point of the tooth `offset` teeth towards positive Y from the one
+    /// loaded by a force of 1 N/mm.
     pub(super) fn across(&self, offset: i32, load: (f64, [f64; 2]), place: (f64, [f64; 2])) -> f64 {
         let Some(table) =
             usize::try_from(offset + self.reach as i32).ok().and_then(|index| self.across.get(index))
@@ -140,9 +140,9 @@ impl BodyCompliance {
 }
 
 impl TipWedge {
-    /// A force near the edge of a wedge: far from the edge the displacement is that of the wedge's apex
-    /// (Michell), close to the force that of a half-plane, so the compliance grows with the logarithm of the
-    /// distance times the difference of both factors.
+    /// Solution for a force near the edge of a wedge. Far from the edge the displacement is that of the
+    /// wedge's apex (Michell), close to the force that of a half-plane. So the compliance grows with the
+    /// logarithm of the distance times the difference of both factors.
     fn new(
         outline: &ToothOutline,
         module_mm: f64,
@@ -227,7 +227,8 @@ fn interpolate(nodes: &[f64], tensors: &[Tensor], x: f64) -> Tensor {
     tensor
 }
 
-/// Compliance of a station without the half-plane's part: read at two depths and carried on to the surface.
+/// Returns the compliance of a station without the half-plane's part: evaluated at two depths and
+/// extrapolated to the surface.
 fn own_compliance(
     mesh: &SectorMesh,
     station: &FlankStation,

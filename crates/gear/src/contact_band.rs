@@ -1,14 +1,14 @@
-//! Where on both flanks a contact's pressure stands, and what it rubs off there.
+//! Pressure distribution of a contact on both flanks, and the wear it causes.
 //!
-//! The flanks' own gap at each rotation is closed by a bed of springs between them (Winkler's foundation, as
-//! Flodin uses it for the wear of spur gears): p = c (δ − g)₊ with ∫ p = F. Its stiffness c = 3πE*/(8a) makes
-//! the band of two involutes as wide as Hertz's, 2a. So a flank that wear has made conformal carries on more
-//! of its width, two places of one flank can carry at once, and a tip's edge has a finite pressure over a
-//! finite width, without a rounding radius that no pair file states.
+//! The gap between the flanks at each rotation is closed by a bed of springs (Winkler foundation, as Flodin
+//! uses it for the wear of spur gears): p = c (δ − g)₊ with ∫ p = F. Its stiffness c = 3πE*/(8a) makes the
+//! band between two involutes as wide as Hertz's, 2a. A flank that wear has made conformal thus carries load
+//! over more of its width, two parts of one flank can carry load at once, and a tip edge has a finite
+//! pressure over a finite width, without an edge radius, which pair files do not state.
 //!
-//! The gears turn evenly: relative to each other they turn about the pitch point, so that flanks whose
-//! contact stands x from it along the line of action slide by (1 + z₁/z₂) |x| dφ₁. The transmission error of
-//! worn flanks changes the speeds' ratio by about 1 % at most.
+//! The gears turn at constant speed: relative to each other they turn about the pitch point, so flanks in
+//! contact at a distance x from it along the line of action slide by (1 + z₁/z₂) |x| dφ₁. The transmission
+//! error of worn flanks changes the speed ratio by at most about 1 %.
 
 use std::f64::consts::PI;
 
@@ -17,13 +17,13 @@ use super::tooth_outline::ToothOutline;
 use super::tooth_touch::ToothPair;
 use super::{Flank, FlankPoint, FlankWear, Gear, GearPair};
 
-/// Least radius of curvature in modules: nearer to the base circle the involute's own vanishes.
+/// Smallest radius of curvature in modules: close to the base circle the involute's own vanishes.
 const MIN_CURVATURE_MODULES: f64 = 0.05;
 
 /// p₀: pressure in MPa at which the wear coefficient holds whatever the pressure exponent is.
 const COEFFICIENT_PRESSURE_MPA: f64 = 1000.0;
 
-/// Material that a place of the flanks loses in a turn of the driving gear.
+/// Wear work at a point of the flanks per turn of the driving gear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rubbing {
     /// Arc length in mm along the unworn involutes of both gears, from their base circles.
@@ -32,33 +32,32 @@ pub(super) struct Rubbing {
     pub(super) work_n: f64,
 }
 
-/// One pair of teeth with its worn flanks, looked at in places of the driving one.
+/// One pair of teeth with worn flanks, discretised along the driving flank.
 pub(super) struct ContactBand<'a> {
     pair: &'a GearPair,
     teeth: ToothPair<'a>,
-    /// Places evenly over the driving flank's arc, `spacing_mm` apart.
+    /// Points at equal spacing along the driving flank's arc, `spacing_mm` apart.
     points: Vec<FlankPoint>,
     spacing_mm: f64,
-    /// What both flanks together may lose before the gaps are looked at again, in mm.
+    /// Largest wear of both flanks together before the gaps are recomputed, in mm.
     step_mm: f64,
     contact_modulus_mpa: f64,
     /// Greatest distance in mm of a contact from the pitch point, along the line of action.
     farthest_mm: f64,
 }
 
-/// A place that may carry.
+/// A point that may carry load.
 #[derive(Debug, Clone, Copy)]
 struct Place {
     gap_mm: f64,
-    /// Force in N/mm for each mm that it is closed.
+    /// Force in N/mm per mm of closing.
     stiffness_mpa: f64,
     slide_mm_per_rad: f64,
     arcs_mm: [f64; 2],
 }
 
 impl<'a> ContactBand<'a> {
-    /// Places `spacing_mm` apart; `step_mm` is the greatest depth that comes off before the gaps are looked
-    /// at again.
+    /// Creates points `spacing_mm` apart; `step_mm` is the largest wear before the gaps are recomputed.
     pub(super) fn new(
         pair: &'a GearPair,
         wear: &'a FlankWear,
@@ -93,11 +92,11 @@ impl<'a> ContactBand<'a> {
         }
     }
 
-    /// Adds what a load rubs off to `rubbings`.
+    /// Adds the wear work of a load to `rubbings`.
     pub(super) fn rub(&self, load: &ContactLoad, rubbings: &mut Vec<Rubbing>) {
         let mut places = self.places(load);
         places.sort_by(|a, b| a.gap_mm.total_cmp(&b.gap_mm));
-        // The force grows with the closing δ; each place that joins makes the bed stiffer.
+        // The force grows with the closing δ; each additional point makes the bed stiffer.
         let (mut stiffness, mut offset, mut closing) = (0.0, load.force_n_per_mm, f64::INFINITY);
         for place in &places {
             if place.gap_mm >= closing {
@@ -119,7 +118,7 @@ impl<'a> ContactBand<'a> {
         }));
     }
 
-    /// The places that face the driven flank at a load's rotation and can carry its force.
+    /// Returns the points that face the driven flank at a load's rotation and can carry its force.
     fn places(&self, load: &ContactLoad) -> Vec<Place> {
         let turned = load.phi1_rad.sin_cos();
         let meetings: Vec<_> = self
@@ -137,9 +136,9 @@ impl<'a> ContactBand<'a> {
             load.force_n_per_mm,
         );
         let soft = 8.0 * half_width / (3.0 * PI * self.contact_modulus_mpa);
-        // What wears off before the next look at the gaps counts as give, by the part of it that this place's
-        // sliding has: without it narrow ridges would be worn into grooves at one step and be left standing
-        // at the next.
+        // The wear until the next update of the gaps counts as compliance, in proportion to the sliding at
+        // this point. Without it, narrow ridges would be worn into grooves in one step and left standing in
+        // the next.
         let worn = 2.0 * self.step_mm * 2.0 * half_width / load.force_n_per_mm;
         let ratio = 1.0 + f64::from(driving.teeth) / f64::from(driven.teeth);
         let (line_sin, line_cos) = self.pair.pressure_angle_rad.sin_cos();
@@ -159,7 +158,7 @@ impl<'a> ContactBand<'a> {
         meetings.iter().map(place).filter(|place| place.gap_mm < most).collect()
     }
 
-    /// Hertz's half-width in mm between involutes with these radii of curvature.
+    /// Returns Hertz's half-width in mm between involutes with these radii of curvature.
     pub(super) fn half_width_mm(&self, lengths_mm: [f64; 2], force_n_per_mm: f64) -> f64 {
         let least = MIN_CURVATURE_MODULES * self.pair.spec.geometry.module_mm;
         let curvature: f64 = lengths_mm.iter().map(|length| 1.0 / length.max(least)).sum();
@@ -172,7 +171,7 @@ fn driving_length_mm(gear: &Gear, point: &FlankPoint) -> f64 {
     gear.base_radius_mm * (point.alpha_rad + gear.base_half_angle_rad)
 }
 
-/// The same from the point's radius in mm.
+/// Length of that line from the point's radius in mm.
 fn flank_length_mm(gear: &Gear, radius_mm: f64) -> f64 {
     (radius_mm * radius_mm - gear.base_radius_mm.powi(2)).max(0.0).sqrt()
 }

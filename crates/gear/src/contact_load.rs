@@ -1,14 +1,13 @@
-//! The force that one pair of teeth carries on its way from its first to its last contact.
+//! The force on one pair of teeth from its first to its last contact.
 
 use super::loaded_cycle::tooth_shares;
 use super::mesh_cycle::Mesh;
 use super::{ContactRule, ElasticBodies, FlankWear, GearError, GearPair};
 
-/// Rotations looked at in a mesh period: they lie closer than a third of a common contact's width on the
-/// flank.
+/// Rotations per mesh period: their spacing on the flank is less than a third of a typical contact width.
 const PER_PERIOD: usize = 160;
 
-/// The force at one rotation, standing for the turn of [`ContactLoad::turn_rad`] around it.
+/// The force at one rotation, representing the turn [`ContactLoad::turn_rad`] around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ContactLoad {
     /// φ₁ of the driving tooth in rad.
@@ -19,8 +18,8 @@ pub(super) struct ContactLoad {
     pub(super) turn_rad: f64,
 }
 
-/// The forces on one pair of teeth wherever it carries, by the pair's contact rule at the pair's own torque.
-/// `bodies` are those of loaded contact.
+/// Computes the forces on one pair of teeth over its contact, by the pair's contact rule at the pair's own
+/// torque. `bodies` are those of loaded contact.
 pub(super) fn contact_loads(
     pair: &GearPair,
     wear: &FlankWear,
@@ -43,7 +42,7 @@ pub(super) fn contact_loads(
     Ok(shares.into_iter().map(load).collect())
 }
 
-/// By the threshold rule: pairs that carry together share by their stiffness.
+/// Computes the shares under the threshold rule: pairs in contact share the load by their stiffness.
 fn rigid_shares(pair: &GearPair, wear: &FlankWear) -> Result<Vec<(f64, f64)>, GearError> {
     let mesh = Mesh::new(pair, wear)?;
     let (first, last) = mesh.curve.range();

@@ -1,25 +1,25 @@
-//! From the integrator's steps to a record's samples: low-pass and decimation, for several records side by
-//! side.
+//! Low-pass filter and decimation from the integrator's steps to a record's samples, for several records in
+//! parallel.
 
 use std::f64::consts::PI;
 
-/// Pass band's end as a part of the output rate; the stop band starts at half of it.
+/// End of the pass band as a fraction of the output rate; the stop band starts at half of it.
 const PASS: f64 = 0.4;
 const STOP: f64 = 0.5;
 /// Attenuation of the stop bands in dB. The shaft sidebands of worn gears lie 60 dB below the mesh lines, and
-/// what aliases from the lines above half the output rate falls beside them: 80 dB let it change those
-/// features by some percent.
+/// lines above half the output rate alias next to them: with 80 dB those features change by some per cent.
 const ATTENUATION_DB: f64 = 140.0;
-/// Values kept before the used ones are dropped.
+/// Number of used values in the buffer before they are dropped.
 const BLOCK: usize = 1 << 10;
 
-/// Finite impulse response low-pass (Kaiser's window) that keeps every `factor`-th value of each lane. Flat
+/// Finite impulse response low-pass (Kaiser window) that returns every `factor`-th value of each lane. Flat
 /// to 0.4 of the output rate.
 ///
-/// Two stages: the first comes down to twice the output rate and keeps away only what the second cannot, the
-/// second is the steep one. Input n is the mean around step n weighted by a triangle that ends at n − 1 and
-/// n + 1 (the second difference of what the input is the second derivative of), so that jumps between steps
-/// hardly alias; the first stage makes up for that mean's droop. Output j is at the instant j·factor exactly.
+/// Two stages: the first decimates to twice the output rate and removes only what the second cannot; the
+/// second is the steep one. Input n is the mean around step n weighted by a triangle that ends at n − 1 and n
+/// + 1 (the second difference of the quantity whose second derivative the input is), so jumps between steps
+/// hardly alias. The first stage compensates the droop of that mean. Output j is exactly at the instant
+/// j·factor.
 #[derive(Debug)]
 pub(super) struct Decimator<const LANES: usize> {
     first: Stage<LANES>,
@@ -30,7 +30,7 @@ impl<const LANES: usize> Decimator<LANES> {
     /// `factor` is even.
     pub(super) fn new(factor: usize) -> Self {
         let between = factor / 2;
-        // As parts of the input rate: the first stage's images end at the second stage's stop band.
+        // As fractions of the input rate: the first stage's images end at the second stage's stop band.
         let stop = (2.0 - STOP) / factor as f64;
         Self {
             first: Stage::new(without_droop(&low_pass(STOP / factor as f64, stop)), between),
@@ -38,13 +38,13 @@ impl<const LANES: usize> Decimator<LANES> {
         }
     }
 
-    /// Values before and after an output's instant that it needs.
+    /// Returns the number of values before and after an output's instant that it needs.
     pub(super) fn reach(&self) -> usize {
         self.first.taps.len() / 2 + self.second.taps.len() / 2 * self.first.factor
     }
 
-    /// Takes one value of each lane; gives an output where it completes one. The first completes with value
-    /// number 2 × reach + 1.
+    /// Adds one value of each lane; returns an output if it is complete. The first output is complete with
+    /// value number 2 × reach + 1.
     #[inline]
     pub(super) fn push(&mut self, values: [f64; LANES]) -> Option<[f64; LANES]> {
         self.first.push(values).and_then(|values| self.second.push(values))
@@ -53,11 +53,11 @@ impl<const LANES: usize> Decimator<LANES> {
 
 #[derive(Debug)]
 struct Stage<const LANES: usize> {
-    /// An even function around the middle one.
+    /// Symmetric about the middle one.
     taps: Vec<f64>,
     factor: usize,
     buffer: Vec<[f64; LANES]>,
-    /// Place in the buffer of the next output's first value.
+    /// Index in the buffer of the next output's first value.
     next: usize,
 }
 
@@ -83,7 +83,7 @@ impl<const LANES: usize> Stage<LANES> {
     }
 }
 
-/// Each lane's sum of taps times values, in two sums that do not wait for each other.
+/// Returns each lane's sum of taps times values, in two independent partial sums.
 fn filtered<const LANES: usize>(taps: &[f64], values: &[[f64; LANES]]) -> [f64; LANES] {
     let mut sums = [[0.0; LANES]; 2];
     let (tap_pairs, tap_rest) = taps.as_chunks::<2>();
@@ -103,7 +103,7 @@ fn filtered<const LANES: usize>(taps: &[f64], values: &[[f64; LANES]]) -> [f64; 
     std::array::from_fn(|lane| sums[0][lane] + sums[1][lane])
 }
 
-/// Taps of a low-pass between the ends of its pass and stop band, as parts of its input rate.
+/// Returns the taps of a low-pass with these ends of pass and stop band, as fractions of its input rate.
 fn low_pass(pass: f64, stop: f64) -> Vec<f64> {
     let half = ((ATTENUATION_DB - 8.0) / (2.285 * 2.0 * PI * (stop - pass)) / 2.0).ceil() as usize;
     let beta = 0.1102 * (ATTENUATION_DB - 8.7);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_and_stops_where_it_says_without_delay() {
+    fn has_the_stated_pass_and_stop_bands_without_delay() {
         for factor in [8, 14, 64] {
             for frequency in [0.05, 0.2, 0.4] {
                 let (gain, phase) = response(factor, frequency);

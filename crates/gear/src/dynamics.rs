@@ -1,39 +1,39 @@
 //! The 4-DOF dynamics, Eqs. (23) and (24), in the relative coordinate.
 //!
-//! With x = R_b1 θ₁ − R_b2 θ₂ the rotations leave one equation, ẍ = T₁R_b1/I₁ + T₂R_b2/I₂ − F_m/m_e with F_m
-//! = k x_m + c ẋ_m, while the mean speed is prescribed: torques that do not balance then cannot run away. ė
-//! is never needed: for each coordinate of mass m that F_m pushes, the velocity less its part c x_m/m of the
-//! damper's push is integrated, which stays continuous where e jumps.
+//! With x = R_b1 θ₁ − R_b2 θ₂ the rotations reduce to one equation, ẍ = T₁R_b1/I₁ + T₂R_b2/I₂ − F_m/m_e with
+//! F_m = k x_m + c ẋ_m, while the mean speed is prescribed, so unbalanced torques do not cause drift. ė is
+//! not needed: for each coordinate of mass m that F_m acts on, the velocity less c x_m/m, the damper's
+//! contribution, is integrated. It remains continuous where e jumps.
 //!
-//! With loaded contact the teeth only push: in place of x_m stands the closed part of it, x_m above zero,
-//! nothing within the backlash, and x_m plus the backlash where the teeth's backs touch. Spring and damper
-//! both act through it.
+//! Under loaded contact the teeth only push: x_m is replaced by its closed part, which is x_m above zero,
+//! zero within the backlash, and x_m plus the backlash if the teeth's back flanks touch. Spring and damper
+//! both act on it.
 
 use super::excitation::LaneExcitation;
 use super::{ContactRule, GearPair, MeshCycle};
 
-/// Numbers of the equations of motion, in SI units.
+/// Parameters of the equations of motion, in SI units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Motion {
-    /// 1/m_e, 1/m₁, 1/m₂.
-    pub(super) inverse_mass: [f64; 3],
+    /// 1/m_e, 1/m₁, 1/m₂ in 1/kg.
+    pub(super) inverse_mass_per_kg: [f64; 3],
     /// T₁R_b1/I₁ + T₂R_b2/I₂ in m/s².
     pub(super) drive_m_per_s2: f64,
-    /// Mesh damping c.
-    pub(super) mesh_damping: f64,
-    /// k₁ = k₂.
-    pub(super) support_stiffness: f64,
-    /// c₁ = c₂.
-    pub(super) support_damping: f64,
-    /// Way along the line of action in m from the teeth's working flanks to their backs; 0 where the teeth
-    /// cannot part.
+    /// Mesh damping c in N·s/m.
+    pub(super) mesh_damping_n_s_per_m: f64,
+    /// Support stiffness k₁ = k₂ in N/m.
+    pub(super) support_stiffness_n_per_m: f64,
+    /// Support damping c₁ = c₂ in N·s/m.
+    pub(super) support_damping_n_s_per_m: f64,
+    /// Backlash along the line of action in m from the working flanks to the back flanks; 0 if the teeth
+    /// cannot separate.
     pub(super) backlash_m: f64,
 }
 
-/// x, y₁, y₂ and the velocities less the damper's part, in m and m/s.
+/// x, y₁, y₂ in m and the velocities less the damper's contribution in m/s.
 pub(super) type State = [f64; 6];
 
-/// The states of several systems side by side: a row for each part of the state.
+/// The states of several systems in parallel: one row per component of the state.
 pub(super) type Lanes<const LANES: usize> = [[f64; LANES]; 6];
 
 /// Mesh stiffness in N/m and transmission error in m at one instant.
@@ -43,10 +43,10 @@ pub(super) struct Excitation {
     pub(super) error: f64,
 }
 
-/// What differs between lanes.
+/// Parameters that differ between lanes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LaneMotion<const LANES: usize> {
-    pub(super) mesh_damping: [f64; LANES],
+    pub(super) mesh_damping_n_s_per_m: [f64; LANES],
     pub(super) backlash_m: [f64; LANES],
 }
 
@@ -54,19 +54,19 @@ impl Motion {
     pub(super) fn new(pair: &GearPair, cycle: &MeshCycle, torque_nm: f64) -> Self {
         let [driving, driven] = &pair.gears;
         let operation = &pair.spec.operation;
-        // The driven torque keeps its proportion to the driving one; where not given it balances.
+        // The driven torque keeps its ratio to the driving one; if not given, it balances it.
         let balanced = driven.base_radius_mm / driving.base_radius_mm;
         let proportion = operation.output_torque_nm.map_or(balanced, |output| output / operation.torque_nm);
         let push = |torque: f64, gear: &super::Gear| torque * gear.base_radius_mm * 1e-3 / gear.inertia_kg_m2;
         let mesh_mass = pair.mesh_mass_kg();
         Self {
-            inverse_mass: [1.0 / mesh_mass, 1.0 / driving.mass_kg, 1.0 / driven.mass_kg],
+            inverse_mass_per_kg: [1.0 / mesh_mass, 1.0 / driving.mass_kg, 1.0 / driven.mass_kg],
             drive_m_per_s2: push(torque_nm, driving) + push(torque_nm * proportion, driven),
-            mesh_damping: 2.0
+            mesh_damping_n_s_per_m: 2.0
                 * pair.spec.dynamics.mesh_damping_ratio
                 * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt(),
-            support_stiffness: pair.supports.stiffness_n_per_m,
-            support_damping: pair.supports.damping_n_s_per_m,
+            support_stiffness_n_per_m: pair.supports.stiffness_n_per_m,
+            support_damping_n_s_per_m: pair.supports.damping_n_s_per_m,
             backlash_m: match pair.spec.dynamics.contact {
                 ContactRule::Loaded => backlash_m(pair, cycle),
                 ContactRule::Threshold => 0.0,
@@ -74,31 +74,35 @@ impl Motion {
         }
     }
 
-    /// The motion of one lane.
+    /// Returns the parameters of one lane.
     #[inline(always)]
     pub(super) fn of_lane<const LANES: usize>(&self, differing: &LaneMotion<LANES>, lane: usize) -> Self {
-        Self { mesh_damping: differing.mesh_damping[lane], backlash_m: differing.backlash_m[lane], ..*self }
+        Self {
+            mesh_damping_n_s_per_m: differing.mesh_damping_n_s_per_m[lane],
+            backlash_m: differing.backlash_m[lane],
+            ..*self
+        }
     }
 
-    /// Static balance under constant excitation.
+    /// Returns the static equilibrium under constant excitation.
     pub(super) fn at_rest(&self, excitation: Excitation) -> State {
-        let force = self.drive_m_per_s2 / self.inverse_mass[0];
+        let force = self.drive_m_per_s2 / self.inverse_mass_per_kg[0];
         let mesh = force / excitation.stiffness;
-        let support = force / self.support_stiffness;
-        let part = self.inverse_mass.map(|inverse| self.mesh_damping * mesh * inverse);
+        let support = force / self.support_stiffness_n_per_m;
+        let part = self.inverse_mass_per_kg.map(|inverse| self.mesh_damping_n_s_per_m * mesh * inverse);
         let x = mesh + 2.0 * support + excitation.error;
         [x, support, -support, part[0], -part[1], part[2]]
     }
 
-    /// ẋ, ẏ₁, ẏ₂ in m/s.
+    /// Returns ẋ, ẏ₁, ẏ₂ in m/s.
     #[inline(always)]
     pub(super) fn velocities(&self, state: &State, error: f64) -> [f64; 3] {
         let mesh = closed(state[0] - state[1] + state[2] - error, self.backlash_m);
-        let damped = self.mesh_damping * mesh;
+        let damped = self.mesh_damping_n_s_per_m * mesh;
         [
-            state[3] - damped * self.inverse_mass[0],
-            state[4] + damped * self.inverse_mass[1],
-            state[5] - damped * self.inverse_mass[2],
+            state[3] - damped * self.inverse_mass_per_kg[0],
+            state[4] + damped * self.inverse_mass_per_kg[1],
+            state[5] - damped * self.inverse_mass_per_kg[2],
         ]
     }
 
@@ -107,14 +111,16 @@ impl Motion {
         let velocities = self.velocities(state, excitation.error);
         let push =
             excitation.stiffness * closed(state[0] - state[1] + state[2] - excitation.error, self.backlash_m);
-        let support = |i: usize| self.support_damping * velocities[i] + self.support_stiffness * state[i];
+        let support = |i: usize| {
+            self.support_damping_n_s_per_m * velocities[i] + self.support_stiffness_n_per_m * state[i]
+        };
         [
             velocities[0],
             velocities[1],
             velocities[2],
-            self.drive_m_per_s2 - push * self.inverse_mass[0],
-            (push - support(1)) * self.inverse_mass[1],
-            (-push - support(2)) * self.inverse_mass[2],
+            self.drive_m_per_s2 - push * self.inverse_mass_per_kg[0],
+            (push - support(1)) * self.inverse_mass_per_kg[1],
+            (-push - support(2)) * self.inverse_mass_per_kg[2],
         ]
     }
 
@@ -131,8 +137,9 @@ impl Motion {
         std::array::from_fn(|i| state[i] + step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]))
     }
 
-    /// One step of several systems side by side, which differ in damping and backlash; the excitations are
-    /// those at the step's start, middle and end. Every lane is what [`Motion::step`] gives it.
+    /// Performs one step of several systems in parallel, which differ in damping and backlash. The
+    /// excitations are those at the step's start, middle and end. Every lane equals the result of
+    /// [`Motion::step`].
     #[inline(always)]
     pub(super) fn step_lanes<const LANES: usize>(
         &self,
@@ -152,17 +159,17 @@ impl Motion {
         }
     }
 
-    /// Fastest rate of the linear system with stiffness up to `stiffness`, in rad/s: what the step must
-    /// resolve.
+    /// Returns the fastest rate of the linear system with stiffness up to `stiffness`, in rad/s, which the
+    /// step must resolve.
     pub(super) fn fastest_rate(&self, stiffness: f64) -> f64 {
-        let mesh: f64 = self.inverse_mass.iter().sum();
-        let translation = self.inverse_mass[1].max(self.inverse_mass[2]);
-        let spring = (stiffness * mesh + self.support_stiffness * translation).sqrt();
-        spring.max(self.mesh_damping * mesh + self.support_damping * translation)
+        let mesh: f64 = self.inverse_mass_per_kg.iter().sum();
+        let translation = self.inverse_mass_per_kg[1].max(self.inverse_mass_per_kg[2]);
+        let spring = (stiffness * mesh + self.support_stiffness_n_per_m * translation).sqrt();
+        spring.max(self.mesh_damping_n_s_per_m * mesh + self.support_damping_n_s_per_m * translation)
     }
 
-    /// Slowest decay rate in 1/s, of the mesh mode at `stiffness` or of a support alone: what the start-up
-    /// dies out with.
+    /// Returns the slowest decay rate in 1/s, of the mesh mode at `stiffness` or of a support alone: that of
+    /// the start-up transient.
     pub(super) fn slowest_decay(&self, stiffness: f64) -> f64 {
         let decay = |inverse: f64, damping: f64, stiffness: f64| {
             let half = 0.5 * damping * inverse;
@@ -174,15 +181,19 @@ impl Motion {
                 half
             }
         };
-        let mesh = decay(self.inverse_mass[0], self.mesh_damping, stiffness);
+        let mesh = decay(self.inverse_mass_per_kg[0], self.mesh_damping_n_s_per_m, stiffness);
         let supports = [1, 2].map(|i| {
-            decay(self.inverse_mass[i], self.support_damping + self.mesh_damping, self.support_stiffness)
+            decay(
+                self.inverse_mass_per_kg[i],
+                self.support_damping_n_s_per_m + self.mesh_damping_n_s_per_m,
+                self.support_stiffness_n_per_m,
+            )
         });
         mesh.min(supports[0]).min(supports[1])
     }
 }
 
-/// The part of x_m that spring and damper act through; without backlash all of it. Without branches, for
+/// Returns the part of x_m on which spring and damper act; without backlash all of it. Branch-free, for
 /// lanes.
 #[inline(always)]
 pub(super) fn closed(mesh: f64, backlash_m: f64) -> f64 {
@@ -191,8 +202,8 @@ pub(super) fn closed(mesh: f64, backlash_m: f64) -> f64 {
     working + if back < 0.0 { back } else { 0.0 }
 }
 
-/// Backlash of the unworn pair, which both half-gaps make up, and what wear adds to it on the mean; the backs
-/// do not wear.
+/// Returns the backlash of the unworn pair, from both half-gaps, plus the mean contribution of wear; the back
+/// flanks do not wear.
 fn backlash_m(pair: &GearPair, cycle: &MeshCycle) -> f64 {
     let driven = &pair.gears[1];
     let half_gap = pair.perfect_lag_rad() + 0.5 * driven.pitch_angle_rad();
@@ -208,11 +219,11 @@ mod tests {
     fn oscillator(damping_ratio: f64) -> (Motion, Excitation, f64) {
         let (mass, stiffness) = (2.0, 5e8_f64);
         let motion = Motion {
-            inverse_mass: [1.0 / mass, 0.0, 0.0],
+            inverse_mass_per_kg: [1.0 / mass, 0.0, 0.0],
             drive_m_per_s2: 0.0,
-            mesh_damping: 2.0 * damping_ratio * (stiffness * mass).sqrt(),
-            support_stiffness: 1e8,
-            support_damping: 1e3,
+            mesh_damping_n_s_per_m: 2.0 * damping_ratio * (stiffness * mass).sqrt(),
+            support_stiffness_n_per_m: 1e8,
+            support_damping_n_s_per_m: 1e3,
             backlash_m: 0.0,
         };
         (motion, Excitation { stiffness, error: 0.0 }, (stiffness / mass).sqrt())
@@ -245,7 +256,7 @@ mod tests {
     /// Free flight between working flanks and backs at constant speed, a half vibration on each: the period
     /// is 2π/ω + 2b/v.
     #[test]
-    fn parted_teeth_fly_freely_and_strike_their_backs() {
+    fn separated_teeth_move_freely_and_strike_the_back_flanks() {
         let (mut motion, excitation, omega) = oscillator(0.0);
         let backlash = 20e-6;
         motion.backlash_m = backlash;
@@ -292,17 +303,17 @@ mod tests {
     #[test]
     fn without_damping_the_energy_of_the_whole_system_is_kept() {
         let motion = Motion {
-            inverse_mass: [1.0 / 1.95, 1.0 / 6.4, 1.0 / 7.5],
+            inverse_mass_per_kg: [1.0 / 1.95, 1.0 / 6.4, 1.0 / 7.5],
             drive_m_per_s2: 0.0,
-            mesh_damping: 0.0,
-            support_stiffness: 6.56e7,
-            support_damping: 0.0,
+            mesh_damping_n_s_per_m: 0.0,
+            support_stiffness_n_per_m: 6.56e7,
+            support_damping_n_s_per_m: 0.0,
             backlash_m: 0.0,
         };
         let excitation = Excitation { stiffness: 6e8, error: 0.0 };
         let energy = |s: &State| {
             let mesh = s[0] - s[1] + s[2];
-            let kinetic: f64 = (0..3).map(|i| 0.5 * s[3 + i].powi(2) / motion.inverse_mass[i]).sum();
+            let kinetic: f64 = (0..3).map(|i| 0.5 * s[3 + i].powi(2) / motion.inverse_mass_per_kg[i]).sum();
             kinetic + 0.5 * 6e8 * mesh * mesh + 0.5 * 6.56e7 * (s[1] * s[1] + s[2] * s[2])
         };
         let start = [3e-6, 1e-6, -2e-6, 0.01, 0.0, 0.002];
@@ -317,7 +328,7 @@ mod tests {
     #[test]
     fn at_rest_stays_at_rest() {
         let (mut motion, excitation, _) = oscillator(0.1);
-        motion.inverse_mass = [0.5, 0.15, 0.13];
+        motion.inverse_mass_per_kg = [0.5, 0.15, 0.13];
         motion.drive_m_per_s2 = 1e4;
         let excitation = Excitation { error: 5e-6, ..excitation };
         let start = motion.at_rest(excitation);

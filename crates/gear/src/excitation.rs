@@ -1,16 +1,16 @@
-//! Mesh stiffness and transmission error as functions of the mesh phase, quick to look up, for several states
-//! side by side.
+//! Mesh stiffness and transmission error as functions of the mesh phase in fast lookup tables, for several
+//! states in parallel.
 
 use super::dynamics::Excitation;
 use super::mesh_cycle::CyclePiece;
 use super::transmission_error::short_period_m;
 use super::{GearPair, MeshCycle};
 
-/// Cells of the mesh period. Within one, k and e are linear but where a piece ends.
+/// Number of cells of the mesh period. Within one, k and e are linear unless a piece ends there.
 const CELLS: usize = 1024;
 
-/// Excitation over a piece of the mesh period: in each cell that it reaches into the cell's start and k, its
-/// slope, e and its slope there.
+/// Excitation over a piece of the mesh period: for each cell that it covers, the start, and k, its slope, e
+/// and its slope there.
 #[derive(Debug)]
 pub(super) struct ExcitationPiece {
     /// Start and end in mesh periods.
@@ -20,7 +20,7 @@ pub(super) struct ExcitationPiece {
     cells: Vec<Cell>,
 }
 
-/// Start of a linear part in cells, and k in N/m and e in m there with their rise over a cell.
+/// Start of a linear part in cells, with k in N/m and e in m there and their increase over a cell.
 #[derive(Debug, Clone, Copy)]
 struct Cell {
     start: f64,
@@ -54,7 +54,7 @@ impl ExcitationPiece {
         Self { start: piece.start, end: piece.end, first, cells: (first..last).map(cell).collect() }
     }
 
-    /// At a place in mesh periods.
+    /// Returns the excitation at a phase in mesh periods.
     pub(super) fn at(&self, phase: f64) -> Excitation {
         let place = phase * CELLS as f64;
         let cell = &self.cells[(place as usize).saturating_sub(self.first).min(self.cells.len() - 1)];
@@ -72,9 +72,9 @@ pub(super) type LaneExcitation<const LANES: usize> = [[f64; LANES]; 2];
 /// The excitations of several states over the mesh period.
 #[derive(Debug)]
 pub(super) struct ExcitationLanes<const LANES: usize> {
-    /// By lane.
+    /// Pieces by lane.
     pub(super) pieces: Vec<Vec<ExcitationPiece>>,
-    /// k, its rise over the cell, e and its rise, by cell.
+    /// k, its increase over the cell, e and its increase, by cell.
     cells: Vec<[[f64; LANES]; 4]>,
     /// Lanes in which a piece ends within the cell, as bits.
     cut: Vec<u32>,
@@ -98,7 +98,7 @@ impl<const LANES: usize> ExcitationLanes<LANES> {
                     [e[lane], e_rise[lane]] = cell.error;
                 }
                 if pieces.len() > 1 {
-                    // At both ends of the piece, and in both cells where it ends between two.
+                    // At both ends of the piece, and in both cells if it ends between two.
                     for end in [piece.start, piece.end] {
                         let place = end * CELLS as f64;
                         for cell in [(place - 1e-6).floor(), (place + 1e-6).floor()] {
@@ -112,7 +112,7 @@ impl<const LANES: usize> ExcitationLanes<LANES> {
         lanes
     }
 
-    /// Lanes that have a piece end near the way from a phase on over `width` mesh periods.
+    /// Returns the lanes with a piece end near the range from a phase on over `width` mesh periods.
     #[inline]
     pub(super) fn cut_within(&self, phase: f64, width: f64) -> u32 {
         let first = (phase * CELLS as f64) as usize;
@@ -123,7 +123,7 @@ impl<const LANES: usize> ExcitationLanes<LANES> {
         (first..=last).fold(0, |lanes, cell| lanes | self.cut[cell % CELLS])
     }
 
-    /// At a place in mesh periods from 0 to 1. A lane's values are its own where its cell is not cut.
+    /// Returns the excitation at a phase from 0 to 1. A lane's values are valid if its cell is not cut.
     #[inline]
     pub(super) fn at(&self, phase: f64) -> LaneExcitation<LANES> {
         let place = phase * CELLS as f64;

@@ -1,5 +1,4 @@
-//! Whether a described pair can be simulated from new down to the usual greatest wear, found out before
-//! anybody waits for it.
+//! Fast check whether a described pair can be simulated from new to the usual greatest wear.
 
 use super::mesh_cycle::MeshCycle;
 use super::{
@@ -7,31 +6,31 @@ use super::{
     simulate_together,
 };
 
-/// Positions of the mesh period that are kept of what is looked at.
+/// Number of positions of the mesh period in the check.
 const POINTS: usize = 16;
-/// Halvings of the depth at which rigid flanks lose each other.
+/// Number of bisections of the depth at which rigid flanks lose contact.
 const HALVINGS: usize = 8;
 
-/// Depths looked at, from none to the usual greatest.
+/// Number of depths checked, from none to the usual greatest.
 const DEPTHS: usize = 8;
-/// Length in seconds and sampling rate in hertz of the vibration looked at.
+/// Length in seconds and sampling rate in hertz of the simulated vibration.
 const SECONDS: f64 = 0.25;
 const SAMPLE_RATE_HZ: f64 = 20_000.0;
-/// Growth from the first to the last fifth of it that is no vibration of a machine: a library's record, eight
-/// times as long, would leave all numbers.
+/// Growth from the first to the last fifth of the simulation that counts as unbounded: a library's record is
+/// eight times as long and would overflow.
 const MAX_GROWTH: f64 = 10.0;
 
 impl PairSpec {
-    /// As [`PairSpec::resolve`], and works out the mesh of new flanks and of flanks worn down to
-    /// [`PairSpec::usual_wear_um`], with the vibration by the threshold rule, under which it can grow without
-    /// bound: some hundredths of a second.
+    /// Like [`PairSpec::resolve`], and also computes the mesh of new flanks and of flanks worn down to
+    /// [`PairSpec::usual_wear_um`], with the vibration under the threshold rule, where it can grow without
+    /// bound. This takes some hundredths of a second.
     ///
-    /// A course of wear after Archard is not followed; the usual shape stands for it.
+    /// Wear by Archard's law is not simulated; the usual shape is used instead.
     ///
     /// # Errors
-    /// Those of [`PairSpec::resolve`]; [`GearError::Field`] with the contact rule where flanks worn in the
-    /// described shape leave each other, and with the damping where the vibration grows without bound; those
-    /// of [`MeshCycle::compute`].
+    /// Those of [`PairSpec::resolve`]; [`GearError::Field`] for the contact rule if flanks worn in the
+    /// described shape lose contact, and for the damping if the vibration grows without bound; those of
+    /// [`MeshCycle::compute`].
     pub fn check(&self) -> Result<GearPair, GearError> {
         let pair = self.resolve()?;
         match self.dynamics.contact {
@@ -46,14 +45,14 @@ impl PairSpec {
                 let cycles: Vec<MeshCycle> = (0..DEPTHS)
                     .map(|index| self.rigid_cycle(&pair, depth_um(index)))
                     .collect::<Result<_, _>>()
-                    .map_err(|error| self.parted(&pair, error))?;
+                    .map_err(|error| self.contact_loss(&pair, error))?;
                 self.check_growth(&pair, &cycles)?;
             }
         }
         Ok(pair)
     }
 
-    /// Flanks worn in the described shape, or the usual one in place of Archard's.
+    /// Returns flanks worn in the described shape, or in the usual one instead of Archard's.
     fn worn(&self, pair: &GearPair, depth_um: f64) -> Result<FlankWear, GearError> {
         if self.wear.shape != WearShape::Archard {
             return FlankWear::from_shape(pair, depth_um * 1e-3);
@@ -67,8 +66,8 @@ impl PairSpec {
         MeshCycle::coarse(pair, None, &self.worn(pair, depth_um)?, POINTS)
     }
 
-    /// What to say where rigid flanks leave each other: the depth that they carry.
-    fn parted(&self, pair: &GearPair, error: GearError) -> GearError {
+    /// Describes the depth at which rigid flanks lose contact.
+    fn contact_loss(&self, pair: &GearPair, error: GearError) -> GearError {
         if !matches!(error, GearError::NoContact { .. }) {
             return error;
         }
@@ -82,13 +81,13 @@ impl PairSpec {
             }
         }
         let expected = format!(
-            "loaded, or a shape of wear that is less steep: worn by more than {carries_um:.3} of {usual_um:.3} µm in this shape, rigid flanks \
-             leave a part of the mesh period without contact"
+            "loaded, or a less steep wear shape: worn by more than {carries_um:.3} of {usual_um:.3} µm in this shape, rigid flanks \
+             lose contact during a part of the mesh period"
         );
         GearError::field("dynamics.contact", self.dynamics.contact, expected)
     }
 
-    /// Refuses vibration that grows from mesh period to mesh period.
+    /// Rejects vibration that grows from mesh period to mesh period.
     fn check_growth(&self, pair: &GearPair, cycles: &[MeshCycle]) -> Result<(), GearError> {
         let run = RunSettings::nominal(pair, SAMPLE_RATE_HZ, SECONDS);
         let grows = |record: &Vec<f64>| {
@@ -101,7 +100,7 @@ impl PairSpec {
             Ok(_) | Err(GearError::Unstable { .. }) => {
                 let damping = self.dynamics.mesh_damping_ratio;
                 let expected = format!(
-                    "more, more damping of the supports, another speed than {} Hz or the contact rule `loaded`: the mesh's changing stiffness stirs up a \
+                    "a larger value, more support damping, a speed other than {} Hz or the contact rule `loaded`: the varying mesh stiffness excites a \
                      vibration that grows without bound",
                     self.operation.shaft_speed_hz
                 );
@@ -130,7 +129,7 @@ mod tests {
 
     /// Light plastic gears on stiff supports that hardly damp: found among drawn pairs.
     #[test]
-    fn vibration_that_grows_without_bound_is_refused() {
+    fn vibration_that_grows_without_bound_is_rejected() {
         let mut spec = shen2022_spec();
         (spec.geometry.teeth, spec.geometry.module_mm, spec.geometry.face_width_mm) = ([36, 66], 1.33, 6.6);
         (spec.geometry.bore_radius_mm, spec.geometry.centre_distance_mm) = ([5.0, 9.0], None);
@@ -153,7 +152,7 @@ mod tests {
 
     /// `fixtures/pairs/bad/worn-out-of-contact.toml`, whose library would fail after a part of its states.
     #[test]
-    fn wear_that_parts_rigid_flanks_is_refused_with_the_depth_that_it_carries() {
+    fn wear_that_separates_rigid_flanks_is_rejected_with_the_possible_depth() {
         let mut spec =
             PairSpec::from_toml(include_str!("../../../fixtures/pairs/bad/worn-out-of-contact.toml"))
                 .unwrap();

@@ -1,5 +1,5 @@
-//! One flank in the tooth's own coordinates X (the tooth's centre line) and Y: the perfect involute and what
-//! wear leaves of it.
+//! One flank in the tooth's own coordinates X (the tooth's centre line) and Y: the perfect involute and the
+//! worn profile.
 
 use super::wear::WearProfile;
 use super::{FlankWear, Gear};
@@ -34,40 +34,40 @@ pub struct FlankPoint {
 }
 
 impl FlankPoint {
-    /// Distance of the gear's centre from the worn point's normal: R_b on a perfect flank.
+    /// Returns the distance of the gear's centre from the worn point's normal: R_b on a perfect flank.
     pub fn normal_arm_mm(&self) -> f64 {
         let (sin, cos) = self.lambda_sin_cos;
         self.x_mm * cos - (self.y_mm - self.depth_mm) * sin
     }
 
-    /// Distance of the worn point from the foot of the centre's perpendicular on its normal: R_b (α₂ + α₁) on
-    /// a perfect flank.
+    /// Returns the distance of the worn point from the foot of the centre's perpendicular on its normal: R_b
+    /// (α₂ + α₁) on a perfect flank.
     pub fn normal_length_mm(&self) -> f64 {
         let (sin, cos) = self.lambda_sin_cos;
         self.x_mm * sin + (self.y_mm - self.depth_mm) * cos
     }
 
-    /// γ, Eqs. (3) and (7): angle of the worn point against the tooth's centre line.
+    /// Returns γ, Eqs. (3) and (7): angle of the worn point against the tooth's centre line.
     pub fn gamma_rad(&self) -> f64 {
         (self.y_mm - self.depth_mm).atan2(self.x_mm)
     }
 
-    /// R_A, Eqs. (4) and (8): radius of the worn point.
+    /// Returns R_A, Eqs. (4) and (8): radius of the worn point.
     pub fn worn_radius_mm(&self) -> f64 {
         self.x_mm.hypot(self.y_mm - self.depth_mm)
     }
 }
 
 impl<'a> Flank<'a> {
-    /// The flank of `gear`, number `index` (0 or 1) of its pair, with `wear`.
+    /// Creates the flank of `gear`, number `index` (0 or 1) of its pair, with `wear`.
     ///
     /// # Panics
-    /// Where `index` is neither 0 nor 1.
+    /// If `index` is neither 0 nor 1.
     pub fn new(gear: &'a Gear, wear: &'a FlankWear, index: usize) -> Self {
         Self { gear, wear: &wear.profiles[index] }
     }
 
-    /// The point at α₁ = `alpha_rad`, from −α₂ (the base circle) on.
+    /// Returns the point at α₁ = `alpha_rad`, from −α₂ (the base circle) on.
     pub fn at(&self, alpha_rad: f64) -> FlankPoint {
         let base = self.gear.base_radius_mm;
         let (sin, cos) = alpha_rad.sin_cos();
@@ -93,18 +93,18 @@ impl<'a> Flank<'a> {
         }
     }
 
-    /// α₁ of the unworn point at a radius in mm, not below the base circle.
+    /// Returns α₁ of the unworn point at a radius in mm, not below the base circle.
     pub(super) fn alpha_at_radius_rad(&self, radius_mm: f64) -> f64 {
         let ratio = radius_mm / self.gear.base_radius_mm;
         (ratio * ratio - 1.0).max(0.0).sqrt() - self.gear.base_half_angle_rad
     }
 
-    /// Angles in rad where a derivative of the wear jumps.
+    /// Returns the angles in rad at which a derivative of the wear is discontinuous.
     pub(super) fn kinks_rad(&self) -> Vec<f64> {
         self.wear.kinks_mm().into_iter().map(|radius| self.alpha_at_radius_rad(radius)).collect()
     }
 
-    /// `count` + 1 points evenly over α₁ from the start of active profile to the tip.
+    /// Returns `count` + 1 points at equal steps of α₁ from the start of active profile to the tip.
     pub fn active_points(&self, count: usize) -> impl Iterator<Item = FlankPoint> + '_ {
         let (root, tip) = (self.gear.root_angle_rad, self.gear.tip_angle_rad);
         (0..=count).map(move |i| self.at(root + (tip - root) * i as f64 / count as f64))

@@ -1,4 +1,4 @@
-//! Macro-geometry of a pair, worked out from its basic data and checked.
+//! Macro-geometry of a pair, computed from its basic data and validated.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -6,7 +6,7 @@ use super::refusals::Refusals;
 use super::{Errors, GearError, GeometrySpec, PairSpec, Supports, limits};
 
 /// Thinnest tip in modules that does not count as pointed: wear of the usual greatest depth, 0.04 modules,
-/// leaves something of each half.
+/// leaves part of each half.
 pub(super) const MIN_TIP_THICKNESS_MODULES: f64 = 0.1;
 
 /// One gear of a pair. Angles of flank points are the paper's α₁: the angle between the flank's normal there
@@ -41,36 +41,35 @@ pub struct Gear {
     pub inertia_kg_m2: f64,
 }
 
-/// A pair whose numbers are checked and whose geometry is worked out; gear 1, `gears[0]`, drives.
+/// A gear pair with validated numbers and computed geometry; gear 1, `gears[0]`, drives.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GearPair {
-    /// What it was made from.
+    /// The description of the pair.
     pub spec: PairSpec,
     /// Driving and driven gear.
     pub gears: [Gear; 2],
     /// Operating centre distance a_ω in mm.
     pub centre_distance_mm: f64,
-    /// Operating pressure angle in rad; the paper's α₀ where the centre distance is the reference one.
+    /// Operating pressure angle in rad; equals the paper's α₀ at the reference centre distance.
     pub pressure_angle_rad: f64,
-    /// The bearings, given or usual.
+    /// Supports, given or default.
     pub supports: Supports,
-    /// Manufacturing errors, given or usual.
+    /// Manufacturing errors, given or default.
     pub errors: Errors,
 }
 
 impl GearPair {
-    /// Checks every number of `spec` and works out the geometry.
+    /// Validates every number of `spec` and computes the geometry.
     pub(super) fn resolve(spec: &PairSpec) -> Result<Self, GearError> {
         let mut refusals = Refusals::default();
-        let pair = Self::drafted(spec, &mut refusals);
+        let pair = Self::draft(spec, &mut refusals);
         refusals.first().and_then(|()| {
             pair.ok_or_else(|| GearError::field("geometry", "no pair", "two gears that can mesh"))
         })
     }
 
-    /// Works out the geometry as far as there is one, and notes everything that cannot be, the first reason
-    /// first.
-    pub(super) fn drafted(spec: &PairSpec, refusals: &mut Refusals) -> Option<Self> {
+    /// Computes the geometry as far as possible, and collects all errors in order.
+    pub(super) fn draft(spec: &PairSpec, refusals: &mut Refusals) -> Option<Self> {
         let basic = &spec.geometry;
         limits::check_basic(basic, refusals);
         let is_in_range = refusals.is_empty();
@@ -142,19 +141,19 @@ impl GearPair {
         Some(pair)
     }
 
-    /// Contact ratio of the unworn pair: mesh periods that one pair of teeth stays in contact.
+    /// Returns the contact ratio of the unworn pair: mesh periods that one pair of teeth stays in contact.
     pub fn contact_ratio(&self) -> f64 {
         (self.gears[0].tip_angle_rad - self.gears[0].root_angle_rad) / self.gears[0].pitch_angle_rad()
     }
 
-    /// Nominal start of contact of a pair of teeth: φ₁ in rad at which the driven tip meets the driving start
-    /// of active profile.
+    /// Returns the nominal start of contact of a pair of teeth: φ₁ in rad at which the driven tip meets the
+    /// driving start of active profile.
     pub fn start_of_contact_rad(&self) -> f64 {
         self.gears[0].root_angle_rad - self.pressure_angle_rad
     }
 
-    /// φ₁ R_b1/R_b2 − φ₂ of perfect flanks in rad, the same at every rotation: from φ₁ = α₁ − α, φ₂ = α − α₁′
-    /// and R_b1 (α₁ + α₂) + R_b2 (α₁′ + α₂′) = a sin α.
+    /// Returns φ₁ R_b1/R_b2 − φ₂ of perfect flanks in rad, the same at every rotation: from φ₁ = α₁ − α, φ₂ =
+    /// α − α₁′ and R_b1 (α₁ + α₂) + R_b2 (α₁′ + α₂′) = a sin α.
     pub fn perfect_lag_rad(&self) -> f64 {
         let [driving, driven] = &self.gears;
         let angle = self.pressure_angle_rad;
@@ -163,19 +162,20 @@ impl GearPair {
         (line - thickness(driving) - thickness(driven)) / driven.base_radius_mm
     }
 
-    /// Mass m_e in kg of the relative rotation along the line of action: 1/m_e = R_b1²/I₁ + R_b2²/I₂.
+    /// Returns the mass m_e in kg of the relative rotation along the line of action: 1/m_e = R_b1²/I₁ +
+    /// R_b2²/I₂.
     pub fn mesh_mass_kg(&self) -> f64 {
         let part = |gear: &Gear| (gear.base_radius_mm * 1e-3).powi(2) / gear.inertia_kg_m2;
         1.0 / (part(&self.gears[0]) + part(&self.gears[1]))
     }
 
-    /// Pointed tips and contact ratio, which need the whole geometry.
+    /// Checks for pointed tips and the contact ratio, which need the whole geometry.
     fn check_tips(&self, refusals: &mut Refusals) {
         for (i, gear) in self.gears.iter().enumerate() {
             let thickness = gear.tip_thickness_mm() / self.spec.geometry.module_mm;
             if thickness < MIN_TIP_THICKNESS_MODULES {
                 let expected = format!(
-                    "less: the tip of gear {} would be {thickness:.3} modules thick, below {MIN_TIP_THICKNESS_MODULES} it is pointed",
+                    "a smaller value: the tip of gear {} would be {thickness:.3} modules thick, below {MIN_TIP_THICKNESS_MODULES} it is pointed",
                     i + 1
                 );
                 refusals.add(GearError::field("geometry.addendum", self.spec.geometry.addendum[i], expected));
@@ -184,7 +184,7 @@ impl GearPair {
         let ratio = self.contact_ratio();
         if ratio < 1.0 {
             let expected = format!(
-                "a longer tooth or more teeth: the contact ratio is {ratio:.4}, at least 1 carries the mesh on"
+                "a longer tooth or more teeth: the contact ratio is {ratio:.4}, at least 1 is needed for continuous contact"
             );
             refusals.add(GearError::field(
                 "geometry.addendum",
@@ -196,12 +196,12 @@ impl GearPair {
 }
 
 impl Gear {
-    /// Angle between two teeth, 2π/z, in rad.
+    /// Returns the pitch angle 2π/z in rad.
     pub fn pitch_angle_rad(&self) -> f64 {
         2.0 * PI / f64::from(self.teeth)
     }
 
-    /// Thickness of the unworn tip in mm, along its circle.
+    /// Returns the thickness of the unworn tip in mm, along the tip circle.
     pub fn tip_thickness_mm(&self) -> f64 {
         let half_angle = (self.base_radius_mm / self.tip_radius_mm).acos() - self.tip_angle_rad;
         2.0 * self.tip_radius_mm * half_angle
@@ -223,8 +223,8 @@ fn flank_length(radius: f64, base: f64) -> f64 {
 fn zero_backlash_angle(basic: &GeometrySpec, alpha0: f64) -> Result<f64, GearError> {
     let teeth = f64::from(basic.teeth[0]) + f64::from(basic.teeth[1]);
     let shift = basic.profile_shift[0] + basic.profile_shift[1];
-    let wanted = involute(alpha0) + 2.0 * alpha0.tan() * shift / teeth;
-    if wanted <= 1e-9 {
+    let target = involute(alpha0) + 2.0 * alpha0.tan() * shift / teeth;
+    if target <= 1e-9 {
         let expected = format!(
             "a sum above {:.4}, where the pressure angle vanishes",
             -involute(alpha0) * teeth / (2.0 * alpha0.tan())
@@ -238,10 +238,10 @@ fn zero_backlash_angle(basic: &GeometrySpec, alpha0: f64) -> Result<f64, GearErr
     if shift == 0.0 {
         return Ok(alpha0);
     }
-    // inv is convex and rises: from above the root, Newton's steps fall monotonically onto it.
-    let mut angle = (3.0 * wanted).cbrt().min(1.5);
+    // inv is convex and increasing: from above the root, Newton's steps decrease monotonically to it.
+    let mut angle = (3.0 * target).cbrt().min(1.5);
     for _ in 0..60 {
-        let step = (involute(angle) - wanted) / angle.tan().powi(2);
+        let step = (involute(angle) - target) / angle.tan().powi(2);
         angle -= step;
         if step.abs() < 1e-16 {
             break;

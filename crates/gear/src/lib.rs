@@ -2,11 +2,11 @@
 //! relationship, mesh stiffness, unloaded static transmission error, and the 4-DOF dynamics that turn them
 //! into vibration.
 //!
-//! Four types carry it, each made from the one before:
+//! Four types carry the model, each made from the one before:
 //!
-//! - [`PairSpec`]: a gear pair as its file describes it (TOML);
-//! - [`GearPair`]: the same with every number checked and the geometry worked out;
-//! - [`FlankWear`]: what the flanks of both gears have lost, in mm along them;
+//! - [`PairSpec`]: a gear pair as described in its file (TOML);
+//! - [`GearPair`]: the same pair with validated numbers and computed geometry;
+//! - [`FlankWear`]: the wear depth over the flanks of both gears, in mm;
 //! - [`MeshCycle`]: stiffness in N/m and transmission error in rad over one mesh period.
 //!
 //! [`simulate`] turns a mesh cycle into vibration, in m/s².
@@ -48,7 +48,7 @@
 //! 17, 2022.
 //!
 //! # Features
-//! - `openapi`: `utoipa::ToSchema` for the pair file.
+//! - `openapi`: implements `utoipa::ToSchema` for the pair file.
 
 #[cfg(test)]
 mod accuracy;

@@ -1,4 +1,4 @@
-//! What numbers a gear pair may have: each refusal names the field, the value and the limit.
+//! Limits of a gear pair's numbers. Each error names the field, the value and the limit.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -6,20 +6,20 @@ use super::error::{positive, within};
 use super::refusals::Refusals;
 use super::{ErrorSpec, GearError, GeometrySpec, MaterialSpec, PairSpec, wear};
 
-/// Greatest bottom clearance of the basic rack in modules (ISO 53, profile A); the rack's flank is straight
-/// above it.
+/// Largest bottom clearance of the basic rack in modules (ISO 53, profile A); above it the rack's flank is
+/// straight.
 const RACK_CLEARANCE_MODULES: f64 = 0.25;
-/// Undercut that is let pass, in modules: 17 teeth of standard form are cut without harm.
+/// Tolerated undercut in modules: 17 teeth of standard form are undercut without harm.
 pub(super) const HARMLESS_UNDERCUT_MODULES: f64 = 0.01;
-/// Least ratio of root to bore radius for which the foundation's polynomial was made (Sainsot et al. 2004).
+/// Smallest ratio of root to bore radius in the fit of the foundation's polynomial (Sainsot et al. 2004).
 pub(super) const MIN_ROOT_TO_BORE: f64 = 1.4;
-/// Greatest force on the teeth over Young's modulus, face width and module. A pair of teeth gives way by
-/// about 12 times as many modules; steel bears a thirtieth of it, plastics a third.
+/// Largest force on the teeth over Young's modulus, face width and module. The deflection of a pair of teeth
+/// is about 12 times that, in modules. Steel withstands a thirtieth of it, plastics a third.
 const MAX_LOAD: f64 = 0.02;
-/// Tightness of the mesh in modules that counts as the rounding of a centre distance.
+/// Interference of the mesh in modules that is attributed to rounding of the centre distance.
 pub(super) const CENTRE_ROUNDING_MODULES: f64 = 0.01;
 
-/// Range of every number of the basic data.
+/// Checks the range of every number of the basic data.
 pub(super) fn check_basic(basic: &GeometrySpec, refusals: &mut Refusals) {
     for teeth in basic.teeth {
         if !(5..=2000).contains(&teeth) {
@@ -40,7 +40,7 @@ pub(super) fn check_basic(basic: &GeometrySpec, refusals: &mut Refusals) {
     }
 }
 
-/// Range of every number of material, load, supports, dynamics and errors.
+/// Checks the range of every number of material, load, supports, dynamics and errors.
 pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
     let MaterialSpec { youngs_modulus_pa, poisson_ratio, density_kg_per_m3 } = spec.material;
     refusals.note(within("material.youngs_modulus_pa", youngs_modulus_pa, 1e6, 1e13));
@@ -94,18 +94,18 @@ pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
     refusals.note(wear::check_shape(&spec.wear));
 }
 
-/// Both torques against the teeth: the force along the line of action on a piece of rack one module high and
-/// as wide as the teeth.
+/// Checks both torques against the teeth: the force along the line of action on a piece of rack one module
+/// high and as wide as the teeth.
 pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearError> {
     let torques = [
         ("operation.torque_nm", Some(spec.operation.torque_nm)),
         ("operation.output_torque_nm", spec.operation.output_torque_nm),
     ];
     for ((field, torque_nm), base_mm) in torques.into_iter().zip(base) {
-        let most_nm = most_torque_nm(spec, base_mm);
-        if let Some(torque_nm) = torque_nm.filter(|torque| *torque > most_nm) {
+        let max_nm = max_torque_nm(spec, base_mm);
+        if let Some(torque_nm) = torque_nm.filter(|torque| *torque > max_nm) {
             let expected = format!(
-                "at most {most_nm:.4}: teeth of this width and material would bend by a quarter of the module"
+                "at max {max_nm:.4}: teeth of this width and material would bend by a quarter of the module"
             );
             return Err(GearError::field(field, torque_nm, expected));
         }
@@ -113,32 +113,33 @@ pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearErro
     Ok(())
 }
 
-/// Greatest torque in N·m that teeth of this width and material bear on a gear of this base radius.
-pub(super) fn most_torque_nm(spec: &PairSpec, base_mm: f64) -> f64 {
+/// Returns the largest torque in N·m that teeth of this width and material withstand on a gear of this base
+/// radius.
+pub(super) fn max_torque_nm(spec: &PairSpec, base_mm: f64) -> f64 {
     let basic = &spec.geometry;
     MAX_LOAD * spec.material.youngs_modulus_pa * basic.face_width_mm * basic.module_mm * 1e-6 * base_mm * 1e-3
 }
 
-/// The centre distance against the base radii and against `least_mm`, that of zero backlash.
+/// Checks the centre distance against the base radii and against `min_mm`, that of zero backlash.
 pub(super) fn check_centre(
     basic: &GeometrySpec,
     centre_mm: f64,
     base: [f64; 2],
-    least_mm: f64,
+    min_mm: f64,
 ) -> Result<(), GearError> {
     let field = "geometry.centre_distance_mm";
     if centre_mm <= base[0] + base[1] {
         let expected = format!("more than {:.4}, the sum of the base radii", base[0] + base[1]);
         return Err(GearError::field(field, centre_mm, expected));
     }
-    if centre_mm < least_mm - CENTRE_ROUNDING_MODULES * basic.module_mm {
-        let expected = format!("at least {least_mm:.4}, below it the teeth jam");
+    if centre_mm < min_mm - CENTRE_ROUNDING_MODULES * basic.module_mm {
+        let expected = format!("at least {min_mm:.4}, as below it the teeth jam");
         return Err(GearError::field(field, centre_mm, expected));
     }
     Ok(())
 }
 
-/// The tip circles must cross for the teeth to touch at all.
+/// Checks that the tip circles intersect, so that the teeth can touch.
 pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError> {
     if centre_mm >= tip[0] + tip[1] {
         let expected = format!(
@@ -150,7 +151,7 @@ pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError
     Ok(())
 }
 
-/// Undercut, tooth height and bore of gear `i` with its `[base, tip, root]` radii.
+/// Checks undercut, tooth height and bore of gear `i` with its `[base, tip, root]` radii.
 pub(super) fn check_tooth(
     basic: &GeometrySpec,
     i: usize,
@@ -161,7 +162,7 @@ pub(super) fn check_tooth(
     let number = i + 1;
     if tip <= base || tip <= root {
         let expected = format!(
-            "more: the tip radius {tip:.4} of gear {number} mm is not above its base and root circles"
+            "a larger value: the tip radius {tip:.4} mm of gear {number} is not above its base and root circles"
         );
         refusals.add(GearError::field("geometry.addendum", basic.addendum[i], expected));
         return;
@@ -170,28 +171,27 @@ pub(super) fn check_tooth(
     let bore = basic.bore_radius_mm[i];
     if root <= 0.0 || bore * MIN_ROOT_TO_BORE > root {
         let expected = format!(
-            "at most {:.4}: the root radius {root:.4} of gear {number} over {MIN_ROOT_TO_BORE}",
+            "at max {:.4}: the root radius {root:.4} of gear {number} over {MIN_ROOT_TO_BORE}",
             root / MIN_ROOT_TO_BORE
         );
         refusals.add(GearError::field("geometry.bore_radius_mm", bore, expected));
     }
-    let least_shift = least_profile_shift(basic, i, alpha0);
-    if basic.profile_shift[i] < least_shift - HARMLESS_UNDERCUT_MODULES {
-        let least_teeth =
-            (2.0 * (rack_depth(basic, i) - basic.profile_shift[i]) / alpha0.sin().powi(2)).ceil();
+    let min_shift = min_profile_shift(basic, i, alpha0);
+    if basic.profile_shift[i] < min_shift - HARMLESS_UNDERCUT_MODULES {
+        let min_teeth = (2.0 * (rack_depth(basic, i) - basic.profile_shift[i]) / alpha0.sin().powi(2)).ceil();
         let expected = format!(
-            "at least {least_teeth} teeth on gear {number} or a profile shift of at least {least_shift:.4}, below it the tooth is undercut"
+            "at least {min_teeth} teeth on gear {number} or a profile shift of at least {min_shift:.4}, as below it the teeth are undercut"
         );
         refusals.add(GearError::field("geometry.teeth", basic.teeth[i], expected));
     }
 }
 
-/// Profile shift of gear `i` in modules below which its teeth are undercut.
-pub(super) fn least_profile_shift(basic: &GeometrySpec, i: usize, alpha0: f64) -> f64 {
+/// Returns the profile shift of gear `i` in modules below which its teeth are undercut.
+pub(super) fn min_profile_shift(basic: &GeometrySpec, i: usize, alpha0: f64) -> f64 {
     rack_depth(basic, i) - f64::from(basic.teeth[i]) * alpha0.sin().powi(2) / 2.0
 }
 
-/// Length in mm on the line of action from gear `i`'s base circle to the end of its involute.
+/// Returns the length in mm on the line of action from gear `i`'s base circle to the end of its involute.
 pub(super) fn form_length_mm(basic: &GeometrySpec, i: usize, alpha0: f64) -> f64 {
     let reference = basic.module_mm * f64::from(basic.teeth[i]) / 2.0;
     (reference * alpha0.sin()
@@ -199,23 +199,24 @@ pub(super) fn form_length_mm(basic: &GeometrySpec, i: usize, alpha0: f64) -> f64
     .max(0.0)
 }
 
-/// The rack that cuts gear `i` must have a tooth with a tip: half its thickness is π/4 modules on the rolling
-/// line.
+/// Checks that the tooth of the rack that cuts gear `i` is not pointed: half its thickness is π/4 modules on
+/// the rolling line.
 fn check_rack(basic: &GeometrySpec, i: usize, alpha0: f64) -> Result<(), GearError> {
-    let most = FRAC_PI_4 / alpha0.tan();
-    if basic.dedendum[i] >= most {
-        let expected = format!("less than {most:.4}, where the rack that cuts gear {} is pointed", i + 1);
+    let max = FRAC_PI_4 / alpha0.tan();
+    if basic.dedendum[i] >= max {
+        let expected = format!("less than {max:.4}, where the rack that cuts gear {} is pointed", i + 1);
         return Err(GearError::field("geometry.dedendum", basic.dedendum[i], expected));
     }
     Ok(())
 }
 
-/// Depth in modules of the straight part of the rack that cuts gear `i`.
+/// Returns the depth in modules of the straight part of the rack that cuts gear `i`.
 fn rack_depth(basic: &GeometrySpec, i: usize) -> f64 {
     basic.dedendum[i] - (basic.dedendum[i] - basic.addendum[1 - i]).clamp(0.0, RACK_CLEARANCE_MODULES)
 }
 
-/// The mating tip must meet gear `i` on its involute, at or above the form circle where the fillet ends.
+/// Checks that the mating tip meets gear `i` on its involute, at or above the form circle where the fillet
+/// ends.
 pub(super) fn check_active_profile(
     basic: &GeometrySpec,
     i: usize,
@@ -225,7 +226,7 @@ pub(super) fn check_active_profile(
     let form_length_mm = form_length_mm(basic, i, alpha0);
     if sap_length_mm < form_length_mm - 1e-6 * basic.module_mm {
         let expected = format!(
-            "less: the tip of gear {} meets gear {} {:.4} mm of line of action below the end of its involute",
+            "a smaller value: the tip of gear {} meets gear {} {:.4} mm (along the line of action) below the end of its involute",
             2 - i,
             i + 1,
             form_length_mm - sap_length_mm
@@ -241,7 +242,7 @@ mod tests {
     use crate::{GearError, PairSpec, WearShape};
 
     #[test]
-    fn values_that_cannot_be_used_are_refused_with_the_field() {
+    fn invalid_values_are_rejected_with_the_field() {
         type Change = fn(&mut PairSpec);
         let cases: [(&str, Change); 36] = [
             ("geometry.teeth", |s| s.geometry.teeth[0] = 0),
@@ -294,22 +295,22 @@ mod tests {
     /// A hundred times what the paper's pair carries is too much for its teeth, and for ones of plastic what
     /// it carries.
     #[test]
-    fn the_torque_is_held_against_the_teeth() {
+    fn the_torque_is_limited_by_the_teeth() {
         let refusal = |change: fn(&mut PairSpec)| {
             let mut spec = shen2022_spec();
             change(&mut spec);
             spec.resolve().unwrap_err().to_string()
         };
         let steel = refusal(|s| s.operation.torque_nm = 130_000.0);
-        assert!(steel.starts_with("operation.torque_nm is 130000, expected at most 83219."), "{steel}");
+        assert!(steel.starts_with("operation.torque_nm is 130000, expected at max 83219."), "{steel}");
         let plastic = refusal(|s| s.material.youngs_modulus_pa = 2.8e9);
-        assert!(plastic.starts_with("operation.torque_nm is 1300, expected at most 1136."), "{plastic}");
+        assert!(plastic.starts_with("operation.torque_nm is 1300, expected at max 1136."), "{plastic}");
         let output = refusal(|s| s.operation.output_torque_nm = Some(1e9));
         assert!(output.starts_with("operation.output_torque_nm is 1000000000"), "{output}");
     }
 
     #[test]
-    fn refusals_say_what_is_wrong_with_the_teeth() {
+    fn errors_describe_the_problem_of_the_teeth() {
         let refusal = |change: fn(&mut PairSpec)| {
             let mut spec = shen2022_spec();
             spec.geometry.centre_distance_mm = None;

@@ -1,9 +1,9 @@
 //! Approach of two flanks along their contact line: Hertz's, and that of a tip edge on the other flank.
 //!
-//! Both bodies are half-planes here. The smaller body may end at an edge; from the edge on the gap is g(t) =
-//! β t + κ t²/2. The pressure on 0 < t < c that closes it is √((1 − ξ)/(1 + ξ)) (A + B ξ) with t = c (1 +
-//! ξ)/2, which gives everything below in closed form. At β = −κ c/2 the pressure at the edge is no longer
-//! singular: from there on the edge has no part in it and the contact is Hertz's.
+//! Both bodies are half-planes here. The smaller body may end at an edge, from which the gap is g(t) = β t +
+//! κ t²/2. The pressure on 0 < t < c that closes it is √((1 − ξ)/(1 + ξ)) (A + B ξ) with t = c (1 + ξ)/2,
+//! which gives everything below in closed form. At β = −κ c/2 the pressure at the edge is no longer singular:
+//! from there on the edge has no effect and the contact is Hertz's.
 
 use std::f64::consts::PI;
 
@@ -12,22 +12,22 @@ use std::f64::consts::PI;
 pub(super) struct LineContact {
     /// Relative curvature κ of the flanks in 1/mm, above zero.
     pub(super) curvature_per_mm: f64,
-    /// Angle β in rad between the flanks at the nearest tip edge: positive where the edge itself touches
-    /// first, else −κ times the distance of the first point of contact from it.
+    /// Angle β in rad between the flanks at the nearest tip edge: positive if the edge itself touches first,
+    /// else −κ times its distance from the first point of contact.
     pub(super) edge_angle_rad: f64,
 }
 
-/// What a force does to the contact.
+/// Effect of a force on the contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Approach {
-    /// Displacement in mm of the bodies against the half-planes' own at 1 mm.
+    /// Displacement in mm of the bodies relative to the half-planes' own at 1 mm.
     pub(super) depth_mm: f64,
-    /// Distance in mm of the pressure's centre from the edge.
+    /// Distance in mm of the centre of pressure from the edge.
     pub(super) centre_mm: f64,
 }
 
 impl LineContact {
-    /// Approach under a force in N/mm, with E* in MPa.
+    /// Returns the approach under a force in N/mm, with E* in MPa.
     pub(super) fn approach(&self, force_n_per_mm: f64, contact_modulus_mpa: f64) -> Approach {
         let (curvature, angle) = (self.curvature_per_mm, self.edge_angle_rad);
         // P/(π E*): the unit of both displacement and width.
@@ -61,7 +61,7 @@ mod tests {
     /// Hertz's pressure is P (1 − ν²)/(πE) (2 ln(2d/b) − ν/(1 − ν)), and the half-plane's displacement at
     /// depth d is P (1 + ν)/(πE) (1 − 2(1 − ν) ln d).
     #[test]
-    fn far_from_the_edge_it_is_hertz() {
+    fn contact_far_from_the_edge_is_hertzian() {
         let (young, poisson, force, curvature) = (205e3, 0.3, 400.0, 0.09);
         let modulus = young / (2.0 * (1.0 - poisson * poisson));
         let contact = LineContact { curvature_per_mm: curvature, edge_angle_rad: -1.0 };

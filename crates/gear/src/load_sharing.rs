@@ -1,5 +1,5 @@
-//! How the pairs of teeth that are in reach of each other share the load, and how far the gears turn under
-//! it.
+//! Load sharing between the pairs of teeth within reach of each other, and the rotation of the gears under
+//! load.
 
 use super::body_compliance::BodyCompliance;
 use super::pair_curve::PairCurve;
@@ -8,56 +8,57 @@ use super::tooth_outline::ToothOutline;
 use super::tooth_touch::ToothTouch;
 use super::{Flank, FlankWear, GearError, GearPair};
 
-/// Most pairs of teeth that share the load.
+/// Largest number of pairs of teeth that share the load.
 pub(super) const MAX_PAIRS: usize = 4;
-/// Iterations of the contact lines' compliance, which depends on the force by its logarithm only.
+/// Largest number of iterations for the contact lines' compliance, which depends only logarithmically on the
+/// force.
 const MAX_ITERATIONS: usize = 60;
-/// Relative change of the forces at which they are settled.
+/// Relative change of the forces at which the iteration has converged.
 const TOLERANCE: f64 = 1e-11;
-/// Least force in parts of the whole for which a contact line's compliance is worked out.
+/// Smallest share of the force for which a contact line's compliance is computed.
 const MIN_PART: f64 = 1e-9;
 
-/// Elastic bodies of a pair's gears with their wear: worked out once for every torque.
+/// Elastic bodies of a pair's gears with their wear: computed once for every torque.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElasticBodies {
     pub(super) outlines: [ToothOutline; 2],
     compliance: Compliance,
 }
 
-/// What gives way under the contact forces.
+/// Elastic model of the teeth under contact forces.
 #[derive(Debug, Clone, PartialEq)]
 enum Compliance {
-    /// Whole gears, in which the force on one tooth moves the others too.
+    /// Whole gears, in which the force on one tooth also displaces the others.
     Bodies { elasticity: PlaneElasticity, bodies: Box<[BodyCompliance; 2]> },
-    /// Every pair of teeth by itself, a spring of the stiffness of Section 3.3. The table has the driving
-    /// flank's rising radius in mm and the compliance in mm/(N/mm).
+    /// Independent pairs of teeth, each a spring of the stiffness of Section 3.3. The table has the driving
+    /// flank's radius in mm, ascending, and the compliance in mm/(N/mm).
     Teeth(Vec<[f64; 2]>),
 }
 
 /// One pair of teeth within reach.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Candidate {
-    /// Place among the gear's teeth, rising with φ.
+    /// Index among the gear's teeth, increasing with φ.
     pub(super) tooth: i32,
-    /// Where it touches.
+    /// Its contact.
     pub(super) touch: ToothTouch,
-    /// Angle in rad by which the driven tooth is short of the leading pair's.
+    /// Angle in rad by which the driven tooth lags the leading pair's.
     pub(super) behind_rad: f64,
 }
 
-/// The load's shares and what they do.
+/// The shares of the load and the resulting rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sharing {
-    /// Rotation θ in rad of the driving gear from the first touch on.
+    /// Rotation θ in rad of the driving gear from first contact on.
     pub(super) rotation_rad: f64,
-    /// Part of the torque that each candidate carries.
+    /// Share of the torque on each candidate.
     pub(super) shares: [f64; MAX_PAIRS],
-    /// Candidates that carry.
+    /// Number of candidates that carry load.
     pub(super) carrying: u32,
 }
 
 impl ElasticBodies {
-    /// Works out both gears' compliance.
+    /// Computes both gears' compliance.
     ///
     /// # Errors
     /// [`GearError::ElasticModel`] for a shape that cannot be meshed.
@@ -75,8 +76,8 @@ impl ElasticBodies {
         })
     }
 
-    /// Pairs of teeth that give way each by itself, as unworn teeth do by the potential energy of Section
-    /// 3.3: the usual model of mesh stiffness, stiffer in double contact than whole gears are.
+    /// Creates independent pairs of teeth, with the compliance of unworn teeth by the potential energy method
+    /// of Section 3.3: the usual model of mesh stiffness, stiffer in double contact than whole gears.
     ///
     /// # Errors
     /// Those of the mesh relationship of unworn flanks.
@@ -98,8 +99,8 @@ impl ElasticBodies {
         })
     }
 
-    /// Displacement in mm/(N/mm) at the contact of `place` along its normal for a force in the contact of
-    /// `load`, another pair.
+    /// Returns the displacement in mm/(N/mm) at the contact of `place` along its normal for a force in the
+    /// contact of `load`, another pair.
     fn coupling(&self, load: &Candidate, place: &Candidate) -> f64 {
         let Compliance::Bodies { bodies, .. } = &self.compliance else {
             return 0.0;
@@ -113,7 +114,7 @@ impl ElasticBodies {
         side(0, offset) + side(1, -offset)
     }
 
-    /// Approach over force of one pair's own contact, bodies and contact line, in mm/(N/mm).
+    /// Returns approach over force of one pair's own contact, bodies and contact line, in mm/(N/mm).
     fn own(&self, touch: &ToothTouch, force_n_per_mm: f64) -> f64 {
         let (elasticity, bodies) = match &self.compliance {
             Compliance::Bodies { elasticity, bodies } => (elasticity, bodies),
@@ -122,7 +123,7 @@ impl ElasticBodies {
         let approach = touch.line.approach(force_n_per_mm, elasticity.contact_modulus_mpa());
         let body = |i: usize| {
             let radius = touch.radii_mm[i];
-            // Under a tip's edge the pressure's centre, not the edge itself, is loaded.
+            // Under a tip edge the centre of pressure is loaded, not the edge itself.
             let inside =
                 if touch.edge == i { bodies[i].radius_at(approach.centre_mm) } else { f64::INFINITY };
             bodies[i].own(radius.min(inside), touch.normals[i])
@@ -130,8 +131,8 @@ impl ElasticBodies {
         approach.depth_mm / force_n_per_mm + body(0) + body(1)
     }
 
-    /// Balance of the candidates' forces with a torque in N·mm for 1 mm of width on the driving gear. The
-    /// first candidate is the leading one.
+    /// Solves the balance of the candidates' forces with a torque in N·mm per mm of width on the driving
+    /// gear. The first candidate is the leading one.
     pub(super) fn share(&self, candidates: &[Candidate], torque_n: f64) -> Sharing {
         let count = candidates.len().min(MAX_PAIRS);
         let candidates = &candidates[..count];
@@ -174,14 +175,15 @@ impl ElasticBodies {
         }
     }
 
-    /// Rotation in rad with the leading pair alone: a pair further behind than that cannot touch.
+    /// Returns the rotation in rad with the leading pair alone: a pair that lags more cannot touch.
     pub(super) fn alone_rad(&self, touch: &ToothTouch, torque_n: f64) -> f64 {
         let force = torque_n / touch.arms_mm[0];
         self.own(touch, force) * force / touch.arms_mm[0]
     }
 }
 
-/// Linear between the table's radii, held at its ends: a tip's edge carries as the flank beside it.
+/// Interpolates linearly between the table's radii, constant beyond its ends: a tip edge carries load like
+/// the flank beside it.
 fn at_radius(table: &[[f64; 2]], radius_mm: f64) -> f64 {
     let after = table.partition_point(|row| row[0] <= radius_mm).clamp(1, table.len() - 1);
     let ([r0, c0], [r1, c1]) = (table[after - 1], table[after]);
@@ -195,7 +197,7 @@ fn collect(values: impl Iterator<Item = f64>) -> [f64; MAX_PAIRS] {
     array
 }
 
-/// Forces F ≥ 0 with C F + g = θ a where they push and C F + g ≥ θ a where not, and a·F the torque.
+/// Forces F ≥ 0 with C F + g = θ a where they push and C F + g ≥ θ a elsewhere, and a·F the torque.
 struct Balance {
     count: usize,
     compliance: [[f64; MAX_PAIRS]; MAX_PAIRS],
@@ -205,7 +207,7 @@ struct Balance {
 }
 
 impl Balance {
-    /// Forces and θ by an active set.
+    /// Returns forces and θ by an active-set method.
     fn solve(&self) -> ([f64; MAX_PAIRS], f64) {
         let mut active: u32 = (1 << self.count) - 1;
         let mut seen = 0_u32;
@@ -232,7 +234,7 @@ impl Balance {
         }
     }
 
-    /// Forces and θ with exactly the pairs of a set pushing.
+    /// Returns forces and θ with exactly the pairs of a set pushing.
     fn with(&self, active: u32) -> ([f64; MAX_PAIRS], f64) {
         // Symmetric elimination of C [p q] = [a g] on the set; C is positive definite.
         let mut matrix = [[0.0; MAX_PAIRS + 2]; MAX_PAIRS];
@@ -279,7 +281,7 @@ mod tests {
     /// `fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv`: one pair alone along its whole path,
     /// tip edges at both ends.
     #[test]
-    fn a_single_pair_is_that_of_the_finite_element_reference() {
+    fn a_single_pair_matches_the_finite_element_reference() {
         let (pair, wear) = (shen2022(), FlankWear::none());
         let bodies = ElasticBodies::new(&pair, &wear).unwrap();
         let teeth = ToothPair::new(&pair, &wear, &bodies.outlines);
@@ -307,7 +309,7 @@ mod tests {
     /// The shares of `K_perfect.csv` at φ₁ = −0.2122 rad, the middle of double contact, and −0.0240 rad,
     /// where a tip's edge carries: 0.4819 and 0.2751 of the torque on the entering pair.
     #[test]
-    fn shares_are_those_of_the_finite_element_reference() {
+    fn shares_match_the_finite_element_reference() {
         let (pair, wear) = (shen2022(), FlankWear::none());
         let bodies = ElasticBodies::new(&pair, &wear).unwrap();
         let teeth = ToothPair::new(&pair, &wear, &bodies.outlines);

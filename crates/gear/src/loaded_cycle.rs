@@ -1,4 +1,4 @@
-//! One mesh period under load: elastic load sharing in place of the paper's threshold.
+//! One mesh period under load: elastic load sharing instead of the paper's threshold.
 
 use std::cell::OnceCell;
 
@@ -7,27 +7,26 @@ use super::mesh_cycle::{CyclePiece, Resolution};
 use super::tooth_touch::{ToothPair, ToothTouch};
 use super::{FlankWear, GearError, GearPair, MeshCycle};
 
-/// Mesh periods before the nominal start and after the nominal end of contact in which a pair may carry.
-const BEYOND: f64 = 0.45;
+/// Mesh periods before the nominal start and after the nominal end of contact in which a pair may carry load.
+const MARGIN_PERIODS: f64 = 0.45;
 
-/// Bend of stiffness, as a part of it, and of the transmission error in rad between two neighbours up to
-/// which what lies between them is interpolated: well above that of smooth stretches, well below that of
-/// kinks.
+/// Largest bend of the stiffness (relative) and of the transmission error (in rad) between two neighbours for
+/// interpolation between them: well above that of smooth ranges, well below that of kinks.
 const SMOOTH: [f64; 2] = [1e-5, 2e-8];
 
-/// The touch of a single pair over its whole passage, at the cells' ends, worked out where it is asked for.
+/// The contact of a single pair over its whole passage, at the cell boundaries, computed on demand.
 struct Passage<'a> {
     teeth: &'a ToothPair<'a>,
     start_rad: f64,
     pitch_rad: f64,
-    /// Cells of a mesh period.
+    /// Number of cells per mesh period.
     cells: usize,
-    /// Cell of the first touch, counted from the nominal start.
+    /// Cell of the first contact, counted from the nominal start.
     first: i64,
     touches: Vec<OnceCell<Option<ToothTouch>>>,
 }
 
-/// One place of the period.
+/// One position of the mesh period.
 #[derive(Debug, Clone, Copy)]
 struct Place {
     stiffness_n_per_m: f64,
@@ -37,25 +36,25 @@ struct Place {
     leader: i32,
 }
 
-/// Pairs of teeth that may carry, and how they share the load.
+/// Pairs of teeth that may carry load, and their load sharing.
 struct Shared {
     leader: Candidate,
-    /// The leader first.
+    /// Leading pair first.
     candidates: Vec<Candidate>,
     sharing: Sharing,
 }
 
 impl<'a> Passage<'a> {
     fn new(pair: &GearPair, teeth: &'a ToothPair<'a>, cells: usize) -> Self {
-        let beyond = (BEYOND * cells as f64).ceil() as i64;
-        let last = (pair.contact_ratio() * cells as f64).ceil() as i64 + beyond;
+        let margin = (MARGIN_PERIODS * cells as f64).ceil() as i64;
+        let last = (pair.contact_ratio() * cells as f64).ceil() as i64 + margin;
         Self {
             teeth,
             start_rad: pair.start_of_contact_rad(),
             pitch_rad: pair.gears[0].pitch_angle_rad(),
             cells,
-            first: -beyond,
-            touches: (-beyond..=last).map(|_| OnceCell::new()).collect(),
+            first: -margin,
+            touches: (-margin..=last).map(|_| OnceCell::new()).collect(),
         }
     }
 
@@ -84,7 +83,8 @@ impl<'a> Passage<'a> {
         })
     }
 
-    /// Pairs in reach at a cell of the period, the leading one first; `pitch_rad` is the driven gear's.
+    /// Returns the pairs within reach at a cell of the period, the leading one first; `pitch_rad` is the
+    /// driven gear's.
     fn candidates(&self, cell: usize, pitch_rad: f64) -> Vec<Candidate> {
         let (cells, last) = (self.cells as i64, self.first + self.touches.len() as i64 - 1);
         let (least, most) =
@@ -107,11 +107,11 @@ impl<'a> Passage<'a> {
         candidates
     }
 
-    /// How the pairs in reach at a cell of the period share the pair's torque.
+    /// Computes how the pairs within reach at a cell of the period share the pair's torque.
     fn shared(&self, pair: &GearPair, bodies: &ElasticBodies, cell: usize) -> Result<Shared, GearError> {
         let [driving, driven] = &pair.gears;
         let torque_nm = pair.spec.operation.torque_nm;
-        // N·mm for 1 mm of width.
+        // N·mm per mm of width.
         let torque_n = torque_nm * 1e3 / pair.spec.geometry.face_width_mm;
         let phi1_rad =
             pair.start_of_contact_rad() + driving.pitch_angle_rad() * (cell as f64 / self.cells as f64);
@@ -120,8 +120,8 @@ impl<'a> Passage<'a> {
         let most = bodies.alone_rad(&leader.touch, torque_n);
         candidates.retain(|other| other.behind_rad * other.touch.arms_mm[1] <= most * other.touch.arms_mm[0]);
         candidates.truncate(MAX_PAIRS);
-        // Under a force beyond all measure the contact's own compliance, a logarithm of its width, has lost
-        // its meaning.
+        // Under an excessive force the contact's own compliance, a logarithm of its width, is no longer
+        // valid.
         let overloaded = GearError::Overloaded { torque_nm, phi1_rad };
         if candidates.is_empty() {
             return Err(overloaded);
@@ -135,17 +135,17 @@ impl<'a> Passage<'a> {
 }
 
 impl MeshCycle {
-    /// Works out one mesh period at `points` evenly spaced rotations with elastic load sharing at the pair's
-    /// own torque, whatever its contact rule: `stiffness_n_per_m` is T₁/(R_b1² θ), Eq. (30), with the
-    /// rotation θ of the driving gear from first touch on; `phi2_rad` and `uste_rad` are those without load;
-    /// `pairs_in_contact` counts the pairs that carry.
+    /// Computes one mesh period at `points` evenly spaced rotations with elastic load sharing at the pair's
+    /// own torque, regardless of its contact rule. `stiffness_n_per_m` is T₁/(R_b1² θ), Eq. (30), with the
+    /// rotation θ of the driving gear from first contact on; `phi2_rad` and `uste_rad` are those without
+    /// load; `pairs_in_contact` counts the pairs that carry load.
     ///
-    /// Every pair of teeth closes its gap by rotation; what it gives way comes from both bodies, its own
-    /// contact line and, through the bodies, the forces on the other pairs. Outside the nominal range a tip's
-    /// edge carries on the other flank.
+    /// Every pair of teeth closes its gap by rotation. Its deflection results from both bodies, its own
+    /// contact line and, through the bodies, the forces on the other pairs. Outside the nominal range a tip
+    /// edge carries load on the other flank.
     ///
     /// # Errors
-    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where no
+    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] if no
     /// pair can touch.
     pub fn loaded(
         pair: &GearPair,
@@ -183,7 +183,7 @@ impl MeshCycle {
             stiffness_n_per_m: Vec::with_capacity(cells + 1),
             uste_rad: Vec::with_capacity(cells + 1),
         };
-        // Every second place suffices where both curves are smooth.
+        // Every second position suffices if both curves are smooth.
         let stride = if every.is_multiple_of(2) { 2 } else { 1 };
         let known: Vec<Place> = (0..cells)
             .step_by(stride)
@@ -222,8 +222,8 @@ impl MeshCycle {
     }
 }
 
-/// Stiffness and transmission error in the middle of four even places by the cubic through them; none where a
-/// kink may lie there.
+/// Interpolates stiffness and transmission error in the middle of four equidistant positions by a cubic;
+/// `None` if there may be a kink.
 fn between(places: &[Place]) -> Option<[f64; 2]> {
     let [a, b, c, d] = places else { return None };
     let same = |place: &&Place| place.leader == b.leader && place.carrying == b.carrying;
@@ -240,8 +240,8 @@ fn between(places: &[Place]) -> Option<[f64; 2]> {
     (stiffness_bend <= SMOOTH[0] * stiffness && uste_bend <= SMOOTH[1]).then_some([stiffness, uste])
 }
 
-/// φ₁ of one pair of teeth and its part of the torque, wherever it carries, at `cells` rotations of each mesh
-/// period.
+/// Returns φ₁ of one pair of teeth and its share of the torque wherever it carries load, at `cells` rotations
+/// per mesh period.
 pub(super) fn tooth_shares(
     pair: &GearPair,
     bodies: &ElasticBodies,
@@ -301,7 +301,7 @@ mod tests {
     /// `fixtures/reference/mesh-stiffness-fe`: a fine finite-element model with resolved contact, at every
     /// position of the period.
     #[test]
-    fn stiffness_is_that_of_the_finite_element_reference() {
+    fn stiffness_matches_the_finite_element_reference() {
         let cases = [
             (
                 include_str!("../../../fixtures/reference/mesh-stiffness-fe/K_perfect_T130Nm.csv"),
@@ -371,7 +371,7 @@ mod tests {
     /// `fixtures/reference/loaded-contact-worn`: whole gears meshed with their worn outlines, contact
     /// resolved node by node.
     #[test]
-    fn worn_flanks_are_those_of_a_second_method() {
+    fn worn_flanks_match_a_second_method() {
         let mut greatest = (0.0, String::new());
         for line in
             include_str!("../../../fixtures/reference/loaded-contact-worn/stiffness.csv").lines().skip(1)
@@ -420,7 +420,7 @@ mod tests {
 
     /// Without load the two rules know the same mesh relationship wherever flanks touch.
     #[test]
-    fn unloaded_error_is_that_of_the_mesh_relationship() {
+    fn unloaded_error_equals_that_of_the_mesh_relationship() {
         let (pair, wear) = typical_wear();
         let rigid = MeshCycle::compute(&pair, &wear, 500).unwrap();
         let loaded =
@@ -434,7 +434,7 @@ mod tests {
     /// bit; under a thousandth of it, with the paper's errors, they part. Without backlash their backs would
     /// hold them.
     #[test]
-    fn teeth_part_under_light_load_only() {
+    fn teeth_separate_only_under_light_load() {
         let mut spec = shen2022_spec();
         spec.dynamics.contact = ContactRule::Loaded;
         spec.geometry.centre_distance_mm = Some(150.1);
@@ -460,7 +460,7 @@ mod tests {
 
     /// A torque that no pair file may have, given past the check.
     #[test]
-    fn a_force_beyond_all_measure_is_refused() {
+    fn an_excessive_force_is_rejected() {
         let mut pair = shen2022();
         let bodies = ElasticBodies::new(&pair, &FlankWear::none()).unwrap();
         for torque_nm in [1e9, 1e15, f64::INFINITY, f64::NAN] {
@@ -473,7 +473,7 @@ mod tests {
     /// Gears of other tooth numbers, profile shifts, bores and pressure angles: the cycle is sound and
     /// stiffer with two pairs than one.
     #[test]
-    fn other_pairs_are_sound() {
+    fn other_pairs_are_plausible() {
         let cases = [
             ([17, 17], [0.2, 0.2], 20.0, [10.0, 10.0], 1.0),
             ([12, 90], [0.5, -0.5], 20.0, [8.0, 150.0], 1.0),

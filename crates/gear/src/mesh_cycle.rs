@@ -1,23 +1,23 @@
-//! One mesh period of a pair: which pairs of teeth carry, how stiff they are together, and where the driven
-//! gear stands.
+//! One mesh period of a pair: the pairs of teeth in contact, their total stiffness, and the position of the
+//! driven gear.
 
 use super::error::within;
 use super::pair_curve::PairCurve;
 use super::{ContactRule, ElasticBodies, FlankWear, GearError, GearPair, root};
 
-/// How finely a mesh period is worked out.
+/// Resolution of a mesh period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Resolution {
-    /// For one pair that is looked at by itself.
+    /// For a single pair.
     Fine,
-    /// For many pairs whose responses are compared: four times as quick. The first ten mesh harmonics of the
-    /// response are within 1 % of those of the fine period.
+    /// For comparisons of many pairs: four times as fast. The first ten mesh harmonics of the response are
+    /// within 1 % of those of the fine resolution.
     Coarse,
 }
 
 impl Resolution {
-    /// Cells of the mesh period in which a change of the carrying pairs is looked for, and of the smooth
-    /// parts between two changes.
+    /// Number of cells of the mesh period in which a change of the pairs in contact is searched, and of the
+    /// smooth parts between two changes.
     fn cells(self) -> usize {
         match self {
             Self::Fine => 1024,
@@ -25,8 +25,8 @@ impl Resolution {
         }
     }
 
-    /// Least cells of the mesh period under load: a kink within a cell is rounded off, which with half of the
-    /// fine ones takes 0.12 % off a worn pair's response.
+    /// Smallest number of cells of the mesh period under load. A kink within a cell is rounded off; with half
+    /// of the fine cells this reduces a worn pair's response by 0.12 %.
     pub(super) fn loaded_cells(self) -> usize {
         match self {
             Self::Fine => 2000,
@@ -35,85 +35,85 @@ impl Resolution {
     }
 }
 
-/// Accuracy of a change's place in mesh periods.
-const PLACE_TOLERANCE: f64 = 1e-12;
+/// Accuracy of the position of a change in mesh periods.
+const POSITION_TOLERANCE: f64 = 1e-12;
 
-/// One mesh period, from the nominal start of contact of the driving tooth pair on, that point included and
-/// the period's end excluded.
+/// One mesh period from the nominal start of contact of the driving tooth pair, including that point and
+/// excluding the period's end.
 ///
-/// Multi-tooth rule (Section 3.2.2): pair n is the single pair shifted by (n − 1)·2π/z, Eq. (28); the pair
-/// with the largest φ₂ carries, and with it every pair whose φ₂ is less than the threshold below; their
-/// stiffnesses add, Eq. (29).
+/// Multi-tooth rule (Section 3.2.2): pair n is the single pair shifted by (n − 1)·2π/z, Eq. (28). The pair
+/// with the largest φ₂ is in contact, and so is every pair whose φ₂ is smaller by less than the threshold;
+/// their stiffnesses add, Eq. (29).
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshCycle {
     /// φ₁ in rad of the driving tooth that starts its contact at the first point.
     pub phi1_rad: Vec<f64>,
-    /// φ₂ in rad of the driven tooth in contact with that driving tooth (were it alone ahead): the leading
-    /// pair's φ₂ counted back to it.
+    /// φ₂ in rad of the driven tooth that mates with that driving tooth: the leading pair's φ₂, counted back
+    /// to it.
     pub phi2_rad: Vec<f64>,
     /// Mesh stiffness k in N/m.
     pub stiffness_n_per_m: Vec<f64>,
     /// e_wear in rad of the driven gear, Eq. (31): φ₁ R_b1/R_b2 − φ₂, less its constant for perfect flanks (a
-    /// tooth's centre line of one gear faces a space's of the other: −π/z₂ without backlash). Positive where
-    /// the driven gear lags.
+    /// tooth's centre line of one gear faces that of a space of the other: −π/z₂ without backlash). Positive
+    /// if the driven gear lags.
     pub uste_rad: Vec<f64>,
-    /// Pairs of teeth that carry.
+    /// Number of pairs of teeth that carry load.
     pub pairs_in_contact: Vec<u32>,
-    /// The same period in parts without jumps.
+    /// The same period in pieces without jumps.
     pub(super) pieces: Vec<CyclePiece>,
 }
 
-/// A part of the mesh period during which the same pairs carry.
+/// A piece of the mesh period during which the same pairs carry load.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CyclePiece {
     /// Start in mesh periods.
     pub(super) start: f64,
     /// End in mesh periods.
     pub(super) end: f64,
-    /// Stiffness in N/m at evenly spaced places, both ends included.
+    /// Stiffness in N/m at equidistant positions, including both ends.
     pub(super) stiffness_n_per_m: Vec<f64>,
-    /// e_wear in rad at the same places.
+    /// e_wear in rad at the same positions.
     pub(super) uste_rad: Vec<f64>,
 }
 
-/// What carries at one rotation.
+/// The pairs in contact at one rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Carrying {
-    /// Bit n set where the pair n periods ahead of the entering one carries.
+    /// Bit n is set if the pair n periods ahead of the entering one carries load.
     pairs: u32,
     leader: usize,
     phi2_rad: f64,
     stiffness_n_per_m: f64,
 }
 
-/// Lead in rad below which two pairs are level: the rounding of perfect flanks.
+/// Lead in rad below which two pairs count as level: rounding of perfect flanks.
 const TIE_RAD: f64 = 1e-11;
-/// Lead in rad of worn flanks before perfect ones that is rounding and interpolation.
+/// Lead in rad of worn over perfect flanks that is due to rounding and interpolation.
 const LEAD_ROUNDING_RAD: f64 = 1e-6;
-/// Lag on the base circle over the sum of both depths up to which a contact is believed: across the flank the
-/// depths count less than along Y, on curved flanks a little more.
+/// Largest plausible lag on the base circle over the sum of both depths: across the flank the depths count
+/// less than along Y, on curved flanks slightly more.
 const LAG_SLACK: f64 = 1.2;
 
-/// All pairs of teeth.
+/// All pairs of teeth of the mesh.
 pub(super) struct Mesh<'a> {
     pair: &'a GearPair,
     pub(super) curve: PairCurve,
     /// φ₁ R_b1/R_b2 − φ₂ of perfect flanks.
     perfect_lag_rad: f64,
-    /// Most pairs that can touch at once.
-    most_pairs: usize,
-    /// Greatest lag in rad that the wear can leave between two teeth.
-    most_lag_rad: f64,
+    /// Largest number of pairs that can touch at once.
+    max_pairs: usize,
+    /// Largest lag in rad that the wear can cause between two teeth.
+    max_lag_rad: f64,
 }
 
 impl MeshCycle {
-    /// Works out one mesh period at `points` evenly spaced rotations by the pair's contact rule. For loaded
-    /// contact at more than one torque, [`MeshCycle::loaded`] with the same [`ElasticBodies`] is quicker.
+    /// Computes one mesh period at `points` evenly spaced rotations by the pair's contact rule. For loaded
+    /// contact at several torques, [`MeshCycle::loaded`] with the same [`ElasticBodies`] is faster.
     ///
     /// # Errors
     /// Those of [`MeshCycle::loaded`] and [`ElasticBodies::new`] for loaded contact, else
-    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where
-    /// wear leaves a part of the period without contact.
+    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] if wear
+    /// leaves a part of the period without contact.
     pub fn compute(pair: &GearPair, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
         if pair.spec.dynamics.contact == ContactRule::Loaded {
             return Self::loaded(pair, &ElasticBodies::new(pair, wear)?, wear, points);
@@ -121,11 +121,11 @@ impl MeshCycle {
         Self::by_threshold(pair, wear, points, Resolution::Fine)
     }
 
-    /// As [`MeshCycle::compute`], or [`MeshCycle::loaded`] where `bodies` are given, at a coarse resolution:
+    /// Like [`MeshCycle::compute`], or [`MeshCycle::loaded`] if `bodies` are given, at a coarse resolution:
     /// the first ten mesh harmonics of the response are within 1 % of those of the fine one.
     ///
     /// # Errors
-    /// Those of the two.
+    /// Those of the two methods.
     pub fn coarse(
         pair: &GearPair,
         bodies: Option<&ElasticBodies>,
@@ -167,14 +167,14 @@ impl MeshCycle {
         Ok(cycle)
     }
 
-    /// Mean of k over the mesh period in N/m.
+    /// Returns the mean of k over the mesh period in N/m.
     pub fn mean_stiffness_n_per_m(&self) -> f64 {
         self.pieces.iter().map(|piece| (piece.end - piece.start) * piece.mean_stiffness()).sum()
     }
 }
 
 impl CyclePiece {
-    /// By the trapezoidal rule.
+    /// Returns the mean stiffness by the trapezoidal rule.
     fn mean_stiffness(&self) -> f64 {
         let ends =
             0.5 * (self.stiffness_n_per_m[0] + self.stiffness_n_per_m[self.stiffness_n_per_m.len() - 1]);
@@ -190,33 +190,33 @@ impl<'a> Mesh<'a> {
         Ok(Self {
             pair,
             perfect_lag_rad: pair.perfect_lag_rad(),
-            most_pairs: (periods.ceil() as usize + 1).min(30),
-            most_lag_rad: LAG_SLACK * wear.greatest_depth_mm(pair).iter().sum::<f64>()
+            max_pairs: (periods.ceil() as usize + 1).min(30),
+            max_lag_rad: LAG_SLACK * wear.greatest_depth_mm(pair).iter().sum::<f64>()
                 / pair.gears[1].base_radius_mm
                 + TIE_RAD,
             curve,
         })
     }
 
-    /// Part of the load, by stiffness, on the pair of teeth whose driving tooth is at φ₁.
+    /// Returns the share of the load, by stiffness, on the pair of teeth whose driving tooth is at φ₁.
     pub(super) fn share(&self, phi1: f64) -> Result<f64, GearError> {
         let pitch = self.pair.gears[0].pitch_angle_rad();
         let ahead = ((phi1 - self.pair.start_of_contact_rad()) / pitch)
             .floor()
-            .clamp(-1.0, self.most_pairs as f64 - 1.0);
+            .clamp(-1.0, self.max_pairs as f64 - 1.0);
         let carrying = self.carrying(phi1 - ahead * pitch)?;
         let carries = carrying.pairs >> (ahead as i32 + 1) & 1 == 1;
         let own = self.curve.at(phi1).filter(|_| carries).map_or(0.0, |(_, stiffness)| stiffness);
         Ok(own / carrying.stiffness_n_per_m)
     }
 
-    /// What carries at φ₁ of the entering tooth pair.
+    /// Returns the pairs in contact at φ₁ of the entering tooth pair.
     fn carrying(&self, phi1: f64) -> Result<Carrying, GearError> {
         let pitches = self.pair.gears.each_ref().map(|gear| gear.pitch_angle_rad());
-        // A worn pair may start before the nominal start: the pair that follows is number 0.
+        // A worn pair may start before the nominal start: the following pair is number 0.
         let mut contacts: [Option<(f64, f64)>; 32] = [None; 32];
         let mut leader = None;
-        for (n, contact) in contacts.iter_mut().enumerate().take(self.most_pairs + 1) {
+        for (n, contact) in contacts.iter_mut().enumerate().take(self.max_pairs + 1) {
             let ahead = n as f64 - 1.0;
             *contact =
                 self.curve.at(phi1 + ahead * pitches[0]).map(|(phi2, k)| (phi2 - ahead * pitches[1], k));
@@ -226,11 +226,12 @@ impl<'a> Mesh<'a> {
                 leader = Some((n, *phi2));
             }
         }
-        // Less material never pushes the driven gear further, and a pair behind by more than both depths
-        // leaves another one in contact: tables with steps make edges touch, which the relationship does not
-        // have.
-        let believed = -LEAD_ROUNDING_RAD..=self.most_lag_rad;
-        let Some((leader, phi2_rad)) = leader.filter(|(_, phi2)| believed.contains(&self.lag(phi1, *phi2)))
+        // Less material cannot advance the driven gear, and a pair that lags by more than both depths leaves
+        // another one in contact. Tables with steps cause edge contact, which the relationship does not
+        // model.
+        let plausible_lags = -LEAD_ROUNDING_RAD..=self.max_lag_rad;
+        let Some((leader, phi2_rad)) =
+            leader.filter(|(_, phi2)| plausible_lags.contains(&self.lag(phi1, *phi2)))
         else {
             return Err(GearError::NoContact { phi1_rad: phi1 });
         };
@@ -247,25 +248,27 @@ impl<'a> Mesh<'a> {
         Ok(carrying)
     }
 
-    /// The period cut where the carrying pairs or the leader change.
+    /// Cuts the period where the pairs in contact or the leader change.
     fn pieces(&self, cells: usize) -> Result<Vec<CyclePiece>, GearError> {
-        let key =
-            |place: f64| self.carrying(self.phi1_at(place)).map(|carrying| (carrying.pairs, carrying.leader));
+        let key = |position: f64| {
+            self.carrying(self.phi1_at(position)).map(|carrying| (carrying.pairs, carrying.leader))
+        };
         let mut cuts = vec![0.0];
-        // Looked at in the cells' middles, so that the rounding of a change at the period's own ends is not
-        // one.
+        // Evaluated in the cells' middles, so that rounding of a change at the period's ends does not count
+        // as one.
         let mut before = (0.0, key(1e-9)?);
         for cell in 0..=cells {
-            let place = ((cell as f64 + 0.5) / cells as f64).min(1.0 - 1e-9);
-            let after = (place, key(place)?);
+            let position = ((cell as f64 + 0.5) / cells as f64).min(1.0 - 1e-9);
+            let after = (position, key(position)?);
             while before.1 != after.1 {
-                // Bisection on the key itself finds the first change; a second one in the same cell is found
-                // from there.
+                // Bisection on the key finds the first change; a second one in the same cell is found from
+                // there.
                 let differs =
-                    |place: f64| key(place).map_or(1.0, |at| if at == before.1 { -1.0 } else { 1.0 });
-                let cut = root::find(differs, (before.0, -1.0), (after.0, 1.0), PLACE_TOLERANCE);
+                    |position: f64| key(position).map_or(1.0, |at| if at == before.1 { -1.0 } else { 1.0 });
+                let cut = root::find(differs, (before.0, -1.0), (after.0, 1.0), POSITION_TOLERANCE);
                 cuts.push(cut);
-                before = (cut + 2.0 * PLACE_TOLERANCE, key((cut + 4.0 * PLACE_TOLERANCE).min(after.0))?);
+                before =
+                    (cut + 2.0 * POSITION_TOLERANCE, key((cut + 4.0 * POSITION_TOLERANCE).min(after.0))?);
                 if cuts.len() > cells {
                     break;
                 }
@@ -288,7 +291,7 @@ impl<'a> Mesh<'a> {
             uste_rad: Vec::with_capacity(count + 1),
         };
         for i in 0..=count {
-            // The ends belong to this piece: a little inside of them, where no other pair carries yet.
+            // The ends belong to this piece: slightly inside of them, where no other pair carries load yet.
             let inside = (i as f64 / count as f64).clamp(1e-6 / count as f64, 1.0 - 1e-6 / count as f64);
             let phi1 = self.phi1_at(start + (end - start) * inside);
             let carrying = self.carrying(phi1)?;
@@ -298,16 +301,16 @@ impl<'a> Mesh<'a> {
         Ok(piece)
     }
 
-    /// e_wear in rad, Eq. (31).
+    /// Returns e_wear in rad, Eq. (31).
     fn lag(&self, phi1: f64, phi2: f64) -> f64 {
         self.pair.gears[0].base_radius_mm / self.pair.gears[1].base_radius_mm * phi1
             - phi2
             - self.perfect_lag_rad
     }
 
-    /// φ₁ in rad at a place in mesh periods.
-    fn phi1_at(&self, place: f64) -> f64 {
-        self.pair.start_of_contact_rad() + self.pair.gears[0].pitch_angle_rad() * place
+    /// Returns φ₁ in rad at a position in mesh periods.
+    fn phi1_at(&self, position: f64) -> f64 {
+        self.pair.start_of_contact_rad() + self.pair.gears[0].pitch_angle_rad() * position
     }
 }
 
@@ -403,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn drastic_hollows_still_carry_the_whole_period() {
+    fn deep_hollows_carry_load_over_the_whole_period() {
         let pair = shen2022();
         // Flanks hollowed by 1.5 mm around the pitch point: contact hops from one side of the hollow to the
         // other.

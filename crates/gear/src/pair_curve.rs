@@ -1,19 +1,19 @@
-//! One pair of teeth over the rotation: the mesh relationship and its stiffness between the points it was
-//! solved at.
+//! One pair of teeth over the rotation: the mesh relationship and the stiffness, interpolated between the
+//! solved points.
 
 use super::{FlankWear, GearError, GearPair, MeshRelationship, PairStiffness};
 
 /// Rounding of φ₁ in rad at the ends of a pair's contact.
 const ROUNDING_RAD: f64 = 1e-12;
 
-/// φ₂ and stiffness of one pair of teeth over φ₁, wherever it touches.
+/// φ₂ and stiffness of one pair of teeth over φ₁, wherever it is in contact.
 #[derive(Debug)]
 pub(super) struct PairCurve {
     relationship: MeshRelationship,
     stiffness_n_per_m: Vec<f64>,
-    /// Least and greatest φ₁.
+    /// Smallest and largest φ₁.
     range: (f64, f64),
-    /// Whether φ₁ rises throughout.
+    /// Whether φ₁ increases throughout.
     rising: bool,
 }
 
@@ -35,23 +35,23 @@ impl PairCurve {
         })
     }
 
-    /// Least and greatest φ₁ in rad at which the pair touches.
+    /// Returns the smallest and largest φ₁ in rad at which the pair is in contact.
     pub(super) fn range(&self) -> (f64, f64) {
         self.range
     }
 
-    /// α₁ in rad and stiffness in N/m of every solved contact.
+    /// Returns α₁ in rad and stiffness in N/m of every solved contact.
     pub(super) fn contacts(&self) -> impl Iterator<Item = (f64, f64)> {
         let alphas = self.relationship.alpha1_rad.iter();
         alphas.copied().zip(self.stiffness_n_per_m.iter().copied())
     }
 
-    /// φ₂ in rad and stiffness in N/m of the single pair at φ₁, where it touches.
+    /// Returns φ₂ in rad and stiffness in N/m of the single pair at φ₁, if it is in contact.
     pub(super) fn at(&self, phi1: f64) -> Option<(f64, f64)> {
         self.cell(phi1).map(|(i, phi1)| self.interpolate(i, phi1))
     }
 
-    /// The node below φ₁ and φ₁ itself within the range, where the pair touches.
+    /// Returns the node below φ₁, and φ₁ clamped to the range, if the pair is in contact.
     fn cell(&self, phi1: f64) -> Option<(usize, f64)> {
         if phi1 < self.range.0 - ROUNDING_RAD || phi1 > self.range.1 + ROUNDING_RAD {
             return None;
@@ -62,14 +62,15 @@ impl PairCurve {
             let after = nodes.partition_point(|node| *node <= phi1).clamp(1, nodes.len() - 1);
             return Some((after - 1, phi1));
         }
-        // Worn flanks can fold: the branch that pushes the driven gear furthest is the one that touches.
+        // Worn flanks can have several branches: the one that advances the driven gear most is in contact.
         (0..nodes.len() - 1)
             .filter(|i| nodes[*i] <= phi1 && phi1 <= nodes[i + 1] && nodes[*i] < nodes[i + 1])
             .max_by(|a, b| self.interpolate(*a, phi1).0.total_cmp(&self.interpolate(*b, phi1).0))
             .map(|i| (i, phi1))
     }
 
-    /// Between nodes `i` and `i` + 1: φ₂ by the cubic with the exact slopes at both, the stiffness linearly.
+    /// Interpolates between nodes `i` and `i` + 1: φ₂ by the cubic with the exact slopes at both, the
+    /// stiffness linearly.
     fn interpolate(&self, i: usize, phi1: f64) -> (f64, f64) {
         let MeshRelationship { phi1_rad: x, phi2_rad: y, phi2_slope: slope, .. } = &self.relationship;
         let width = x[i + 1] - x[i];

@@ -8,11 +8,11 @@ use super::{MaterialSpec, PlaneState};
 const GAUSS: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
-/// Places ξ, η of the element's nodes: the corners, then the middles of the sides between them.
+/// Coordinates ξ, η of the element's nodes: the corners, then the midpoints of the sides between them.
 const NODES: [[f64; 2]; 8] =
     [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [0.0, -1.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]];
 
-/// Stiffness matrix of an element, rows and columns x and y of each node in turn, in N/mm for 1 mm of width.
+/// Stiffness matrix of an element, rows and columns x and y of each node in turn, in N/mm per mm of width.
 pub(super) type ElementStiffness = [[f64; 16]; 16];
 
 /// An isotropic material in a plane state, in MPa.
@@ -20,7 +20,7 @@ pub(super) type ElementStiffness = [[f64; 16]; 16];
 pub(super) struct PlaneElasticity {
     /// Shear modulus.
     pub(super) shear_mpa: f64,
-    /// Poisson's ratio of the plane strain that equals the state.
+    /// Equivalent Poisson's ratio for plane strain.
     pub(super) poisson: f64,
 }
 
@@ -36,17 +36,18 @@ impl PlaneElasticity {
         }
     }
 
-    /// E* of two bodies of this material in contact.
+    /// Returns E* in MPa of two bodies of this material in contact.
     pub(super) fn contact_modulus_mpa(&self) -> f64 {
         self.shear_mpa / (1.0 - self.poisson)
     }
 
-    /// (1 − ν²)/E in plane strain.
+    /// Returns (1 − ν²)/E in 1/MPa for plane strain.
     pub(super) fn compliance_per_mpa(&self) -> f64 {
         (1.0 - self.poisson) / (2.0 * self.shear_mpa)
     }
 
-    /// Stiffness of the serendipity element with its nodes at `nodes` in mm; none where it is folded.
+    /// Returns the stiffness of the serendipity element with its nodes at `nodes` in mm; `None` if the
+    /// element is inverted.
     pub(super) fn stiffness(&self, nodes: &[[f64; 2]; 8]) -> Option<ElementStiffness> {
         let scale = 2.0 * self.shear_mpa / (1.0 - 2.0 * self.poisson);
         let (direct, coupled, shear) = (scale * (1.0 - self.poisson), scale * self.poisson, self.shear_mpa);
@@ -85,9 +86,9 @@ impl PlaneElasticity {
         Some(stiffness)
     }
 
-    /// Displacement in mm for 1 N/mm at a point `along` the edge and `deep` below it from a force on the edge
-    /// of a half-plane (Flamant), less a rigid motion: `[load][component]`, first along the edge, then into
-    /// the body. Its logarithm is zero at 1 mm.
+    /// Returns the displacement in mm per 1 N/mm at a point `along` the edge and `deep` below it due to a
+    /// force on the edge of a half-plane (Flamant), less a rigid motion: `[load][component]`, first along the
+    /// edge, then into the body. Its logarithm is zero at 1 mm.
     pub(super) fn half_plane(&self, along_mm: f64, deep_mm: f64) -> [[f64; 2]; 2] {
         let squared = along_mm * along_mm + deep_mm * deep_mm;
         let logarithm = (1.0 - self.poisson) * squared.ln();
@@ -101,7 +102,7 @@ impl PlaneElasticity {
     }
 }
 
-/// ∂N/∂ξ and ∂N/∂η of the node at `node`.
+/// Returns ∂N/∂ξ and ∂N/∂η of the node at `node`.
 fn shape_gradient([a, b]: [f64; 2], xi: f64, eta: f64) -> [f64; 2] {
     if a == 0.0 {
         [-xi * (1.0 + b * eta), 0.5 * b * (1.0 - xi * xi)]

@@ -1,8 +1,8 @@
-//! Everything that is wrong with a description, in the order in which it was found.
+//! Collected errors of a description, in the order of the checks.
 
 use super::GearError;
 
-/// Reasons why a pair cannot be.
+/// Errors of a pair.
 #[derive(Debug, Default)]
 pub(super) struct Refusals(Vec<GearError>);
 
@@ -15,7 +15,7 @@ impl Refusals {
         self.0.push(error);
     }
 
-    /// The result's value; its error is added.
+    /// Returns the result's value; an error is added.
     pub(super) fn take<T>(&mut self, result: Result<T, GearError>) -> Option<T> {
         result.map_err(|error| self.add(error)).ok()
     }
@@ -25,7 +25,7 @@ impl Refusals {
         self.take(result);
     }
 
-    /// The first reason, where there is one.
+    /// Returns the first error, if any.
     pub(super) fn first(self) -> Result<(), GearError> {
         self.0.into_iter().next().map_or(Ok(()), Err)
     }

@@ -2,27 +2,26 @@
 //!
 //! With the common normal as an axis, gear i's centre lies r_i beside it and u_i along it from the point of
 //! contact (see [`FlankPoint::normal_arm_mm`] and [`FlankPoint::normal_length_mm`]), so the centre distance
-//! is √((u₁ + u₂)² + (r₁ + r₂)²) and the angle θ between the line of centres and the tangent is arctan((u₁ +
-//! u₂)/(r₁ + r₂)). That is step 11 of Algorithm 1 and Eqs. (9)–(17) in closed form; the one equation left is
-//! the centre distance in α₁′.
+//! is √((u₁ + u₂)² + (r₁ + r₂)²), and the angle θ between the line of centres and the tangent is arctan((u₁ +
+//! u₂)/(r₁ + r₂)). This is step 11 of Algorithm 1 and Eqs. (9)–(17) in closed form; one equation remains, the
+//! centre distance in α₁′.
 
 use super::{Flank, FlankPoint, FlankWear, GearError, GearPair, root};
 
-/// Points of contact that are solved for.
+/// Number of points of contact solved.
 const POINTS: usize = 601;
-/// Cells of the driven flank in which a root is looked for.
+/// Number of cells of the driven flank in which a root is searched.
 const CELLS: usize = 128;
 /// Accuracy of α₁ and α₁′ in rad.
 const TOLERANCE_RAD: f64 = 1e-14;
-/// Part of the squared centre distance that is rounding: the perfect pair's ends lie exactly on the limits of
+/// Relative rounding of the squared centre distance: the perfect pair's ends lie exactly on the limits of
 /// both flanks.
 const ROUNDING: f64 = 1e-12;
 
-/// Where and at which rotations the flanks of one pair of teeth touch, from the start to the end of its
-/// contact.
+/// Contact points and rotations of the flanks of one pair of teeth, from the start to the end of its contact.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshRelationship {
-    /// α₁: angle of the point of contact on the driving flank in rad, rising.
+    /// α₁: angle of the point of contact on the driving flank in rad, ascending.
     pub alpha1_rad: Vec<f64>,
     /// α₁′: the same on the driven flank.
     pub alpha1_prime_rad: Vec<f64>,
@@ -39,18 +38,18 @@ type Contact = (FlankPoint, FlankPoint);
 
 struct Solver<'a> {
     flanks: [Flank<'a>; 2],
-    /// Points of the driven flank at the cells' ends, from its root to its tip.
+    /// Points of the driven flank at the cell boundaries, from its root to its tip.
     driven: Vec<FlankPoint>,
     centre_squared: f64,
     ratio: f64,
 }
 
 impl MeshRelationship {
-    /// Solves Algorithm 1 for one pair of teeth, at 601 points evenly over the driving flank between the
-    /// first and the last contact.
+    /// Solves Algorithm 1 for one pair of teeth, at 601 points at equal steps over the driving flank between
+    /// the first and the last contact.
     ///
     /// # Errors
-    /// [`GearError::NoContact`] where the flanks do not touch at all within their active profiles.
+    /// [`GearError::NoContact`] if the flanks do not touch at all within their active profiles.
     pub fn solve(pair: &GearPair, wear: &FlankWear) -> Result<Self, GearError> {
         let flanks = [Flank::new(&pair.gears[0], wear, 0), Flank::new(&pair.gears[1], wear, 1)];
         let solver = Solver {
@@ -101,7 +100,7 @@ impl MeshRelationship {
     }
 }
 
-/// φ₁ and φ₂ of a contact: θ₁ = λ₁ − φ₁ and θ₂ = λ₂ + φ₂, Eqs. (11)–(17).
+/// Returns φ₁ and φ₂ of a contact: θ₁ = λ₁ − φ₁ and θ₂ = λ₂ + φ₂, Eqs. (11)–(17).
 fn rotations((driving, driven): &Contact) -> (f64, f64) {
     let along = driving.normal_length_mm() + driven.normal_length_mm();
     let beside = driving.normal_arm_mm() + driven.normal_arm_mm();
@@ -110,15 +109,16 @@ fn rotations((driving, driven): &Contact) -> (f64, f64) {
 }
 
 impl Solver<'_> {
-    /// Squared centre distance at which the two points touch with a common tangent, less the pair's.
+    /// Returns the squared centre distance at which the two points touch with a common tangent, less the
+    /// pair's.
     fn residual(&self, driving: &FlankPoint, driven: &FlankPoint) -> f64 {
         let along = driving.normal_length_mm() + driven.normal_length_mm();
         let beside = driving.normal_arm_mm() + driven.normal_arm_mm();
         along * along + beside * beside - self.centre_squared
     }
 
-    /// The driven point that touches `driving`. Wear with a concave depth can offer several: the one that
-    /// pushes the driven gear furthest is the one that touches.
+    /// Returns the driven point that touches `driving`. Wear with a concave depth can have several solutions:
+    /// the one that advances the driven gear most is the contact.
     fn mate(&self, driving: &FlankPoint) -> Option<FlankPoint> {
         let mut best: Option<(f64, FlankPoint)> = None;
         let mut before = self.residual(driving, &self.driven[0]);
@@ -144,22 +144,22 @@ impl Solver<'_> {
         best.map(|(_, point)| point)
     }
 
-    /// Driving root with the driven tip: the driving flank starts at its own end, or later where the driven
-    /// tip ends first.
+    /// Returns the contact of the driving root with the driven tip. The driving flank starts at its own end,
+    /// or later if the driven tip ends first.
     fn first_contact(&self, driving: &[FlankPoint]) -> Option<Contact> {
         let tip = *self.driven.last()?;
         self.at_limit(driving[0], tip, |residual, rounding| residual >= -rounding)
             .or_else(|| self.crossing(driving.windows(2).map(|two| (two[0], two[1])), tip))
     }
 
-    /// Driving tip with the driven root.
+    /// Returns the contact of the driving tip with the driven root.
     fn last_contact(&self, driving: &[FlankPoint]) -> Option<Contact> {
         let root = *self.driven.first()?;
         self.at_limit(*driving.last()?, root, |residual, rounding| residual <= rounding)
             .or_else(|| self.crossing(driving.windows(2).rev().map(|two| (two[0], two[1])), root))
     }
 
-    /// The contact of the driving flank's end, where the driven flank reaches it.
+    /// Returns the contact of the driving flank's end, if the driven flank reaches it.
     fn at_limit(
         &self,
         driving: FlankPoint,
@@ -177,7 +177,7 @@ impl Solver<'_> {
         None
     }
 
-    /// The first of the driving flank's cells in which `limit`, an end of the driven flank, touches.
+    /// Searches the first of the driving flank's cells in which `limit`, an end of the driven flank, touches.
     fn crossing(&self, cells: impl Iterator<Item = Contact>, limit: FlankPoint) -> Option<Contact> {
         for (low, high) in cells {
             let (before, after) = (self.residual(&low, &limit), self.residual(&high, &limit));

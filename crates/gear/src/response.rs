@@ -1,59 +1,57 @@
-//! A run of the pair: from one mesh period to the vibration that a sensor at the bearings would record.
+//! Simulation of a run: from one mesh period to the vibration measured by a sensor at the bearings.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::decimator::Decimator;
 use super::dynamics::{Excitation, LaneMotion, Lanes, Motion, State};
 use super::excitation::{ExcitationLanes, LaneExcitation};
-use super::stiff_step::{PLACES, STAGES, StiffStep};
+use super::stiff_step::{STAGE_TIMES, STAGES, StiffStep};
 use super::transmission_error::{RandomError, long_period_m};
 use super::{Errors, GearError, GearPair, MeshCycle, ResponseCoordinate, RunSettings};
 
-/// Records that are simulated side by side.
-const SIDE_BY_SIDE: usize = 8;
-/// Least steps of the integrator for one sample; even.
+/// Number of records simulated in parallel.
+const PARALLEL_RECORDS: usize = 8;
+/// Smallest number of integration steps per sample; even.
 const MIN_OVERSAMPLING: usize = 8;
-/// Steps between two looks at whether to stop.
-const STEPS_BETWEEN_LOOKS: i64 = 4096;
-/// Most steps for one sample that the explicit method is given: what is stiffer vibrates above the record's
-/// band, and is left to the [implicit one](StiffStep).
+/// Number of steps between two checks of the stop flag.
+const STEPS_PER_STOP_CHECK: i64 = 4096;
+/// Largest number of explicit steps per sample: stiffer systems vibrate above the record's band, and use the
+/// [implicit method](StiffStep).
 const MAX_OVERSAMPLING: usize = 16;
-/// Least and most implicit steps for one sample; even. One costs as much as two explicit ones.
+/// Smallest and largest number of implicit steps per sample; even. One costs as much as two explicit steps.
 const STIFF_OVERSAMPLING: (usize, usize) = (8, 10);
-/// Longest explicit step as a part of the fastest rate's reciprocal.
+/// Longest explicit step relative to the reciprocal of the fastest rate.
 const STEP_PER_RATE: f64 = 0.4;
-/// Distance in shaft rates from every mesh line that images of mesh lines about the step's rate are kept
-/// away.
+/// Smallest distance in shaft rates between mesh lines and images of mesh lines about the step rate.
 const CLEAR_SHAFTS: f64 = 4.0;
-/// Decay of the start-up before the record starts, in nepers.
+/// Decay of the start-up transient before the record starts, in nepers.
 const SETTLING_NEPERS: f64 = 16.0;
 /// Longest start-up in seconds, and in mesh periods.
 const MAX_SETTLING_S: f64 = 2.0;
 const MAX_SETTLING_PERIODS: f64 = 250.0;
 
-/// Simulates the pair and gives the acceleration in m/s² of its response coordinate at `sample_rate_hz`,
-/// start-up removed and low-passed below half the sampling rate (flat to 0.4 of it).
+/// Simulates the pair and returns the acceleration in m/s² of its response coordinate at `sample_rate_hz`,
+/// without the start-up, low-passed below half the sampling rate (flat to 0.4 of it).
 ///
-/// The integrator's step is at most an eighth of a sample. It is short against the fastest rate of the system
-/// where a sixteenth of a sample is; where not, the method is one that is stable at any step. The step ends
-/// exactly where the mesh stiffness jumps. Accelerations are second differences of the position over a step,
-/// so a jump of the error gives its whole push.
+/// The integrator's step is at most an eighth of a sample. An explicit step resolves the fastest rate of the
+/// system if a sixteenth of a sample suffices; otherwise an unconditionally stable method is used. The step
+/// ends exactly at jumps of the mesh stiffness. Accelerations are second differences of the position over a
+/// step, so a jump of the error contributes its whole impulse.
 ///
 /// # Errors
-/// [`GearError::Field`] for settings that cannot be used; [`GearError::Unstable`] for vibration that grows
-/// without bound.
+/// [`GearError::Field`] for invalid settings; [`GearError::Unstable`] for vibration that grows without bound.
 pub fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings) -> Result<Vec<f64>, GearError> {
     let mut records = simulate_together(pair, &[cycle], run, None)?;
     Ok(records.pop().unwrap_or_default())
 }
 
-/// Simulates the same run with several mesh cycles of one pair side by side, which is quicker than one after
-/// the other; gives a record for each as [`simulate`] does. Where supports or damping ask for a shorter step
-/// or a longer start-up, all records have those of the one that needs most.
+/// Simulates the same run with several mesh cycles of one pair in parallel, which is faster than one by one,
+/// and returns one record per cycle as [`simulate`] does. If supports or damping require a shorter step or a
+/// longer start-up, all records use those of the most demanding one.
 ///
 /// # Errors
-/// [`GearError::Field`] for settings that cannot be used; [`GearError::Unstable`] for vibration that grows
-/// without bound; [`GearError::Stopped`] soon after `stop` becomes true.
+/// [`GearError::Field`] for invalid settings; [`GearError::Unstable`] for vibration that grows without bound;
+/// [`GearError::Stopped`] soon after `stop` becomes true.
 pub fn simulate_together(
     pair: &GearPair,
     cycles: &[&MeshCycle],
@@ -62,15 +60,15 @@ pub fn simulate_together(
 ) -> Result<Vec<Vec<f64>>, GearError> {
     run.check()?;
     let mut records = Vec::with_capacity(cycles.len());
-    for together in cycles.chunks(SIDE_BY_SIDE) {
+    for together in cycles.chunks(PARALLEL_RECORDS) {
         let motions = motions(pair, together, run);
         let steps = Steps::of(f64::from(pair.gears[0].teeth), together, &motions, run);
         records.extend(match together {
             [_] => Run::<1>::new(pair, together, run, &motions, steps).records(stop)?,
-            _ => Run::<SIDE_BY_SIDE>::new(pair, together, run, &motions, steps).records(stop)?,
+            _ => Run::<PARALLEL_RECORDS>::new(pair, together, run, &motions, steps).records(stop)?,
         });
     }
-    // Once beyond all numbers a record stays there.
+    // Once a record is not finite, it stays so.
     if records.iter().any(|record| record.last().is_some_and(|sample| !sample.is_finite())) {
         let shaft_speed_hz = run.shaft_speed_hz;
         return Err(GearError::Unstable { shaft_speed_hz });
@@ -78,7 +76,7 @@ pub fn simulate_together(
     Ok(records)
 }
 
-/// [`simulate_together`] for at most 8 cycles with `oversampling` explicit steps for one sample.
+/// Like [`simulate_together`] for at most 8 cycles with `oversampling` explicit steps per sample.
 #[cfg(test)]
 pub(crate) fn simulate_refined(
     pair: &GearPair,
@@ -87,11 +85,11 @@ pub(crate) fn simulate_refined(
     oversampling: usize,
 ) -> Vec<Vec<f64>> {
     let steps = Steps { oversampling, stiff: false };
-    let run = Run::<SIDE_BY_SIDE>::new(pair, cycles, run, &motions(pair, cycles, run), steps);
+    let run = Run::<PARALLEL_RECORDS>::new(pair, cycles, run, &motions(pair, cycles, run), steps);
     run.records(None).unwrap()
 }
 
-/// Whether [`simulate_together`] takes implicit steps.
+/// Returns whether [`simulate_together`] uses implicit steps.
 #[cfg(test)]
 pub(crate) fn is_stiff(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> bool {
     Steps::of(f64::from(pair.gears[0].teeth), cycles, &motions(pair, cycles, run), run).stiff
@@ -101,19 +99,19 @@ fn motions(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> Vec<Mot
     cycles.iter().map(|cycle| Motion::new(pair, cycle, run.torque_nm)).collect()
 }
 
-/// How a run is integrated.
+/// Integration steps of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Steps {
-    /// For one sample; even.
+    /// Steps per sample; even.
     oversampling: usize,
-    /// Whether by the implicit method.
+    /// Whether the steps are implicit.
     stiff: bool,
 }
 
 impl Steps {
-    /// The least number that resolves the system, or as much of it as shows in the record's band, and puts no
-    /// image of a mesh line beside a mesh line, where the shaft sidebands of worn gears lie, weaker by a
-    /// million than the impacts. Where none of the steps allowed does, the longest.
+    /// Selects the smallest number of steps that resolves the system, or its part within the record's band,
+    /// and keeps images of mesh lines away from mesh lines. There lie the shaft sidebands of worn gears,
+    /// weaker by a factor of a million than the impacts. If no allowed number does, the longest step is used.
     fn of(teeth: f64, cycles: &[&MeshCycle], motions: &[Motion], run: &RunSettings) -> Self {
         let fastest = cycles.iter().zip(motions).map(|(cycle, motion)| {
             let stiffness = cycle.pieces.iter().flat_map(|piece| &piece.stiffness_n_per_m);
@@ -139,7 +137,7 @@ impl Steps {
 struct Run<'a, const LANES: usize> {
     settings: &'a RunSettings,
     response: ResponseCoordinate,
-    /// Shared by all lanes but for what differs.
+    /// Parameters shared by all lanes, except those in `differing`.
     motion: Motion,
     differing: LaneMotion<LANES>,
     excitation: ExcitationLanes<LANES>,
@@ -148,7 +146,7 @@ struct Run<'a, const LANES: usize> {
     settling_s: f64,
     mesh_hz: f64,
     teeth: f64,
-    /// Lanes that stand for a record of their own; the others repeat the last one.
+    /// Number of lanes with a record of their own; the others repeat the last one.
     used: usize,
 }
 
@@ -175,7 +173,9 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
             response: pair.spec.dynamics.response,
             motion: motions[0],
             differing: LaneMotion {
-                mesh_damping: std::array::from_fn(|lane| motions[of_lane(lane)].mesh_damping),
+                mesh_damping_n_s_per_m: std::array::from_fn(|lane| {
+                    motions[of_lane(lane)].mesh_damping_n_s_per_m
+                }),
                 backlash_m: std::array::from_fn(|lane| motions[of_lane(lane)].backlash_m),
             },
             excitation: ExcitationLanes::new(&lanes, pair),
@@ -208,7 +208,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         let per_square = 1.0 / (step * step);
         while records[0].len() < samples {
             let seconds = n as f64 * step;
-            if n % STEPS_BETWEEN_LOOKS == 0 && stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+            if n % STEPS_PER_STOP_CHECK == 0 && stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
                 return Err(GearError::Stopped);
             }
             let cut = self.excitation.cut_within(phase, width);
@@ -237,7 +237,8 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         Ok(records)
     }
 
-    /// A step of all lanes by the classical Runge–Kutta method; gives the excitation at its end.
+    /// Performs a step of all lanes by the classical Runge–Kutta method and returns the excitation at its
+    /// end.
     #[inline(always)]
     fn explicit_step(
         &mut self,
@@ -253,7 +254,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         end
     }
 
-    /// The same by the implicit method.
+    /// Performs a step of all lanes by the implicit method and returns the excitation at its end.
     #[inline(always)]
     fn stiff_step(
         &mut self,
@@ -264,7 +265,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
     ) -> LaneExcitation<LANES> {
         let length = stiff.length();
         let inner: [LaneExcitation<LANES>; STAGES - 1] = std::array::from_fn(|stage| {
-            let part = PLACES[stage + 1] * length;
+            let part = STAGE_TIMES[stage + 1] * length;
             self.with_common((phase + part * self.mesh_hz).fract(), seconds + part)
         });
         let places = std::array::from_fn(|stage| if stage == 0 { start } else { &inner[stage - 1] });
@@ -272,7 +273,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         inner[STAGES - 2]
     }
 
-    /// A step of one lane from a phase and time on, cut where its pieces of the mesh period end.
+    /// Performs a step of one lane from a phase and time on, cut where its pieces of the mesh period end.
     fn cut_step(
         &mut self,
         lane: usize,
@@ -281,7 +282,10 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         step: f64,
     ) -> State {
         let motion = self.motion.of_lane(&self.differing, lane);
-        let alone = LaneMotion { mesh_damping: [motion.mesh_damping], backlash_m: [motion.backlash_m] };
+        let alone = LaneMotion {
+            mesh_damping_n_s_per_m: [motion.mesh_damping_n_s_per_m],
+            backlash_m: [motion.backlash_m],
+        };
         let pieces = &self.excitation.pieces[lane];
         let mut piece = pieces.iter().position(|piece| phase < piece.end).unwrap_or(0);
         let mut rest = step;
@@ -295,7 +299,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
                     excitation
                 };
                 state = if self.steps.stiff {
-                    let stages = PLACES.map(|place| {
+                    let stages = STAGE_TIMES.map(|place| {
                         let Excitation { stiffness, error } = at(place);
                         [[stiffness], [error]]
                     });
@@ -316,12 +320,13 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         }
     }
 
-    /// Static balance of each lane.
+    /// Returns the static equilibrium of each lane.
     fn at_rest(&mut self, phase: f64, seconds: f64) -> Lanes<LANES> {
         let common = self.common.at(seconds);
         let mut states = [[0.0; LANES]; 6];
         for lane in 0..LANES {
-            let motion = Motion { mesh_damping: self.differing.mesh_damping[lane], ..self.motion };
+            let motion =
+                Motion { mesh_damping_n_s_per_m: self.differing.mesh_damping_n_s_per_m[lane], ..self.motion };
             let pieces = &self.excitation.pieces[lane];
             let piece = pieces.iter().find(|piece| phase < piece.end).unwrap_or(&pieces[0]);
             let mut excitation = piece.at(phase);
@@ -332,7 +337,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         states
     }
 
-    /// k and the whole e of Eq. (25) of each lane at a phase, which is that of `seconds`.
+    /// Returns k and the complete e of Eq. (25) of each lane at a phase, which is that of `seconds`.
     #[inline]
     fn with_common(&mut self, phase: f64, seconds: f64) -> LaneExcitation<LANES> {
         let mut excitation = self.excitation.at(phase);
@@ -343,13 +348,13 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         excitation
     }
 
-    /// Mesh phase at a time.
+    /// Returns the mesh phase at a time.
     fn phase_at(&self, seconds: f64) -> f64 {
         let turns = self.settings.start_phase_turns + self.settings.shaft_speed_hz * seconds;
         (turns * self.teeth).rem_euclid(1.0).min(1.0 - 1e-12)
     }
 
-    /// Place in m of the response's coordinate in each lane.
+    /// Returns the position in m of the response coordinate in each lane.
     #[inline]
     fn response_positions(&self, [x, y1, y2, ..]: &Lanes<LANES>) -> [f64; LANES] {
         match self.response {
@@ -360,7 +365,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
     }
 }
 
-/// What is common to all states in a run: once-per-turn and random error.
+/// Errors common to all states in a run: once-per-turn and random error.
 struct CommonError<'a> {
     spec: &'a Errors,
     settings: &'a RunSettings,
@@ -372,7 +377,7 @@ impl<'a> CommonError<'a> {
         Self { spec, settings, random: RandomError::new(spec, settings.seed) }
     }
 
-    /// In m at a time.
+    /// Returns the error in m at a time.
     #[inline]
     fn at(&mut self, seconds: f64) -> f64 {
         let turns = self.settings.start_phase_turns + self.settings.shaft_speed_hz * seconds;
@@ -427,12 +432,13 @@ mod tests {
             let motion = Motion::new(&pair, &cycle, 1300.0);
             // m_j q̈_j = s_j F_m − support, F_m = (k + iωc)(x − y₁ + y₂ − e), for e = 15 µm e^{iωt}.
             let omega = TAU * f;
-            let mesh = Complex::new(k, omega * motion.mesh_damping);
-            let support = Complex::new(motion.support_stiffness, omega * motion.support_damping);
+            let mesh = Complex::new(k, omega * motion.mesh_damping_n_s_per_m);
+            let support =
+                Complex::new(motion.support_stiffness_n_per_m, omega * motion.support_damping_n_s_per_m);
             let signs = [1.0, -1.0, 1.0];
             let mut dynamic = Matrix3::from_fn(|i, j| mesh * signs[i] * signs[j]);
             for i in 0..3 {
-                dynamic[(i, i)] += -omega * omega / motion.inverse_mass[i];
+                dynamic[(i, i)] += -omega * omega / motion.inverse_mass_per_kg[i];
             }
             dynamic[(1, 1)] += support;
             dynamic[(2, 2)] += support;
@@ -523,7 +529,7 @@ mod tests {
 
     /// Lanes know nothing of each other but for the length of the start-up.
     #[test]
-    fn records_made_together_are_those_made_alone() {
+    fn records_simulated_together_equal_single_ones() {
         let pair = shen2022();
         let worn = |depth: f64| {
             MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 1000).unwrap()

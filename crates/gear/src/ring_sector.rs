@@ -1,4 +1,4 @@
-//! One sector of a gear condensed to its two sides, and the whole gear made of copies of it.
+//! One sector of a gear condensed to its two sides, and the whole gear composed of copies of it.
 
 use nalgebra::{Cholesky, DMatrix};
 
@@ -16,7 +16,7 @@ struct Arc {
 }
 
 impl Arc {
-    /// Two arcs in a row.
+    /// Joins two consecutive arcs.
     fn join(&self, next: &Self) -> Option<Self> {
         let middle = Cholesky::new(&self.high + &next.low)?;
         let before = middle.solve(&self.low_high.transpose());
@@ -28,7 +28,7 @@ impl Arc {
         })
     }
 
-    /// `count` (at least 1) of these arcs in a row.
+    /// Joins `count` (at least 1) of these arcs.
     fn repeat(&self, mut count: usize) -> Option<Self> {
         let mut power = self.clone();
         let mut row: Option<Self> = None;
@@ -61,43 +61,46 @@ pub(super) struct SideDisplacements {
 #[derive(Debug, Clone)]
 pub(super) struct RingSector {
     arc: Arc,
-    /// Freedoms of both sides.
+    /// Number of degrees of freedom of both sides.
     sides: usize,
-    /// Forces: two for each station.
+    /// Number of forces: two per station.
     loads: usize,
-    /// Inner displacements with held sides: for a unit displacement of each side freedom, then for each unit
-    /// force.
+    /// Inner displacements with fixed sides: for a unit displacement of each side degree of freedom, then for
+    /// each unit force.
     inner: Vec<f64>,
-    /// First inner freedom of each node, where it has any.
+    /// First inner degree of freedom of each node, if any.
     freedoms: Vec<Option<usize>>,
-    /// Inner freedom of each force.
+    /// Inner degree of freedom of each force.
     loaded: Vec<usize>,
 }
 
 impl RingSector {
-    /// Condenses the sector of a mesh; none where an element is folded.
+    /// Condenses the sector of a mesh; `None` if an element is inverted.
     pub(super) fn new(mesh: &SectorMesh, elasticity: &PlaneElasticity, pitch_angle_rad: f64) -> Option<Self> {
         let side_nodes = mesh.sides[0].len();
         let sides = 4 * side_nodes;
-        // Where each node's displacement goes: inner freedoms, side freedoms, or nowhere on the bore.
-        let mut place: Vec<Place> = vec![Place::Inner(0); mesh.nodes.len()];
+        // Target of each node's displacement: inner degrees of freedom, side degrees of freedom, or none on
+        // the bore.
+        let mut place: Vec<NodeKind> = vec![NodeKind::Inner(0); mesh.nodes.len()];
         for node in &mesh.bore {
-            place[*node] = Place::Held;
+            place[*node] = NodeKind::Fixed;
         }
         for (side, nodes) in mesh.sides.iter().enumerate() {
             for (i, node) in nodes.iter().enumerate() {
-                place[*node] = Place::Side(2 * (side * side_nodes + i), side == 1);
+                place[*node] = NodeKind::Side(2 * (side * side_nodes + i), side == 1);
             }
         }
         let mut inner_count = 0;
         for at in &mut place {
-            if let Place::Inner(first) = at {
+            if let NodeKind::Inner(first) = at {
                 *first = inner_count;
                 inner_count += 2;
             }
         }
-        let freedoms: Vec<Option<usize>> =
-            place.iter().map(|at| if let Place::Inner(first) = at { Some(*first) } else { None }).collect();
+        let freedoms: Vec<Option<usize>> = place
+            .iter()
+            .map(|at| if let NodeKind::Inner(first) = at { Some(*first) } else { None })
+            .collect();
         let spread = |element: &[usize; 8]| {
             let inner = element.iter().filter_map(|node| freedoms[*node]);
             let (least, most) =
@@ -114,20 +117,22 @@ impl RingSector {
         let (sin, cos) = pitch_angle_rad.sin_cos();
         for element in &mesh.elements {
             let stiffness = elasticity.stiffness(&element.map(|node| mesh.nodes[node]))?;
-            // An element's freedom as parts of the model's: the positive side is in the next sector's
-            // coordinates.
+            // An element's degree of freedom in terms of the model's: the positive side is in the next
+            // sector's coordinates.
             let parts = |local: usize| -> [(Freedom, f64); 2] {
                 let component = local % 2;
                 match place[element[local / 2]] {
-                    Place::Inner(first) => [(Freedom::Inner(first + component), 1.0), (Freedom::Held, 0.0)],
-                    Place::Side(first, false) => {
-                        [(Freedom::Side(first + component), 1.0), (Freedom::Held, 0.0)]
+                    NodeKind::Inner(first) => {
+                        [(Freedom::Inner(first + component), 1.0), (Freedom::Fixed, 0.0)]
                     }
-                    Place::Side(first, true) => {
+                    NodeKind::Side(first, false) => {
+                        [(Freedom::Side(first + component), 1.0), (Freedom::Fixed, 0.0)]
+                    }
+                    NodeKind::Side(first, true) => {
                         let turned = if component == 0 { [cos, -sin] } else { [sin, cos] };
                         [(Freedom::Side(first), turned[0]), (Freedom::Side(first + 1), turned[1])]
                     }
-                    Place::Held => [(Freedom::Held, 0.0); 2],
+                    NodeKind::Fixed => [(Freedom::Fixed, 0.0); 2],
                 }
             };
             for (i, row) in stiffness.iter().enumerate() {
@@ -181,8 +186,8 @@ impl RingSector {
         })
     }
 
-    /// Displacements of the sides of the loaded sector and of `reach` sectors on both sides of it, in a gear
-    /// of `teeth` sectors (at least 2·`reach` + 2).
+    /// Returns the displacements of the sides of the loaded sector and of `reach` sectors on both sides of
+    /// it, in a gear of `teeth` sectors (at least 2·`reach` + 2).
     pub(super) fn side_displacements(&self, teeth: usize, reach: usize) -> Option<SideDisplacements> {
         let near = 2 * reach + 1;
         let half = self.sides / 2;
@@ -213,8 +218,8 @@ impl RingSector {
         Some(SideDisplacements { values, reach })
     }
 
-    /// Displacement of a node of the sector `index` − reach sectors from the loaded one, for unit forces in X
-    /// and Y at a station: `[load][component]` in that sector's coordinates.
+    /// Returns the displacement of a node of the sector `index` − reach sectors from the loaded one, for unit
+    /// forces in X and Y at a station: `[load][component]` in that sector's coordinates.
     pub(super) fn displacement(
         &self,
         near: &SideDisplacements,
@@ -242,18 +247,18 @@ impl RingSector {
     }
 }
 
-/// Where a node's two freedoms are.
+/// Location of a node's two degrees of freedom.
 #[derive(Debug, Clone, Copy)]
-enum Place {
+enum NodeKind {
     Inner(usize),
-    /// Freedom among the sides', and whether it is in the next sector's coordinates.
+    /// Degree of freedom among the sides', and whether it is in the next sector's coordinates.
     Side(usize, bool),
-    Held,
+    Fixed,
 }
 
 #[derive(Debug, Clone, Copy)]
 enum Freedom {
     Inner(usize),
     Side(usize),
-    Held,
+    Fixed,
 }

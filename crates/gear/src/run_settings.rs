@@ -1,21 +1,21 @@
-//! What differs from run to run of one pair.
+//! Settings of one run of a pair.
 
 use super::error::{positive, within};
 use super::{GearError, GearPair};
 
-/// Most samples of one run.
+/// Largest number of samples of one run.
 const MAX_SAMPLES: f64 = 1e8;
 
-/// One run: what differs from record to record.
+/// Settings of one run, which differ from record to record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RunSettings {
-    /// Samples a second of the record.
+    /// Sampling rate in hertz.
     pub sample_rate_hz: f64,
-    /// Its length in seconds.
+    /// Duration in seconds.
     pub seconds: f64,
     /// Rotational frequency f₁ of the driving gear in hertz.
     pub shaft_speed_hz: f64,
-    /// Torque T₁ on the driving gear in N·m; the driven one follows in the pair's proportion.
+    /// Torque T₁ on the driving gear in N·m; the driven torque follows in the pair's ratio.
     pub torque_nm: f64,
     /// Seed of the random error.
     pub seed: u64,
@@ -25,7 +25,7 @@ pub struct RunSettings {
 }
 
 impl RunSettings {
-    /// A run at the pair's own torque, speed and seed from angle 0.
+    /// Returns a run at the pair's own torque, speed and seed from angle 0.
     pub fn nominal(pair: &GearPair, sample_rate_hz: f64, seconds: f64) -> Self {
         Self {
             sample_rate_hz,
@@ -55,7 +55,7 @@ mod tests {
     use crate::{FlankWear, MeshCycle, simulate};
 
     #[test]
-    fn settings_that_cannot_be_used_are_refused() {
+    fn invalid_settings_are_rejected() {
         let pair = shen2022();
         let cycle = MeshCycle::compute(&pair, &FlankWear::none(), 1000).unwrap();
         let run = RunSettings::nominal(&pair, 20_000.0, 0.1);

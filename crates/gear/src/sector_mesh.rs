@@ -3,20 +3,21 @@
 
 use super::tooth_outline::{Point, ToothOutline};
 
-/// Elements along the involute; the first at the tip is fine, because tip edges are loaded there.
+/// Number of elements along the involute; the first at the tip is fine, as tip edges are loaded there.
 const FLANK_ELEMENTS: usize = 10;
 /// Length in modules of the element at the tip.
 const TIP_ELEMENT_MODULES: f64 = 0.02;
-/// Greatest element on the involute over the mean one.
+/// Largest element on the involute relative to the mean one.
 const MAX_OVER_MEAN: f64 = 1.25;
-/// Elements along the part of the fillet above the tooth's base line, and below it.
+/// Number of elements along the part of the fillet above the tooth's base line, and below it.
 const UPPER_FILLET_ELEMENTS: usize = 2;
 const LOWER_FILLET_ELEMENTS: usize = 2;
-/// Where the base line starts: part of the fillet's turn from the involute.
+/// Start of the base line: fraction of the fillet's turn from the involute.
 const BASE_LINE_PART: f64 = 3.0 / 7.0;
-/// Widths of the elements across the tooth, finer below the flanks where displacements are read.
+/// Relative widths of the elements across the tooth, finer below the flanks where displacements are
+/// evaluated.
 const ACROSS_TOOTH: [f64; 6] = [0.35, 0.8, 1.2, 1.2, 0.8, 0.35];
-/// Elements from the root to the bore, each longer than the one outside of it.
+/// Number of elements from the root to the bore, and the ratio of their lengths inwards.
 const RING_ELEMENTS: usize = 5;
 const RING_GROWTH: f64 = 1.6;
 
@@ -40,7 +41,7 @@ pub(super) struct FlankStation {
 /// The mesh: nodes are numbered from the tip to the bore, which keeps the stiffness matrix's band narrow.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SectorMesh {
-    /// Places in mm in the tooth's coordinates X, Y.
+    /// Coordinates in mm in the tooth's system X, Y.
     pub(super) nodes: Vec<Point>,
     /// Eight-node elements, corners then sides' middles, counter-clockwise.
     pub(super) elements: Vec<[usize; 8]>,
@@ -85,7 +86,7 @@ impl Grid {
 }
 
 impl SectorMesh {
-    /// Mesh of the tooth, worn on the side of positive Y, and its part of the ring down to the bore;
+    /// Meshes the tooth, worn on the side of positive Y, and its part of the ring down to the bore;
     /// `depth_mm` is the wear along Y over the radius in mm of the involute's points.
     pub(super) fn new(
         outline: &ToothOutline,
@@ -132,12 +133,12 @@ impl SectorMesh {
     }
 }
 
-/// Columns that have a node in a row.
+/// Returns the columns that have a node in a row.
 fn columns(row: usize, last: usize) -> impl Iterator<Item = usize> {
     (0..=last).step_by(if row.is_multiple_of(2) { 1 } else { 2 })
 }
 
-/// Places of corners and sides' middles in [0, 1] for elements of these relative widths.
+/// Returns the positions of corners and midpoints in [0, 1] for elements of these relative widths.
 fn fractions(widths: &[f64]) -> Vec<f64> {
     let total: f64 = widths.iter().sum();
     let mut places = vec![0.0];
@@ -181,11 +182,11 @@ impl FlankEdge {
         }
     }
 
-    /// Place of a node of a row, at a part of the way from the far flank to this one.
+    /// Returns the position of a node of a row, at a fraction of the distance from the far flank to this one.
     fn inside(&self, outline: &ToothOutline, row: usize, across: f64) -> Point {
         let [x, y] = self.points[row];
         let upper = 2 * UPPER_FILLET_ELEMENTS;
-        // The rows bend with the tip circle, the less the further they are from it.
+        // The rows bend with the tip circle, less with increasing distance from it.
         let ([low, _], [high, half]) = (self.points[upper], self.points[TOOTH_ROWS]);
         let bend = ((x - low) / (high - low)).clamp(0.0, 1.0);
         let lateral = 2.0 * across - 1.0;
@@ -196,7 +197,8 @@ impl FlankEdge {
     }
 }
 
-/// Lengths of the involute's elements from the tip on: growing from a fine one up to a greatest.
+/// Returns the lengths of the involute's elements from the tip on: increasing from a fine one up to the
+/// largest.
 fn element_lengths(height_mm: f64, module_mm: f64) -> Vec<f64> {
     let mean = height_mm / FLANK_ELEMENTS as f64;
     let (first, greatest) = ((TIP_ELEMENT_MODULES * module_mm).min(0.5 * mean), MAX_OVER_MEAN * mean);
@@ -215,8 +217,8 @@ fn element_lengths(height_mm: f64, module_mm: f64) -> Vec<f64> {
     lengths(high)
 }
 
-/// The ring's upper boundary from one side of the sector to the other: root circle, lower fillet, base line,
-/// lower fillet, root circle.
+/// Returns the ring's upper boundary from one side of the sector to the other: root circle, lower fillet,
+/// base line, lower fillet, root circle.
 fn ring_top(outline: &ToothOutline, edge: &FlankEdge, across: &[f64]) -> Vec<Point> {
     const PIECES: usize = 64;
     let (sin, cos) = (0.5 * outline.pitch_angle_rad).sin_cos();

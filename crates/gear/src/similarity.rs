@@ -1,9 +1,9 @@
-//! What a description leaves open of a pair's surroundings: what the paper's pair has, made as large as the
+//! Default supports, errors and wear of a pair: those of the paper's pair, scaled to the size of the
 //! described one.
 //!
-//! Teeth of one shape and material are as stiff as they are wide, whatever their module, and a disc's mass
-//! goes with its volume. Supports that keep their proportion to the teeth, and errors and wear that keep
-//! theirs to the module, make a pair that vibrates as the paper's does, only faster or slower.
+//! The stiffness of teeth of one shape and material is proportional to their width, whatever their module,
+//! and a disc's mass to its volume. With supports in proportion to the teeth, and errors and wear in
+//! proportion to the module, a pair vibrates like the paper's, only faster or slower.
 
 use super::PairSpec;
 
@@ -15,7 +15,7 @@ const SMALLER_RADIUS_MM: f64 = 72.0;
 const YOUNGS_MODULUS_PA: f64 = 2.05e11;
 const DENSITY_KG_PER_M3: f64 = 7850.0;
 
-/// Its supports (Section 3.1), errors (Eq. 26), and the last of its 50 wear states (Figs. 19 to 22).
+/// Its supports (Section 3.1), errors (Eq. (26)), and the last of its 50 wear states (Figs. 19 to 22).
 const SUPPORT_STIFFNESS_N_PER_M: f64 = 6.56e7;
 const SUPPORT_DAMPING_N_S_PER_M: f64 = 1.8e5;
 const LONG_PERIOD_UM: f64 = 30.0;
@@ -23,7 +23,7 @@ const SHORT_PERIOD_UM: f64 = 15.0;
 const RANDOM_UM: f64 = 0.2;
 const DEEPEST_UM: f64 = 245.0;
 
-/// The bearings of each gear.
+/// Supports (bearings) of each gear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Supports {
     /// Stiffness k₁ = k₂ in N/m.
@@ -43,15 +43,15 @@ pub struct Errors {
     pub short_period_phase: f64,
     /// Range of the random error in µm.
     pub random_um: f64,
-    /// Clock on which the random error takes new values, in hertz.
+    /// Clock rate of the random error in hertz.
     pub random_clock_hz: f64,
     /// Seed of the random error.
     pub seed: u64,
 }
 
 impl PairSpec {
-    /// The supports that are described; where not, ones as stiff against the teeth, and as damped, as the
-    /// paper's.
+    /// Returns the described supports; by default they have the paper's ratio of stiffness to the teeth, and
+    /// its damping.
     pub fn supports(&self) -> Supports {
         let usual = self.usual_supports();
         Supports {
@@ -60,8 +60,8 @@ impl PairSpec {
         }
     }
 
-    /// Supports as stiff against the teeth as the paper's, and as damped for the smaller gear, whatever is
-    /// described.
+    /// Returns the default supports: the paper's ratio of stiffness to the teeth, and its damping for the
+    /// smaller gear.
     pub fn usual_supports(&self) -> Supports {
         let (basic, material) = (&self.geometry, &self.material);
         let width = basic.face_width_mm / FACE_WIDTH_MM;
@@ -75,7 +75,7 @@ impl PairSpec {
         }
     }
 
-    /// The errors that are described; where not, the paper's in proportion to the module.
+    /// Returns the described errors; by default the paper's in proportion to the module.
     pub fn errors(&self) -> Errors {
         let usual = self.usual_errors();
         Errors {
@@ -86,7 +86,7 @@ impl PairSpec {
         }
     }
 
-    /// The paper's errors in proportion to the module, whatever is described.
+    /// Returns the default errors: the paper's in proportion to the module.
     pub fn usual_errors(&self) -> Errors {
         let size = self.size();
         Errors {
@@ -99,13 +99,12 @@ impl PairSpec {
         }
     }
 
-    /// Greatest wear in µm that is looked at where nothing else is asked for: 245 µm at module 6 mm, in
-    /// proportion to the module.
+    /// Returns the default greatest wear in µm: 245 µm at module 6 mm, in proportion to the module.
     pub fn usual_wear_um(&self) -> f64 {
         DEEPEST_UM * self.size()
     }
 
-    /// The module over the paper's, 6 mm.
+    /// Returns the ratio of the module to the paper's, 6 mm.
     pub fn size(&self) -> f64 {
         self.geometry.module_mm / MODULE_MM
     }
@@ -117,7 +116,7 @@ mod tests {
     use crate::{ErrorSpec, SupportSpec};
 
     #[test]
-    fn what_the_papers_pair_does_not_say_is_what_it_says() {
+    fn defaults_of_the_papers_pair_are_its_own_values() {
         let given = shen2022_spec();
         let mut silent = given.clone();
         (silent.supports, silent.errors) = (SupportSpec::default(), ErrorSpec::default());

@@ -1,21 +1,21 @@
-//! A step that stays stable however stiff teeth and supports are against the masses.
+//! An integration step that is stable for any stiffness of teeth and supports relative to the masses.
 //!
 //! The diagonally implicit Runge–Kutta method of order 3 with an explicit first stage of Kennedy and
 //! Carpenter (ARK3(2)4L\[2\]SA, Appl. Numer. Math. 44, 2003). It is L-stable: vibration too fast for the step
-//! dies out within it, and what is left is the balance that a sensor of the record's band sees. All that
-//! couples the coordinates is the one closed way ξ of the teeth, so that a stage has a closed form, parted
-//! teeth included: nothing is iterated.
+//! dies out within it, which leaves the equilibrium that a sensor with the record's band sees. The
+//! coordinates are coupled only by the closed distance ξ of the teeth, so a stage has a closed form,
+//! including separated teeth, and needs no iteration.
 
 use super::dynamics::{LaneMotion, Lanes, Motion, closed};
 use super::excitation::LaneExcitation;
 
-/// Stages, the first of them explicit.
+/// Number of stages, the first of them explicit.
 pub(super) const STAGES: usize = 4;
 /// The diagonal of all stages but the first.
 const DIAGONAL: f64 = 1_767_732_205_903.0 / 4_055_673_282_236.0;
-/// Places of the stages in the step.
-pub(super) const PLACES: [f64; STAGES] = [0.0, 2.0 * DIAGONAL, 0.6, 1.0];
-/// What each stage takes of those before it; the last one is the step's end.
+/// Times of the stages as fractions of the step.
+pub(super) const STAGE_TIMES: [f64; STAGES] = [0.0, 2.0 * DIAGONAL, 0.6, 1.0];
+/// Weights of the earlier stages in each stage; the last stage is the step's end.
 const WEIGHTS: [&[f64]; STAGES - 1] = [
     &[DIAGONAL],
     &[2_746_238_789_719.0 / 10_658_868_560_708.0, -640_167_445_237.0 / 6_845_629_431_997.0],
@@ -26,28 +26,30 @@ const WEIGHTS: [&[f64]; STAGES - 1] = [
     ],
 ];
 
-/// What all steps of one length have in common.
+/// Constants of all steps of one length.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StiffStep {
     length: f64,
     stage: Stage,
 }
 
-/// A stage that takes `part` seconds of its own slope.
+/// A stage that includes `part` seconds of its own slope.
 #[derive(Debug, Clone, Copy)]
 struct Stage {
     part: f64,
-    /// What the supports leave of the velocities ẏ₁, ẏ₂ within that part.
+    /// Factors of the supports on the velocities ẏ₁, ẏ₂ within that part.
     left: [f64; 2],
 }
 
 impl StiffStep {
-    /// For steps of `length` seconds of motions with these masses and supports.
+    /// Prepares steps of `length` seconds for motions with these masses and supports.
     pub(super) fn new(motion: &Motion, length: f64) -> Self {
         let part = DIAGONAL * length;
         let left = [1, 2].map(|i| {
             1.0 / (1.0
-                + part * motion.inverse_mass[i] * (motion.support_damping + part * motion.support_stiffness))
+                + part
+                    * motion.inverse_mass_per_kg[i]
+                    * (motion.support_damping_n_s_per_m + part * motion.support_stiffness_n_per_m))
         });
         Self { length, stage: Stage { part, left } }
     }
@@ -57,7 +59,7 @@ impl StiffStep {
     }
 
     /// The states of several systems after a step, each with its own damping and backlash, and with the
-    /// excitation at the stages' [places](PLACES).
+    /// excitation at the stages' [times](STAGE_TIMES).
     #[inline(always)]
     pub(super) fn advance<const LANES: usize>(
         &self,
@@ -93,7 +95,7 @@ impl StiffStep {
 impl Stage {
     const EXPLICIT: Self = Self { part: 0.0, left: [1.0, 1.0] };
 
-    /// The slopes at `known` + `part` × slope.
+    /// Returns the slopes at `known` + `part` × slope.
     #[inline(always)]
     fn slopes<const LANES: usize>(
         &self,
@@ -102,20 +104,20 @@ impl Stage {
         known: &Lanes<LANES>,
         [stiffness, error]: &LaneExcitation<LANES>,
     ) -> Lanes<LANES> {
-        let (part, [mesh, first, second]) = (self.part, motion.inverse_mass);
-        let (support, damper) = (motion.support_stiffness, motion.support_damping);
+        let (part, [mesh, first, second]) = (self.part, motion.inverse_mass_per_kg);
+        let (support, damper) = (motion.support_stiffness_n_per_m, motion.support_damping_n_s_per_m);
         let [left1, left2] = self.left;
         let soft = mesh + first * left1 + second * left2;
         let mut slopes = [[0.0; LANES]; 6];
         for lane in 0..LANES {
             let [x, y1, y2, v0, v1, v2] = known.each_ref().map(|row| row[lane]);
-            let damping = differing.mesh_damping[lane];
-            // ẏ₁ and ẏ₂, and the ends of x, y₁ and y₂, without the teeth's push.
+            let damping = differing.mesh_damping_n_s_per_m[lane];
+            // ẏ₁ and ẏ₂, and the final values of x, y₁ and y₂, without the teeth's force.
             let free1 = left1 * (v1 - part * first * support * y1);
             let free2 = left2 * (v2 - part * second * support * y2);
             let ahead = x + part * (v0 + part * motion.drive_m_per_s2);
             let apart = ahead - (y1 + part * free1) + (y2 + part * free2) - error[lane];
-            // ξ pushes by k ξ and damps by c ξ, which closes x_m by `part` × `push` × `soft` for each ξ.
+            // ξ contributes the forces k ξ and c ξ, which close x_m by `part` × `push` × `soft` per ξ.
             let push = damping + part * stiffness[lane];
             let closed = closed(apart, differing.backlash_m[lane]) / (1.0 + part * push * soft);
             let speed1 = free1 + first * left1 * push * closed;
@@ -135,16 +137,16 @@ impl Stage {
 
 #[cfg(test)]
 mod tests {
-    use super::{PLACES, STAGES, StiffStep};
+    use super::{STAGE_TIMES, STAGES, StiffStep};
     use crate::dynamics::{Excitation, LaneMotion, Motion, State};
 
     fn motion(stiffness_of_supports: f64, damping: f64) -> Motion {
         Motion {
-            inverse_mass: [0.5, 0.15, 0.13],
+            inverse_mass_per_kg: [0.5, 0.15, 0.13],
             drive_m_per_s2: 1e4,
-            mesh_damping: damping,
-            support_stiffness: stiffness_of_supports,
-            support_damping: 10.0 * damping,
+            mesh_damping_n_s_per_m: damping,
+            support_stiffness_n_per_m: stiffness_of_supports,
+            support_damping_n_s_per_m: 10.0 * damping,
             backlash_m: 0.0,
         }
     }
@@ -161,12 +163,14 @@ mod tests {
         let length = seconds / steps as f64;
         let step = StiffStep::new(motion, length);
         (0..steps).fold(start, |state, n| {
-            let stages: [_; STAGES] = PLACES.map(|place| {
+            let stages: [_; STAGES] = STAGE_TIMES.map(|place| {
                 let Excitation { stiffness, error } = excitation((n as f64 + place) * length);
                 [[stiffness], [error]]
             });
-            let differing =
-                LaneMotion { mesh_damping: [motion.mesh_damping], backlash_m: [motion.backlash_m] };
+            let differing = LaneMotion {
+                mesh_damping_n_s_per_m: [motion.mesh_damping_n_s_per_m],
+                backlash_m: [motion.backlash_m],
+            };
             step.advance(motion, &differing, &state.map(|part| [part]), stages.each_ref()).map(|[part]| part)
         })
     }
@@ -210,7 +214,7 @@ mod tests {
 
     /// Teeth that fly through their backlash and come back.
     #[test]
-    fn parted_teeth_are_those_of_the_explicit_step() {
+    fn separated_teeth_match_the_explicit_step() {
         let mut motion = motion(6.56e7, 1e3);
         motion.backlash_m = 10e-6;
         motion.drive_m_per_s2 = 50.0;

@@ -14,7 +14,7 @@ pub struct PairStiffness<'a> {
 }
 
 impl<'a> PairStiffness<'a> {
-    /// Works out the sections' integrals once, for any number of contact points.
+    /// Computes the sections' integrals once, for any number of contact points.
     pub fn new(pair: &'a GearPair, wear: &'a FlankWear) -> Self {
         let flanks = [Flank::new(&pair.gears[0], wear, 0), Flank::new(&pair.gears[1], wear, 1)];
         let material = &pair.spec.material;
@@ -28,18 +28,19 @@ impl<'a> PairStiffness<'a> {
         }
     }
 
-    /// Stiffness in N/m of the pair of teeth that touches at α₁ = `alpha1_rad` and α₁′ = `alpha1_prime_rad`.
+    /// Returns the stiffness in N/m of the pair of teeth in contact at α₁ = `alpha1_rad` and α₁′ =
+    /// `alpha1_prime_rad`.
     pub fn single_pair_n_per_m(&self, alpha1_rad: f64, alpha1_prime_rad: f64) -> f64 {
         let [driving, driven] = self.teeth_compliances(alpha1_rad, alpha1_prime_rad);
-        1e3 / (self.hertz_mm_per_n + driving.total() + driven.total())
+        1e3 / (self.hertz_mm_per_n + driving.total_mm_per_n() + driven.total_mm_per_n())
     }
 
-    /// Compliance 1/k_h of the contact in mm/N.
+    /// Returns the compliance 1/k_h of the contact in mm/N.
     pub fn hertz_mm_per_n(&self) -> f64 {
         self.hertz_mm_per_n
     }
 
-    /// Compliances of the driving and the driven tooth.
+    /// Returns the compliances of the driving and the driven tooth.
     pub fn teeth_compliances(&self, alpha1_rad: f64, alpha1_prime_rad: f64) -> [ToothCompliance; 2] {
         let loads: [FlankPoint; 2] = [self.flanks[0].at(alpha1_rad), self.flanks[1].at(alpha1_prime_rad)];
         [self.teeth[0].compliance(&loads[0]), self.teeth[1].compliance(&loads[1])]

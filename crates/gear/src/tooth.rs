@@ -2,7 +2,7 @@
 
 use super::{Flank, FlankPoint, MaterialSpec};
 
-/// Panels between the base or root circle and the tip, besides those that kinks of the wear add.
+/// Number of panels between the base or root circle and the tip, besides those that kinks of the wear add.
 const PANELS: usize = 24;
 
 /// Nodes and weights on [−1, 1] of the six-point Gauss–Legendre rule (Abramowitz and Stegun, table 25.4).
@@ -19,19 +19,19 @@ const GAUSS: [(f64, f64); 6] = [
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToothCompliance {
     /// 1/k_b of bending.
-    pub bending: f64,
+    pub bending_mm_per_n: f64,
     /// 1/k_s of shear.
-    pub shear: f64,
+    pub shear_mm_per_n: f64,
     /// 1/k_a of axial compression.
-    pub axial: f64,
+    pub axial_mm_per_n: f64,
     /// 1/k_f of the fillet foundation.
-    pub foundation: f64,
+    pub foundation_mm_per_n: f64,
 }
 
 impl ToothCompliance {
-    /// Their sum.
-    pub fn total(&self) -> f64 {
-        self.bending + self.shear + self.axial + self.foundation
+    /// Returns their sum.
+    pub fn total_mm_per_n(&self) -> f64 {
+        self.bending_mm_per_n + self.shear_mm_per_n + self.axial_mm_per_n + self.foundation_mm_per_n
     }
 }
 
@@ -65,8 +65,8 @@ impl SectionIntegrals {
 
 /// One tooth of a gear as a cantilever, Fig. 10: sections y_worn + y_perfect thick.
 ///
-/// Where R_b > R_r (situation 1) the sections between base and root circle are those at the base circle;
-/// where R_b ≤ R_r (situation 2) the involute goes down to the root circle.
+/// If R_b > R_r (situation 1), the sections between base and root circle are those at the base circle; if R_b
+/// ≤ R_r (situation 2), the involute extends down to the root circle.
 #[derive(Debug)]
 pub(super) struct Tooth<'a> {
     flank: Flank<'a>,
@@ -124,7 +124,7 @@ impl<'a> Tooth<'a> {
         tooth
     }
 
-    /// `integrals` carried on from α₁ = `from` to `to`.
+    /// Continues `integrals` from α₁ = `from` to `to`.
     fn integrate(&self, mut integrals: SectionIntegrals, from: f64, to: f64) -> SectionIntegrals {
         let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
         let gear = self.flank.gear;
@@ -138,7 +138,7 @@ impl<'a> Tooth<'a> {
         integrals
     }
 
-    /// Compliance under a unit force along the worn flank's normal at `load`.
+    /// Returns the compliance under a unit force along the worn flank's normal at `load`.
     pub(super) fn compliance(&self, load: &FlankPoint) -> ToothCompliance {
         let panel =
             self.panels.partition_point(|(end, _)| *end <= load.alpha_rad).clamp(1, self.panels.len()) - 1;
@@ -152,21 +152,21 @@ impl<'a> Tooth<'a> {
             - 2.0 * cos * sin * height * (arm * inertia[0] - inertia[1])
             + sin * sin * height * height * inertia[0];
         ToothCompliance {
-            bending: bending / (self.youngs_modulus_mpa * self.face_width_mm),
-            shear: 1.2 * cos * cos * area / (self.shear_modulus_mpa * self.face_width_mm),
-            axial: sin * sin * area / (self.youngs_modulus_mpa * self.face_width_mm),
-            foundation: self.foundation(load),
+            bending_mm_per_n: bending / (self.youngs_modulus_mpa * self.face_width_mm),
+            shear_mm_per_n: 1.2 * cos * cos * area / (self.shear_modulus_mpa * self.face_width_mm),
+            axial_mm_per_n: sin * sin * area / (self.youngs_modulus_mpa * self.face_width_mm),
+            foundation_mm_per_n: self.foundation_mm_per_n(load),
         }
     }
 
-    /// Fillet foundation after Sainsot, Velex and Duverger, J. Mech. Des. 126 (2004) 747: a half-annulus
-    /// clamped at the bore. The polynomials were fitted for root to bore radii from 1.4 to 7 and θ_f from
-    /// 0.01 to 0.12 rad and are carried on beyond.
-    fn foundation(&self, load: &FlankPoint) -> f64 {
+    /// Compliance of the fillet foundation after Sainsot, Velex and Duverger, J. Mech. Des. 126 (2004) 747: a
+    /// half-annulus clamped at the bore. The polynomials were fitted for root to bore radii from 1.4 to 7 and
+    /// θ_f from 0.01 to 0.12 rad and are extrapolated beyond.
+    fn foundation_mm_per_n(&self, load: &FlankPoint) -> f64 {
         let gear = self.flank.gear;
         let (sin, cos) = load.lambda_sin_cos;
         let tan = sin / cos;
-        // Where the force's line crosses the tooth's centre line, above the root circle.
+        // Intersection of the force's line with the tooth's centre line, above the root circle.
         let u_f = load.x_mm - (load.y_mm - load.depth_mm) * tan - gear.root_radius_mm;
         let s_f = 2.0 * gear.root_radius_mm * self.root_half_angle_rad;
         let h = gear.root_radius_mm / gear.bore_radius_mm;
@@ -265,9 +265,10 @@ mod tests {
                 for part in [0.02, 0.37, 0.71, 1.0] {
                     let alpha = gear.root_angle_rad + part * (gear.tip_angle_rad - gear.root_angle_rad);
                     let found = tooth.compliance(&flank.at(alpha));
-                    for (found, wanted) in [found.bending, found.shear, found.axial]
-                        .into_iter()
-                        .zip(defined(&pair, &flank, alpha))
+                    for (found, wanted) in
+                        [found.bending_mm_per_n, found.shear_mm_per_n, found.axial_mm_per_n]
+                            .into_iter()
+                            .zip(defined(&pair, &flank, alpha))
                     {
                         assert!((found / wanted - 1.0).abs() < 2e-6, "{found} for {wanted}");
                     }
@@ -283,7 +284,8 @@ mod tests {
             let teeth =
                 [12, 24, 96].map(|count| Tooth::with_panels(flank.clone(), &pair.spec.material, 50.0, count));
             for point in flank.active_points(37) {
-                let [coarse, used, fine] = teeth.each_ref().map(|tooth| tooth.compliance(&point).total());
+                let [coarse, used, fine] =
+                    teeth.each_ref().map(|tooth| tooth.compliance(&point).total_mm_per_n());
                 assert!((used / fine - 1.0).abs() < 1e-13, "{}", used / fine - 1.0);
                 assert!((coarse / fine - 1.0).abs() < 1e-11, "{}", coarse / fine - 1.0);
             }
@@ -297,7 +299,11 @@ mod tests {
         let tooth = |wear| Tooth::new(Flank::new(&pair.gears[0], wear, 0), &pair.spec.material, 50.0);
         let load = Flank::new(&pair.gears[0], &none, 0).at(0.4);
         let (worn, perfect) = (tooth(&wear).compliance(&load), tooth(&none).compliance(&load));
-        assert!(worn.bending > perfect.bending && worn.shear > perfect.shear && worn.axial > perfect.axial);
-        assert!(worn.bending < 1.02 * perfect.bending);
+        assert!(
+            worn.bending_mm_per_n > perfect.bending_mm_per_n
+                && worn.shear_mm_per_n > perfect.shear_mm_per_n
+                && worn.axial_mm_per_n > perfect.axial_mm_per_n
+        );
+        assert!(worn.bending_mm_per_n < 1.02 * perfect.bending_mm_per_n);
     }
 }

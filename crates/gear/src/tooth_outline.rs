@@ -7,7 +7,7 @@ use super::GearPair;
 
 /// Tip radius of the basic rack in modules (ISO 53, profile A).
 const RACK_TIP_RADIUS_MODULES: f64 = 0.38;
-/// Greatest bottom clearance of the basic rack in modules; the tip's rounding takes it up.
+/// Largest bottom clearance of the basic rack in modules, used by the tip rounding.
 const RACK_CLEARANCE_MODULES: f64 = 0.25;
 
 /// A point in the tooth's coordinates in mm.
@@ -38,8 +38,8 @@ pub(super) struct ToothOutline {
 impl ToothOutline {
     /// Outline of gear `i` (0 or 1) of the pair.
     ///
-    /// The rack's tip radius is 0.38 modules, or less where the clearance or the width of the rack's tooth
-    /// leaves no room for it.
+    /// The rack's tip radius is 0.38 modules, or less if the clearance or the width of the rack's tooth does
+    /// not allow it.
     pub(super) fn new(pair: &GearPair, i: usize) -> Self {
         let basic = &pair.spec.geometry;
         let gear = &pair.gears[i];
@@ -48,7 +48,7 @@ impl ToothOutline {
         let depth = basic.dedendum[i] * module;
         let half_tip = FRAC_PI_4 * module - depth * alpha.tan();
         let clearance = (basic.dedendum[i] - basic.addendum[1 - i]).clamp(0.0, RACK_CLEARANCE_MODULES);
-        // The standard's 0.38 is rounded up from what its clearance gives, hence the hundredth.
+        // The standard's 0.38 is rounded up from the value for its clearance, hence the factor 1.01.
         let rounding_mm = (RACK_TIP_RADIUS_MODULES * module)
             .min(clearance * module / (1.0 - alpha.sin()) * (1.0 + 1e-2))
             .min(half_tip * alpha.cos() / (1.0 - alpha.sin()));
@@ -70,24 +70,24 @@ impl ToothOutline {
         outline
     }
 
-    /// Point of the involute at a radius in mm, not below the base circle.
+    /// Returns the point of the involute at a radius in mm, not below the base circle.
     pub(super) fn flank(&self, radius_mm: f64) -> Point {
         let (sin, cos) = self.half_angle(radius_mm).sin_cos();
         [radius_mm * cos, radius_mm * sin]
     }
 
-    /// λ in rad of the involute's normal at a radius: (sin λ, cos λ) points out of the tooth.
+    /// Returns λ in rad of the involute's normal at a radius: (sin λ, cos λ) points out of the tooth.
     pub(super) fn inclination(&self, radius_mm: f64) -> f64 {
         self.profile_angle(radius_mm) - self.half_angle(radius_mm)
     }
 
-    /// Pressure angle in rad of the involute at a radius.
+    /// Returns the pressure angle in rad of the involute at a radius.
     pub(super) fn profile_angle(&self, radius_mm: f64) -> f64 {
         (self.base_radius_mm / radius_mm).min(1.0).acos()
     }
 
-    /// Point of the fillet that the rack's rounding cuts with its normal at `normal_rad` to the rolling line:
-    /// from the pressure angle, where the involute ends, to π/2, where the root circle begins.
+    /// Returns the point of the fillet that the rack's rounding cuts with its normal at `normal_rad` to the
+    /// rolling line: from the pressure angle, where the involute ends, to π/2, where the root circle begins.
     pub(super) fn fillet(&self, normal_rad: f64) -> Point {
         let (sin, cos) = normal_rad.sin_cos();
         // The contact's normal passes through the pitch point.
@@ -100,7 +100,8 @@ impl ToothOutline {
         [radius * angle.cos(), radius * angle.sin()]
     }
 
-    /// Normal of the rounding in rad at a part of the fillet, 0 at the involute and 1 at the root circle.
+    /// Returns the normal of the rounding in rad at a fraction of the fillet, 0 at the involute and 1 at the
+    /// root circle.
     pub(super) fn fillet_normal(&self, part: f64) -> f64 {
         self.pressure_angle_rad + (FRAC_PI_2 - self.pressure_angle_rad) * part
     }
@@ -112,9 +113,9 @@ impl ToothOutline {
 }
 
 impl GearPair {
-    /// Half of an unworn tooth of gear `i` (0 drives) in its own coordinates in mm, centre line and half of
-    /// the thickness: from the root circle in the middle of the space up the fillet and the flank, `points`
-    /// of each, to the tip.
+    /// Returns half of an unworn tooth of gear `i` (0 drives) in its own coordinates in mm, centre line and
+    /// half of the thickness: from the root circle in the middle of the space up the fillet and the flank,
+    /// `points` of each, to the tip.
     pub fn tooth_profile_mm(&self, i: usize, points: usize) -> Vec<[f64; 2]> {
         let outline = ToothOutline::new(self, i);
         let middle = 0.5 * outline.pitch_angle_rad;

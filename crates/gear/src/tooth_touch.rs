@@ -1,25 +1,25 @@
-//! Where the two teeth of one pair touch first, with whatever wear and at whatever rotation: flank on flank
-//! inside the nominal range of contact, a tip's edge on the other flank outside of it.
+//! First contact of the two teeth of one pair, for any wear and rotation: flank on flank inside the nominal
+//! range of contact, a tip edge on the other flank outside of it.
 //!
-//! A point of the driving flank at rotation φ₁ lies on a circle about the driven gear's centre. Turning back,
-//! the driven tooth's point on that circle reaches it at φ₂ = ψ₂ + γ₂ (Eq. 15); the teeth touch at the
-//! greatest φ₂ of all such points. Where the greatest is inside, its vanishing slope is the common tangent,
-//! Eq. (11); at an end of either flank it is corner contact.
+//! A point of the driving flank at rotation φ₁ lies on a circle about the driven gear's centre. When turned
+//! back, the driven tooth's point on that circle reaches it at φ₂ = ψ₂ + γ₂ (Eq. (15)). The teeth touch at
+//! the largest φ₂ of all such points. If the maximum is inside the range, its zero slope is the common
+//! tangent, Eq. (11); at an end of either flank it is corner contact.
 
 use super::line_contact::LineContact;
 use super::tooth_outline::{Point, ToothOutline};
 use super::{Flank, FlankPoint, FlankWear, GearPair, root};
 
-/// Points of the driven flank's table, and of the driving flank looked at for the greatest φ₂.
+/// Number of points of the driven flank's table, and of the driving flank searched for the largest φ₂.
 const DRIVEN_POINTS: usize = 320;
 const DRIVING_POINTS: usize = 80;
-/// Points of the driving flank from one that is always looked at to the next.
+/// Step in points of the first scan of the driving flank.
 const SCAN_STEP: usize = 4;
 /// Accuracy of α₁ in rad.
 const TOLERANCE_RAD: f64 = 1e-11;
-/// Half of the length of flank in modules over which the curvature is taken.
+/// Half-length of the flank in modules over which the curvature is evaluated.
 const CURVATURE_REACH_MODULES: f64 = 0.05;
-/// Least relative curvature in 1/modules: flatter flanks, as wear may leave them, count as this.
+/// Smallest relative curvature in 1/modules; flatter worn flanks use this value.
 const MIN_CURVATURE: f64 = 0.06;
 
 /// The first touch of one pair of teeth.
@@ -27,7 +27,7 @@ const MIN_CURVATURE: f64 = 0.06;
 pub(super) struct ToothTouch {
     /// φ₂ in rad at which the driven tooth touches.
     pub(super) phi2_rad: f64,
-    /// Radii in mm of the unworn points that lie under the touching ones, on both flanks.
+    /// Radii in mm of the unworn points below the contact, on both flanks.
     pub(super) radii_mm: [f64; 2],
     /// The contact's normal out of each tooth in its own coordinates.
     pub(super) normals: [Point; 2],
@@ -81,13 +81,14 @@ impl DrivenFlank {
         Self { lengths_mm: (length(&table[0]), length(&table[table.len() - 1])), table, base_mm }
     }
 
-    /// Radii between which the flank exists.
+    /// Returns the radii between which the flank exists.
     fn range(&self) -> (f64, f64) {
         (self.table[0][0], self.table[self.table.len() - 1][0])
     }
 
     fn at(&self, radius_mm: f64) -> DrivenPoint {
-        // The table is even in α₁, which is √(r² − R_b²) without wear: a first guess, then a step or two.
+        // The table has equal steps of α₁, which is √(r² − R_b²) without wear: a first guess, followed by a
+        // step or two.
         let last = self.table.len() - 1;
         let length = (radius_mm * radius_mm - self.base_mm * self.base_mm).max(0.0).sqrt();
         let part = (length - self.lengths_mm.0) / (self.lengths_mm.1 - self.lengths_mm.0);
@@ -110,20 +111,20 @@ impl DrivenFlank {
     }
 }
 
-/// Points evenly over α₁ from the end of the fillet to the tip.
+/// Returns points at equal steps of α₁ from the end of the fillet to the tip.
 fn involute_points(flank: &Flank<'_>, outline: &ToothOutline, count: usize) -> Vec<FlankPoint> {
     let (form, tip) = (flank.alpha_at_radius_rad(outline.form_radius_mm), flank.gear.tip_angle_rad);
     (0..=count).map(|i| flank.at(form + (tip - form) * i as f64 / count as f64)).collect()
 }
 
-/// Where from 0 to `end` a function is greatest that has few peaks, none much narrower than [`SCAN_STEP`]:
-/// looked at in these steps, then all around each peak that shows.
+/// Returns the position from 0 to `end` of the maximum of a function with few peaks, none much narrower than
+/// [`SCAN_STEP`]: scanned in these steps, then completely around each peak found.
 fn highest(end: usize, value: impl Fn(usize) -> f64) -> usize {
-    let looked_at: Vec<(usize, f64)> =
+    let scanned: Vec<(usize, f64)> =
         (0..end).step_by(SCAN_STEP).chain([end]).map(|i| (i, value(i))).collect();
     let mut best = (0, f64::NEG_INFINITY);
-    for (j, (i, here)) in looked_at.iter().enumerate() {
-        let (before, after) = (j.checked_sub(1).map(|j| looked_at[j]), looked_at.get(j + 1));
+    for (j, (i, here)) in scanned.iter().enumerate() {
+        let (before, after) = (j.checked_sub(1).map(|j| scanned[j]), scanned.get(j + 1));
         if before.is_some_and(|(_, value)| value > *here) || after.is_some_and(|(_, value)| value > here) {
             continue;
         }
@@ -160,8 +161,8 @@ impl<'a> ToothPair<'a> {
         }
     }
 
-    /// Squared distance of a driving point from the driven centre, and its parts along and across the line of
-    /// centres; `turned` has sine and cosine of φ₁.
+    /// Returns the squared distance of a driving point from the driven centre, and its components along and
+    /// across the line of centres; `turned` has sine and cosine of φ₁.
     fn driven_polar(&self, point: &FlankPoint, (sin, cos): (f64, f64)) -> (f64, f64, f64) {
         let (x, y) = (point.x_mm, point.y_mm - point.depth_mm);
         let (beside, above) = (self.centre_mm - (x * cos - y * sin), x * sin + y * cos);
@@ -175,15 +176,15 @@ impl<'a> ToothPair<'a> {
         Reach { phi2_rad: above.atan2(beside) + driven.gamma_rad, radius_mm, driven }
     }
 
-    /// Angle between the tangents of the driving point and of the driven one that reaches it: φ₂ rises along
-    /// the driving flank where it is below zero.
+    /// Returns the angle between the tangents of the driving point and of the driven one that reaches it: φ₂
+    /// increases along the driving flank if it is negative.
     fn turn(&self, point: &FlankPoint, reach: &Reach, phi1_rad: f64) -> f64 {
         (point.lambda_rad - phi1_rad) - (reach.driven.lambda_rad + reach.phi2_rad)
     }
 
-    /// φ₂ at which the driven tooth reaches a point of the driving flank at φ₁, whose sine and cosine are
-    /// `turned`, the radius in mm of the unworn driven point that does, and the driving point's place in mm
-    /// before the driven centre and above the line of centres; none beyond the driven flank's ends.
+    /// Returns φ₂ at which the driven tooth reaches a point of the driving flank at φ₁, whose sine and cosine
+    /// are `turned`, the radius in mm of the unworn driven point that does, and the driving point's position
+    /// in mm before the driven centre and above the line of centres; `None` beyond the driven flank's ends.
     pub(super) fn meeting(&self, point: &FlankPoint, turned: (f64, f64)) -> Option<(f64, f64, [f64; 2])> {
         let (squared, beside, above) = self.driven_polar(point, turned);
         let radius = squared.sqrt();
@@ -195,12 +196,13 @@ impl<'a> ToothPair<'a> {
         Some((above.atan2(beside) + driven.gamma_rad, driven.radius_mm, [beside, above]))
     }
 
-    /// The first touch at φ₁ = `phi1_rad` of the driving tooth; none where the teeth cannot reach each other.
+    /// Returns the first contact at φ₁ = `phi1_rad` of the driving tooth; `None` if the teeth cannot reach
+    /// each other.
     pub(super) fn touch(&self, phi1_rad: f64) -> Option<ToothTouch> {
         let turned = phi1_rad.sin_cos();
         let (least, most) = self.driven.range();
         let polar = |point: &FlankPoint| self.driven_polar(point, turned);
-        // The distance from the driven centre falls along the driving flank.
+        // The distance from the driven centre decreases along the driving flank.
         let first = self.points.iter().position(|point| polar(point).0 <= most * most)?;
         let last = self.points.iter().rposition(|point| polar(point).0 >= least * least)?;
         if last < first {
@@ -247,8 +249,8 @@ impl<'a> ToothPair<'a> {
         Some(self.describe(phi1_rad, touching, (low, high), first > 0))
     }
 
-    /// The touch at α₁ = `place`, with the part of the driving flank that the driven one reaches and whether
-    /// it starts at the driven tip.
+    /// Describes the contact at α₁ = `place`, given the part of the driving flank that the driven one
+    /// reaches, and whether it starts at the driven tip.
     fn describe(&self, phi1_rad: f64, place: f64, (low, high): (f64, f64), tip_reaches: bool) -> ToothTouch {
         let turned = phi1_rad.sin_cos();
         let at = |alpha: f64| {
@@ -276,7 +278,7 @@ impl<'a> ToothPair<'a> {
             [point.x_mm, point.y_mm - point.depth_mm]
         };
         let distance = |a: Point, b: Point| (a[0] - b[0]).hypot(a[1] - b[1]);
-        // Second difference of the angular gap around the touch, over the flank's length.
+        // Second difference of the angular gap around the contact, over the flank's length.
         let gear = self.driving.gear;
         let along = gear.base_radius_mm * (place + gear.base_half_angle_rad);
         let step = (CURVATURE_REACH_MODULES * self.module_mm / along.max(0.1 * self.module_mm))

@@ -1,4 +1,4 @@
-//! The error terms of Eqs. (25) and (26) besides wear.
+//! The error terms of Eqs. (25) and (26) other than wear.
 
 use std::f64::consts::TAU;
 
@@ -7,13 +7,13 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use super::Errors;
 
-/// First clock index of a run's start, so that the start-up before it has indices too.
+/// Clock index of a run's start, so that the start-up before it has valid indices.
 const INDEX_OF_START: i64 = 1 << 40;
 
 /// e_error(t): a random number from 0 to its range on every tick of a fixed clock, linear between the ticks.
 ///
-/// The number is a function of the seed and the tick alone, so a run does not depend on the integrator's
-/// step; being linear in between, it has a derivative.
+/// The number is a function of the seed and the tick only, so a run does not depend on the integrator's step.
+/// The linear interpolation has a derivative.
 #[derive(Debug)]
 pub(super) struct RandomError {
     generator: ChaCha8Rng,
@@ -37,7 +37,7 @@ impl RandomError {
         error
     }
 
-    /// e_error in metres at `seconds` from the run's start; quick where calls go on in time.
+    /// Returns e_error in metres at `seconds` from the run's start; fast if calls are consecutive in time.
     pub(super) fn at(&mut self, seconds: f64) -> f64 {
         let place = seconds * self.clock_hz;
         let tick = place.floor();
@@ -67,12 +67,13 @@ impl RandomError {
     }
 }
 
-/// e_A1 in metres at a shaft angle in turns: A₁ sin(2π f₁ t).
+/// Returns e_A1 in metres at a shaft angle in turns: A₁ sin(2π f₁ t).
 pub(super) fn long_period_m(spec: &Errors, shaft_turns: f64) -> f64 {
     spec.long_period_um * 1e-6 * (TAU * shaft_turns).sin()
 }
 
-/// e_A2 in metres at a place in mesh periods: A₂ sin(2π (f_m t + ψ)) with the phase ψ in mesh periods.
+/// Returns e_A2 in metres at a phase in mesh periods: A₂ sin(2π (f_m t + ψ)) with the phase ψ in mesh
+/// periods.
 pub(super) fn short_period_m(spec: &Errors, mesh_periods: f64) -> f64 {
     spec.short_period_um * 1e-6 * (TAU * (mesh_periods + spec.short_period_phase)).sin()
 }

@@ -5,7 +5,7 @@ use super::error::within;
 use super::wear_table::{self, DepthCurve};
 use super::{ArchardWear, Flank, Gear, GearError, GearPair, WearShape, WearSpec};
 
-/// Flank points at which the wear is held against the tooth's thickness.
+/// Number of flank points at which the wear is compared with the tooth's thickness.
 const CHECKED_POINTS: usize = 200;
 
 /// Wear depth of one flank over the radius s in mm of its unworn points.
@@ -40,7 +40,7 @@ impl Parabola {
         } else {
             (self.tip_ratio - self.floor, self.tip_mm - self.pitch_mm, 1.0)
         };
-        // A pitch point outside the active profile leaves that side of it without a length.
+        // If the pitch point lies outside the active profile, that side has no length.
         if length <= 0.0 {
             return (self.h_max_mm * self.floor, 0.0);
         }
@@ -57,7 +57,7 @@ impl Parabola {
 }
 
 impl WearProfile {
-    /// Depth h in mm and dh/ds at the unworn radius `radius_mm`.
+    /// Returns the depth h in mm and dh/ds at the unworn radius `radius_mm`.
     pub(super) fn depth_and_slope(&self, radius_mm: f64) -> (f64, f64) {
         match self {
             Self::None => (0.0, 0.0),
@@ -67,7 +67,8 @@ impl WearProfile {
         }
     }
 
-    /// Radii in mm where a derivative of the depth jumps: quadratures stop there.
+    /// Returns the radii in mm at which a derivative of the depth is discontinuous: quadrature intervals end
+    /// there.
     pub(super) fn kinks_mm(&self) -> Vec<f64> {
         match self {
             Self::None | Self::Floor(_) => Vec::new(),
@@ -78,7 +79,7 @@ impl WearProfile {
 }
 
 /// Wear of the driving and the driven gear's working flanks: depth along Y over the radius of the unworn
-/// flank point, held at the end of the active profile below it.
+/// flank point. Below the active profile it equals that at its end.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlankWear {
     pub(super) profiles: [WearProfile; 2],
@@ -86,7 +87,7 @@ pub struct FlankWear {
 }
 
 impl FlankWear {
-    /// Perfect flanks.
+    /// Returns perfect flanks.
     pub fn none() -> Self {
         Self::new([WearProfile::None, WearProfile::None])
     }
@@ -95,19 +96,19 @@ impl FlankWear {
         Self { profiles, driving_turns: None }
     }
 
-    /// Turns of the driving gear that the wear took, where its shape is that of Archard's law: load cycles of
-    /// each of its teeth.
+    /// Returns the turns of the driving gear that caused the wear, if its shape follows Archard's law: load
+    /// cycles of each of its teeth.
     pub fn driving_turns(&self) -> Option<f64> {
         self.driving_turns
     }
 
-    /// The shape of the pair's [`WearSpec`] with the greatest depth `h_max_mm`.
+    /// Creates wear in the shape of the pair's [`WearSpec`] with the largest depth `h_max_mm`.
     ///
-    /// The pitch point of the parabolic shape is the operating one, where the teeth do not slide.
+    /// The pitch point of the parabolic shape is the operating one, where there is no sliding.
     ///
     /// # Errors
-    /// [`GearError::Field`] for a shape or depth that cannot be used, among them a depth that leaves less
-    /// than half of the tooth.
+    /// [`GearError::Field`] for an invalid shape or depth, including a depth that leaves less than half of
+    /// the tooth.
     pub fn from_shape(pair: &GearPair, h_max_mm: f64) -> Result<Self, GearError> {
         within("wear depth in mm", h_max_mm, 0.0, f64::MAX)?;
         let spec = &pair.spec.wear;
@@ -127,8 +128,8 @@ impl FlankWear {
         Ok(wear)
     }
 
-    /// The shape of the pair's [`WearSpec`] at each of several greatest depths in mm, which rise. Quicker
-    /// than one by one for the shape `archard`, whose states follow from each other.
+    /// Creates wear in the shape of the pair's [`WearSpec`] at each of several ascending largest depths in
+    /// mm. Faster than one by one for the shape `archard`, whose states follow from each other.
     ///
     /// # Errors
     /// As [`FlankWear::from_shape`].
@@ -136,12 +137,12 @@ impl FlankWear {
         Self::from_shape_in_steps(pair, depths_mm, archard::STEP_MODULES)
     }
 
-    /// The same in coarser steps of wear for the shape `archard`, twice as quick: for many courses that are
-    /// compared with each other.
+    /// Like [`from_shape_at`](Self::from_shape_at) in coarser steps of wear for the shape `archard`, twice as
+    /// fast: for comparisons of many wear histories.
     ///
     /// # Errors
     /// As [`FlankWear::from_shape`].
-    pub fn from_shape_coarsely_at(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
+    pub fn from_shape_coarse_at(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
         Self::from_shape_in_steps(pair, depths_mm, archard::COARSE_STEP_MODULES)
     }
 
@@ -159,12 +160,12 @@ impl FlankWear {
         }
     }
 
-    /// Depths as a CSV text has them: header `gear,radius_mm,depth_um`, gear 1 or 2, radius of the unworn
-    /// flank point, depth along Y, in any order. A gear that is not in it has no wear. Between the points the
-    /// depth is a monotone cubic with a continuous slope, beyond them it is constant.
+    /// Reads depths from CSV: header `gear,radius_mm,depth_um`, gear 1 or 2, radius of the unworn flank
+    /// point, depth along Y, in any order. A gear without lines has no wear. Between the points the depth is
+    /// a monotone cubic with a continuous slope; beyond them it is constant.
     ///
     /// # Errors
-    /// [`GearError::WearTable`] names line, field and value; [`GearError::WearTableCsv`] for what is not CSV;
+    /// [`GearError::WearTable`] with line, field and value; [`GearError::WearTableCsv`] for invalid CSV;
     /// [`GearError::Field`] for a depth that leaves less than half of the tooth.
     pub fn from_table_csv(pair: &GearPair, csv: &str) -> Result<Self, GearError> {
         let curves = wear_table::from_csv(csv, pair)?;
@@ -174,12 +175,12 @@ impl FlankWear {
         Ok(wear)
     }
 
-    /// Depth in mm along Y of gear `index` (0 drives) at the unworn radius `radius_mm` in mm.
+    /// Returns the depth in mm along Y of gear `index` (0 drives) at the unworn radius `radius_mm` in mm.
     pub fn depth_mm(&self, index: usize, radius_mm: f64) -> f64 {
         self.profiles[index].depth_and_slope(radius_mm).0
     }
 
-    /// Greatest depth in mm on the active profiles of gear 1 and gear 2.
+    /// Returns the largest depth in mm on the active profiles of gear 1 and gear 2.
     pub fn greatest_depth_mm(&self, pair: &GearPair) -> [f64; 2] {
         [0, 1].map(|i| {
             let flank = Flank::new(&pair.gears[i], self, i);
@@ -187,13 +188,13 @@ impl FlankWear {
         })
     }
 
-    /// Refuses wear that passes the tooth's centre line.
+    /// Rejects wear beyond the tooth's centre line.
     pub(super) fn check_thickness(&self, pair: &GearPair, h_max_mm: f64) -> Result<(), GearError> {
         for (i, gear) in pair.gears.iter().enumerate() {
             for point in Flank::new(gear, self, i).active_points(CHECKED_POINTS) {
                 if point.y_mm - point.depth_mm <= 0.0 {
                     let expected = format!(
-                        "less: at radius {:.3} mm of gear {} it takes {:.4} mm and half of the tooth is {:.4} mm",
+                        "a smaller depth: at radius {:.3} mm of gear {} the wear is {:.4} mm and half of the tooth is {:.4} mm",
                         point.radius_mm,
                         i + 1,
                         point.depth_mm,
@@ -207,7 +208,7 @@ impl FlankWear {
     }
 }
 
-/// Refuses what a shape cannot be made from, whatever its depth.
+/// Rejects invalid parameters of a shape, whatever its depth.
 pub(super) fn check_shape(spec: &WearSpec) -> Result<(), GearError> {
     match spec.shape {
         WearShape::Parabolic => check_parabola(spec),
@@ -287,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn wear_that_cannot_be_is_refused() {
+    fn invalid_wear_is_rejected() {
         let pair = shen2022();
         for depth in [-0.01, f64::NAN, f64::INFINITY, 4.5] {
             let refusal = FlankWear::from_shape(&pair, depth).unwrap_err();

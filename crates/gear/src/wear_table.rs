@@ -1,10 +1,10 @@
-//! Wear depths given as a table, interpolated by a monotone cubic.
+//! Wear depths from a table, interpolated by a monotone cubic.
 
 use serde::Deserialize;
 
 use super::{GearError, GearPair, WearPoint};
 
-/// Most lines of one table.
+/// Largest number of lines in a table.
 const MAX_POINTS: usize = 10_000;
 
 /// Depth over radius through given points: the piecewise cubic of Fritsch and Carlson (SIAM J. Numer. Anal.
@@ -18,7 +18,7 @@ pub(super) struct DepthCurve {
 }
 
 impl DepthCurve {
-    /// Through points of rising radius; none of them is no wear, one of them a constant.
+    /// Interpolates points of ascending radius. No points mean no wear, one point a constant depth.
     pub(super) fn new(points: &[(f64, f64)]) -> Self {
         let (radii_mm, depths_mm): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
         let slopes = (0..points.len()).map(|i| knot_slope(points, i)).collect();
@@ -55,7 +55,7 @@ impl DepthCurve {
     }
 }
 
-/// Slope at knot `i`: zero at the ends, where the depth goes over into a constant, and at an extreme; else
+/// Returns the slope at knot `i`: zero at the ends, where a constant depth follows, and at an extremum; else
 /// the weighted harmonic mean of the two chords.
 fn knot_slope(points: &[(f64, f64)], i: usize) -> f64 {
     if i == 0 || i + 1 == points.len() {
@@ -70,7 +70,7 @@ fn knot_slope(points: &[(f64, f64)], i: usize) -> f64 {
     (weights[0] + weights[1]) / (weights[0] / chords[0] + weights[1] / chords[1])
 }
 
-/// The inline table of a pair file, scaled so that its greatest depth is `h_max_mm`.
+/// Reads the inline table of a pair file, scaled so that its greatest depth is `h_max_mm`.
 pub(super) fn from_points(table: &[WearPoint], h_max_mm: f64) -> Result<[DepthCurve; 2], GearError> {
     if table.len() > MAX_POINTS {
         return Err(GearError::field(
@@ -88,7 +88,7 @@ pub(super) fn from_points(table: &[WearPoint], h_max_mm: f64) -> Result<[DepthCu
             return Err(GearError::field("wear.table.radius_mm", point.radius_mm, "a number above 0"));
         }
         if !(point.depth_um >= 0.0 && point.depth_um.is_finite()) {
-            return Err(GearError::field("wear.table.depth_um", point.depth_um, "a number from 0"));
+            return Err(GearError::field("wear.table.depth_um", point.depth_um, "a number of at least 0"));
         }
         points[point.gear as usize - 1].push((point.radius_mm, point.depth_um));
     }
@@ -120,7 +120,7 @@ struct TextRow {
     depth_um: String,
 }
 
-/// A table in CSV, depths as they are.
+/// Reads a table in CSV without scaling the depths.
 pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], GearError> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let headers = reader.headers()?.clone();
@@ -138,25 +138,25 @@ pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], G
             "2" => 1,
             _ => return Err(row_error(line, "gear", row.gear, "1 or 2")),
         };
-        let most_mm = 2.0 * pair.gears[gear].tip_radius_mm;
+        let max_mm = 2.0 * pair.gears[gear].tip_radius_mm;
         let radius_mm = match row.radius_mm.parse::<f64>() {
-            Ok(radius) if radius > 0.0 && radius <= most_mm => radius,
+            Ok(radius) if radius > 0.0 && radius <= max_mm => radius,
             _ => {
                 return Err(row_error(
                     line,
                     "radius_mm",
                     row.radius_mm,
-                    &format!("a number above 0 and not above {most_mm} (mm)"),
+                    &format!("a number above 0 and at most {max_mm} (mm)"),
                 ));
             }
         };
         let depth_um = match row.depth_um.parse::<f64>() {
             Ok(depth) if depth >= 0.0 && depth.is_finite() => depth,
-            _ => return Err(row_error(line, "depth_um", row.depth_um, "a number from 0 (µm)")),
+            _ => return Err(row_error(line, "depth_um", row.depth_um, "a number of at least 0 (µm)")),
         };
         points[gear].push((radius_mm, depth_um * 1e-3, line));
         if points[gear].len() > MAX_POINTS {
-            return Err(row_error(line, "gear", row.gear, &format!("at most {MAX_POINTS} lines a gear")));
+            return Err(row_error(line, "gear", row.gear, &format!("at most {MAX_POINTS} lines per gear")));
         }
     }
     if points.iter().all(Vec::is_empty) {
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_tables_are_refused_with_line_field_and_value() {
+    fn invalid_tables_are_rejected_with_line_field_and_value() {
         let refusal = |rows: &str| {
             let text = format!("gear,radius_mm,depth_um\n{rows}");
             FlankWear::from_table_csv(&shen2022(), &text).unwrap_err().to_string()

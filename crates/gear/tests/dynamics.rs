@@ -298,33 +298,33 @@ fn compare(contact: ContactRule, wear_mm: f64, mesh_damping_ratio: f64) {
 }
 
 #[test]
-fn unworn_response_is_that_of_the_independent_solver() {
+fn unworn_response_matches_the_independent_solver() {
     compare(ContactRule::Threshold, 0.0, 0.5);
 }
 
 #[test]
-fn slightly_worn_response_is_that_of_the_independent_solver() {
+fn slightly_worn_response_matches_the_independent_solver() {
     compare(ContactRule::Threshold, 0.05, 0.5);
 }
 
 #[test]
-fn heavily_worn_response_is_that_of_the_independent_solver() {
+fn heavily_worn_response_matches_the_independent_solver() {
     compare(ContactRule::Threshold, 0.2, 0.5);
 }
 
 #[test]
-fn weakly_damped_response_is_that_of_the_independent_solver() {
+fn weakly_damped_response_matches_the_independent_solver() {
     compare(ContactRule::Threshold, 0.1, 0.07);
 }
 
 #[test]
-fn loaded_contact_is_that_of_the_independent_solver() {
+fn loaded_contact_matches_the_independent_solver() {
     compare(ContactRule::Loaded, 0.0, 0.5);
     compare(ContactRule::Loaded, 0.1, 0.5);
 }
 
 /// Teeth part here, and strike.
 #[test]
-fn weakly_damped_loaded_contact_is_that_of_the_independent_solver() {
+fn weakly_damped_loaded_contact_matches_the_independent_solver() {
     compare(ContactRule::Loaded, 0.1, 0.07);
 }

@@ -2,8 +2,8 @@
 //!
 //! `cargo run -p flankwatch-recording --example indicators_of_a_wav [FILE.wav TEETH SHAFT_HZ]`
 //!
-//! Without a file, of a made-up recording: the mesh of a gear with 24 teeth at 25 Hz, three harmonics with
-//! sidebands.
+//! Without a file, it analyses a generated recording: the mesh of a gear with 24 teeth at 25 Hz, three
+//! harmonics with sidebands.
 
 use std::error::Error;
 use std::f64::consts::TAU;

@@ -1,4 +1,4 @@
-//! One `WaveformBlock` message to a [`Record`] and back, in protobuf or JSON.
+//! Conversion between a `WaveformBlock` message and a [`Record`], in protobuf or JSON.
 
 use std::collections::BTreeMap;
 
@@ -13,23 +13,23 @@ use super::pulses::Pulses;
 use super::{packed_samples, pulse_count};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError};
 
-/// Longest unit taken, in bytes.
+/// Longest unit in bytes.
 const MAX_UNIT_BYTES: usize = 64;
 
-/// Longest channel name taken, in bytes.
+/// Longest channel name in bytes.
 pub(crate) const MAX_CHANNEL_BYTES: usize = 256;
 
-/// How a block is encoded.
+/// Encoding of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BlockEncoding {
     /// Protobuf, `proto/flankwatch/v1/vibration.proto`.
     Protobuf,
-    /// JSON with the same field names; `start_time` in RFC 3339 may stand for `start_time_ns`.
+    /// JSON with the same field names; `start_time` in RFC 3339 may replace `start_time_ns`.
     Json,
 }
 
 impl BlockEncoding {
-    /// The media type of a block in this encoding.
+    /// Returns the media type of a block in this encoding.
     pub fn media_type(self) -> &'static str {
         match self {
             Self::Protobuf => "application/x-protobuf",
@@ -38,32 +38,31 @@ impl BlockEncoding {
     }
 }
 
-/// What holds for a record where the recording itself does not say.
+/// Values of a record that the recording itself does not state.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RecordDefaults {
     /// Channel name.
     pub channel: Option<String>,
-    /// Names of the channels in their order, in place of what the recording calls them; none, or one for
-    /// each.
+    /// Names of the channels in order, which replace those in the recording; empty, or one per channel.
     pub channel_names: Vec<String>,
     /// Time of the first sample of the recording.
     pub start_time: Timestamp,
-    /// Sampling rate in hertz of a recording that may leave it out: of CSV.
+    /// Sampling rate in hertz of a recording that may lack it, such as CSV.
     pub sample_rate_hz: Option<f64>,
-    /// What each value of WAV, CSV or a NumPy array is multiplied with; a full-scale integer of a WAV is 1
-    /// before.
+    /// Factor for each value of a WAV, FLAC, CSV, MATLAB or NumPy recording. A full-scale integer of a WAV is
+    /// 1 before it is applied.
     pub scale: Option<f64>,
     /// Unit of the samples.
     pub unit: Option<String>,
-    /// Units of channels that have one of their own, by name; they count before `unit`.
+    /// Units of single channels by name; they take precedence over `unit`.
     pub channel_units: BTreeMap<String, String>,
-    /// What the machine was doing; each field stands in for one that the recording leaves out.
+    /// Operating point. Each field replaces a missing one of the recording.
     pub operating_point: OperatingPoint,
 }
 
 impl RecordDefaults {
-    /// Names of a recording's channels where it has none: those given where there are as many, else `"1"`,
-    /// `"2"`, ….
+    /// Returns the names for the channels of a recording without names: the given ones if their number
+    /// matches, else `"1"`, `"2"`, ….
     #[must_use]
     pub fn names_of(&self, channels: usize) -> Vec<String> {
         match &self.channel {
@@ -73,27 +72,30 @@ impl RecordDefaults {
         }
     }
 
-    /// Names of a recording's channels that has names of its own: those given where there are as many, else
-    /// its own.
+    /// Returns the names for the channels of a recording with names: the given ones if their number matches,
+    /// else the recording's.
     #[must_use]
-    pub(crate) fn names_before(&self, own: Vec<String>) -> Vec<String> {
+    pub(crate) fn names_or(&self, own: Vec<String>) -> Vec<String> {
         if self.channel_names.len() == own.len() || own.len() == 1 && self.channel.is_some() {
             return self.names_of(own.len());
         }
         own
     }
 
-    /// The unit of a channel where the recording has none: `"1"` if nobody knows it.
+    /// Returns the unit of a channel if the recording has none: `"1"` if unknown.
     pub(crate) fn unit_of(&self, channel: &str) -> &str {
         self.channel_units.get(channel).or(self.unit.as_ref()).map_or("1", String::as_str)
     }
 }
 
-/// Reads one block.
+/// Decodes one block.
 ///
-/// A start time of 0 (protobuf) or none (JSON), an empty channel, an empty unit and absent parts of the
-/// operating point are filled from `defaults`; a channel named nowhere is `"1"`. Errors name the field; more
-/// than [`MAX_RECORD_SAMPLES`] samples or 4 194 304 pulses are refused before they are kept.
+/// A missing start time (0 in protobuf), channel, unit or field of the operating point is filled from
+/// `defaults`; a channel without a name is `"1"`.
+///
+/// # Errors
+/// An invalid field, named in the error; more than [`MAX_RECORD_SAMPLES`] samples or 4 194 304 pulses, which
+/// are rejected before memory is allocated.
 pub fn decode_block(
     bytes: &[u8],
     encoding: BlockEncoding,
@@ -102,11 +104,11 @@ pub fn decode_block(
     decode_message(bytes, encoding)?.into_record(None, defaults)
 }
 
-/// Writes one block.
+/// Encodes one block.
 ///
-/// Every sample, the rate, the operating point and the quality come back exactly, pulse times to a
-/// nanosecond; the start time does for years 1678 to 2261 (the range of 64-bit nanoseconds), and is held at
-/// the range's end in protobuf beyond it.
+/// Samples, rate, operating point and quality are preserved exactly, pulse times to a nanosecond. The start
+/// time is exact for the years 1678 to 2261 (the range of 64-bit nanoseconds) and is clamped to that range in
+/// protobuf.
 pub fn encode_block(record: &Record, encoding: BlockEncoding) -> Vec<u8> {
     match encoding {
         BlockEncoding::Protobuf => message_of(record).encode_to_vec(),
@@ -114,7 +116,7 @@ pub fn encode_block(record: &Record, encoding: BlockEncoding) -> Vec<u8> {
     }
 }
 
-/// A decoded block whose fields are not checked yet.
+/// A decoded block whose fields are not validated yet.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct DecodedBlock {
     pub(crate) start_time: Option<Timestamp>,
@@ -127,22 +129,22 @@ pub(crate) struct DecodedBlock {
     pub(crate) pulses: Option<Pulses>,
 }
 
-/// Decodes without checking fields against each other.
+/// Decodes a block without validating its fields.
 pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<DecodedBlock, RecordingError> {
     match encoding {
         BlockEncoding::Protobuf => {
-            // A sample takes 4 bytes packed and 5 unpacked: more bytes than this cannot be a record, so they
-            // are not decoded at all.
-            let most = 5 * MAX_RECORD_SAMPLES + (1 << 16);
-            if bytes.len() > most {
+            // A sample takes 4 bytes packed and 5 unpacked: more bytes than this cannot be a record and are
+            // not decoded.
+            let max_bytes = 5 * MAX_RECORD_SAMPLES + (1 << 16);
+            if bytes.len() > max_bytes {
                 return Err(RecordingError::field(
                     "the block's length in bytes",
                     bytes.len(),
-                    "at most 83951616 bytes: cut it into shorter records",
+                    "at max_bytes 83951616 bytes: cut it into shorter records",
                 ));
             }
             let block = match packed_samples::split(bytes) {
-                // What is split has no more than 64 KiB besides its samples, and so not too many pulses.
+                // A split message has at most 64 KiB besides its samples, hence not too many pulses.
                 Some((samples, others)) => WaveformBlock { samples, ..WaveformBlock::decode(&others[..])? },
                 None => {
                     pulse_count::check_block(bytes)?;
@@ -168,7 +170,7 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
 }
 
 impl DecodedBlock {
-    /// Checks everything; `channel` overrides the block's own.
+    /// Validates all fields; `channel` overrides the block's own.
     pub(crate) fn into_record(
         self,
         channel: Option<&str>,
@@ -184,7 +186,7 @@ impl DecodedBlock {
             return Err(RecordingError::field(
                 "channel",
                 format!("{:?}", shortened(channel)),
-                "at most 256 bytes without control characters",
+                "at max_bytes 256 bytes without control characters",
             ));
         }
         let unit = if self.unit.is_empty() { defaults.unit_of(channel) } else { &self.unit };
@@ -192,11 +194,11 @@ impl DecodedBlock {
             return Err(RecordingError::field(
                 "unit",
                 format!("{:?}", shortened(unit)),
-                "at most 64 bytes without control characters",
+                "at max_bytes 64 bytes without control characters",
             ));
         }
         let start_time = self.start_time.unwrap_or(defaults.start_time);
-        let operating_point = filled(self.operating_point, defaults.operating_point);
+        let operating_point = completed_by(self.operating_point, defaults.operating_point);
         let record = Record::new(channel, start_time, self.sample_rate_hz, unit, self.samples)?
             .with_operating_point(operating_point)?;
         let tachometer = self.pulses.and_then(|pulses| pulses.of(start_time));
@@ -204,8 +206,8 @@ impl DecodedBlock {
     }
 }
 
-/// The first operating point, completed by the second.
-pub(crate) fn filled(own: OperatingPoint, other: OperatingPoint) -> OperatingPoint {
+/// Returns the first operating point, with missing fields taken from the second.
+pub(crate) fn completed_by(own: OperatingPoint, other: OperatingPoint) -> OperatingPoint {
     OperatingPoint {
         shaft_speed_hz: own.shaft_speed_hz.or(other.shaft_speed_hz),
         torque_nm: own.torque_nm.or(other.torque_nm),
@@ -213,7 +215,7 @@ pub(crate) fn filled(own: OperatingPoint, other: OperatingPoint) -> OperatingPoi
     }
 }
 
-/// A record as a protobuf message, without an index.
+/// Converts a record to a protobuf message without an index.
 pub(crate) fn message_of(record: &Record) -> WaveformBlock {
     let point = record.operating_point();
     WaveformBlock {
@@ -235,7 +237,7 @@ pub(crate) fn message_of(record: &Record) -> WaveformBlock {
     }
 }
 
-/// The message without its time.
+/// Converts the message without its time.
 pub(crate) fn operating_point_of(message: &message::OperatingPoint) -> OperatingPoint {
     OperatingPoint {
         shaft_speed_hz: message.shaft_speed_hz,
@@ -244,7 +246,7 @@ pub(crate) fn operating_point_of(message: &message::OperatingPoint) -> Operating
     }
 }
 
-/// A time of a protobuf message; 0 means that it was not given.
+/// Converts a time of a protobuf message; 0 means that it is missing.
 fn timestamp_of(nanoseconds: i64) -> Result<Option<Timestamp>, RecordingError> {
     if nanoseconds == 0 {
         return Ok(None);
@@ -254,13 +256,13 @@ fn timestamp_of(nanoseconds: i64) -> Result<Option<Timestamp>, RecordingError> {
         .map_err(|_| RecordingError::field("start_time_ns", nanoseconds, "nanoseconds since 1970-01-01 UTC"))
 }
 
-/// Nanoseconds since 1970, held at the ends of the 64-bit range.
+/// Returns nanoseconds since 1970, clamped to the 64-bit range.
 pub(crate) fn nanoseconds(time: Timestamp) -> i64 {
     let nanoseconds = time.as_nanosecond();
     i64::try_from(nanoseconds).unwrap_or(if nanoseconds < 0 { i64::MIN } else { i64::MAX })
 }
 
-/// Refuses a sample count that no record can have, before anything is kept.
+/// Rejects a sample count that no record can have, before memory is allocated.
 pub(crate) fn check_sample_count(channel: &str, samples: usize) -> Result<(), RecordError> {
     if samples > MAX_RECORD_SAMPLES {
         return Err(RecordError::TooLong { channel: channel.to_owned(), samples });
@@ -335,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn defaults_fill_what_a_block_leaves_out() {
+    fn defaults_fill_missing_fields_of_a_block() {
         let block = WaveformBlock { sample_rate_hz: 100.0, samples: vec![1.0], ..Default::default() };
         let defaults = RecordDefaults {
             channel: Some("x".to_owned()),
@@ -357,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_refused() {
+    fn values_that_are_not_finite_are_rejected() {
         let mut block =
             WaveformBlock { sample_rate_hz: 100.0, samples: vec![0.0, f32::NAN], ..Default::default() };
         let refused = |block: &WaveformBlock| {

@@ -1,4 +1,4 @@
-//! CSV: one channel a column, one frame a line, with or without a header.
+//! CSV: one channel per column, one frame per line, with or without a header.
 
 use std::io::{self, Read};
 
@@ -11,47 +11,46 @@ use super::csv_layout::CsvLayout;
 use super::csv_preview::ColumnRole;
 use super::error::shortened;
 
-/// Longest line taken, in bytes: a file without line ends must not fill the memory.
+/// Longest line in bytes: a file without line ends must not exhaust memory.
 const MAX_LINE_BYTES: usize = 1 << 20;
 
-/// Reads frames (one sample of every chosen channel) of a CSV file, line by line.
+/// Reads the frames (one sample of every selected channel) of a CSV file, line by line.
 ///
-/// Fields are separated by commas, semicolons, tabs or spaces, as the first line of samples and the next one
-/// agree on, and may be quoted. Decimals stand after a point, or after a comma where that does not separate
-/// fields. Lines before the header are skipped, but for the sampling rate that one of them may say. The line
-/// above the samples names the columns; below it may be a line of units. Without a header the columns are
-/// `"1"`, `"2"`, ….
+/// Fields are separated by commas, semicolons, tabs or spaces, whichever is consistent with the first two
+/// lines of samples, and may be quoted. The decimal separator is a point, or a comma if that does not
+/// separate fields. Lines before the header are skipped, except that one of them may state the sampling rate.
+/// The line above the samples names the columns, unless it is a line of units; then the line above it does.
+/// Without a header the columns are `"1"`, `"2"`, ….
 ///
-/// Columns that hold the time are no channels unless they are chosen by name: those called `time`, `t`,
-/// `Zeit [ms]` or the like, those with dates or times of day, and the first four where they are hour, minute,
-/// second and microsecond. Text is UTF-8, or Latin-1.
+/// Time columns are not channels unless selected by name. They are columns named `time`, `t`, `Zeit [ms]` or
+/// similar, columns with dates or times of day, and the first four if they are hour, minute, second and
+/// microsecond. Text is UTF-8 or Latin-1.
 pub struct CsvFrames<R> {
-    reader: csv::Reader<Squeezed<LineLimit<R>>>,
+    reader: csv::Reader<CollapseSpaces<LineLimit<R>>>,
     head: Head,
     channels: Vec<String>,
     units: Vec<Option<&'static str>>,
     columns: Vec<usize>,
-    /// Whether somebody said what the columns are.
-    is_said: bool,
+    /// Whether the columns were given explicitly.
+    has_explicit_columns: bool,
     decimals: Decimals,
     clock_decimals: Decimals,
     line: ByteRecord,
 }
 
 impl<R: Read> CsvFrames<R> {
-    /// Reads the header; `chosen` names the wanted columns in their order, all data columns where it is
-    /// empty.
-    pub fn new(reader: R, chosen: &[String]) -> Result<Self, RecordingError> {
-        Self::open(reader, CsvLayout::default(), !chosen.is_empty(), |head| choose(head, chosen))
+    /// Reads the header. `selected` names the columns to read, in order; if empty, all data columns are read.
+    pub fn new(reader: R, selected: &[String]) -> Result<Self, RecordingError> {
+        Self::open(reader, CsvLayout::default(), !selected.is_empty(), |head| choose(head, selected))
     }
 
-    /// Reads the header of a file whose columns are what `layout` says.
+    /// Reads the header of a file whose columns are given by `layout`.
     ///
     /// # Errors
-    /// Those of [`new`](Self::new); a column that the file does not have.
+    /// Those of [`new`](Self::new); a column that is not in the file.
     pub fn with_layout(reader: R, layout: CsvLayout) -> Result<Self, RecordingError> {
-        Self::open(reader, layout, layout.says_columns(), |head| {
-            let columns = layout.channels_at();
+        Self::open(reader, layout, layout.has_columns(), |head| {
+            let columns = layout.channel_indices();
             match columns.last() {
                 None => choose(head, &[]),
                 Some(last) if *last < head.columns.len() => Ok(columns),
@@ -65,7 +64,7 @@ impl<R: Read> CsvFrames<R> {
     fn open(
         reader: R,
         layout: CsvLayout,
-        is_said: bool,
+        has_explicit_columns: bool,
         choose: impl Fn(&Head) -> Result<Vec<usize>, RecordingError>,
     ) -> Result<Self, RecordingError> {
         let mut limited = LineLimit::new(reader);
@@ -79,7 +78,7 @@ impl<R: Read> CsvFrames<R> {
             .has_headers(false)
             .delimiter(head.separator)
             .trim(csv::Trim::All)
-            .from_reader(Squeezed::new(limited, head.separator == b' '));
+            .from_reader(CollapseSpaces::new(limited, head.separator == b' '));
         let columns = choose(&head)?;
         let of = |column: &usize| &head.columns[*column];
         Ok(Self {
@@ -87,7 +86,7 @@ impl<R: Read> CsvFrames<R> {
             channels: columns.iter().map(|column| of(column).name.clone()).collect(),
             units: columns.iter().map(|column| of(column).unit).collect(),
             columns,
-            is_said,
+            has_explicit_columns,
             decimals: Decimals::separated_by(head.separator),
             clock_decimals: Decimals::separated_by(head.separator),
             head,
@@ -95,61 +94,60 @@ impl<R: Read> CsvFrames<R> {
         })
     }
 
-    /// Names of the channels, in the order of a frame.
+    /// Returns the names of the channels, in the order of a frame.
     pub fn channels(&self) -> &[String] {
         &self.channels
     }
 
-    /// Units of the channels, where the header says them.
+    /// Returns the units of the channels, as far as the header states them.
     pub fn units(&self) -> &[Option<&'static str>] {
         &self.units
     }
 
-    /// Sampling rate in hertz that a line before the header says.
+    /// Returns the sampling rate in hertz stated in a line before the header.
     pub fn stated_rate_hz(&self) -> Option<f64> {
         self.head.stated_rate_hz
     }
 
-    /// Whether the file may say its sampling rate itself: by a line before the header, or a column of times.
-    pub fn says_rate(&self) -> bool {
+    /// Returns whether the file provides a sampling rate: in a line before the header, or by a time column.
+    pub fn has_rate(&self) -> bool {
         self.head.stated_rate_hz.is_some() || self.head.clock.is_some()
     }
 
-    /// All columns: what the header calls each, its name and unit, and whether it is a channel or holds the
-    /// time.
+    /// Returns all columns with their roles.
     pub(super) fn columns(&self) -> impl Iterator<Item = (&Column, ColumnRole)> {
         self.head.columns.iter().enumerate().map(|(at, column)| {
             let is_time = self.head.clock.is_some_and(|clock| clock.has(at));
             let role = match () {
                 () if self.columns.contains(&at) => ColumnRole::Channel,
                 () if is_time => ColumnRole::Time,
-                () => ColumnRole::LeftOut,
+                () => ColumnRole::Ignored,
             };
             (column, role)
         })
     }
 
-    /// Whether the first of several columns may hold the time without being called so.
+    /// Returns whether the first of several columns may be an unnamed time column.
     pub(super) fn may_be_unnamed_time(&self) -> bool {
-        !self.is_said
+        !self.has_explicit_columns
             && self.head.clock.is_none()
             && self.head.columns.len() > 1
             && self.columns.first() == Some(&0)
     }
 
-    /// The error of a first column that holds the time without being called so.
+    /// Creates the error for a first column that is an unnamed time column.
     pub(super) fn unnamed_time(&self) -> RecordingError {
         RecordingError::CsvLine {
             line: self.head.lines.max(1),
             what: format!(
-                "column {:?} rises by the same step from line to line, which no vibration does: expected it to be called time, or to be left out",
+                "column {:?} rises by the same step from line to line, as only a time does: expected it to be named time, or not to be selected",
                 self.head.columns[0].label
             ),
         }
     }
 
-    /// Reads the next frame, false at the end. A value that is no finite number is an error with its line and
-    /// column.
+    /// Reads the next frame; returns false at the end. A value that is not a finite number is an error with
+    /// its line and column.
     pub fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         let skipped = self.head.lines;
         if !self.reader.read_byte_record(&mut self.line).map_err(|error| csv_error(error, skipped))? {
@@ -172,12 +170,12 @@ impl<R: Read> CsvFrames<R> {
         Ok(true)
     }
 
-    /// The line that was read last, counted from 1.
+    /// Returns the number of the line that was read last, counted from 1.
     pub(super) fn line(&self) -> u64 {
         self.head.lines + self.line.position().map_or(1, csv::Position::line)
     }
 
-    /// The time of the line that was read last; none where the file has no column of times.
+    /// Returns the time of the line that was read last; `None` if the file has no time column.
     pub(super) fn moment(&mut self) -> Result<Option<Moment>, RecordingError> {
         let Some(clock) = self.head.clock else {
             return Ok(None);
@@ -199,19 +197,19 @@ impl<R: Read> CsvFrames<R> {
     }
 }
 
-/// Columns of the chosen names, or all that are not a time.
-fn choose(head: &Head, chosen: &[String]) -> Result<Vec<usize>, RecordingError> {
+/// Returns the selected columns by name, or all columns that are not a time.
+fn choose(head: &Head, selected: &[String]) -> Result<Vec<usize>, RecordingError> {
     let names = || head.columns.iter().map(|column| column.label.as_str()).collect::<Vec<_>>().join(", ");
     let refuse = |what: String| RecordingError::CsvLine { line: head.lines.max(1), what };
-    let columns: Vec<usize> = if chosen.is_empty() {
+    let columns: Vec<usize> = if selected.is_empty() {
         (0..head.columns.len()).filter(|&at| !head.clock.is_some_and(|clock| clock.has(at))).collect()
     } else {
-        let find = |wanted: &String| {
-            let is_wanted = |column: &Column| column.label == *wanted || column.name == *wanted;
-            let found = head.columns.iter().position(is_wanted);
-            found.ok_or_else(|| refuse(format!("no column {wanted:?}, expected one of {}", names())))
+        let find = |name: &String| {
+            let has_name = |column: &Column| column.label == *name || column.name == *name;
+            let found = head.columns.iter().position(has_name);
+            found.ok_or_else(|| refuse(format!("no column {name:?}, expected one of {}", names())))
         };
-        chosen.iter().map(find).collect::<Result<_, _>>()?
+        selected.iter().map(find).collect::<Result<_, _>>()?
     };
     if columns.is_empty() {
         return Err(refuse(format!("no column with samples among {}", names())));
@@ -231,7 +229,7 @@ fn csv_error(error: csv::Error, skipped: u64) -> RecordingError {
     }
 }
 
-/// Passes text on and fails on a line that is too long, for the parser keeps a whole line.
+/// Passes text through and fails on a line that is too long, as the parser buffers whole lines.
 struct LineLimit<R> {
     reader: R,
     beginning: io::Cursor<Vec<u8>>,
@@ -243,7 +241,7 @@ impl<R: Read> LineLimit<R> {
         Self { reader, beginning: io::Cursor::new(Vec::new()), line_bytes: 0 }
     }
 
-    /// Reads the first bytes, which are passed on later.
+    /// Reads the first bytes, which are passed through later.
     fn beginning(&mut self) -> Result<&[u8], RecordingError> {
         let mut beginning = Vec::new();
         self.reader.by_ref().take(BEGINNING_BYTES as u64).read_to_end(&mut beginning)?;
@@ -251,7 +249,7 @@ impl<R: Read> LineLimit<R> {
         Ok(self.beginning.get_ref())
     }
 
-    /// Leaves out lines of the beginning.
+    /// Skips the first lines.
     fn skip_lines(&mut self, lines: u64) {
         let beginning = self.beginning.get_ref();
         let ends =
@@ -285,27 +283,27 @@ impl<R: Read> Read for LineLimit<R> {
     }
 }
 
-/// Makes one space of spaces and tabs between fields, and none of those around a line, where spaces separate
-/// fields.
-struct Squeezed<R> {
+/// Collapses spaces and tabs between fields into one space, and removes those around a line, if spaces
+/// separate fields.
+struct CollapseSpaces<R> {
     reader: R,
     active: bool,
-    begun: bool,
+    in_line: bool,
     space: bool,
 }
 
-impl<R: Read> Squeezed<R> {
+impl<R: Read> CollapseSpaces<R> {
     fn new(reader: R, active: bool) -> Self {
-        Self { reader, active, begun: false, space: false }
+        Self { reader, active, in_line: false, space: false }
     }
 }
 
-impl<R: Read> Read for Squeezed<R> {
+impl<R: Read> Read for CollapseSpaces<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if !self.active || buffer.len() < 2 {
             return self.reader.read(buffer);
         }
-        // Every byte becomes at most itself and a space that was held back before it.
+        // Each byte produces at most itself and one pending space before it.
         let mut raw = vec![0; buffer.len() / 2];
         loop {
             let read = self.reader.read(&mut raw)?;
@@ -315,9 +313,9 @@ impl<R: Read> Read for Squeezed<R> {
             let mut written = 0;
             for &byte in &raw[..read] {
                 match byte {
-                    b' ' | b'\t' => self.space = self.begun,
+                    b' ' | b'\t' => self.space = self.in_line,
                     b'\n' | b'\r' => {
-                        (self.space, self.begun) = (false, false);
+                        (self.space, self.in_line) = (false, false);
                         buffer[written] = byte;
                         written += 1;
                     }
@@ -326,7 +324,7 @@ impl<R: Read> Read for Squeezed<R> {
                             buffer[written] = b' ';
                             written += 1;
                         }
-                        self.begun = true;
+                        self.in_line = true;
                         buffer[written] = byte;
                         written += 1;
                     }
@@ -343,9 +341,9 @@ impl<R: Read> Read for Squeezed<R> {
 mod tests {
     use super::*;
 
-    fn read(text: &str, chosen: &[&str]) -> Result<(Vec<String>, Vec<Vec<f32>>), String> {
-        let chosen: Vec<String> = chosen.iter().map(ToString::to_string).collect();
-        let mut frames = CsvFrames::new(text.as_bytes(), &chosen).map_err(|error| error.to_string())?;
+    fn read(text: &str, selected: &[&str]) -> Result<(Vec<String>, Vec<Vec<f32>>), String> {
+        let selected: Vec<String> = selected.iter().map(ToString::to_string).collect();
+        let mut frames = CsvFrames::new(text.as_bytes(), &selected).map_err(|error| error.to_string())?;
         let mut all = Vec::new();
         let mut frame = vec![0.0; frames.channels().len()];
         while frames.next_frame(&mut frame).map_err(|error| error.to_string())? {
@@ -396,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_line_ends_is_refused_early() {
+    fn a_file_without_line_ends_is_rejected_early() {
         let mut frames = CsvFrames::new(Read::chain(&b"a\n1"[..], io::repeat(b'1')), &[]).unwrap();
         let error = frames.next_frame(&mut [0.0]).unwrap_err().to_string();
         assert!(error.contains("a line of more than 1048576 bytes"), "{error}");

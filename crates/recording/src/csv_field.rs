@@ -1,4 +1,4 @@
-//! Fields of a CSV file: numbers with a point or a comma, times, units.
+//! Fields of a CSV file: numbers with a decimal point or comma, times, units.
 
 use std::borrow::Cow;
 use std::str::FromStr;
@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use jiff::civil::DateTime;
 use jiff::tz::TimeZone;
 
-/// Units that a header or a line under it may name, and how they are written here.
+/// Units in a header or in a line below it, and their canonical spelling.
 const UNITS: [(&str, &str); 50] = [
     ("m/s2", "m/s2"),
     ("m/s^2", "m/s2"),
@@ -61,14 +61,14 @@ const UNITS: [(&str, &str); 50] = [
     ("utc", "utc"),
 ];
 
-/// A unit without its brackets as it is written here; none where it is not known.
+/// Returns the canonical spelling of a unit, without brackets; `None` if it is unknown.
 pub(super) fn unit(text: &str) -> Option<&'static str> {
     let bare = text.trim().trim_start_matches(['[', '(']).trim_end_matches([']', ')']).trim();
     let bare = bare.to_lowercase();
     UNITS.iter().find(|(name, _)| *name == bare).map(|(_, unit)| *unit)
 }
 
-/// A column's name without the unit in brackets at its end.
+/// Splits a column's name from the unit in brackets at its end.
 pub(super) fn name_and_unit(name: &str) -> (&str, Option<&'static str>) {
     let ending = [('[', ']'), ('(', ')')].into_iter().find_map(|(open, close)| {
         let (stem, inner) = name.strip_suffix(close)?.rsplit_once(open)?;
@@ -80,7 +80,7 @@ pub(super) fn name_and_unit(name: &str) -> (&str, Option<&'static str>) {
     }
 }
 
-/// How many seconds a unit of time is; none where it is none.
+/// Returns a unit of time in seconds; `None` if it is not one.
 pub(super) fn seconds_of(unit: &str) -> Option<f64> {
     match unit {
         "s" => Some(1.0),
@@ -91,7 +91,7 @@ pub(super) fn seconds_of(unit: &str) -> Option<f64> {
     }
 }
 
-/// A field's bytes as text, of UTF-8 or else of Latin-1.
+/// Decodes a field as UTF-8, or else as Latin-1.
 pub(super) fn text(bytes: &[u8]) -> Cow<'_, str> {
     match std::str::from_utf8(bytes) {
         Ok(text) => Cow::Borrowed(text),
@@ -99,8 +99,7 @@ pub(super) fn text(bytes: &[u8]) -> Cow<'_, str> {
     }
 }
 
-/// Which sign the decimals of a file stand after: a comma only where it does not part the fields, and never
-/// both.
+/// The decimal separator of a file: a comma only if it does not separate fields, and never both.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Decimals {
     comma_allowed: bool,
@@ -112,7 +111,7 @@ impl Decimals {
         Self { comma_allowed: separator != b',', seen: None }
     }
 
-    /// The number in a field.
+    /// Parses the number in a field.
     pub(super) fn parse<T: FromStr>(&mut self, field: &str) -> Option<T> {
         let sign = field.chars().find(|c| matches!(c, '.' | ','));
         let (Some(sign), ..) = (sign, ()) else {
@@ -129,7 +128,7 @@ impl Decimals {
         Some(value)
     }
 
-    /// What a number has to look like.
+    /// Returns the description of a valid number for errors.
     pub(super) fn expected(self) -> &'static str {
         match self.seen {
             Some(',') => "a finite number with a decimal comma",
@@ -138,7 +137,7 @@ impl Decimals {
     }
 }
 
-/// A moment in nanoseconds: since 1970, or since midnight where only the time of day is written.
+/// A time in nanoseconds: since 1970, or since midnight if only the time of day is given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moment {
     Since1970(i64),
@@ -146,8 +145,8 @@ pub(super) enum Moment {
 }
 
 impl Moment {
-    /// Reads RFC 3339, `2026-03-01 08:00:00.5`, `01.03.2026 08:00:00,5` or `08:00:00.5`; without a zone it is
-    /// UTC.
+    /// Parses RFC 3339, `2026-03-01 08:00:00.5`, `01.03.2026 08:00:00,5` or `08:00:00.5`; a time without a
+    /// zone is UTC.
     pub(super) fn parse(field: &str) -> Option<Self> {
         if field.len() > 40 || !field.contains(':') || !field.starts_with(|c: char| c.is_ascii_digit()) {
             return None;
@@ -201,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_read_as_they_are_usually_written() {
+    fn common_time_formats_are_parsed() {
         let second = 1_000_000_000;
         let day = Moment::Since1970(86_400 * second + second / 2);
         for text in [
@@ -219,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn units_are_told_from_words() {
+    fn units_are_distinguished_from_words() {
         assert_eq!(name_and_unit("acc [m/s²]"), ("acc", Some("m/s2")));
         assert_eq!(name_and_unit("a1 (g)"), ("a1", Some("g")));
         assert_eq!(name_and_unit("a1 (left)"), ("a1 (left)", None));

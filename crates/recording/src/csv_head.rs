@@ -1,5 +1,5 @@
-//! What the beginning of a CSV file says: how fields are parted, where the samples begin, and what the
-//! columns are.
+//! The structure of a CSV file, derived from its beginning: the field separator, the first line of samples,
+//! and the columns.
 
 use csv::ReaderBuilder;
 
@@ -10,44 +10,44 @@ use super::csv_layout::CsvLayout;
 use super::csv_time::Clock;
 use super::error::shortened;
 
-/// Bytes of a file that are looked at before its samples are read.
+/// Number of bytes examined before the samples are read.
 pub(super) const BEGINNING_BYTES: usize = 1 << 16;
 
-/// Most columns taken.
+/// Largest number of columns.
 pub(super) const MAX_COLUMNS: usize = 256;
 
-/// Lines in which the first sample is looked for.
+/// Number of lines searched for the first sample.
 const MAX_HEAD_LINES: usize = 500;
 
-/// Lines of samples that have to agree before columns without a name are taken for a clock.
+/// Number of lines of samples that must be consistent before unnamed columns count as a clock.
 const CLOCK_LINES: usize = 16;
 
-/// How a file is written.
+/// The structure of a file.
 #[derive(Debug, Clone)]
 pub(super) struct Head {
-    /// Between two fields; a space stands for any number of spaces and tabs.
+    /// Field separator; a space means any number of spaces and tabs.
     pub(super) separator: u8,
-    /// Lines before the first samples.
+    /// Number of lines before the first samples.
     pub(super) lines: u64,
     /// Name and unit of each column.
     pub(super) columns: Vec<Column>,
-    /// The columns that hold the time.
+    /// The time columns.
     pub(super) clock: Option<Clock>,
-    /// The sampling rate that a line before the header says.
+    /// The sampling rate in hertz stated in a line before the header.
     pub(super) stated_rate_hz: Option<f64>,
 }
 
 /// One column.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Column {
-    /// As in the header, the unit in brackets included.
+    /// Text in the header, including the unit in brackets.
     pub(super) label: String,
     pub(super) name: String,
     pub(super) unit: Option<&'static str>,
 }
 
 impl Head {
-    /// Looks at the first bytes of a file.
+    /// Analyses the first bytes of a file.
     pub(super) fn read(beginning: &[u8], layout: CsvLayout) -> Result<Self, RecordingError> {
         let text = text(beginning.strip_prefix(b"\xef\xbb\xbf").unwrap_or(beginning));
         let lines: Vec<&str> = text.lines().take(MAX_HEAD_LINES).collect();
@@ -56,11 +56,11 @@ impl Head {
             .iter()
             .find_map(|&separator| first_samples(&lines, separator, 2).map(|line| (separator, line)));
         let found = found.or_else(|| first_samples(&lines, b',', 1).map(|line| (b',', line)));
-        let (separator, line) = found.unwrap_or_else(|| unknown(&lines));
+        let (separator, line) = found.unwrap_or_else(|| fallback_structure(&lines));
         let first = lines.get(line).map(|line| fields(line, separator)).unwrap_or_default();
         let above = lines[..line.min(lines.len())].iter().rfind(|line| !line.trim().is_empty());
-        // A separator may end every line; but where the last column has a name, nothing in it is a value that
-        // is missing.
+        // A separator may end every line. But if the last column has a name, an empty field in it is a
+        // missing value.
         let is_named = above.is_some_and(|line| {
             let names = fields(line, separator);
             names.len() == first.len() && names.last().is_some_and(|name| !name.is_empty())
@@ -81,12 +81,12 @@ impl Head {
             .take(CLOCK_LINES)
             .map(|line| fields(line, separator))
             .collect();
-        let clock = match layout.time_at() {
+        let clock = match layout.time_index() {
             None => clock(&columns, names.is_some(), &samples, separator),
             Some(None) => None,
             Some(Some(at)) if at < columns.len() => Some(clock_at(&columns, at, &samples)),
             Some(Some(at)) => {
-                let expected = "the number of a column, or 0 where none holds the time";
+                let expected = "the number of a column, or 0 if there is no time column";
                 return Err(RecordingError::field("time_column", at + 1, expected));
             }
         };
@@ -100,7 +100,7 @@ impl Head {
     }
 }
 
-/// The fields of one line.
+/// Splits one line into fields.
 fn fields(line: &str, separator: u8) -> Vec<String> {
     let squeezed;
     let line = if separator == b' ' {
@@ -118,29 +118,29 @@ fn fields(line: &str, separator: u8) -> Vec<String> {
     record.iter().map(str::to_owned).collect()
 }
 
-/// Columns of a line of samples: numbers, times among them, and perhaps nothing after the last separator.
-/// None where it is none.
+/// Returns the number of columns of a line of samples: numbers and times, possibly followed by an empty
+/// field. `None` if it is not a line of samples.
 fn sample_columns(line: &str, separator: u8) -> Option<usize> {
     let fields = fields(line, separator);
-    let kept = match fields.split_last() {
+    let values = match fields.split_last() {
         Some((last, others)) if last.is_empty() && !others.is_empty() => others,
         _ => &fields[..],
     };
     let mut decimals = Decimals::separated_by(separator);
     let mut numbers = 0;
-    for field in kept {
+    for field in values {
         if decimals.parse::<f64>(field).is_some() {
             numbers += 1;
         } else {
             Moment::parse(field)?;
         }
     }
-    (numbers > 0).then_some(kept.len())
+    (numbers > 0).then_some(values.len())
 }
 
-/// The first line of samples of at least this many columns, which the next line has too.
-fn first_samples(lines: &[&str], separator: u8, least: usize) -> Option<usize> {
-    let at = |line: usize| sample_columns(lines[line], separator).filter(|&columns| columns >= least);
+/// Returns the first line of samples with at least `min_columns` columns whose next line has as many.
+fn first_samples(lines: &[&str], separator: u8, min_columns: usize) -> Option<usize> {
+    let at = |line: usize| sample_columns(lines[line], separator).filter(|&columns| columns >= min_columns);
     (0..lines.len()).find(|&line| {
         let Some(columns) = at(line) else { return false };
         let next = (line + 1..lines.len()).find(|&next| !lines[next].trim().is_empty());
@@ -148,7 +148,7 @@ fn first_samples(lines: &[&str], separator: u8, least: usize) -> Option<usize> {
     })
 }
 
-/// Refuses samples of another number of columns than the words right above them name.
+/// Rejects samples whose number of columns differs from that of the names directly above.
 fn check_header(lines: &[&str], line: usize, separator: u8, width: usize) -> Result<(), RecordingError> {
     let Some(above) = line.checked_sub(1).and_then(|above| lines.get(above)) else {
         return Ok(());
@@ -165,9 +165,9 @@ fn check_header(lines: &[&str], line: usize, separator: u8, width: usize) -> Res
     Ok(())
 }
 
-/// Where no line of samples is found: the first line is the header, and what follows is refused by its line
-/// and column.
-fn unknown(lines: &[&str]) -> (u8, usize) {
+/// Returns the separator and start if no line of samples is found: the first line is taken as the header, so
+/// that errors name line and column of what follows.
+fn fallback_structure(lines: &[&str]) -> (u8, usize) {
     let first = lines.first().copied().unwrap_or_default();
     let separator =
         [b';', b'\t'].into_iter().find(|&separator| first.contains(char::from(separator))).unwrap_or(b',');
@@ -177,7 +177,7 @@ fn unknown(lines: &[&str]) -> (u8, usize) {
 
 type Header = (Option<Vec<String>>, Vec<Option<&'static str>>, usize);
 
-/// Names of the columns, their units where a line of its own says them, and the number of lines before both.
+/// Names of the columns, their units if given in their own line, and the number of lines before both.
 fn header(before: &[&str], separator: u8, width: usize) -> Header {
     let mut rows =
         before.iter().enumerate().rev().filter(|(_, line)| !line.trim().is_empty()).map(|(at, line)| {
@@ -219,7 +219,7 @@ fn columns(
             });
         }
         let (stem, of_name) = name_and_unit(&label);
-        // A name that stands there twice would be one channel.
+        // Two columns of the same name would be one channel.
         let name = match columns.iter().filter(|column| name_and_unit(&column.label).0 == stem).count() {
             0 => stem.to_owned(),
             count => format!("{stem}_{}", count + 1),
@@ -229,7 +229,7 @@ fn columns(
     Ok(columns)
 }
 
-/// What a column that holds the time is called.
+/// Names of time columns.
 const TIME_NAMES: [&str; 22] = [
     "time",
     "t",
@@ -255,8 +255,8 @@ const TIME_NAMES: [&str; 22] = [
     "czas",
 ];
 
-/// Whether a column's name says that it holds the time, not a signal: `t`, `time (s)`, `Zeit [ms]`,
-/// `timestamp_ns`, `Time - a1`, but not `t_oil`; with the unit that the name itself ends in.
+/// Returns `Some` if a column's name marks it as a time rather than a signal, with the unit in the name: `t`,
+/// `time (s)`, `Zeit [ms]`, `timestamp_ns`, `Time - a1`, but not `t_oil`.
 fn time_name(column: &Column) -> Option<Option<&'static str>> {
     let name = column.label.to_lowercase();
     let of_time = |unit: &&'static str| *unit == "utc" || seconds_of(unit).is_some();
@@ -267,7 +267,7 @@ fn time_name(column: &Column) -> Option<Option<&'static str>> {
     let is_time = TIME_NAMES.contains(&words.next().unwrap_or_default());
     let units: Vec<Option<&'static str>> = words.map(unit).collect();
     let is_all = units.iter().all(|unit| unit.as_ref().is_some_and(of_time));
-    // `Time - a1` is the time of that channel.
+    // `Time - a1` is the time of channel `a1`.
     let of_channel = ["time", "zeit"].iter().any(|stem| {
         name.strip_prefix(stem).is_some_and(|rest| rest.trim_start().starts_with(['-', ':', '/', '_']))
     });
@@ -289,26 +289,27 @@ fn clock(columns: &[Column], has_header: bool, samples: &[Vec<String>], separato
     (may_be && Clock::Parts.rises(samples, separator)).then_some(Clock::Parts)
 }
 
-/// How the time stands in a column.
+/// Determines the representation of the time in a column.
 fn clock_at(columns: &[Column], at: usize, samples: &[Vec<String>]) -> Clock {
     let first = samples.first().and_then(|row| row.get(at));
     if first.is_some_and(|field| Moment::parse(field).is_some()) {
         return Clock::Moment(at);
     }
     let column = &columns[at];
-    let said = column.unit.or_else(|| time_name(column).flatten()).and_then(seconds_of);
+    let stated = column.unit.or_else(|| time_name(column).flatten()).and_then(seconds_of);
     let number: f64 = first.and_then(|field| field.replace(',', ".").parse().ok()).unwrap_or(0.0);
-    // Numbers this large count from 1970, in the unit that their size says.
+    // Numbers this large count from 1970, in the unit that matches their size.
     let guessed = match number {
         1e17.. => 1e-9,
         1e14.. => 1e-6,
         1e11.. => 1e-3,
         _ => 1.0,
     };
-    Clock::Seconds { column: at, factor: said.unwrap_or(guessed) }
+    Clock::Seconds { column: at, factor: stated.unwrap_or(guessed) }
 }
 
-/// The rate in hertz in a line such as `Sample rate: 12800 Hz`, `fs=25600` or `Abtastrate;12,8;kHz`.
+/// Returns the rate in hertz from a line such as `Sample rate: 12800 Hz`, `fs=25600` or
+/// `Abtastrate;12,8;kHz`.
 fn stated_rate_hz(lines: &[&str]) -> Option<f64> {
     lines.iter().find_map(|line| {
         let at = line.find([':', '=', ';', '\t', ','])?;

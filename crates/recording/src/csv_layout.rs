@@ -1,4 +1,4 @@
-//! What a person says of a CSV file's columns, where the file is not to say it itself.
+//! Explicit description of a CSV file's columns, overriding automatic detection.
 
 use std::fmt;
 
@@ -8,35 +8,35 @@ use super::csv_head::MAX_COLUMNS;
 /// The media type of CSV.
 const MEDIA_TYPE: &str = "text/csv";
 
-/// What the columns of a CSV file are. The default leaves everything to the file.
+/// Roles of the columns of a CSV file. By default they are detected from the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CsvLayout {
-    /// Sampling rate in hertz; has to agree with the time column where there is one.
+    /// Sampling rate in hertz; must agree with the time column if there is one.
     pub sample_rate_hz: Option<f64>,
-    /// Number of the column that holds the time, from 1; 0 where none does.
+    /// Number of the time column, from 1; 0 if there is none.
     time_column: Option<u16>,
-    /// One bit for each column that is a channel; none where all are that do not hold the time.
+    /// One bit per channel column; if no bit is set, all columns except the time are channels.
     channels: [u64; MAX_COLUMNS / 64],
 }
 
 impl CsvLayout {
-    /// Checks the parts: numbers of columns count from 1, and no `channels` are all that do not hold the
-    /// time. `time_column` is 0 where no column does.
+    /// Creates a layout. Column numbers count from 1. If `channels` is empty, all columns except the time are
+    /// channels. `time_column` is 0 if there is no time column.
     ///
     /// # Errors
-    /// [`RecordingError::Field`]: a number is none of a column.
+    /// [`RecordingError::Field`] if a number is not a valid column number.
     pub fn new(
         sample_rate_hz: Option<f64>,
         time_column: Option<u16>,
         channels: &[u16],
     ) -> Result<Self, RecordingError> {
-        let most = MAX_COLUMNS as u16;
-        if let Some(column) = time_column.filter(|column| *column > most) {
+        let max_column = MAX_COLUMNS as u16;
+        if let Some(column) = time_column.filter(|column| *column > max_column) {
             return Err(RecordingError::field("time_column", column, "a number from 0 to 256"));
         }
         let mut layout = Self { sample_rate_hz, time_column, ..Self::default() };
         for &column in channels {
-            if !(1..=most).contains(&column) {
+            if !(1..=max_column).contains(&column) {
                 return Err(RecordingError::field("columns", column, "numbers from 1 to 256"));
             }
             let at = usize::from(column - 1);
@@ -45,7 +45,7 @@ impl CsvLayout {
         Ok(layout)
     }
 
-    /// Reads what [`Display`](fmt::Display) wrote; none where it is another media type.
+    /// Parses the output of [`Display`](fmt::Display); `None` for another media type.
     pub fn from_media_type(media_type: &str) -> Option<Self> {
         let mut parts = media_type.split(';');
         if parts.next()? != MEDIA_TYPE {
@@ -64,23 +64,24 @@ impl CsvLayout {
         Self::new(rate, time, &channels).ok()
     }
 
-    /// The place of the time column from 0, where it is said; none within where no column holds the time.
-    pub(super) fn time_at(self) -> Option<Option<usize>> {
+    /// Returns the index of the time column from 0: `None` if not given, `Some(None)` if there is no time
+    /// column.
+    pub(super) fn time_index(self) -> Option<Option<usize>> {
         self.time_column.map(|column| usize::from(column).checked_sub(1))
     }
 
-    /// Whether it says anything of the columns.
-    pub(super) fn says_columns(self) -> bool {
+    /// Returns whether the layout specifies columns.
+    pub(super) fn has_columns(self) -> bool {
         self.time_column.is_some() || self.channels.iter().any(|bits| *bits != 0)
     }
 
-    /// Places of the columns that are channels, from 0; none where it is not said.
-    pub(super) fn channels_at(self) -> Vec<usize> {
+    /// Returns the indices of the channel columns, from 0; empty if not given.
+    pub(super) fn channel_indices(self) -> Vec<usize> {
         (0..MAX_COLUMNS).filter(|at| self.channels[at / 64] >> (at % 64) & 1 == 1).collect()
     }
 }
 
-/// Numbers with commas between them; none where one of them is no number.
+/// Parses comma-separated numbers; `None` if one is invalid.
 fn numbers(text: &str) -> Option<Vec<u16>> {
     text.split(',').map(|number| number.trim().parse().ok()).collect()
 }
@@ -94,7 +95,7 @@ impl fmt::Display for CsvLayout {
         if let Some(column) = self.time_column {
             write!(f, ";time={column}")?;
         }
-        for (index, at) in self.channels_at().into_iter().enumerate() {
+        for (index, at) in self.channel_indices().into_iter().enumerate() {
             write!(f, "{}{}", if index == 0 { ";columns=" } else { "," }, at + 1)?;
         }
         Ok(())
@@ -106,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_media_type_says_the_whole_layout() {
+    fn a_media_type_contains_the_whole_layout() {
         for (layout, text) in [
             (CsvLayout::default(), "text/csv"),
             (CsvLayout::new(Some(2560.5), None, &[]).unwrap(), "text/csv;rate=2560.5"),
@@ -122,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_cannot_be_are_refused() {
+    fn invalid_columns_are_rejected() {
         let error = CsvLayout::new(None, Some(300), &[]).unwrap_err().to_string();
         assert!(error.contains("time_column is 300, expected a number from 0 to 256"), "{error}");
         let error = CsvLayout::new(None, None, &[1, 0]).unwrap_err().to_string();

@@ -1,60 +1,60 @@
-//! What a CSV file holds, by itself or by its beginning, before it is taken.
+//! Preview of a CSV file, or of its beginning, before it is imported.
 
 use jiff::Timestamp;
 
 use super::{CsvFrames, CsvLayout, CsvTiming, RecordingError};
 
-/// What a column is.
+/// Role of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColumnRole {
     /// Samples.
     Channel,
     /// The time of each line.
     Time,
-    /// Neither.
-    LeftOut,
+    /// Neither channel nor time.
+    Ignored,
 }
 
 /// A column of a CSV file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CsvColumn {
-    /// As in the header, with its unit; the column's number where there is no header.
+    /// Text in the header, with its unit; the column's number without a header.
     pub label: String,
     /// The label without its unit.
     pub name: String,
-    /// The unit that the header says.
+    /// The unit in the header.
     pub unit: Option<&'static str>,
-    /// What it is.
+    /// The role.
     pub role: ColumnRole,
 }
 
-/// What the lines of a CSV file hold.
+/// Contents of the lines of a CSV file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CsvContents {
-    /// Lines of samples, and what they say of the time.
+    /// Number of lines of samples, and their timing.
     pub timing: CsvTiming,
-    /// Sampling rate in hertz; none where neither the file nor the layout says it.
+    /// Sampling rate in hertz; `None` if neither the file nor the layout states it.
     pub sample_rate_hz: Option<f64>,
-    /// By channel, in the order of the columns: lowest and highest sample of stretches of equal length.
+    /// By channel, in column order: lowest and highest sample of intervals of equal length.
     pub envelopes: Vec<Vec<[f32; 2]>>,
 }
 
-/// A CSV file as it would be taken.
+/// A CSV file as it would be imported.
 #[derive(Debug)]
 pub struct CsvPreview {
-    /// Its columns.
+    /// The columns.
     pub columns: Vec<CsvColumn>,
-    /// Its samples, or why it cannot be taken.
+    /// The samples, or why the file cannot be imported.
     pub contents: Result<CsvContents, RecordingError>,
 }
 
 impl CsvPreview {
-    /// Looks at whole lines of a file, whose columns are what `layout` says. An envelope has at most
-    /// `stretches`.
+    /// Previews whole lines of a file whose columns are given by `layout`. An envelope has at most
+    /// `intervals` entries.
     ///
     /// # Errors
-    /// Those of [`CsvFrames`] where the columns cannot be told.
-    pub fn of(lines: &[u8], layout: CsvLayout, stretches: usize) -> Result<Self, RecordingError> {
+    /// Those of [`CsvFrames`] if the columns cannot be determined.
+    pub fn of(lines: &[u8], layout: CsvLayout, intervals: usize) -> Result<Self, RecordingError> {
         let frames = CsvFrames::with_layout(lines, layout)?;
         let columns = frames.columns().map(|(column, role)| CsvColumn {
             label: column.label.clone(),
@@ -62,30 +62,30 @@ impl CsvPreview {
             unit: column.unit,
             role,
         });
-        Ok(Self { columns: columns.collect(), contents: contents(lines, layout, stretches) })
+        Ok(Self { columns: columns.collect(), contents: contents(lines, layout, intervals) })
     }
 }
 
-fn contents(lines: &[u8], layout: CsvLayout, stretches: usize) -> Result<CsvContents, RecordingError> {
+fn contents(lines: &[u8], layout: CsvLayout, intervals: usize) -> Result<CsvContents, RecordingError> {
     let timing = CsvTiming::scan(CsvFrames::with_layout(lines, layout)?)?;
-    let says_rate = [layout.sample_rate_hz, timing.stated_rate_hz, timing.clock_rate_hz];
-    let sample_rate_hz = match says_rate.iter().any(Option::is_some) {
+    let rates = [layout.sample_rate_hz, timing.stated_rate_hz, timing.clock_rate_hz];
+    let sample_rate_hz = match rates.iter().any(Option::is_some) {
         true => Some(timing.sample_rate_hz(layout.sample_rate_hz)?),
         false => None,
     };
     let mut frames = CsvFrames::with_layout(lines, layout)?;
     let mut frame = vec![0.0; frames.channels().len()];
-    let stretches = (stretches as u64).clamp(1, timing.frames.max(1));
+    let intervals = (intervals as u64).clamp(1, timing.frames.max(1));
     let none = [f32::INFINITY, f32::NEG_INFINITY];
-    let mut envelopes = vec![vec![none; stretches as usize]; frame.len()];
+    let mut envelopes = vec![vec![none; intervals as usize]; frame.len()];
     for line in 0..timing.frames {
         if !frames.next_frame(&mut frame)? {
             break;
         }
-        let stretch = (line * stretches / timing.frames) as usize;
+        let interval = (line * intervals / timing.frames) as usize;
         for (envelope, sample) in envelopes.iter_mut().zip(&frame) {
-            let [low, high] = envelope[stretch];
-            envelope[stretch] = [low.min(*sample), high.max(*sample)];
+            let [low, high] = envelope[interval];
+            envelope[interval] = [low.min(*sample), high.max(*sample)];
         }
     }
     envelopes.iter_mut().for_each(|envelope| envelope.retain(|range| range[0] <= range[1]));
@@ -93,7 +93,7 @@ fn contents(lines: &[u8], layout: CsvLayout, stretches: usize) -> Result<CsvCont
 }
 
 impl CsvContents {
-    /// The time of the first sample, where a column holds dates.
+    /// Returns the time of the first sample, if a column contains dates.
     pub fn start_time(&self) -> Option<Timestamp> {
         self.timing.start_time
     }
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_preview_says_columns_rate_start_and_shape() {
+    fn a_preview_gives_columns_rate_start_and_envelopes() {
         let lines = "at;in [g];count\n2026-03-01T08:00:00Z;1;7\n2026-03-01T08:00:00.5Z;-2;7\n\
                      2026-03-01T08:00:01Z;4;7\n2026-03-01T08:00:01.5Z;3;7\n";
         let layout = CsvLayout::new(None, None, &[2]).unwrap();
@@ -115,7 +115,7 @@ mod tests {
             [
                 ("at", None, ColumnRole::Time),
                 ("in", Some("g"), ColumnRole::Channel),
-                ("count", None, ColumnRole::LeftOut)
+                ("count", None, ColumnRole::Ignored)
             ]
         );
         let contents = preview.contents.unwrap();
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_told_where_the_samples_cannot_be_taken() {
+    fn columns_are_listed_if_the_samples_are_invalid() {
         let text = b"t,a1\n0,1\n1,none\n";
         let preview = CsvPreview::of(text, CsvLayout::default(), 10).unwrap();
         assert_eq!(preview.columns.len(), 2);

@@ -1,4 +1,4 @@
-//! A CSV file as records, cut as any other recording.
+//! Records of a CSV file.
 
 use std::io::Read;
 
@@ -7,10 +7,10 @@ use super::cut::{Blocks, Frames};
 use super::{CsvFrames, CsvLayout, CsvTiming, Cut, CutPlan, Cutter, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
-/// Reads a CSV file, whose columns are what `layout` says, as one record a channel.
+/// Reads a CSV file, whose columns are given by `layout`, as one record per channel.
 ///
-/// The rate is that of the layout or of the defaults, else the file's own; the time of a column with dates,
-/// and units of the header, count before the defaults.
+/// The rate is that of the layout, else of the defaults, else the file's own. The start time from a column
+/// with dates and the units in the header take precedence over the defaults.
 pub fn decode_csv(
     bytes: &[u8],
     layout: CsvLayout,
@@ -32,8 +32,7 @@ pub fn decode_csv(
     CsvBlocks::with_plan(CsvFrames::with_layout(bytes, layout)?, &timing, defaults, plan)?.collect()
 }
 
-/// Reads a CSV file of any length as consecutive records: all channels of one stretch, then those of the
-/// next.
+/// Reads a CSV file of any length as consecutive records: all channels of one block, then those of the next.
 pub struct CsvBlocks<R> {
     blocks: Blocks<CsvFrames<R>>,
 }
@@ -45,7 +44,7 @@ impl<R: Read> Frames for CsvFrames<R> {
 }
 
 impl<R: Read> CsvBlocks<R> {
-    /// Records of a file whose timing has been read.
+    /// Creates a reader of the records of a file whose timing is known.
     pub fn new(
         frames: CsvFrames<R>,
         timing: &CsvTiming,
@@ -65,20 +64,20 @@ impl<R: Read> CsvBlocks<R> {
     ) -> Result<Self, RecordingError> {
         let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
         let channels = frames.channels();
-        let names = defaults.names_before(channels.to_vec());
-        let mut said = defaults.clone();
-        said.start_time = timing.start_time.unwrap_or(defaults.start_time);
+        let names = defaults.names_or(channels.to_vec());
+        let mut completed = defaults.clone();
+        completed.start_time = timing.start_time.unwrap_or(defaults.start_time);
         for (name, unit) in names.iter().zip(frames.units()) {
             if let Some(unit) = unit {
-                said.channel_units.insert(name.clone(), (*unit).to_owned());
+                completed.channel_units.insert(name.clone(), (*unit).to_owned());
             }
         }
         let channels = channels.len();
-        let cutter = Cutter::new(names, rate_hz, &said, plan);
+        let cutter = Cutter::new(names, rate_hz, &completed, plan);
         Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
     }
 
-    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    /// Returns the length of the records in seconds if a long recording is cut by default.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         self.blocks.default_cut_seconds()
     }
@@ -176,10 +175,10 @@ mod tests {
     }
 
     #[test]
-    fn times_that_cannot_be_are_refused_with_their_line() {
+    fn invalid_times_are_rejected_with_their_line() {
         for (text, rate_hz, expected) in [
             ("a\n1\n2\n", None, "the sampling rate is missing"),
-            ("t,a\n0,1\n0.1,2\n0.05,3\n", None, "csv line 4: its time lies before that of the line above"),
+            ("t,a\n0,1\n0.1,2\n0.05,3\n", None, "csv line 4: its time is before that of the line above"),
             ("t,a\n0,1\n1,1\n2,1\n3,1\n6,1\n7,1\n8,1\n", None, "csv line 6: 3 s after the line above"),
             ("t,a\n0,1\n0.1,2\n", Some(10.02), "the sampling rate is 10.02 Hz, expected 10 Hz"),
             ("fs=11\nt,a\n0,1\n0.1,2\n", None, "the sampling rate is 11 Hz, expected 10 Hz"),
@@ -205,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_may_stand_before_the_header() {
+    fn the_rate_may_precede_the_header() {
         for line in
             ["Sample rate: 25600 Hz", "# fs = 25600", "Sampling Frequency (kHz),25.6", "SampleRate;25600"]
         {
@@ -218,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn latin_1_and_names_that_stand_there_twice_are_read() {
+    fn latin_1_and_duplicate_names_are_read() {
         let bytes = b"Gr\xf6\xdfe;Gr\xf6\xdfe\n1;2\n3;4\n";
         let defaults = RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() };
         let records = decode_csv(bytes, CsvLayout::default(), &defaults).unwrap();
@@ -226,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn given_names_stand_for_those_of_the_header() {
+    fn given_names_replace_those_of_the_header() {
         let defaults = RecordDefaults {
             sample_rate_hz: Some(1.0),
             channel_names: vec!["in".to_owned(), "out".to_owned()],
@@ -241,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_what_is_said_of_them() {
+    fn columns_follow_the_layout() {
         let text = "n;in [g];out (m/s2);speed\n0;1;5;25\n1;2;6;25\n2;3;7;25\n3;4;8;25\n";
         let read = |layout: Result<CsvLayout, RecordingError>| {
             let records = decode_csv(text.as_bytes(), layout.unwrap(), &RecordDefaults::default());
@@ -263,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_column_of_times_is_known_by_many_names() {
+    fn time_columns_have_many_names() {
         for heading in
             ["Time - Voltage_1", "X (ms)", "t", "Zeitstempel", "elapsed", "Zeit / s", "time_ms", "date"]
         {

@@ -1,4 +1,4 @@
-//! The time columns of a CSV file: the sampling rate and the start that they say.
+//! The time columns of a CSV file, and the sampling rate and start time derived from them.
 
 use std::io::Read;
 
@@ -7,20 +7,20 @@ use jiff::Timestamp;
 use super::csv_field::{Decimals, Moment};
 use super::{CsvFrames, RecordingError};
 
-/// Most that a given rate may differ from that of the time column.
+/// Largest relative difference between a given rate and that of the time column.
 const RATE_TOLERANCE: f64 = 1e-3;
 
-/// Seconds above which a number counts from 1970: no recording is so long.
+/// Above this number of seconds, a time counts from 1970: no recording is that long.
 const SINCE_1970_S: f64 = 1e8;
 
-/// Where the time of a line stands.
+/// Location and representation of the time in a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Clock {
-    /// Seconds, or parts of them, as a number.
+    /// Seconds, or fractions of them, as a number.
     Seconds {
-        /// Which column.
+        /// Index of the column.
         column: usize,
-        /// Seconds in one unit of it.
+        /// Seconds per unit.
         factor: f64,
     },
     /// A time of day, or a date and a time.
@@ -30,7 +30,7 @@ pub(super) enum Clock {
 }
 
 impl Clock {
-    /// Whether a column is part of it.
+    /// Returns whether a column is part of the time.
     pub(super) fn has(self, at: usize) -> bool {
         match self {
             Self::Seconds { column, .. } | Self::Moment(column) => column == at,
@@ -38,7 +38,7 @@ impl Clock {
         }
     }
 
-    /// The time in nanoseconds.
+    /// Reads the time in nanoseconds.
     pub(super) fn read<'a>(
         self,
         field: impl Fn(usize) -> &'a str,
@@ -67,7 +67,7 @@ impl Clock {
         }
     }
 
-    /// Whether lines, at least three, all have a time, each a later one.
+    /// Returns whether at least three lines all have a time, in ascending order.
     pub(super) fn rises(self, lines: &[Vec<String>], separator: u8) -> bool {
         let mut decimals = Decimals::separated_by(separator);
         let read =
@@ -79,22 +79,22 @@ impl Clock {
     }
 }
 
-/// What all lines of a CSV file say of its time.
+/// Timing of a CSV file, from all its lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CsvTiming {
-    /// Lines of samples.
+    /// Number of lines of samples.
     pub frames: u64,
-    /// Sampling rate in hertz by the time columns; none without them, or with a single line.
+    /// Sampling rate in hertz according to the time columns; `None` without them, or with a single line.
     pub clock_rate_hz: Option<f64>,
-    /// Sampling rate in hertz by a line before the header.
+    /// Sampling rate in hertz stated in a line before the header.
     pub stated_rate_hz: Option<f64>,
-    /// Time of the first sample, where a column has dates.
+    /// Time of the first sample, if a column contains dates.
     pub start_time: Option<Timestamp>,
-    /// How far the time columns may be off, as a part of the recording's length.
+    /// Relative uncertainty of the rate from the time columns.
     uncertainty: f64,
 }
 
-/// Whether the values of a column rise by the same step from line to line, as no vibration does.
+/// Detects a column whose values rise by the same step from line to line, as no vibration does.
 #[derive(Debug, Default)]
 struct Ramp {
     last: Option<f32>,
@@ -104,7 +104,7 @@ struct Ramp {
 }
 
 impl Ramp {
-    /// Lines from which on it is told.
+    /// Fewest lines for a detection.
     const MIN_LINES: u64 = 4;
 
     fn add(&mut self, value: f32) {
@@ -122,10 +122,10 @@ impl Ramp {
 }
 
 impl CsvTiming {
-    /// Reads a file to its end.
+    /// Reads a file to its end to determine its timing.
     ///
     /// # Errors
-    /// Those of [`CsvFrames`]; a time that is none, goes back, or leaves samples out.
+    /// Those of [`CsvFrames`]; a time that is invalid, not ascending, or shows that samples are missing.
     pub fn scan<R: Read>(mut frames: CsvFrames<R>) -> Result<Self, RecordingError> {
         let mut frame = vec![0.0; frames.channels().len()];
         let mut steps = Steps::default();
@@ -158,34 +158,36 @@ impl CsvTiming {
         })
     }
 
-    /// The sampling rate in hertz: the given one, else that of a line before the header, else that of the
-    /// time columns.
+    /// Returns the sampling rate in hertz: the given one, else that of a line before the header, else that of
+    /// the time columns.
     ///
     /// # Errors
-    /// None of them is there, or the time columns say another one, by more than 0.1 %.
+    /// There is none, or the time columns contradict it by more than 0.1 %.
     pub fn sample_rate_hz(&self, given_hz: Option<f64>) -> Result<f64, RecordingError> {
-        let said = given_hz.or(self.stated_rate_hz);
-        match (said, self.clock_rate_hz) {
-            (Some(said), Some(clock)) if (said / clock - 1.0).abs() > RATE_TOLERANCE + self.uncertainty => {
-                Err(RecordingError::Rate { said, clock })
+        let stated = given_hz.or(self.stated_rate_hz);
+        match (stated, self.clock_rate_hz) {
+            (Some(stated), Some(clock))
+                if (stated / clock - 1.0).abs() > RATE_TOLERANCE + self.uncertainty =>
+            {
+                Err(RecordingError::Rate { stated, clock })
             }
             (Some(rate), _) | (None, Some(rate)) => Ok(rate),
             (None, None) => Err(RecordingError::field(
                 "the sampling rate",
                 "missing",
-                "a rate given beside the CSV file, a column of times, or a line such as \"Sample rate: 12800\" before the header",
+                "a rate given with the CSV file, a time column, or a line such as \"Sample rate: 12800\" before the header",
             )),
         }
     }
 }
 
-/// The steps of a time column, as far as they have been read.
+/// The steps of a time column read so far.
 #[derive(Debug, Default)]
 struct Steps {
     first: Option<i64>,
     last: i64,
     count: u64,
-    /// The longest one and its line, and the shortest one that is not nothing.
+    /// The longest step and its line, and the shortest step above zero.
     longest: (i64, u64),
     shortest: Option<i64>,
 }
@@ -198,7 +200,7 @@ impl Steps {
             let step = ns.checked_sub(self.last).filter(|step| *step >= 0);
             let step = step.ok_or_else(|| RecordingError::CsvLine {
                 line,
-                what: "its time lies before that of the line above, expected rising times".to_owned(),
+                what: "its time is before that of the line above, expected ascending times".to_owned(),
             })?;
             self.count += 1;
             if step > self.longest.0 {
@@ -212,15 +214,15 @@ impl Steps {
         Ok(())
     }
 
-    /// The rate in hertz, and how far it may be off.
+    /// Returns the rate in hertz and its relative uncertainty.
     fn rate_hz(&self) -> Result<Option<(f64, f64)>, RecordingError> {
         let (Some(first), Some(shortest)) = (self.first, self.shortest) else {
             return Ok(None);
         };
         let span = self.last.saturating_sub(first) as f64;
         let mean = span / self.count as f64;
-        // Times may be written coarser than the samples follow each other: then many steps are nothing, and
-        // some are one unit.
+        // The resolution of the times may be coarser than the sampling interval: then many steps are zero,
+        // and some are one unit.
         let resolution = if shortest as f64 > 1.5 * mean { shortest as f64 } else { 0.0 };
         let (longest, line) = self.longest;
         if longest as f64 > 1.5 * mean + resolution {

@@ -1,4 +1,4 @@
-//! Cutting a long multi-channel recording into records, in bounded memory.
+//! Cutting of a long multi-channel recording into records, in bounded memory.
 
 use std::collections::VecDeque;
 
@@ -7,41 +7,41 @@ use jiff::{SignedDuration, Timestamp};
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
 
-/// Longest recording that stays one record a channel where no cut is asked for, in seconds, and in samples of
-/// a channel: its analysis takes some 85 bytes a sample.
+/// Longest recording that becomes one record per channel by default, in seconds and in samples per channel.
+/// Its analysis takes about 85 bytes per sample.
 const WHOLE_SECONDS: f64 = 120.0;
 const WHOLE_SAMPLES: u64 = 1 << 22;
 
-/// Length of the records of a longer recording where no cut is asked for, in seconds.
+/// Default length of the records of a longer recording, in seconds.
 const DEFAULT_SECONDS: f64 = 10.0;
 
-/// Most samples held at a time over all channels: 256 MiB of `f32`.
-const MAX_HELD_SAMPLES: usize = 4 * MAX_RECORD_SAMPLES;
+/// Largest number of samples in memory over all channels: 256 MiB of `f32`.
+const MAX_BUFFERED_SAMPLES: usize = 4 * MAX_RECORD_SAMPLES;
 
-/// How long the records of a cut recording are. What is left at the end is a record too if it is at least
-/// half as long.
+/// Length of the records of a cut recording. The remainder at the end is a record too if it is at least half
+/// as long.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cut {
     /// Seconds, rounded to whole samples.
     Seconds(f64),
-    /// Samples of each channel.
+    /// Samples per channel.
     Samples(usize),
 }
 
-/// How a recording is cut into records.
+/// Plan for cutting a recording into records.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutPlan {
-    /// Samples of each channel in a record.
+    /// Samples per channel in a record.
     pub frames: usize,
-    /// Length of the records in seconds where the recording is cut without having been asked to.
+    /// Length of the records in seconds if the recording is cut by default.
     pub default_seconds: Option<f64>,
 }
 
 impl CutPlan {
-    /// The plan for `total_frames` samples a channel (at most: an upper bound will do).
+    /// Creates the plan for at most `total_frames` samples per channel.
     ///
     /// # Errors
-    /// A sampling rate that is not positive, records of no sample or of more than may be held.
+    /// The sampling rate is not positive, or the records have no samples or too many.
     pub fn new(
         cut: Option<Cut>,
         total_frames: u64,
@@ -51,41 +51,42 @@ impl CutPlan {
         if !(sample_rate_hz > 0.0 && sample_rate_hz.is_finite()) {
             return Err(RecordError::SampleRate(sample_rate_hz).into());
         }
-        let most = MAX_RECORD_SAMPLES.min(MAX_HELD_SAMPLES / channels.max(1));
+        let max_frames = MAX_RECORD_SAMPLES.min(MAX_BUFFERED_SAMPLES / channels.max(1));
         let frames = match cut {
             Some(Cut::Samples(frames)) => frames as f64,
             Some(Cut::Seconds(seconds)) => (seconds * sample_rate_hz).round(),
-            None if total_frames <= WHOLE_SAMPLES.min(most as u64)
+            None if total_frames <= WHOLE_SAMPLES.min(max_frames as u64)
                 && total_frames as f64 <= WHOLE_SECONDS * sample_rate_hz =>
             {
-                return Ok(Self { frames: most, default_seconds: None });
+                return Ok(Self { frames: max_frames, default_seconds: None });
             }
             None => {
-                let frames = (DEFAULT_SECONDS * sample_rate_hz).round().clamp(1.0, most as f64) as usize;
+                let frames =
+                    (DEFAULT_SECONDS * sample_rate_hz).round().clamp(1.0, max_frames as f64) as usize;
                 return Ok(Self { frames, default_seconds: Some(frames as f64 / sample_rate_hz) });
             }
         };
-        if !(frames >= 1.0 && frames <= most as f64) {
+        if !(frames >= 1.0 && frames <= max_frames as f64) {
             return Err(RecordingError::field(
                 "the cut",
                 format!("{frames} samples ({channels} channels at {sample_rate_hz} Hz)"),
-                "1 to 16777216 samples a record, and at most 67108864 over all channels",
+                "1 to 16777216 samples a record, and at max_frames 67108864 over all channels",
             ));
         }
         Ok(Self { frames: frames as usize, default_seconds: None })
     }
 }
 
-/// Collects frames (one sample of every channel) and hands them out as records.
+/// Collects frames (one sample of every channel) into records.
 #[derive(Debug)]
 pub struct Cutter {
     channels: Vec<String>,
-    /// Of each channel.
+    /// Units of the channels.
     units: Vec<String>,
     sample_rate_hz: f64,
     start_time: Timestamp,
     operating_point: OperatingPoint,
-    /// What each value is multiplied with.
+    /// Factor for each value.
     scale: Option<f64>,
     frames: usize,
     first_frame: u64,
@@ -93,7 +94,7 @@ pub struct Cutter {
 }
 
 impl Cutter {
-    /// Starts with no frame; records are `plan.frames` long.
+    /// Creates an empty cutter for records of `plan.frames` frames.
     pub fn new(channels: Vec<String>, sample_rate_hz: f64, defaults: &RecordDefaults, plan: CutPlan) -> Self {
         Self {
             columns: vec![Vec::new(); channels.len()],
@@ -108,7 +109,7 @@ impl Cutter {
         }
     }
 
-    /// Adds one frame; true when the records are complete and must be taken.
+    /// Adds one frame; returns true when the records are complete and must be taken.
     pub fn push(&mut self, frame: &[f32]) -> bool {
         for (column, &sample) in self.columns.iter_mut().zip(frame) {
             column.push(match self.scale {
@@ -119,9 +120,9 @@ impl Cutter {
         self.columns.first().is_some_and(|column| column.len() >= self.frames)
     }
 
-    /// Takes the collected frames as one record a channel; nothing where there are none, unless there were
-    /// none at all. Of a recording that was cut a rest of less than half a record is none: it would stand
-    /// among the others with features of another resolution.
+    /// Takes the collected frames as one record per channel. Returns nothing if there are none, except for an
+    /// empty recording. A remainder of less than half a record is dropped if the recording was cut: its
+    /// features would have another resolution than the others'.
     pub fn take(&mut self) -> Vec<Result<Record, RecordingError>> {
         let frames = self.columns.first().map_or(0, Vec::len);
         if self.first_frame > 0 && 2 * frames < self.frames {
@@ -151,13 +152,13 @@ impl Cutter {
     }
 }
 
-/// A recording that is read frame by frame, a sample of every channel each.
+/// A source of frames, each with one sample of every channel.
 pub(crate) trait Frames {
-    /// Reads the next frame, false at the end.
+    /// Reads the next frame; returns false at the end.
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError>;
 }
 
-/// The records of a recording, one stretch of all channels after the other; one stretch is held at a time.
+/// The records of a recording, block by block over all channels; one block is in memory at a time.
 #[derive(Debug)]
 pub(crate) struct Blocks<F> {
     frames: F,
@@ -173,7 +174,7 @@ impl<F: Frames> Blocks<F> {
         Self { frames, cutter, plan, frame: vec![0.0; channels], ready: VecDeque::new(), ended: false }
     }
 
-    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    /// Returns the length of the records in seconds if a long recording is cut by default.
     pub(crate) fn default_cut_seconds(&self) -> Option<f64> {
         self.plan.default_seconds
     }
@@ -204,7 +205,7 @@ impl<F: Frames> Iterator for Blocks<F> {
     }
 }
 
-/// A time that many seconds later.
+/// Returns the time `seconds` later.
 fn time_after(time: Timestamp, seconds: f64) -> Result<Timestamp, RecordingError> {
     SignedDuration::try_from_secs_f64(seconds)
         .ok()
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rest_of_less_than_half_a_record_is_none() {
+    fn a_remainder_below_half_a_record_is_dropped() {
         let lengths = |frames: usize, cut: Option<Cut>| -> Vec<usize> {
             let plan = CutPlan::new(cut, frames as u64, 8.0, 1).unwrap();
             let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
@@ -274,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn cuts_that_cannot_be_held_are_refused() {
+    fn cuts_too_large_for_memory_are_rejected() {
         for cut in [
             Cut::Samples(0),
             Cut::Samples(MAX_RECORD_SAMPLES + 1),
@@ -289,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_in_a_later_record_says_where_it_stands() {
+    fn an_error_in_a_later_record_gives_its_position() {
         let plan = CutPlan::new(Some(Cut::Samples(2)), 4, 8.0, 1).unwrap();
         let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
         cutter.push(&[0.0]);

@@ -1,4 +1,4 @@
-//! Why bytes are not a recording, or only part of one.
+//! Errors of reading and writing recordings.
 
 use mcap::McapError;
 use thiserror::Error;
@@ -6,7 +6,7 @@ use thiserror::Error;
 use flankwatch_signal::RecordError;
 
 impl RecordingError {
-    /// Whether the disk that it is written to is full.
+    /// Returns whether writing failed because the disk is full.
     pub fn is_full(&self) -> bool {
         match self {
             Self::Io(error) | Self::McapWrite(McapError::Io(error)) => {
@@ -25,131 +25,131 @@ pub enum RecordingError {
     #[cfg(feature = "files")]
     #[error("cannot open {path:?}: {source}")]
     Open {
-        /// The file.
+        /// Path of the file.
         path: std::path::PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// Reading or writing failed underway.
+    /// Reading or writing failed.
     #[error("cannot read or write the recording: {0}")]
     Io(#[from] std::io::Error),
-    /// Not a single byte.
+    /// The recording has no bytes.
     #[error("the recording is empty (0 bytes), expected a WAV, FLAC, MCAP, CSV, MATLAB or NumPy recording")]
     NoBytes,
-    /// A format that is known, and not read here.
+    /// A known format that is not supported here.
     #[error("the recording is {name}, expected WAV, FLAC, MCAP, CSV, .mat (v5) or .npy: {hint}")]
     Foreign {
-        /// The format's name.
+        /// Name of the format.
         name: &'static str,
-        /// What reads it.
+        /// How to read it instead.
         hint: &'static str,
     },
-    /// No format that is known.
+    /// An unknown format.
     #[error(
         "the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP, CSV, MATLAB or NumPy recording"
     )]
     UnknownFormat {
-        /// Its first bytes in hexadecimal.
+        /// First bytes in hexadecimal.
         beginning: String,
     },
-    /// A field of a WAV header that cannot be used.
+    /// An invalid field of a WAV header.
     #[error("wav: {field} is {value}, expected {expected}")]
     Wav {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// The value.
         value: String,
-        /// What would have been right.
+        /// The expected value.
         expected: &'static str,
     },
-    /// A part of a NumPy array or a MATLAB file that cannot be used.
+    /// An invalid part of a FLAC recording, a NumPy array or a MATLAB file.
     #[error("{format}: {field} is {value}, expected {expected}")]
     Content {
-        /// The file's format.
+        /// Format of the file.
         format: &'static str,
-        /// Which part.
+        /// Name of the part.
         field: &'static str,
-        /// Its value.
+        /// The value.
         value: String,
-        /// What would have been right.
+        /// The expected value.
         expected: &'static str,
     },
-    /// A WAV recording ends too early.
+    /// A truncated WAV recording.
     #[error("wav: the file ends in {part} at byte {byte}: {declared} bytes declared, {found} found")]
     WavEnds {
-        /// Inside of what.
+        /// The part in which it ends.
         part: &'static str,
         /// Length of the file.
         byte: u64,
-        /// Length of that part as declared.
+        /// Declared length of that part in bytes.
         declared: u64,
-        /// What there is of it.
+        /// Available bytes of that part.
         found: u64,
     },
     /// Not a protobuf message of the expected type.
     #[error("not a WaveformBlock in protobuf: {0}")]
     Protobuf(#[from] prost::DecodeError),
     /// Not JSON, or a field is missing, unknown or of the wrong type.
-    #[error("not a WaveformBlock in json: {0}")]
+    #[error("not a WaveformBlock in JSON: {0}")]
     Json(#[from] serde_json::Error),
-    /// A field of a message, or an argument, that cannot be used.
+    /// An invalid field of a message, or an invalid argument.
     #[error("{field} is {value}, expected {expected}")]
     Field {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// The value.
         value: String,
-        /// What would have been right.
+        /// The expected value.
         expected: &'static str,
     },
-    /// The samples are not a record.
+    /// The samples do not form a valid record.
     #[error("{0}")]
     Record(#[from] RecordError),
-    /// The samples of one cut of a longer recording are not a record.
+    /// The samples of one part of a longer recording do not form a valid record.
     #[error("record from sample {first_sample} of the recording: {source}")]
     Cut {
-        /// Index of the cut's first sample in the recording.
+        /// Index of the part's first sample in the recording.
         first_sample: u64,
-        /// Why not.
+        /// The cause.
         source: RecordError,
     },
-    /// A message of an MCAP recording that cannot be used; reading goes on after it.
+    /// An invalid message of an MCAP recording. Reading continues after it.
     #[error("message {sequence} on {topic:?}: {source}")]
     Message {
         /// The message's topic.
         topic: String,
         /// Its sequence number.
         sequence: u32,
-        /// Why not.
+        /// The cause.
         source: Box<RecordingError>,
     },
-    /// A damaged MCAP recording; nothing after that byte is read.
+    /// A damaged MCAP recording. Reading stops at that byte.
     #[error("mcap: damaged at byte {byte}: {source}")]
     Mcap {
-        /// Where the damaged record begins.
+        /// Position of the damaged record.
         byte: u64,
-        /// What is wrong with it.
+        /// The problem.
         source: McapError,
     },
-    /// A damaged MCAP recording: a length or reference in it cannot be right.
+    /// A damaged MCAP recording with an impossible length or reference.
     #[error("mcap: damaged at byte {byte}: {what}")]
     McapDamaged {
-        /// Where the damaged record begins.
+        /// Position of the damaged record.
         byte: u64,
-        /// What is wrong with it.
+        /// The problem.
         what: String,
     },
-    /// An MCAP recording that ends too early.
+    /// A truncated MCAP recording.
     #[error("mcap: the file ends at byte {byte} in the middle of {part}; records before that are complete")]
     McapEnds {
         /// Length of the file.
         byte: u64,
-        /// Inside of what.
+        /// The part in which it ends.
         part: &'static str,
     },
-    /// An MCAP recording without a single waveform.
+    /// An MCAP recording without a waveform.
     #[error(
-        "mcap: no vibration in it: expected messages of schema flankwatch.v1.WaveformBlock (protobuf or json), found {found}"
+        "mcap: no vibration found: expected messages of schema flankwatch.v1.WaveformBlock (protobuf or JSON), found {found}"
     )]
     NoVibration {
         /// Topics with their encoding and schema.
@@ -158,51 +158,51 @@ pub enum RecordingError {
     /// Writing an MCAP recording failed.
     #[error("mcap: cannot write: {0}")]
     McapWrite(#[source] McapError),
-    /// A value in a CSV file that cannot be used.
+    /// An invalid value in a CSV file.
     #[error("csv line {line}, column {column:?}: {value:?}, expected {expected}")]
     CsvValue {
         /// The line, counted from 1.
         line: u64,
-        /// The column's name.
+        /// Name of the column.
         column: String,
-        /// What stands there.
+        /// Text of the field.
         value: String,
-        /// What would have been right.
+        /// The expected value.
         expected: &'static str,
     },
     /// A sampling rate that contradicts the times in the file.
     #[error(
-        "the sampling rate is {said} Hz, expected {clock} Hz as the times in the file say (at most 0.1 % apart)"
+        "the sampling rate is {stated} Hz, expected {clock} Hz according to the times in the file (within 0.1 %)"
     )]
     Rate {
-        /// The rate that was given, or that the file says beside its times.
-        said: f64,
-        /// The rate by the times.
+        /// The rate that was given or is stated in the file.
+        stated: f64,
+        /// The rate according to the times.
         clock: f64,
     },
-    /// A line of a CSV file that cannot be used.
+    /// An invalid line of a CSV file.
     #[error("csv line {line}: {what}")]
     CsvLine {
         /// The line, counted from 1.
         line: u64,
-        /// What is wrong with it.
+        /// The problem.
         what: String,
     },
 }
 
 impl RecordingError {
-    /// A field that cannot be used; its value is shortened for the message.
+    /// Creates the error for an invalid field, with its value shortened for the message.
     pub fn field(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
         Self::Field { field, value: shortened(&value.to_string()), expected }
     }
 
-    /// A WAV header's field.
+    /// Creates the error for an invalid field of a WAV header.
     pub(crate) fn wav(field: &'static str, value: impl ToString, expected: &'static str) -> Self {
         Self::Wav { field, value: value.to_string(), expected }
     }
 }
 
-/// At most 60 characters of what a hostile input says, so that an error stays readable.
+/// Returns at most 60 characters of an untrusted input, to keep errors readable.
 pub(crate) fn shortened(text: &str) -> String {
     match text.char_indices().nth(60) {
         Some((end, _)) => format!("{}…", &text[..end]),

@@ -1,4 +1,4 @@
-//! A recording in a file, whatever its format.
+//! A recording file of any format.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -17,15 +17,15 @@ use super::{
     RecordingError, encode_block,
 };
 
-/// How a file that is compressed with gzip begins.
+/// Magic number of gzip.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// The records of a WAV, FLAC, MCAP, CSV, MATLAB (v5) or NumPy file, read as they are asked for. CSV may be
-/// compressed with gzip; it is read twice, first for its time. A MATLAB file is held in memory.
+/// The records of a WAV, FLAC, MCAP, CSV, MATLAB (v5) or NumPy file, read on demand. CSV may be compressed
+/// with gzip; it is read twice, first for its timing. A MATLAB file is read into memory.
 ///
-/// A file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records
-/// of 10 s, or as `cut` says, where a rest of less than half a record is left out. MCAP records come as they
-/// were recorded.
+/// A file of up to 2 minutes (and 4 194 304 samples) is one record per channel. A longer one is cut into
+/// records of 10 s, or as given by `cut`; a remainder of less than half a record is dropped. MCAP records are
+/// returned as recorded.
 pub struct RecordingFile {
     records: Records,
     read: Arc<AtomicU64>,
@@ -40,7 +40,7 @@ enum Records {
     Mat(Box<MatBlocks>),
 }
 
-/// A file that says how far it has been read.
+/// A file that counts the bytes read.
 struct CountedFile {
     file: BufReader<File>,
     read: Arc<AtomicU64>,
@@ -93,12 +93,12 @@ impl RecordingFile {
         Ok(Self { records, read })
     }
 
-    /// Bytes of the file read so far.
+    /// Returns the number of bytes of the file read so far.
     pub fn bytes_read(&self) -> u64 {
         self.read.load(Ordering::Relaxed)
     }
 
-    /// The file's format.
+    /// Returns the file's format.
     pub fn format(&self) -> Format {
         match self.records {
             Records::Wav(_) => Format::Wav,
@@ -110,8 +110,7 @@ impl RecordingFile {
         }
     }
 
-    /// Length in seconds of the records into which a long file is cut without having been asked to; none
-    /// where it is not.
+    /// Returns the length in seconds of the records if a long file is cut by default.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         match &self.records {
             Records::Wav(blocks) => blocks.default_cut_seconds(),
@@ -124,20 +123,20 @@ impl RecordingFile {
     }
 }
 
-/// A MATLAB file, read whole.
+/// Reads a whole MATLAB file.
 fn mat_frames(reader: CountedFile) -> Result<MatFrames, RecordingError> {
     let mut bytes = Vec::new();
     reader.take(MAX_BYTES).read_to_end(&mut bytes)?;
     MatFrames::new(&bytes)
 }
 
-/// Whether a file is CSV, compressed (true) or not; it stands at its beginning again.
+/// Returns whether a CSV file is compressed, or `None` if it is not CSV. Rewinds the file.
 fn csv_of(file: &mut File, beginning: &[u8]) -> Result<Option<bool>, RecordingError> {
     if !beginning.starts_with(&GZIP) {
         return Ok(matches!(Format::detect(beginning), Ok(Format::Csv)).then_some(false));
     }
     let mut inner = Vec::new();
-    // What is no gzip after all is refused by its first bytes.
+    // An invalid gzip file is rejected later by its first bytes.
     let read = MultiGzDecoder::new(&mut *file).take(16).read_to_end(&mut inner);
     file.seek(SeekFrom::Start(0))?;
     Ok((read.is_ok() && matches!(Format::detect(&inner), Ok(Format::Csv))).then_some(true))

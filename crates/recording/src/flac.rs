@@ -1,7 +1,7 @@
-//! FLAC recordings, decoded as they are read.
+//! FLAC recordings, decoded while reading.
 //!
-//! Samples are integers, which are scaled to a full scale of −1…1 as those of WAV are; what that is worth
-//! says `scale` of the defaults. FLAC has no time: the defaults say when it began.
+//! Samples are integers, scaled to a full scale of −1…1 like those of WAV; `scale` of the defaults converts
+//! them to a unit. FLAC has no time: the defaults give the start time.
 
 use std::io::{ErrorKind, Read};
 
@@ -12,29 +12,28 @@ use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
-/// How every such file begins.
+/// Magic number.
 pub(crate) const MAGIC: &[u8] = b"fLaC";
 
-/// The frames (one sample of every channel) of a FLAC recording, read as they are asked for.
+/// The frames (one sample of every channel) of a FLAC recording, read on demand.
 struct FlacFrames<R: Read> {
     reader: FlacReader<R>,
     channels: usize,
     sample_rate_hz: f64,
-    /// Frames that there are by its description; none where it does not say, as of a recording that was
-    /// written to a pipe.
+    /// Declared number of frames; `None` if not declared, as in a recording that was written to a pipe.
     declared: Option<u64>,
     read: u64,
-    /// What one count is worth.
+    /// Value of one count.
     count: f32,
     block: Block,
-    /// The next frame's place in the block.
+    /// Index of the next frame in the block.
     next: u32,
 }
 
 impl<R: Read> FlacFrames<R> {
-    /// Reads the description at the beginning.
+    /// Reads the stream information at the beginning.
     fn new(reader: R) -> Result<Self, RecordingError> {
-        // Pictures and comments are passed over.
+        // Pictures and comments are skipped.
         let options = FlacReaderOptions { metadata_only: false, read_vorbis_comment: false };
         let reader = FlacReader::new_ext(reader, options).map_err(damaged)?;
         let info = reader.streaminfo();
@@ -53,13 +52,13 @@ impl<R: Read> FlacFrames<R> {
         })
     }
 
-    /// Decodes the next block; false at the end.
+    /// Decodes the next block; returns false at the end.
     fn fill(&mut self) -> Result<bool, RecordingError> {
         let buffer = std::mem::replace(&mut self.block, Block::empty()).into_buffer();
         let Some(block) = self.reader.blocks().read_next_or_eof(buffer).map_err(damaged)? else {
             return match self.declared.filter(|declared| self.read < *declared) {
                 Some(declared) => {
-                    let what = format!("{declared} frames, of which {} are there", self.read);
+                    let what = format!("{declared} frames, but {} are there", self.read);
                     Err(flac("length", what, "as many frames as the file holds"))
                 }
                 None => Ok(false),
@@ -87,17 +86,17 @@ impl<R: Read> Frames for FlacFrames<R> {
     }
 }
 
-/// Reads a FLAC recording of any length as consecutive records: all channels of one stretch, then those of
-/// the next.
+/// Reads a FLAC recording of any length as consecutive records: all channels of one block, then those of the
+/// next.
 pub struct FlacBlocks<R: Read> {
     blocks: Blocks<FlacFrames<R>>,
 }
 
 impl<R: Read> FlacBlocks<R> {
-    /// Reads the description of a recording. One that does not say its length is cut as a long one is.
+    /// Reads the stream information. A recording of undeclared length is cut like a long one.
     ///
     /// # Errors
-    /// It is damaged, or without a sampling rate; a cut that no record can have; what the reader says.
+    /// The recording is damaged or has no sampling rate; the cut is invalid; reading fails.
     pub fn new(reader: R, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
         let frames = FlacFrames::new(reader)?;
         let (channels, rate_hz) = (frames.channels, frames.sample_rate_hz);
@@ -106,7 +105,7 @@ impl<R: Read> FlacBlocks<R> {
         Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
     }
 
-    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    /// Returns the length of the records in seconds if a long recording is cut by default.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         self.blocks.default_cut_seconds()
     }

@@ -1,15 +1,15 @@
-//! What a recording is, by its first bytes.
+//! Detection of a recording's format from its first bytes.
 
 use super::RecordingError;
 
-/// What the first bytes of a recording say it is.
+/// Format of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// RIFF, RIFX or RF64.
     Wav,
     /// MCAP.
     Mcap,
-    /// Text, which is read as CSV.
+    /// Text, read as CSV.
     Csv,
     /// FLAC.
     Flac,
@@ -19,11 +19,10 @@ pub enum Format {
     Mat,
 }
 
-/// What the Python package reads.
+/// Hint for formats that the Python package reads.
 const BY_PYTHON: &str = "`flankwatch.read` of the Python package reads it, and `flankwatch-import` sends it";
 
-/// Formats that recordings come in and that are not read here: how they begin, their names, and what reads
-/// them.
+/// Common formats that are not supported here: magic number, name, and how to read them instead.
 const FOREIGN: [(&[u8], &str, &str); 9] = [
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", BY_PYTHON),
     (b"MATLAB 7.3 MAT-f", "an HDF5 file (MATLAB v7.3)", BY_PYTHON),
@@ -37,7 +36,7 @@ const FOREIGN: [(&[u8], &str, &str); 9] = [
 ];
 
 impl Format {
-    /// What it is called, with its article.
+    /// Returns its name with the article.
     pub fn name(self) -> &'static str {
         match self {
             Self::Wav => "a WAV",
@@ -49,7 +48,7 @@ impl Format {
         }
     }
 
-    /// Tells the format from a recording's first bytes (16 are enough); a name's extension plays no part.
+    /// Detects the format from a recording's first bytes (16 are enough), not from a file name.
     pub fn detect(beginning: &[u8]) -> Result<Self, RecordingError> {
         if beginning.is_empty() {
             return Err(RecordingError::NoBytes);
@@ -73,7 +72,7 @@ impl Format {
             return Err(RecordingError::Foreign { name, hint });
         }
         let beginning = &beginning[..beginning.len().min(16)];
-        // Text of any code page: control characters are what it does not have.
+        // Text of any code page has no control characters.
         if beginning.iter().any(|&byte| byte < b' ' && !byte.is_ascii_whitespace()) {
             let hex: Vec<String> = beginning.iter().map(|byte| format!("{byte:02x}")).collect();
             return Err(RecordingError::UnknownFormat { beginning: hex.join(" ") });
@@ -87,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_is_told_from_other_bytes() {
+    fn text_is_distinguished_from_binary_data() {
         assert_eq!(Format::detect(mcap::MAGIC).unwrap(), Format::Mcap);
         assert_eq!(Format::detect(b"RF64....WAVE").unwrap(), Format::Wav);
         // 15 bytes and the first half of a letter.
@@ -101,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn formats_that_are_not_read_are_named() {
+    fn unsupported_formats_are_named() {
         for (beginning, name) in [
             (&b"\x89HDF\r\n\x1a\n\0\0"[..], "an HDF5 file"),
             (b"MATLAB 7.3 MAT-file, Plat", "(MATLAB v7.3)"),

@@ -1,5 +1,5 @@
-//! A `WaveformBlock` in JSON: the fields of the protobuf message, with `start_time` in RFC 3339 as the
-//! readable form of `start_time_ns`.
+//! `WaveformBlock` in JSON: the fields of the protobuf message, with `start_time` in RFC 3339 as the readable
+//! form of `start_time_ns`.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -13,44 +13,44 @@ use super::block::DecodedBlock;
 use super::pulses::{MAX_PULSES, Pulses};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record};
 
-/// Longest text taken in a message, in bytes: errors quote it, each of its characters written with up to six.
+/// Longest text in a message, in bytes: errors quote it, and each character may take up to six.
 const MAX_TEXT_BYTES: usize = 1024;
 
-/// One stretch of vibration of one channel (`flankwatch.v1.WaveformBlock` as JSON); other fields are refused
-/// by name.
+/// A block of vibration samples of one channel (`flankwatch.v1.WaveformBlock` as JSON). Unknown fields are
+/// rejected by name.
 #[derive(Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", schema(as = WaveformBlock))]
 #[cfg_attr(not(feature = "openapi"), expect(unreachable_pub, reason = "public as a schema"))]
 pub struct JsonBlock {
-    /// Time of the first sample; the time of receipt where nothing says.
+    /// Time of the first sample; the time of receipt if missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     start_time: Option<Timestamp>,
-    /// The same in nanoseconds UTC since 1970, instead of `start_time`.
+    /// Nanoseconds UTC since 1970, instead of `start_time`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     start_time_ns: Option<i64>,
     /// Measured sampling rate in hertz.
     #[cfg_attr(feature = "openapi", schema(example = 12800.0))]
     sample_rate_hz: f64,
-    /// Index of the first sample since the acquisition began.
+    /// Index of the first sample since the start of the acquisition.
     #[serde(default)]
     first_sample_index: u64,
-    /// Unit of the samples, `m/s2` or `g`; the asset's where empty.
+    /// Unit of the samples, `m/s2` or `g`; the asset's if empty.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", schema(example = "m/s2"))]
     unit: String,
     /// The samples in `unit`, at most 2²⁴.
     #[serde(deserialize_with = "samples")]
     samples: Vec<f32>,
-    /// What the acquisition knows of the samples.
+    /// Quality flags set by the acquisition.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     quality: Option<Quality>,
     /// Measuring channel.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", schema(example = "a1"))]
     channel: String,
-    /// What the machine was doing meanwhile.
+    /// Operating point of the machine during the block.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     operating_point: Option<JsonOperatingPoint>,
     /// Pulses of a tachometer on the driving shaft.
@@ -67,7 +67,7 @@ pub(crate) struct JsonTachometer {
     /// Time of each pulse in nanoseconds UTC since 1970, at most 2²² of them.
     #[serde(default, deserialize_with = "pulse_times")]
     pulse_time_ns: Vec<i64>,
-    /// Pulses in one revolution.
+    /// Pulses per revolution.
     pulses_per_revolution: u32,
     /// The shaft's name.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -75,12 +75,12 @@ pub(crate) struct JsonTachometer {
 }
 
 impl JsonTachometer {
-    /// Reads one message.
+    /// Decodes one message.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Pulses, RecordingError> {
         Ok(message::<Self>(bytes)?.into())
     }
 
-    /// Writes one message behind what is there, and gives the pulses back.
+    /// Appends one message to `bytes` and returns the pulses.
     pub(crate) fn append(pulses: Pulses, bytes: &mut Vec<u8>) -> Pulses {
         let message = Self::from(pulses);
         serde_json::to_writer(bytes, &message).expect("plain fields are JSON");
@@ -114,10 +114,10 @@ impl From<Pulses> for JsonTachometer {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", schema(as = GivenOperatingPoint))]
 pub(crate) struct JsonOperatingPoint {
-    /// Time from which it holds.
+    /// Time from which it applies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     start_time: Option<Timestamp>,
-    /// The same in nanoseconds UTC since 1970.
+    /// Nanoseconds UTC since 1970, instead of `start_time`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     start_time_ns: Option<i64>,
     /// Rotational frequency of the driving shaft in hertz.
@@ -132,12 +132,12 @@ pub(crate) struct JsonOperatingPoint {
 }
 
 impl JsonOperatingPoint {
-    /// Reads one message.
+    /// Decodes one message.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, RecordingError> {
         message(bytes)
     }
 
-    /// The message without its time.
+    /// Returns the message without its time.
     pub(crate) fn operating_point(&self) -> OperatingPoint {
         OperatingPoint {
             shaft_speed_hz: self.shaft_speed_hz,
@@ -148,12 +148,12 @@ impl JsonOperatingPoint {
 }
 
 impl JsonBlock {
-    /// Reads one block.
+    /// Decodes one block.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, RecordingError> {
         message(bytes)
     }
 
-    /// Writes the block.
+    /// Encodes the block.
     pub(crate) fn encode(&self) -> Vec<u8> {
         // Strings, numbers and lists of this struct always serialise into memory.
         serde_json::to_vec(self).expect("a block of plain fields is JSON")
@@ -214,13 +214,13 @@ impl JsonBlock {
     }
 }
 
-/// Reads one message, whose texts are no longer than any of them may be.
+/// Decodes one message after checking the length of its texts.
 fn message<'de, T: Deserialize<'de>>(bytes: &'de [u8]) -> Result<T, RecordingError> {
     check_texts(bytes)?;
     Ok(serde_json::from_slice(bytes)?)
 }
 
-/// Refuses a text that is too long to be any field's value or name, before an error quotes it.
+/// Rejects a text that is too long for any field's name or value, before an error quotes it.
 fn check_texts(bytes: &[u8]) -> Result<(), RecordingError> {
     let mut left = bytes;
     while let Some(begin) = left.iter().position(|byte| *byte == b'"') {
@@ -236,7 +236,7 @@ fn check_texts(bytes: &[u8]) -> Result<(), RecordingError> {
             return Err(RecordingError::field(
                 "the length of a text in the message",
                 length,
-                "at most 1024 bytes",
+                "at max 1024 bytes",
             ));
         }
         left = text.get(length + 1..).unwrap_or_default();
@@ -244,31 +244,31 @@ fn check_texts(bytes: &[u8]) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// Reads the samples, stopping at one more than a record may have.
+/// Reads the samples and stops at the first one above the limit.
 fn samples<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f32>, D::Error> {
     deserializer.deserialize_seq(Numbers {
-        most: MAX_RECORD_SAMPLES,
+        max: MAX_RECORD_SAMPLES,
         expected: "samples, a list of finite numbers",
         too_many: "samples, cut the recording into shorter records",
         kind: PhantomData,
     })
 }
 
-/// Reads the times of pulses, stopping at one more than are taken.
+/// Reads the pulse times and stops at the first one above the limit.
 fn pulse_times<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<i64>, D::Error> {
     deserializer.deserialize_seq(Numbers {
-        most: MAX_PULSES,
+        max: MAX_PULSES,
         expected: "pulse_time_ns, a list of whole numbers",
         too_many: "pulses, send them in shorter messages",
         kind: PhantomData,
     })
 }
 
-/// A list of at most so many numbers.
+/// A list of at most `max` numbers.
 struct Numbers<T> {
-    most: usize,
+    max: usize,
     expected: &'static str,
-    /// Of what there are too many, and what to do.
+    /// The rest of the error for too many numbers: what they are, and what to do.
     too_many: &'static str,
     kind: PhantomData<T>,
 }
@@ -283,12 +283,12 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Numbers<T> {
     fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
         let mut numbers = Vec::new();
         while let Some(number) = list.next_element()? {
-            if numbers.len() == self.most {
-                return Err(A::Error::custom(format_args!("more than {} {}", self.most, self.too_many)));
+            if numbers.len() == self.max {
+                return Err(A::Error::custom(format_args!("more than {} {}", self.max, self.too_many)));
             }
             numbers.push(number);
         }
-        // What is held is counted by the numbers there are.
+        // Buffered memory is counted by the number of values.
         numbers.shrink_to_fit();
         Ok(numbers)
     }
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn both_forms_of_the_time_mean_the_same() {
+    fn both_forms_of_the_time_are_equivalent() {
         let text = decode(r#"{"start_time": "2026-01-02T03:04:05.000000006Z", "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#).unwrap();
         let number =
             decode(r#"{"start_time_ns": 1767323045000000006, "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#)
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn one_pulse_more_than_are_taken_is_refused() {
+    fn one_pulse_too_many_is_rejected() {
         let tachometer = |pulses: usize| {
             let times = vec!["1"; pulses].join(",");
             format!(r#"{{"pulses_per_revolution": 1, "pulse_time_ns": [{times}]}}"#)
@@ -374,7 +374,7 @@ mod tests {
             format!(r#"{{"sample_rate_hz": 1, "samples": [1], "unit": "\"{}"#, &long[2..]),
         ] {
             let error = decode(&json).unwrap_err();
-            assert_eq!(error, "the length of a text in the message is 1025, expected at most 1024 bytes");
+            assert_eq!(error, "the length of a text in the message is 1025, expected at max 1024 bytes");
         }
         let quoted = r#"{"sample_rate_hz": 1, "samples": [1], "unit": "\\", "channel": "\"x\""}"#;
         assert_eq!(decode(quoted).unwrap().channel(), "\"x\"");

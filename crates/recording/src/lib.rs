@@ -1,16 +1,17 @@
-//! Bytes to records and back: WAV, FLAC, MCAP, CSV, MATLAB, NumPy arrays, protobuf and JSON.
+//! Conversion between recordings and records: WAV, FLAC, MCAP, CSV, MATLAB, NumPy arrays, protobuf and JSON.
 //!
-//! - [`decode_wav`] and [`WavBlocks`], [`WavWriter`]: WAV whole, in stretches, and written;
-//! - [`McapReader`], [`McapWriter`]: MCAP with the messages of [`message`];
-//! - [`decode_block`], [`encode_block`]: one message in protobuf or JSON ([`BlockEncoding`]);
-//! - [`decode_csv`] and [`CsvBlocks`]: CSV whole and in stretches, its rate and time by [`CsvTiming`];
-//! - [`FlacBlocks`]: FLAC in stretches;
-//! - [`NpyBlocks`]: a NumPy array in stretches;
-//! - [`decode_mat`] and [`MatBlocks`]: MATLAB files of version 5, whole and in stretches;
-//! - [`CsvFrames`] and [`WavFrames`], which a [`Cutter`] makes records of;
-//! - [`stream`]: samples without end, in chunks by their index.
+//! - [`decode_wav`], [`WavBlocks`], [`WavWriter`]: read WAV whole or block by block, and write it;
+//! - [`McapReader`], [`McapWriter`]: read and write MCAP with the messages of [`message`];
+//! - [`decode_block`], [`encode_block`]: decode and encode one message in protobuf or JSON
+//!   ([`BlockEncoding`]);
+//! - [`decode_csv`], [`CsvBlocks`]: read CSV whole or block by block; [`CsvTiming`] determines rate and time;
+//! - [`FlacBlocks`]: reads FLAC block by block;
+//! - [`NpyBlocks`]: reads a NumPy array block by block;
+//! - [`decode_mat`], [`MatBlocks`]: read MATLAB files of version 5 whole or block by block;
+//! - [`CsvFrames`], [`WavFrames`]: read frame by frame; a [`Cutter`] turns frames into records;
+//! - [`stream`]: processes endless streams of samples that arrive in indexed chunks.
 //!
-//! [`RecordDefaults`] says what a recording leaves out.
+//! [`RecordDefaults`] provides the values that a recording lacks.
 //!
 //! ```
 //! use std::io::Cursor;
@@ -37,13 +38,13 @@
 //! # Ok::<(), flankwatch_recording::RecordingError>(())
 //! ```
 //!
-//! Nothing read here is trusted: a length is checked against the bytes that are there before memory is taken
-//! for it, and what cannot be used is refused with its place, its value and what was expected
-//! ([`RecordingError`]).
+//! Input is not trusted. Lengths are checked against the available bytes before memory is allocated. Invalid
+//! input is rejected with its position, its value and the expected value ([`RecordingError`]).
 //!
 //! # Features
-//! - `files`: `RecordingFile`, a recording of any format by its path; without it nothing here opens a file.
-//! - `openapi`: `utoipa::ToSchema` for the JSON form.
+//! - `files`: `RecordingFile`, which opens a recording of any format by path. Without it nothing here opens a
+//!   file.
+//! - `openapi`: implements `utoipa::ToSchema` for the JSON messages.
 
 mod block;
 mod csv;

@@ -1,8 +1,8 @@
-//! MATLAB files of version 5: the longest variables are the channels, a scalar says the rate.
+//! MATLAB files of version 5: the longest variables are the channels, a scalar gives the rate.
 //!
-//! Vectors and the columns of matrices (rows, where these are longer) are channels. Those that are shorter
-//! than the longest ones are something else. Fields of structs count like variables, with dotted names. What
-//! the numbers are worth says `scale` of the defaults; the time is that of the defaults too.
+//! Channels are vectors and the columns of matrices (rows, if these are longer). Shorter variables than the
+//! longest ones are not channels. Fields of structs count like variables, with dotted names. `scale` of the
+//! defaults converts the numbers to a unit; the start time is that of the defaults.
 
 use super::block::check_sample_count;
 use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
@@ -11,23 +11,23 @@ use super::mat_variables::{Variable, variables};
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
-/// How every such file begins.
+/// Magic number.
 pub(crate) const MAGIC: &[u8] = b"MATLAB 5.0 MAT-f";
 
-/// Most bytes that the variables of a file may take in memory.
+/// Largest size of a file's variables in memory, in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 30;
 
-/// Most bytes that the variables of an upload may take in memory.
+/// Largest size of an upload's variables in memory, in bytes.
 const MAX_UPLOAD_BYTES: u64 = 1 << 27;
 
-/// Most channels of a recording.
+/// Largest number of channels.
 const MAX_CHANNELS: usize = 256;
 
-/// Most that a given rate may differ from that of the times.
+/// Largest relative difference between a given rate and that of the times.
 const RATE_TOLERANCE: f64 = 1e-3;
 
-/// Names of a sampling rate in hertz, of a sampling interval in seconds, and of times, without signs and in
-/// lower case; those of rates may end in `hz`.
+/// Variable names of a sampling rate in hertz, of a sampling interval in seconds, and of times, in lower case
+/// without punctuation. Those of rates may end in `hz`.
 const RATES: [&str; 9] = [
     "fs",
     "sr",
@@ -42,7 +42,7 @@ const RATES: [&str; 9] = [
 const INTERVALS: [&str; 6] = ["dt", "ts", "increment", "sampleinterval", "samplinginterval", "deltat"];
 const TIMES: [&str; 7] = ["t", "time", "zeit", "timestamp", "timevector", "tid", "temps"];
 
-/// The frames of a MATLAB file, which is held in memory.
+/// The frames of a MATLAB file in memory.
 #[derive(Debug)]
 pub struct MatFrames {
     variables: Vec<Variable>,
@@ -53,7 +53,7 @@ pub struct MatFrames {
     next: usize,
 }
 
-/// Where the samples of a channel stand.
+/// Location of a channel's samples.
 #[derive(Debug)]
 struct Channel {
     name: String,
@@ -66,30 +66,32 @@ impl MatFrames {
     /// Reads a file whose variables take at most 1 GiB.
     ///
     /// # Errors
-    /// It is damaged or too large, or no variable is an array of at least two real numbers.
+    /// The file is damaged or too large, or no variable is an array of at least two real numbers.
     pub fn new(bytes: &[u8]) -> Result<Self, RecordingError> {
         Self::within(bytes, MAX_BYTES)
     }
 
-    fn within(bytes: &[u8], most_bytes: u64) -> Result<Self, RecordingError> {
-        let variables = variables(bytes, most_bytes)?;
-        let frames = variables.iter().filter(|variable| variable.len() > 0).map(longer).max().unwrap_or(0);
+    fn within(bytes: &[u8], max_bytes: u64) -> Result<Self, RecordingError> {
+        let variables = variables(bytes, max_bytes)?;
+        let frames =
+            variables.iter().filter(|variable| variable.len() > 0).map(longer_side).max().unwrap_or(0);
         if frames < 2 {
             let names: Vec<&str> = variables.iter().map(|variable| variable.name.as_str()).collect();
-            let expected = "an array of real numbers; text, cells, sparse and complex arrays are none";
+            let expected =
+                "an array of real numbers; text, cells, sparse and complex arrays are not supported";
             return Err(mat("variables", format!("{:?}", shortened(&names.join(", "))), expected));
         }
         let stated_rate_hz = scalar(&variables, &RATES)
             .or_else(|| scalar(&variables, &INTERVALS).map(|seconds| 1.0 / seconds))
             .filter(|rate| rate.is_finite());
         let (mut channels, mut clock_rate_hz) = (Vec::new(), None);
-        for (at, variable) in variables.iter().enumerate().filter(|(_, one)| longer(one) == frames) {
+        for (at, variable) in variables.iter().enumerate().filter(|(_, one)| longer_side(one) == frames) {
             let count = variable.len() / frames;
-            if count == 1 && TIMES.contains(&plain(&variable.name).as_str()) {
+            if count == 1 && TIMES.contains(&normalized_name(&variable.name).as_str()) {
                 clock_rate_hz = Some(rate_of_times(variable)?);
                 continue;
             }
-            // A square matrix has its channels as columns.
+            // The channels of a square matrix are its columns.
             let is_column = variable.shape[0] == frames;
             channels.extend((0..count).map(|n| Channel {
                 name: if count == 1 { variable.name.clone() } else { format!("{}_{}", variable.name, n + 1) },
@@ -99,35 +101,36 @@ impl MatFrames {
             }));
         }
         if channels.is_empty() || channels.len() > MAX_CHANNELS {
-            return Err(mat("channels", channels.len(), "1 to 256, beside the times"));
+            return Err(mat("channels", channels.len(), "1 to 256 besides the times"));
         }
         Ok(Self { variables, channels, frames, stated_rate_hz, clock_rate_hz, next: 0 })
     }
 
-    /// Samples of each channel.
+    /// Returns the number of samples per channel.
     pub fn frames(&self) -> u64 {
         self.frames as u64
     }
 
-    /// Names of the channels: those of their variables.
+    /// Returns the names of the channels: those of their variables.
     pub fn channels(&self) -> impl ExactSizeIterator<Item = &str> {
         self.channels.iter().map(|channel| channel.name.as_str())
     }
 
-    /// The sampling rate in hertz: the given one, else that of a scalar such as `fs`, else that of the times.
+    /// Returns the sampling rate in hertz: the given one, else that of a scalar such as `fs`, else that of
+    /// the times.
     ///
     /// # Errors
-    /// None of them is there, or the times say another one, by more than 0.1 %.
+    /// There is none, or the times contradict it by more than 0.1 %.
     pub fn sample_rate_hz(&self, given_hz: Option<f64>) -> Result<f64, RecordingError> {
         match (given_hz.or(self.stated_rate_hz), self.clock_rate_hz) {
-            (Some(said), Some(clock)) if (said / clock - 1.0).abs() > RATE_TOLERANCE => {
-                Err(RecordingError::Rate { said, clock })
+            (Some(stated), Some(clock)) if (stated / clock - 1.0).abs() > RATE_TOLERANCE => {
+                Err(RecordingError::Rate { stated, clock })
             }
             (Some(rate), _) | (None, Some(rate)) => Ok(rate),
             (None, None) => Err(RecordingError::field(
                 "the sampling rate",
                 "missing",
-                "a rate given beside the MATLAB file, or a variable such as fs or t in it",
+                "a rate given with the MATLAB file, or a variable such as fs or t in it",
             )),
         }
     }
@@ -147,10 +150,10 @@ impl Frames for MatFrames {
     }
 }
 
-/// Reads a MATLAB file of at most 128 MiB once inflated as one record a channel.
+/// Reads a MATLAB file of at most 128 MiB once inflated as one record per channel.
 ///
 /// # Errors
-/// Those of [`MatFrames`]; channels are longer than one record may be, or a sample is not finite.
+/// Those of [`MatFrames`]; channels longer than a record may be; a sample that is not finite.
 pub fn decode_mat(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
@@ -161,13 +164,13 @@ pub fn decode_mat(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     MatBlocks::with_plan(frames, defaults, plan)?.collect()
 }
 
-/// Reads a MATLAB file as consecutive records: all channels of one stretch, then those of the next.
+/// Reads a MATLAB file as consecutive records: all channels of one block, then those of the next.
 pub struct MatBlocks {
     blocks: Blocks<MatFrames>,
 }
 
 impl MatBlocks {
-    /// Records of a file that has been read.
+    /// Creates a reader of the records of a file in memory.
     pub fn new(
         frames: MatFrames,
         defaults: &RecordDefaults,
@@ -185,12 +188,12 @@ impl MatBlocks {
     ) -> Result<Self, RecordingError> {
         let rate_hz = frames.sample_rate_hz(defaults.sample_rate_hz)?;
         let channels = frames.channels.len();
-        let names = defaults.names_before(frames.channels().map(str::to_owned).collect());
+        let names = defaults.names_or(frames.channels().map(str::to_owned).collect());
         let cutter = Cutter::new(names, rate_hz, defaults, plan);
         Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
     }
 
-    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    /// Returns the length of the records in seconds if a long recording is cut by default.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         self.blocks.default_cut_seconds()
     }
@@ -204,33 +207,33 @@ impl Iterator for MatBlocks {
     }
 }
 
-/// The longer side of a variable.
-fn longer(variable: &Variable) -> usize {
+/// Returns the longer dimension of a variable.
+fn longer_side(variable: &Variable) -> usize {
     variable.shape[0].max(variable.shape[1])
 }
 
-/// A variable's own name in lower case, letters and digits alone.
-fn plain(name: &str) -> String {
+/// Returns a variable's own name in lower case, letters and digits only.
+fn normalized_name(name: &str) -> String {
     let own = name.rsplit('.').next().unwrap_or(name);
     own.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
 }
 
-/// The first positive scalar with one of these names.
+/// Returns the first positive scalar with one of these names.
 fn scalar(variables: &[Variable], names: &[&str]) -> Option<f64> {
     let has_name = |variable: &&Variable| {
-        let name = plain(&variable.name);
+        let name = normalized_name(&variable.name);
         names.contains(&name.strip_suffix("hz").unwrap_or(&name))
     };
     let mut values = variables.iter().filter(|one| one.len() == 1).filter(has_name).map(|one| one.value(0));
     values.find(|value| value.is_finite() && *value > 0.0)
 }
 
-/// The rate of times in seconds.
+/// Returns the sampling rate of times in seconds.
 fn rate_of_times(times: &Variable) -> Result<f64, RecordingError> {
     let last = times.len() - 1;
     let step = (times.value(last) - times.value(0)) / last as f64;
     if step.is_nan() || step <= 0.0 {
-        return Err(mat("time", format!("{step} s from sample to sample"), "times in seconds that rise"));
+        return Err(mat("time", format!("{step} s from sample to sample"), "ascending times in seconds"));
     }
     let uneven = (1..=last).find(|&k| {
         let off = (times.value(k) - times.value(k - 1) - step).abs();
@@ -238,7 +241,7 @@ fn rate_of_times(times: &Variable) -> Result<f64, RecordingError> {
     });
     if let Some(at) = uneven {
         let value = format!("{:?} s at {} after {:?} s", times.value(at), at + 1, times.value(at - 1));
-        return Err(mat("time", value, "times that rise by the same step"));
+        return Err(mat("time", value, "times with a constant step"));
     }
     let rate = 1.0 / step;
     let whole = rate.round();

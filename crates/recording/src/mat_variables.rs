@@ -1,7 +1,7 @@
-//! The variables of a MATLAB file of version 5: arrays of real numbers, also within structs.
+//! The variables of a MATLAB file of version 5: arrays of real numbers, including those in structs.
 //!
-//! The format: MathWorks, *MAT-File Format*, chapter 1. What is no array of real numbers in two dimensions
-//! (text, cells, sparse and complex arrays, objects, arrays of structs) is passed over.
+//! Format: MathWorks, *MAT-File Format*, chapter 1. Everything except two-dimensional arrays of real numbers
+//! (text, cells, sparse and complex arrays, objects, arrays of structs) is skipped.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -12,30 +12,30 @@ use super::RecordingError;
 use super::error::shortened;
 use super::number::Number;
 
-/// Bytes before the first variable.
+/// Number of bytes before the first variable.
 const HEADER: usize = 128;
 
-/// Structs within structs that are looked into.
+/// Largest nesting depth of structs.
 const MAX_DEPTH: usize = 8;
 
-/// Most variables and fields of a file.
+/// Largest number of variables and fields in a file.
 const MAX_VARIABLES: usize = 4096;
 
-/// Types of elements.
+/// Element types.
 const COMPRESSED: u32 = 15;
 const MATRIX: u32 = 14;
 
-/// Classes of arrays.
+/// Array classes.
 const STRUCT: u8 = 2;
 const NUMERIC: std::ops::RangeInclusive<u8> = 6..=15;
 const COMPLEX: u32 = 0x800;
 
-/// An array of real numbers, column after column.
+/// An array of real numbers in column-major order.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Variable {
-    /// Its name, behind the names of the structs that it is in.
+    /// Name, preceded by the names of the enclosing structs.
     pub(crate) name: String,
-    /// Numbers of a column, and columns.
+    /// Numbers of rows and columns.
     pub(crate) shape: [usize; 2],
     number: Number,
     big_endian: bool,
@@ -43,12 +43,12 @@ pub(crate) struct Variable {
 }
 
 impl Variable {
-    /// How many numbers it has.
+    /// Returns its number of values.
     pub(crate) fn len(&self) -> usize {
         self.bytes.len() / self.number.bytes()
     }
 
-    /// One of its numbers; NaN behind the end.
+    /// Returns one of its values; NaN beyond the end.
     pub(crate) fn value(&self, at: usize) -> f64 {
         let width = self.number.bytes();
         let mut word = [0; 8];
@@ -61,18 +61,18 @@ impl Variable {
     }
 }
 
-/// The arrays of real numbers in a file, which may take `most_bytes` once they are inflated.
+/// Reads the arrays of real numbers in a file, which may take `max_bytes` once inflated.
 ///
 /// # Errors
-/// The file is damaged, cut off or too large.
-pub(crate) fn variables(bytes: &[u8], most_bytes: u64) -> Result<Vec<Variable>, RecordingError> {
+/// The file is damaged, truncated or too large.
+pub(crate) fn variables(bytes: &[u8], max_bytes: u64) -> Result<Vec<Variable>, RecordingError> {
     let big_endian = match bytes.get(HEADER - 2..HEADER) {
         Some(b"IM") => false,
         Some(b"MI") => true,
-        Some(other) => return Err(damaged("order of bytes", format!("{other:02x?}"), "IM or MI")),
+        Some(other) => return Err(damaged("byte order", format!("{other:02x?}"), "IM or MI")),
         None => return Err(damaged("header", format!("{} bytes long", bytes.len()), "128 bytes")),
     };
-    let mut reader = Variables { big_endian, left: most_bytes, found: Vec::new(), seen: 0 };
+    let mut reader = Variables { big_endian, left: max_bytes, found: Vec::new(), count: 0 };
     let mut elements = Elements { bytes: &bytes[HEADER..], big_endian };
     while let Some((kind, data)) = elements.next()? {
         match kind {
@@ -92,10 +92,10 @@ pub(crate) fn variables(bytes: &[u8], most_bytes: u64) -> Result<Vec<Variable>, 
 
 struct Variables {
     big_endian: bool,
-    /// Bytes that may still be taken.
+    /// Number of bytes that may still be allocated.
     left: u64,
     found: Vec<Variable>,
-    seen: usize,
+    count: usize,
 }
 
 impl Variables {
@@ -109,20 +109,19 @@ impl Variables {
 
     fn take(&mut self, bytes: usize) -> Result<(), RecordingError> {
         let left = self.left.checked_sub(bytes as u64);
-        self.left = left.ok_or_else(|| {
-            damaged("size", "more than can be held in memory", "a file that is saved in parts")
-        })?;
+        self.left = left
+            .ok_or_else(|| damaged("size", "more than can be held in memory", "a file split into several"))?;
         Ok(())
     }
 
-    /// Puts down the variable of a matrix element, or the fields of a struct.
+    /// Adds the variable of a matrix element, or the fields of a struct.
     fn add(&mut self, data: &[u8], within: &str, depth: usize) -> Result<(), RecordingError> {
-        self.seen += 1;
-        if self.seen > MAX_VARIABLES || depth > MAX_DEPTH {
+        self.count += 1;
+        if self.count > MAX_VARIABLES || depth > MAX_DEPTH {
             return Err(damaged("variables", "too many, or structs in structs", "at most 4096, 8 deep"));
         }
         let mut parts = Elements { bytes: data, big_endian: self.big_endian };
-        // An array without anything in it, as a field may be.
+        // An array without content, as a field may be.
         let Some((_, flags)) = parts.next()? else { return Ok(()) };
         let flags = self.words(flags).next().ok_or_else(|| damaged("flags", "missing", "8 bytes"))?;
         let class = flags as u8;
@@ -182,14 +181,14 @@ fn word_of(bytes: &[u8], big_endian: bool) -> u32 {
     if big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
 }
 
-/// Elements one after the other: a type, a length, data, and padding to 8 bytes.
+/// A sequence of elements: type, length, data, and padding to 8 bytes.
 struct Elements<'a> {
     bytes: &'a [u8],
     big_endian: bool,
 }
 
 impl<'a> Elements<'a> {
-    /// Type and data of the next one, none at the end.
+    /// Returns type and data of the next element; `None` at the end.
     fn next(&mut self) -> Result<Option<(u32, &'a [u8])>, RecordingError> {
         let Some((tag, rest)) = self.bytes.split_at_checked(8) else {
             let rest = std::mem::take(&mut self.bytes);
@@ -203,7 +202,7 @@ impl<'a> Elements<'a> {
             return Ok(None);
         };
         let first = word_of(&tag[..4], self.big_endian);
-        // Up to 4 bytes stand within the tag.
+        // Up to 4 bytes of data are stored within the tag.
         if first >> 16 != 0 {
             let length = (first >> 16) as usize;
             let data = tag.get(4..4 + length).ok_or_else(|| damaged("length", length, "at most 4"))?;
@@ -213,14 +212,14 @@ impl<'a> Elements<'a> {
         let length = word_of(&tag[4..], self.big_endian) as usize;
         let (data, rest) = rest.split_at_checked(length).ok_or_else(|| {
             let expected = "as many bytes as the file holds";
-            damaged("length", format!("{length}, of which {} are there", rest.len()), expected)
+            damaged("length", format!("{length}, but {} are there", rest.len()), expected)
         })?;
         let padding = if first == COMPRESSED { 0 } else { length.next_multiple_of(8) - length };
         self.bytes = rest.get(padding..).unwrap_or_default();
         Ok(Some((first, data)))
     }
 
-    /// Type and data of the next one, which has to be there.
+    /// Returns type and data of the next element, which must exist.
     fn part(&mut self, what: &'static str) -> Result<(u32, &'a [u8]), RecordingError> {
         self.next()?.ok_or_else(|| damaged(what, "missing", "a part of every variable"))
     }

@@ -1,5 +1,5 @@
-//! The records of an MCAP file in order, those in chunks included, in bounded memory and with the byte where
-//! each stands.
+//! The records of an MCAP file in order, including those in chunks, in bounded memory and with their byte
+//! positions.
 
 use std::io::{self, Read};
 
@@ -9,18 +9,18 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use super::RecordingError;
 use super::mcap_record::{check_chunk, opcode};
 
-/// Longest record and chunk taken, in bytes: the longest waveform and then some.
+/// Longest record and chunk in bytes: the longest waveform plus a margin.
 const MAX_RECORD_BYTES: usize = 80 << 20;
 
-/// Longest of the other records taken, in bytes.
+/// Longest record of other types, in bytes.
 const MAX_SMALL_RECORD_BYTES: usize = 8 << 20;
 
-/// How much is read at a time, so that memory grows with the bytes that are there and not with those
-/// declared.
+/// Number of bytes read at a time, so that memory grows with the available bytes and not with the declared
+/// length.
 const READ_BYTES: usize = 1 << 16;
 
-/// Walks over the records of an MCAP file up to the end of its data; what no reader of vibration needs
-/// (indexes, attachments) is skipped.
+/// Iterates over the records of an MCAP file up to the end of its data. Records that are not needed (indexes,
+/// attachments) are skipped.
 pub(crate) struct McapFrames {
     reader: Box<dyn Read + Send>,
     position: u64,
@@ -28,9 +28,9 @@ pub(crate) struct McapFrames {
     started: bool,
     ended: bool,
     record: Vec<u8>,
-    /// Decodes chunks: it is fed one whole chunk record after the other.
+    /// Decodes chunks; receives whole chunk records.
     decoder: LinearReader,
-    /// How much of the chunk in `record` the decoder has; none outside of a chunk.
+    /// Number of bytes of the chunk in `record` passed to the decoder; `None` outside a chunk.
     fed: Option<usize>,
 }
 
@@ -39,7 +39,7 @@ impl McapFrames {
         let options = LinearReaderOptions::default()
             .with_skip_start_magic(true)
             .with_skip_end_magic(true)
-            // A chunk is checked before anything of it is used.
+            // A chunk is validated before any of it is used.
             .with_prevalidate_chunk_crcs(true)
             .with_record_length_limit(MAX_RECORD_BYTES);
         Self {
@@ -54,13 +54,13 @@ impl McapFrames {
         }
     }
 
-    /// Byte where the record handed out last begins (its chunk, if it stands in one).
+    /// Returns the position of the latest record (of its chunk, if it is in one).
     pub(crate) fn record_start(&self) -> u64 {
         self.record_start
     }
 
-    /// Hands the next record's opcode and bytes to `handle`; none at the end of the data. After an error
-    /// there is nothing more.
+    /// Passes the next record's opcode and bytes to `handle`. Returns `None` at the end of the data and after
+    /// an error.
     pub(crate) fn next_record<T>(
         &mut self,
         handle: impl FnOnce(u8, &[u8]) -> T,
@@ -108,7 +108,7 @@ impl McapFrames {
             }
             self.record_start = self.position;
             let mut head = [0; 9];
-            self.fill(&mut head, "the data: there is no data end record")?;
+            self.fill(&mut head, "the data: read_so_far is no data end record")?;
             let [code, length @ ..] = head;
             let length = u64::from_le_bytes(length);
             let limit = match code {
@@ -131,16 +131,16 @@ impl McapFrames {
         }
     }
 
-    /// Reads a record's body; memory grows with what is there.
+    /// Reads a record's body; memory grows with the available bytes.
     fn load(&mut self, length: u64, limit: usize) -> Result<(), RecordingError> {
         if length > limit as u64 {
             return Err(self.damaged(format!("a record declares {length} bytes, expected at most {limit}")));
         }
         self.record.clear();
         while (self.record.len() as u64) < length {
-            // At most as much again as is there, and never more than declared.
-            let there = self.record.len();
-            let piece = (length - there as u64).min(there.max(READ_BYTES) as u64);
+            // At most doubles the buffer, and never exceeds the declared length.
+            let read_so_far = self.record.len();
+            let piece = (length - read_so_far as u64).min(read_so_far.max(READ_BYTES) as u64);
             self.record.reserve_exact(piece as usize);
             let read = self.reader.by_ref().take(piece).read_to_end(&mut self.record)? as u64;
             self.position += read;

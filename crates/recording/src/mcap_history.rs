@@ -1,4 +1,4 @@
-//! What was computed from records, as an MCAP recording that MCAP tools plot.
+//! Results computed from records, as an MCAP recording that MCAP tools can plot.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::{Seek, Write};
@@ -13,7 +13,7 @@ use super::mcap_writer::{SampleIndex, mcap_time};
 use super::message::{DESCRIPTOR_SET, WAVEFORM_SCHEMA};
 use flankwatch_signal::Record;
 
-/// Kinds of messages of a history; each is a schema of `proto/`.
+/// Kinds of history messages; each is a schema of `proto/`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum HistoryKind {
     /// `flankwatch.v1.Indicators`.
@@ -54,27 +54,27 @@ impl HistoryKind {
 /// Writes messages in chunks compressed with zstd, with a summary.
 pub struct HistoryWriter<W: Write + Seek> {
     inner: mcap::Writer<W>,
-    /// By topic: its number and how many messages it has.
+    /// Channel id and number of messages by topic.
     topics: HashMap<String, (u16, u32)>,
-    /// By base.
+    /// Sample index by topic base.
     waveforms: HashMap<String, SampleIndex>,
 }
 
 impl<W: Write + Seek> HistoryWriter<W> {
-    /// Begins a recording.
+    /// Starts a recording.
     pub fn new(writer: W) -> Result<Self, RecordingError> {
         let inner = mcap::WriteOptions::new()
             .library(concat!("flankwatch/", env!("CARGO_PKG_VERSION")))
             .compression(Some(mcap::Compression::Zstd))
-            // Compression in the calling thread: the same bytes on every machine.
+            // Compressing in the calling thread gives the same bytes on every machine.
             .compression_threads(0)
             .create(writer)
             .map_err(RecordingError::McapWrite)?;
         Ok(Self { inner, topics: HashMap::new(), waveforms: HashMap::new() })
     }
 
-    /// Writes what was computed from the record that began at `start_time` and came at `received_at`. `base`
-    /// is `/{asset}/{channel}`.
+    /// Writes a result computed from the record that starts at `start_time` and was received at
+    /// `received_at`. `base` is `/{asset}/{channel}`.
     pub fn write(
         &mut self,
         base: &str,
@@ -87,7 +87,7 @@ impl<W: Write + Seek> HistoryWriter<W> {
             (mcap_time("start_time", start_time)?, mcap_time("received_at", received_at)?);
         let topic = kind.topic(base);
         let (channel_id, sequence) = match self.topics.get_mut(&topic) {
-            Some(known) => known,
+            Some(topic_state) => topic_state,
             None => {
                 let schema = self.inner.add_schema(kind.schema(), "protobuf", DESCRIPTOR_SET);
                 let schema = schema.map_err(RecordingError::McapWrite)?;
@@ -103,16 +103,16 @@ impl<W: Write + Seek> HistoryWriter<W> {
             .map_err(RecordingError::McapWrite)
     }
 
-    /// Writes a record itself, as [`McapWriter`](super::McapWriter) does: what reads recordings reads it
-    /// again.
+    /// Writes a record itself, in the format of [`McapWriter`](super::McapWriter), so that it can be read
+    /// back.
     pub fn write_record(
         &mut self,
         base: &str,
         record: &Record,
         received_at: Timestamp,
     ) -> Result<(), RecordingError> {
-        let place = self.waveforms.entry(base.to_owned()).or_insert_with(|| SampleIndex::of_first(record));
-        let block = place.block_of(record);
+        let index = self.waveforms.entry(base.to_owned()).or_insert_with(|| SampleIndex::of_first(record));
+        let block = index.block_of(record);
         self.write(base, HistoryKind::Waveform, record.start_time(), received_at, &block)
     }
 
@@ -122,15 +122,15 @@ impl<W: Write + Seek> HistoryWriter<W> {
         self.inner.write_metadata(&record).map_err(RecordingError::McapWrite)
     }
 
-    /// Writes an attachment: a file of its own within the recording.
+    /// Writes an attachment: a file within the recording.
     pub fn attach(
         &mut self,
         name: &str,
         media_type: &str,
-        made_at: Timestamp,
+        created_at: Timestamp,
         data: &[u8],
     ) -> Result<(), RecordingError> {
-        let time = mcap_time("the attachment's time", made_at)?;
+        let time = mcap_time("the attachment's time", created_at)?;
         let attachment = Attachment {
             log_time: time,
             create_time: time,
@@ -141,7 +141,7 @@ impl<W: Write + Seek> HistoryWriter<W> {
         self.inner.attach(&attachment).map_err(RecordingError::McapWrite)
     }
 
-    /// Writes the summary and the end. Without this the recording is not whole.
+    /// Writes the summary and the end. Without this call the recording is incomplete.
     pub fn finish(mut self) -> Result<W, RecordingError> {
         self.inner.finish().map_err(RecordingError::McapWrite)?;
         Ok(self.inner.into_inner())

@@ -1,4 +1,4 @@
-//! MCAP recordings: vibration out of a stream of bytes.
+//! Reader of vibration records in MCAP recordings.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::io::Read;
@@ -6,7 +6,7 @@ use std::io::Read;
 use jiff::Timestamp;
 use prost::Message;
 
-use super::block::{decode_message, filled, operating_point_of};
+use super::block::{completed_by, decode_message, operating_point_of};
 use super::json::{JsonOperatingPoint, JsonTachometer};
 use super::mcap_frames::McapFrames;
 use super::mcap_record::{ChannelView, Damage, MessageView, MetadataView, SchemaView, opcode};
@@ -16,81 +16,80 @@ use super::pulses::{PulseTrains, Pulses, end_ns};
 use super::{BlockEncoding, RecordDefaults, RecordingError, pulse_count};
 use flankwatch_signal::{OperatingPoint, Record};
 
-/// Name of the metadata record with the wear that is known from elsewhere: start time in nanoseconds → wear
-/// depth in µm.
+/// Name of the metadata record with the reference wear: start time in nanoseconds → wear depth in µm.
 pub const REFERENCE_WEAR: &str = "reference_wear";
 
-/// Most schemas and channels taken, each.
+/// Largest number of schemas and of channels.
 const MAX_DECLARATIONS: usize = 4096;
 
-/// Most entries of reference wear taken.
+/// Largest number of reference wear entries.
 const MAX_REFERENCES: usize = 1 << 20;
 
-/// Samples held while their tachometer's pulses are waited for, beyond which the earliest record goes without
-/// the missing ones.
-const MAX_HELD_SAMPLES: usize = 1 << 22;
+/// Largest number of samples buffered while waiting for tachometer pulses. Beyond it the earliest record is
+/// returned without the missing pulses.
+const MAX_PENDING_SAMPLES: usize = 1 << 22;
 
-/// Records held at most for the same reason.
-const MAX_HELD_RECORDS: usize = 64;
+/// Largest number of records buffered for the same reason.
+const MAX_PENDING_RECORDS: usize = 64;
 
-/// Bytes as they came of the records held at most for the same reason: what is no sample counts too.
-const MAX_HELD_BYTES: usize = 128 << 20;
+/// Largest number of raw bytes of records buffered for the same reason; they include data other than samples.
+const MAX_PENDING_BYTES: usize = 128 << 20;
 
-/// Most topics named when a recording without vibration is refused.
-const NAMED_TOPICS: usize = 20;
+/// Largest number of topics named in the error for a recording without vibration.
+const MAX_NAMED_TOPICS: usize = 20;
 
-/// A record as it stood in a recording.
+/// A record of a recording, with its raw bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recorded {
     /// The record.
     pub record: Record,
-    /// The block's bytes as they came, followed by the pulses of tachometer messages where they belong to it;
-    /// a cut of a WAV recording is encoded anew.
+    /// The block's raw bytes, followed by the pulses of tachometer messages that belong to it. A part of a
+    /// WAV recording is encoded anew.
     pub raw: Vec<u8>,
-    /// How `raw` is encoded.
+    /// Encoding of `raw`.
     pub encoding: BlockEncoding,
-    /// Wear depth in µm that the recording states for this record's start time, for comparison only.
+    /// Reference wear depth in µm for this record's start time, for comparison only.
     pub reference_wear_um: Option<f64>,
 }
 
 impl Recorded {
-    /// Bytes of memory that it takes.
+    /// Returns its size in memory in bytes.
     pub fn bytes(&self) -> usize {
         let pulses = self.record.tachometer().map_or(0, |tachometer| tachometer.pulse_times_s.len());
         self.raw.capacity() + size_of_val(self.record.samples()) + pulses * size_of::<f64>()
     }
 }
 
-/// Reads the waveforms of an MCAP recording in the order of the file, in bounded memory.
+/// Reads the waveforms of an MCAP recording in file order, in bounded memory.
 ///
 /// A waveform is a message of schema `flankwatch.v1.WaveformBlock` in protobuf or JSON, or any JSON message
 /// on a topic that ends in `/waveform`. The record's channel is the topic `/{asset}/{channel}/waveform`
-/// without its first and last part, so `/pump/gearbox/x/waveform` is `gearbox/x`; another topic is taken
-/// whole. Messages on `/{asset}/operating_point` hold for the asset's following waveforms where these say
-/// nothing themselves. Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same time,
-/// before or after them in the file, where these bring none of their own; a waveform waits for pulses past
-/// its end while no more than 64 records, 4 million samples or 128 MiB wait. A message on
-/// `/{asset}/driven/tachometer` that names no shaft is of the driven one, and not used; other words there are
-/// the name of a place. A start time of 0 stands for the message's publish time.
+/// without its first and last part, so `/pump/gearbox/x/waveform` is `gearbox/x`; any other topic is used
+/// unchanged. Messages on `/{asset}/operating_point` apply to the asset's following waveforms as far as these
+/// state no operating point. Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same
+/// time, before or after them in the file, unless these contain pulses. A waveform waits for pulses past its
+/// end while at most 64 records, 4 million samples and 128 MiB are waiting. A message on
+/// `/{asset}/driven/tachometer` without a shaft belongs to the driven shaft and is ignored; any other word in
+/// that position is a location. A start time of 0 is replaced by the message's publish time.
 ///
-/// A bad message is an `Err` and reading goes on. Damage is an `Err` that says at which byte, and the last
-/// item: the records before it are whole, those of a chunk whose checksum is wrong are not used. A recording
-/// without any waveform is an `Err` that names what is in it.
+/// An invalid message is an `Err`, and reading continues. Damage is an `Err` with the byte position, and the
+/// last item: the records before it are valid, those of a chunk with a wrong checksum are not used. A
+/// recording without any waveform is an `Err` that lists its topics.
 pub struct McapReader {
     frames: McapFrames,
     contents: Contents,
-    /// Records in the order of the file that wait for pulses, or behind one that does.
-    held: VecDeque<Held>,
+    /// Records in file order that wait for pulses, or behind one that does.
+    pending: VecDeque<Pending>,
     ended: bool,
 }
 
-/// An item to come and, where it waits for pulses, whose.
-struct Held {
+/// A pending item and the asset whose pulses it waits for, if any.
+struct Pending {
     item: Result<Recorded, RecordingError>,
     waits_for: Option<String>,
 }
 
-/// What a channel of the file carries.
+/// Content of a channel of the file.
 enum Kind {
     Waveform(BlockEncoding),
     OperatingPoint(BlockEncoding),
@@ -103,14 +102,14 @@ struct Channel {
     kind: Kind,
 }
 
-/// What the file has said so far.
+/// State collected from the file so far.
 #[derive(Default)]
 struct Contents {
     defaults: RecordDefaults,
     schemas: HashMap<u16, String>,
     channels: HashMap<u16, Channel>,
     operating_points: HashMap<String, OperatingPoint>,
-    /// Assets whose tachometer has been declared.
+    /// Assets with a declared tachometer.
     tachometers: HashSet<String>,
     pulses: PulseTrains,
     reference_wear: BTreeMap<i64, f64>,
@@ -118,7 +117,7 @@ struct Contents {
     waveforms: u64,
 }
 
-/// What one record of the file brings.
+/// Result of one record of the file.
 enum Outcome {
     Nothing,
     Item(Result<Recorded, RecordingError>),
@@ -128,46 +127,48 @@ enum Outcome {
 }
 
 impl McapReader {
-    /// Reads a recording from its first byte. Nothing is read before the first record is asked for.
+    /// Creates a reader of a recording from its first byte. Nothing is read before the first record is
+    /// requested.
     pub fn new(bytes: impl Read + Send + 'static) -> Self {
         Self::with_defaults(bytes, RecordDefaults::default())
     }
 
-    /// The same with what holds where neither a block nor the recording says it.
+    /// Like [`new`](Self::new), with defaults for values that neither a block nor the recording states.
     pub fn with_defaults(bytes: impl Read + Send + 'static, defaults: RecordDefaults) -> Self {
         Self {
             frames: McapFrames::new(bytes),
             contents: Contents { defaults, ..Default::default() },
-            held: VecDeque::new(),
+            pending: VecDeque::new(),
             ended: false,
         }
     }
 
-    /// The next item that waits for nothing more.
+    /// Returns the next item that is complete.
     fn ready(&mut self) -> Option<Result<Recorded, RecordingError>> {
-        let first = self.held.front()?;
+        let first = self.pending.front()?;
         if let (Some(asset), Ok(recorded)) = (&first.waits_for, &first.item) {
-            let there = self.contents.pulses.of(asset);
-            let complete = there.is_some_and(|pulses| pulses.reaches_past(end_ns(&recorded.record)));
-            let held = self.held.iter().flat_map(|held| &held.item);
-            let (samples, bytes) = held.fold((0, 0), |(samples, bytes), held| {
-                (samples + held.record.samples().len(), bytes + held.raw.len())
+            let train = self.contents.pulses.of(asset);
+            let is_complete = train.is_some_and(|pulses| pulses.reaches_past(end_ns(&recorded.record)));
+            let pending = self.pending.iter().flat_map(|pending| &pending.item);
+            let (samples, bytes) = pending.fold((0, 0), |(samples, bytes), pending| {
+                (samples + pending.record.samples().len(), bytes + pending.raw.len())
             });
-            let full =
-                self.held.len() > MAX_HELD_RECORDS || samples > MAX_HELD_SAMPLES || bytes > MAX_HELD_BYTES;
-            if !(complete || full || self.ended) {
+            let is_full = self.pending.len() > MAX_PENDING_RECORDS
+                || samples > MAX_PENDING_SAMPLES
+                || bytes > MAX_PENDING_BYTES;
+            if !(is_complete || is_full || self.ended) {
                 return None;
             }
         }
-        let Held { item, waits_for } = self.held.pop_front()?;
+        let Pending { item, waits_for } = self.pending.pop_front()?;
         Some(match (item, waits_for) {
             (Ok(recorded), Some(asset)) => Ok(self.contents.with_pulses(recorded, &asset)),
             (item, _) => item,
         })
     }
 
-    fn hold(&mut self, item: Result<Recorded, RecordingError>, waits_for: Option<String>) {
-        self.held.push_back(Held { item, waits_for });
+    fn enqueue(&mut self, item: Result<Recorded, RecordingError>, waits_for: Option<String>) {
+        self.pending.push_back(Pending { item, waits_for });
     }
 }
 
@@ -185,22 +186,22 @@ impl Iterator for McapReader {
             let contents = &mut self.contents;
             match self.frames.next_record(|opcode, data| contents.take(opcode, data)) {
                 Ok(Some(Outcome::Nothing)) => {}
-                Ok(Some(Outcome::Item(item))) => self.hold(item, None),
-                Ok(Some(Outcome::Waiting(recorded, asset))) => self.hold(Ok(recorded), Some(asset)),
+                Ok(Some(Outcome::Item(item))) => self.enqueue(item, None),
+                Ok(Some(Outcome::Waiting(recorded, asset))) => self.enqueue(Ok(recorded), Some(asset)),
                 Ok(Some(Outcome::Damage(what))) => {
                     self.ended = true;
                     let byte = self.frames.record_start();
-                    self.hold(Err(RecordingError::McapDamaged { byte, what }), None);
+                    self.enqueue(Err(RecordingError::McapDamaged { byte, what }), None);
                 }
                 Ok(None) => {
                     self.ended = true;
                     if self.contents.waveforms == 0 {
-                        self.hold(Err(self.contents.no_vibration()), None);
+                        self.enqueue(Err(self.contents.no_vibration()), None);
                     }
                 }
                 Err(error) => {
                     self.ended = true;
-                    self.hold(Err(error), None);
+                    self.enqueue(Err(error), None);
                 }
             }
         }
@@ -261,12 +262,12 @@ impl Contents {
             self.tachometers.insert(asset_of(&topic).to_owned());
         }
         self.channels.insert(channel.id, Channel { topic, kind });
-        // A channel declared again under another topic leaves something behind in these.
+        // A channel redeclared under another topic leaves entries in these.
         let others = [self.other_topics.len(), self.tachometers.len(), self.operating_points.len()];
         limited("channels", others.into_iter().fold(self.channels.len(), usize::max))
     }
 
-    /// Keeps reference wear; an entry that is none is an error of its own.
+    /// Stores reference wear; an invalid entry is returned as an error.
     fn metadata(&mut self, data: &[u8]) -> Result<Option<RecordingError>, Damage> {
         let metadata = MetadataView::parse(data)?;
         if metadata.name != REFERENCE_WEAR {
@@ -301,7 +302,7 @@ impl Contents {
                 source: Box::new(RecordingError::field(
                     "channel id",
                     message.channel_id,
-                    "that of a channel declared before",
+                    "the id of a channel declared before",
                 )),
             }));
         };
@@ -362,7 +363,7 @@ impl Contents {
                 })?);
         }
         if let Some(&point) = self.operating_points.get(asset_of(topic)) {
-            block.operating_point = filled(block.operating_point, point);
+            block.operating_point = completed_by(block.operating_point, point);
         }
         let record = block.into_record(Some(channel_of(topic)), &self.defaults)?;
         let reference = i64::try_from(record.start_time().as_nanosecond()).ok();
@@ -374,7 +375,7 @@ impl Contents {
         })
     }
 
-    /// The record with what its asset's tachometer has for it.
+    /// Adds the pulses of its asset's tachometer to a record.
     fn with_pulses(&mut self, mut recorded: Recorded, asset: &str) -> Recorded {
         let Some(train) = self.pulses.of_mut(asset) else {
             return recorded;
@@ -384,15 +385,16 @@ impl Contents {
             let pulses = append_pulses(&mut recorded.raw, recorded.encoding, pulses);
             recorded.record = recorded.record.with_tachometer(pulses.of(start));
         }
-        train.forget_before(start);
+        train.drop_before(start);
         recorded
     }
 
     fn no_vibration(&self) -> RecordingError {
-        let mut named: Vec<&str> = self.other_topics.iter().take(NAMED_TOPICS).map(String::as_str).collect();
-        let more = self.other_topics.len().saturating_sub(NAMED_TOPICS);
+        let mut named: Vec<&str> =
+            self.other_topics.iter().take(MAX_NAMED_TOPICS).map(String::as_str).collect();
+        let more = self.other_topics.len().saturating_sub(MAX_NAMED_TOPICS);
         let more = format!("{more} more");
-        if self.other_topics.len() > NAMED_TOPICS {
+        if self.other_topics.len() > MAX_NAMED_TOPICS {
             named.push(&more);
         }
         let found = if named.is_empty() { "no topics".to_owned() } else { named.join(", ") };
@@ -424,11 +426,11 @@ fn decode_tachometer(bytes: &[u8], encoding: BlockEncoding) -> Result<Pulses, Re
     })
 }
 
-/// Adds pulses to the bytes of a block that was read from them and has none, so that they are kept together;
-/// gives them back.
+/// Appends pulses to the raw bytes of their block, which has none, so that they are stored together. Returns
+/// the pulses.
 fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> Pulses {
     match encoding {
-        // Messages in protobuf are merged by writing one after the other.
+        // Concatenated protobuf messages are merged.
         BlockEncoding::Protobuf => {
             let block = message::WaveformBlock { tachometer: Some(pulses.into()), ..Default::default() };
             raw.reserve_exact(block.encoded_len());
@@ -440,7 +442,7 @@ fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> 
             let Some(end) = raw.iter().rposition(|byte| *byte == b'}') else {
                 return pulses;
             };
-            // A block that says it has none keeps saying so.
+            // A block that explicitly has none stays unchanged.
             if raw.windows(KEY.len()).any(|window| window == KEY) {
                 return pulses;
             }

@@ -1,9 +1,9 @@
-//! The few MCAP records that a reader of vibration needs, as borrowed views. Every length is checked against
-//! the bytes that are there before it is used.
+//! The MCAP records that a reader of vibration needs, as borrowed views. Every length is checked against the
+//! available bytes before it is used.
 
 use std::collections::BTreeMap;
 
-/// Opcodes of the records that are looked at.
+/// Opcodes of the records that are read.
 pub(crate) mod opcode {
     pub(crate) const SCHEMA: u8 = 0x03;
     pub(crate) const CHANNEL: u8 = 0x04;
@@ -14,10 +14,10 @@ pub(crate) mod opcode {
     pub(crate) const FOOTER: u8 = 0x02;
 }
 
-/// Longest name, topic or encoding taken, in bytes.
+/// Longest name, topic or encoding, in bytes.
 const MAX_NAME_BYTES: usize = 1024;
 
-/// What is wrong with a record, for the error that names its place.
+/// Description of the damage in a record; the error adds its position.
 pub(crate) type Damage = String;
 
 /// A cursor over a record's bytes.
@@ -115,7 +115,7 @@ impl<'a> MessageView<'a> {
     }
 }
 
-/// A metadata record. Its entries are parsed only when asked for.
+/// A metadata record. Its entries are parsed on request.
 pub(crate) struct MetadataView<'a> {
     pub(crate) name: &'a str,
     entries: &'a [u8],
@@ -140,10 +140,10 @@ impl<'a> MetadataView<'a> {
     }
 }
 
-/// Checks a chunk record before it is decompressed.
+/// Validates a chunk record before it is decompressed.
 ///
-/// A decoder that trusts an uncompressed chunk's inner lengths runs past its end, so they are walked over
-/// here; of a compressed one the declared size is limited.
+/// A decoder that trusts the inner lengths of an uncompressed chunk would read past its end, so they are
+/// checked here. For a compressed chunk the declared size is limited.
 pub(crate) fn check_chunk(bytes: &[u8], limit: usize) -> Result<(), Damage> {
     let mut fields = Fields { rest: bytes };
     fields.take("a chunk's times", 16)?;
@@ -151,11 +151,11 @@ pub(crate) fn check_chunk(bytes: &[u8], limit: usize) -> Result<(), Damage> {
     fields.u32("a chunk's checksum")?;
     let compression = fields.text("a chunk's compression")?;
     let compressed = fields.u64("a chunk's compressed size")?;
-    let there = fields.rest.len();
+    let available = fields.rest.len();
     fields.rest = usize::try_from(compressed)
         .ok()
         .and_then(|length| fields.rest.get(..length))
-        .ok_or_else(|| format!("a chunk declares {compressed} bytes of records and has {there}"))?;
+        .ok_or_else(|| format!("a chunk declares {compressed} bytes of records and has {available}"))?;
     if uncompressed > limit as u64 {
         return Err(format!("a chunk declares {uncompressed} bytes uncompressed, expected at most {limit}"));
     }

@@ -1,14 +1,15 @@
-//! What the topic of an MCAP message says: `/{asset}/{channel}/waveform`, `/{asset}/{shaft}/tachometer`.
+//! Parts of an MCAP topic: `/{asset}/{channel}/waveform`, `/{asset}/{shaft}/tachometer`.
 
 use super::pulses::DRIVEN;
 
-/// The first part of a topic.
+/// Returns the first part of a topic.
 pub(super) fn asset_of(topic: &str) -> &str {
     let topic = topic.strip_prefix('/').unwrap_or(topic);
     topic.split_once('/').map_or(topic, |(asset, _)| asset)
 }
 
-/// The record's channel: `/{asset}/{channel}/waveform` without its first and last part, another topic whole.
+/// Returns the record's channel: `/{asset}/{channel}/waveform` without its first and last part, any other
+/// topic unchanged.
 pub(super) fn channel_of(topic: &str) -> &str {
     let topic = topic.strip_prefix('/').unwrap_or(topic);
     match topic.strip_suffix("/waveform") {
@@ -17,8 +18,8 @@ pub(super) fn channel_of(topic: &str) -> &str {
     }
 }
 
-/// The shaft of a tachometer that does not say it itself: `driven` where that stands before `tachometer`,
-/// else the driving one, for other words are the name of a place.
+/// Returns the shaft of a tachometer message that does not state it: `driven` if that precedes `tachometer`,
+/// else the driving one, as other words are locations.
 pub(super) fn shaft_of(topic: &str) -> &str {
     let topic = topic.strip_prefix('/').unwrap_or(topic);
     let path = topic.strip_suffix("/tachometer").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Records as an MCAP recording that MCAP tools open and plot.
+//! Writer of records as an MCAP recording that MCAP tools can open and plot.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::{Seek, Write};
@@ -12,19 +12,19 @@ use super::block::message_of;
 use super::message::{DESCRIPTOR_SET, Quality, WAVEFORM_SCHEMA, WaveformBlock};
 use flankwatch_signal::Record;
 
-/// How chunks are compressed.
+/// Compression of chunks.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum McapCompression {
-    /// Small, for archives.
+    /// Zstandard: small, for archives.
     #[default]
     Zstd,
-    /// Fast, for live recording.
+    /// LZ4: fast, for live recording.
     Lz4,
-    /// Not at all.
+    /// No compression.
     None,
 }
 
-/// How an MCAP recording is written.
+/// Options for writing an MCAP recording.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct McapOptions {
     /// Compression of the chunks.
@@ -33,20 +33,20 @@ pub struct McapOptions {
 
 /// Writes records as protobuf `WaveformBlock` messages, all in chunks, with a summary.
 ///
-/// Metadata that a reader needs for the records (the reference wear) must be written before them.
+/// Metadata that applies to the records (the reference wear) must be written before them.
 pub struct McapWriter<W: Write + Seek> {
     inner: mcap::Writer<W>,
     topics: HashMap<String, Topic>,
 }
 
-/// What was written on a topic so far.
+/// State of a topic.
 struct Topic {
     channel_id: u16,
     sequence: u32,
-    place: SampleIndex,
+    index: SampleIndex,
 }
 
-/// Where the next record of a topic is expected to begin, in sample intervals since the first one.
+/// Expected start of the topic's next record, in sampling intervals since the first record.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SampleIndex {
     first_start: Timestamp,
@@ -58,7 +58,7 @@ impl SampleIndex {
         Self { first_start: record.start_time(), next: 0 }
     }
 
-    /// The message of the next record; one that does not follow on the last one is said to come after a gap.
+    /// Creates the message of the next record and marks a gap if the record does not follow the previous one.
     pub(super) fn block_of(&mut self, record: &Record) -> WaveformBlock {
         let since_first = record.start_time().duration_since(self.first_start).as_secs_f64();
         let mut block = message_of(record);
@@ -72,7 +72,7 @@ impl SampleIndex {
 }
 
 impl<W: Write + Seek> McapWriter<W> {
-    /// Begins a recording.
+    /// Starts a recording.
     pub fn new(writer: W, options: McapOptions) -> Result<Self, RecordingError> {
         let inner = mcap::WriteOptions::new()
             .library(concat!("flankwatch/", env!("CARGO_PKG_VERSION")))
@@ -81,14 +81,14 @@ impl<W: Write + Seek> McapWriter<W> {
                 McapCompression::Lz4 => Some(mcap::Compression::Lz4),
                 McapCompression::None => None,
             })
-            // Compression in the calling thread: the same bytes on every machine.
+            // Compressing in the calling thread gives the same bytes on every machine.
             .compression_threads(0)
             .create(writer)
             .map_err(RecordingError::McapWrite)?;
         Ok(Self { inner, topics: HashMap::new() })
     }
 
-    /// Writes a record of a converted or simulated recording: its log time is its start time.
+    /// Writes a record of a converted or simulated recording, with its start time as log time.
     ///
     /// `topic` is `/{asset}/{channel}/waveform`. MCAP has no time before 1970.
     pub fn write(&mut self, topic: &str, record: &Record) -> Result<(), RecordingError> {
@@ -97,7 +97,7 @@ impl<W: Write + Seek> McapWriter<W> {
 
     /// Writes a record received at `log_time`.
     ///
-    /// The block's `first_sample_index` counts sample intervals since the topic's first record, so a gap
+    /// The block's `first_sample_index` counts sampling intervals since the topic's first record, so a gap
     /// shows as a jump.
     pub fn write_received(
         &mut self,
@@ -118,33 +118,33 @@ impl<W: Write + Seek> McapWriter<W> {
                     .inner
                     .add_channel(schema, topic, "protobuf", &BTreeMap::new())
                     .map_err(RecordingError::McapWrite)?;
-                let place = SampleIndex::of_first(record);
-                self.topics.entry(topic.to_owned()).or_insert(Topic { channel_id, sequence: 0, place })
+                let index = SampleIndex::of_first(record);
+                self.topics.entry(topic.to_owned()).or_insert(Topic { channel_id, sequence: 0, index })
             }
         };
-        let block = state.place.block_of(record);
+        let block = state.index.block_of(record);
         state.sequence = state.sequence.wrapping_add(1);
         let header =
             MessageHeader { channel_id: state.channel_id, sequence: state.sequence, log_time, publish_time };
         self.inner.write_to_known_channel(&header, &block.encode_to_vec()).map_err(RecordingError::McapWrite)
     }
 
-    /// Writes a metadata record. [`McapReader`](super::McapReader) takes up to 8 MiB of it and adds up
-    /// several of one name.
+    /// Writes a metadata record. [`McapReader`](super::McapReader) reads up to 8 MiB of it and merges records
+    /// of the same name.
     pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), RecordingError> {
         self.inner
             .write_metadata(&Metadata { name: name.to_owned(), metadata: entries })
             .map_err(RecordingError::McapWrite)
     }
 
-    /// Writes the summary and the end. Without this the recording is not whole.
+    /// Writes the summary and the end. Without this call the recording is incomplete.
     pub fn finish(mut self) -> Result<W, RecordingError> {
         self.inner.finish().map_err(RecordingError::McapWrite)?;
         Ok(self.inner.into_inner())
     }
 }
 
-/// A time as MCAP writes it.
+/// Converts a time to that of MCAP.
 pub(super) fn mcap_time(field: &'static str, time: Timestamp) -> Result<u64, RecordingError> {
     u64::try_from(time.as_nanosecond())
         .map_err(|_| RecordingError::field(field, time, "a time from 1970 to 2554, the range of MCAP"))

@@ -1,6 +1,7 @@
 //! The messages of `proto/flankwatch/v1/vibration.proto` and their descriptor set.
 //!
-//! `message/vibration.rs` and `message/vibration.fds` are generated from it; `tests/generated.rs` says how.
+//! `message/vibration.rs` and `message/vibration.fds` are generated from it, as described in
+//! `tests/generated.rs`.
 
 /// Full name of the waveform message's schema.
 pub(crate) const WAVEFORM_SCHEMA: &str = "flankwatch.v1.WaveformBlock";

@@ -1,7 +1,7 @@
-//! NumPy arrays (.npy): samples of one channel, or a row of samples for each moment.
+//! NumPy arrays (.npy): the samples of one channel, or one row of samples per time step.
 //!
-//! Values are taken as they stand, integers too; a scale belongs into [`RecordDefaults`]. The array has
-//! neither rate nor time: the defaults say them.
+//! Values are used unchanged, including integers; `scale` of [`RecordDefaults`] converts them. The array has
+//! neither rate nor time; the defaults give both.
 
 use std::io::Read;
 
@@ -11,19 +11,19 @@ use super::number::Number;
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
-/// How every such file begins.
+/// Magic number.
 pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// Longest description of an array that is read, in bytes; NumPy's own have about a hundred.
+/// Longest header in bytes; those of NumPy have about a hundred.
 const MAX_HEADER: usize = 1 << 16;
 
-/// Most channels of a recording.
+/// Largest number of channels.
 const MAX_CHANNELS: u64 = 256;
 
-/// Most frames read at once.
+/// Largest number of frames read at once.
 const FRAMES_AT_ONCE: u64 = 4096;
 
-/// The frames of a NumPy array, read as they are asked for.
+/// The frames of a NumPy array, read on demand.
 #[derive(Debug)]
 pub struct NpyFrames<R> {
     reader: R,
@@ -37,10 +37,11 @@ pub struct NpyFrames<R> {
 }
 
 impl<R: Read> NpyFrames<R> {
-    /// Reads the description of the array.
+    /// Reads the header of the array.
     ///
     /// # Errors
-    /// It is damaged, or the array is none of real numbers in one or two dimensions; what the reader says.
+    /// The header is damaged, the array is not one of real numbers in one or two dimensions, or reading
+    /// fails.
     pub fn new(mut reader: R) -> Result<Self, RecordingError> {
         let header = header(&mut reader)?;
         let field = |key: &'static str, expected| {
@@ -58,12 +59,12 @@ impl<R: Read> NpyFrames<R> {
         Ok(Self { reader, number, big_endian, frames, channels, read: 0, buffer: Vec::new(), next: 0 })
     }
 
-    /// Frames that the array has by its description.
+    /// Returns the declared number of frames.
     pub fn frames(&self) -> u64 {
         self.frames
     }
 
-    /// Channels of the array.
+    /// Returns the number of channels.
     pub fn channels(&self) -> usize {
         self.channels
     }
@@ -80,7 +81,7 @@ impl<R: Read> NpyFrames<R> {
         self.reader.by_ref().take(wanted as u64).read_to_end(&mut self.buffer)?;
         if self.buffer.len() < wanted {
             let found = self.read + (self.buffer.len() / self.frame_bytes()) as u64;
-            let what = format!("{} frames, of which {found} are there", self.frames);
+            let what = format!("{} frames, but {found} are there", self.frames);
             return Err(npy("shape", what, "as many frames as the file holds"));
         }
         self.read += frames;
@@ -109,18 +110,22 @@ impl<R: Read> Frames for NpyFrames<R> {
     }
 }
 
-/// Reads a NumPy array of any length as consecutive records: all channels of one stretch, then those of the
+/// Reads a NumPy array of any length as consecutive records: all channels of one block, then those of the
 /// next.
 pub struct NpyBlocks<R> {
     blocks: Blocks<NpyFrames<R>>,
 }
 
 impl<R: Read> NpyBlocks<R> {
-    /// Reads the description of an array; the sampling rate is that of the defaults.
+    /// Reads the header of an array; the sampling rate is that of the defaults.
     pub fn new(reader: R, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
         let frames = NpyFrames::new(reader)?;
         let rate_hz = defaults.sample_rate_hz.ok_or_else(|| {
-            RecordingError::field("sample rate", "missing", "one in hertz: a NumPy array does not say it")
+            RecordingError::field(
+                "sample rate",
+                "missing",
+                "a rate in hertz, as a NumPy array does not contain it",
+            )
         })?;
         let plan = CutPlan::new(cut, frames.frames(), rate_hz, frames.channels())?;
         let channels = frames.channels();
@@ -128,7 +133,7 @@ impl<R: Read> NpyBlocks<R> {
         Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
     }
 
-    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    /// Returns the length of the records in seconds if a long recording is cut by default.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         self.blocks.default_cut_seconds()
     }
@@ -146,7 +151,7 @@ fn npy(field: &'static str, value: impl ToString, expected: &'static str) -> Rec
     RecordingError::Content { format: "npy", field, value: value.to_string(), expected }
 }
 
-/// The description of an array, a dictionary in Python's notation.
+/// Reads the header, a dictionary in Python notation.
 fn header(reader: &mut impl Read) -> Result<String, RecordingError> {
     let mut beginning = [0; 8];
     let mut exact = |bytes: &mut [u8]| {
@@ -157,7 +162,7 @@ fn header(reader: &mut impl Read) -> Result<String, RecordingError> {
     };
     exact(&mut beginning)?;
     if !beginning.starts_with(MAGIC) {
-        return Err(npy("beginning", format!("{beginning:02x?}"), "that of a NumPy array"));
+        return Err(npy("beginning", format!("{beginning:02x?}"), "the magic number of a NumPy array"));
     }
     let length = match beginning[6] {
         1 => {
@@ -180,7 +185,7 @@ fn header(reader: &mut impl Read) -> Result<String, RecordingError> {
     String::from_utf8(text).map_err(|_| npy("header", "not UTF-8", "a dictionary in Python's notation"))
 }
 
-/// What stands after a key, up to the comma behind it.
+/// Returns the value after a key, up to the next comma.
 fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     let after = header.find(&format!("'{key}'")).map(|at| &header[at + key.len() + 2..])?;
     let value = after.trim_start().strip_prefix(':')?.trim_start();
@@ -193,7 +198,7 @@ fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     Some(value[..end].trim_end())
 }
 
-/// The type of the values, and whether their most significant byte comes first.
+/// Parses the type of the values, and whether the most significant byte comes first.
 fn number(descr: &str) -> Result<(Number, bool), RecordingError> {
     let name = descr.trim_matches('\'');
     let number = match name.get(1..) {
@@ -213,11 +218,11 @@ fn number(descr: &str) -> Result<(Number, bool), RecordingError> {
     match name.as_bytes()[0] {
         b'<' | b'|' => Ok((number, false)),
         b'>' => Ok((number, true)),
-        _ => Err(npy("descr", shortened(descr), "an order of bytes, < or >")),
+        _ => Err(npy("descr", shortened(descr), "a byte order, < or >")),
     }
 }
 
-/// Frames and channels of a shape.
+/// Parses the numbers of frames and channels in a shape.
 fn shape_of(shape: &str) -> Result<(u64, usize), RecordingError> {
     let wrong =
         || npy("shape", shortened(shape), "(samples,) or (samples, channels) with at most 256 channels");
@@ -275,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_moments_and_columns_are_channels() {
+    fn rows_are_time_steps_and_columns_are_channels() {
         let data: Vec<u8> = [1_i16, 10, 2, 20, 3, 30].iter().flat_map(|value| value.to_le_bytes()).collect();
         let records = read(&array("<i2", "(3, 2)", &data), Some(0.5)).unwrap();
         assert_eq!((records[0].channel(), records[0].samples()), ("1", &[0.5, 1.0, 1.5][..]));
@@ -283,11 +288,11 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_named() {
+    fn unreadable_files_name_the_problem() {
         for (bytes, words) in [
             (array("<c16", "(2,)", &[]), ["descr", "'<c16'"]),
             (array("O", "(2,)", &[]), ["descr", "'O'"]),
-            (array("=f4", "(2,)", &[]), ["descr", "order of bytes"]),
+            (array("=f4", "(2,)", &[]), ["descr", "byte order"]),
             (array("<f4", "(2, 3, 4)", &[]), ["shape", "(2, 3, 4)"]),
             (array("<f4", "(2, 0)", &[]), ["shape", "(2, 0)"]),
             (array("<f4", "(2, 257)", &[]), ["shape", "257"]),
@@ -317,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_of_any_kind_are_read_or_refused() {
+    fn arbitrary_bytes_are_read_or_rejected() {
         let whole = array("<i2", "(3, 2)", &[0; 12]);
         for at in 0..whole.len() {
             let _ = read(&whole[..at], None);

@@ -1,6 +1,6 @@
-//! Numbers of binary files.
+//! Number types of binary files.
 
-/// How a number stands in a file.
+/// Type of a number in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Number {
     F32,
@@ -16,7 +16,7 @@ pub(crate) enum Number {
 }
 
 impl Number {
-    /// Bytes of one.
+    /// Returns the size in bytes.
     pub(crate) fn bytes(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -26,7 +26,7 @@ impl Number {
         }
     }
 
-    /// The value of so many bytes, the least significant one first.
+    /// Returns the value of these bytes, least significant byte first.
     pub(crate) fn value(self, bytes: &[u8]) -> f64 {
         let mut word = [0; 8];
         word[..bytes.len()].copy_from_slice(bytes);

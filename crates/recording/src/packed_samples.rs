@@ -1,18 +1,18 @@
-//! A waveform message's samples, copied as a whole.
+//! Bulk copy of the samples of a waveform message.
 
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 
 /// Number of the field `samples` in `WaveformBlock`.
 const SAMPLES: u32 = 5;
 
-/// Bytes besides the samples up to which a message is split: they are copied.
+/// A message is split only if it has at most this many bytes besides the samples, as these are copied.
 const MAX_OTHER_BYTES: usize = 1 << 16;
 
-/// Samples of a `WaveformBlock` message that are packed, and the bytes of its other fields in their order.
+/// Splits a `WaveformBlock` message into its packed samples and the bytes of its other fields, in order.
 ///
-/// The generated decoder takes packed samples one after the other, which costs several times as much as to
-/// copy them. `None` where samples are not packed, or something is wrong or large: then that decoder says
-/// what it is.
+/// The generated decoder reads packed samples one by one, which takes several times as long as copying them.
+/// `None` if the samples are not packed, or the message is damaged or large: then the generated decoder reads
+/// it or reports the error.
 pub(super) fn split(bytes: &[u8]) -> Option<(Vec<f32>, Vec<u8>)> {
     let (mut samples, mut others) = (Vec::new(), Vec::new());
     let mut left = bytes;
@@ -52,7 +52,7 @@ mod tests {
 
     /// What is split and put together is what the generated decoder makes of the whole.
     #[test]
-    fn a_message_in_any_order_reads_as_the_generated_decoder_reads_it() {
+    fn a_message_in_any_order_matches_the_generated_decoder() {
         let block = |unit: &str, samples: &[f32]| WaveformBlock {
             unit: unit.to_owned(),
             sample_rate_hz: 20_000.0,
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_packed_or_damaged_is_left_to_the_generated_decoder() {
+    fn unpacked_or_damaged_messages_use_the_generated_decoder() {
         let unpacked = [&[0x2d_u8][..], &1.5_f32.to_le_bytes()].concat();
         let whole = [&[0x2a_u8, 8][..], &[0; 8]].concat();
         assert_eq!(split(&whole), Some((vec![0.0; 2], Vec::new())));

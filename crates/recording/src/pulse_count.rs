@@ -1,5 +1,5 @@
-//! How many tachometer pulses a protobuf message has, counted before it is decoded: what takes one byte there
-//! takes eight in memory.
+//! Number of tachometer pulses in a protobuf message, counted before decoding: one byte of the message may
+//! take eight in memory.
 
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 
@@ -12,12 +12,12 @@ const TACHOMETER: u32 = 9;
 /// Number of the field `pulse_time_ns` in `Tachometer`.
 const PULSE_TIME: u32 = 1;
 
-/// Refuses a `Tachometer` message with more pulses than are taken.
+/// Rejects a `Tachometer` message with more than the maximum number of pulses.
 pub(super) fn check_tachometer(message: &[u8]) -> Result<(), RecordingError> {
     check(pulses_in(message, message.len()))
 }
 
-/// Refuses a `WaveformBlock` message with more pulses than are taken.
+/// Rejects a `WaveformBlock` message with more than the maximum number of pulses.
 pub(super) fn check_block(message: &[u8]) -> Result<(), RecordingError> {
     check(pulses_in_block(message))
 }
@@ -33,14 +33,15 @@ fn check(pulses: usize) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// Pulses in a `WaveformBlock` message. Several tachometers in it are merged, and so count together.
+/// Counts the pulses in a `WaveformBlock` message. Several tachometers in it are merged when decoding, so
+/// they are summed.
 fn pulses_in_block(message: &[u8]) -> usize {
     let tachometers = Fields { left: message, after: 0 }.filter(|(tag, _)| *tag == TACHOMETER);
     let lengths = tachometers.filter_map(|(_, content)| content);
     lengths.map(|(bytes, length)| pulses_in(bytes, length)).sum()
 }
 
-/// Pulses, packed or not, in a `Tachometer` message that is the first `length` of these bytes.
+/// Counts the pulses, packed or not, in a `Tachometer` message that is the first `length` of these bytes.
 fn pulses_in(bytes: &[u8], length: usize) -> usize {
     let after = bytes.len() - length;
     let times = Fields { left: bytes, after }.filter(|(tag, _)| *tag == PULSE_TIME);
@@ -48,8 +49,8 @@ fn pulses_in(bytes: &[u8], length: usize) -> usize {
         .map(|(_, content)| match content {
             Some((bytes, length)) => {
                 let packed = &bytes[..length];
-                // Of each number only the last byte is below 128; one that goes on behind the end is decoded
-                // before that is noticed.
+                // Only the last byte of each number is below 128. A number that continues past the end is
+                // decoded before that is detected.
                 packed.iter().filter(|byte| **byte < 0x80).count()
                     + usize::from(packed.last().is_some_and(|last| *last >= 0x80))
             }
@@ -58,14 +59,14 @@ fn pulses_in(bytes: &[u8], length: usize) -> usize {
         .sum()
 }
 
-/// The fields of a message: number and, where a length stands before it, the bytes from its content on and
-/// that length.
+/// The fields of a message: number and, for length-delimited fields, the bytes from the content on and its
+/// length.
 ///
-/// It goes wherever the generated decoder does: that notices only behind a field that the field ends after
-/// its message, and so decodes it whole. Where anything else is wrong both end.
+/// It follows the generated decoder, which detects only after a field that the field exceeds its message, and
+/// hence decodes it completely. At any other error both stop.
 struct Fields<'a> {
     left: &'a [u8],
-    /// How many bytes are left at the message's end.
+    /// Number of remaining bytes at the message's end.
     after: usize,
 }
 
@@ -131,7 +132,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn as_many_are_counted_as_are_decoded(parts in prop::collection::vec(any_tachometer(), 1..4)) {
+        fn the_count_equals_the_decoded_pulses(parts in prop::collection::vec(any_tachometer(), 1..4)) {
             let message = parts.concat();
             prop_assert_eq!(pulses_in(&message, message.len()), Tachometer::decode(&message[..]).unwrap().pulse_time_ns.len());
             let block = block_of(&parts);
@@ -139,7 +140,7 @@ mod tests {
         }
 
         #[test]
-        fn of_a_changed_message_no_more_are_decoded_than_counted(
+        fn a_corrupted_message_decodes_at_most_the_count(
             parts in prop::collection::vec(any_tachometer(), 1..4),
             changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..3),
         ) {
@@ -158,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn pulses_behind_the_end_of_their_tachometer_count() {
+    fn pulses_beyond_the_end_of_their_tachometer_count() {
         // A tachometer of two bytes whose pulses go on for a hundred.
         let block = [vec![0x4a, 2, 0x0a, 100], vec![1; 100]].concat();
         assert_eq!((decoded(&block), pulses_in_block(&block)), (100, 100));
@@ -167,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn one_more_than_are_taken_is_refused_also_in_two_parts() {
+    fn one_pulse_too_many_is_rejected_even_in_two_parts() {
         let most = Tachometer { pulse_time_ns: vec![1; MAX_PULSES], ..Default::default() };
         let block = WaveformBlock { tachometer: Some(most.clone()), ..Default::default() };
         let (most, block) = (most.encode_to_vec(), block.encode_to_vec());

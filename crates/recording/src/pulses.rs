@@ -1,4 +1,4 @@
-//! A tachometer's pulses between messages and records.
+//! Tachometer pulses, from messages to records.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -8,19 +8,19 @@ use super::block::nanoseconds;
 use super::message;
 use flankwatch_signal::{Record, Tachometer};
 
-/// Names of the shaft whose angle is meant.
+/// Names of the driving shaft.
 const DRIVING: [&str; 2] = ["", "driving"];
 
-/// Name of the other shaft of a pair.
+/// Name of the driven shaft.
 pub(super) const DRIVEN: &str = "driven";
 
-/// Most pulses of a message, and most kept of a shaft: one at 100 Hz with 60 pulses a turn for 11 minutes.
+/// Largest number of pulses in a message, and stored per shaft: 11 minutes at 100 Hz with 60 pulses per turn.
 pub(super) const MAX_PULSES: usize = 1 << 22;
 
-/// Most pulses kept of all assets of a recording: 64 MiB. Each asset has its share.
-const MAX_OF_ALL: usize = 2 * MAX_PULSES;
+/// Largest number of pulses stored over all assets of a recording: 64 MiB, shared equally.
+const MAX_TOTAL_PULSES: usize = 2 * MAX_PULSES;
 
-/// Pulses as they stand in a message.
+/// Pulses of a message.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Pulses {
     /// Nanoseconds UTC.
@@ -50,11 +50,11 @@ impl From<Pulses> for message::Tachometer {
 }
 
 impl Pulses {
-    /// The pulses of a record that begins at `start`; none where they are another shaft's.
+    /// Converts to the pulses of a record that starts at `start`; `None` if they belong to another shaft.
     pub(crate) fn of(self, start: Timestamp) -> Option<Tachometer> {
         let start_ns = nanoseconds(start);
         DRIVING.contains(&self.shaft.as_str()).then(|| Tachometer {
-            // By value: the seconds take the place of the nanoseconds, there may be millions.
+            // By value: the seconds reuse the memory of the nanoseconds, as there may be millions.
             pulse_times_s: self
                 .time_ns
                 .into_iter()
@@ -64,13 +64,13 @@ impl Pulses {
         })
     }
 
-    /// The pulses that a record carries.
+    /// Returns the pulses of a record.
     pub(crate) fn of_record(record: &Record) -> Option<Self> {
         let tachometer = record.tachometer()?;
         let start_ns = nanoseconds(record.start_time());
         let time_ns = tachometer.pulse_times_s.iter();
         Some(Self {
-            // A pulse so far away that its time does not exist stays at the end of all times.
+            // A pulse whose time is out of range is clamped to the end of the range.
             time_ns: time_ns.map(|time| start_ns.saturating_add((time * 1e9).round() as i64)).collect(),
             per_revolution: tachometer.pulses_per_revolution,
             shaft: String::new(),
@@ -78,7 +78,7 @@ impl Pulses {
     }
 }
 
-/// The pulses of one asset's driving shaft as a recording brings them, in the order of time.
+/// The pulses of one asset's driving shaft in a recording, in time order.
 #[derive(Debug, Default)]
 pub(crate) struct PulseTrain {
     time_ns: VecDeque<i64>,
@@ -86,16 +86,16 @@ pub(crate) struct PulseTrain {
 }
 
 impl PulseTrain {
-    /// Takes one message of this shaft and keeps the latest `most` pulses. Those at or before the latest one
-    /// are left out; another number of pulses a turn begins anew.
-    fn take(&mut self, pulses: &Pulses, most: usize) {
+    /// Adds one message of this shaft and keeps the latest `max` pulses. Pulses not after the latest one are
+    /// skipped; a different number of pulses per turn restarts the train.
+    fn take(&mut self, pulses: &Pulses, max: usize) {
         if pulses.per_revolution != self.per_revolution {
             self.time_ns.clear();
             self.per_revolution = pulses.per_revolution;
         }
         for &time in &pulses.time_ns {
             if self.time_ns.back().is_none_or(|last| *last < time) {
-                if self.time_ns.len() >= most {
+                if self.time_ns.len() >= max {
                     self.time_ns.pop_front();
                 }
                 self.time_ns.push_back(time);
@@ -103,21 +103,21 @@ impl PulseTrain {
         }
     }
 
-    fn keep_latest(&mut self, most: usize) {
-        let surplus = self.time_ns.len().saturating_sub(most);
+    fn truncate_to_latest(&mut self, max: usize) {
+        let surplus = self.time_ns.len().saturating_sub(max);
         if surplus > 0 {
             self.time_ns.drain(..surplus);
             self.time_ns.shrink_to_fit();
         }
     }
 
-    /// Whether there are pulses after this time.
+    /// Returns whether there are pulses after this time.
     pub(crate) fn reaches_past(&self, time_ns: i64) -> bool {
         self.time_ns.back().is_some_and(|last| *last > time_ns)
     }
 
-    /// The pulses from the last one before a record to the first one after it; none where there are fewer
-    /// than two.
+    /// Returns the pulses from the last one before a record to the first one after it; `None` if there are
+    /// fewer than two.
     pub(crate) fn during(&self, record: &Record) -> Option<Pulses> {
         let start_ns = nanoseconds(record.start_time());
         let end_ns = end_ns(record);
@@ -130,12 +130,12 @@ impl PulseTrain {
         })
     }
 
-    /// Forgets what no record from `start` on needs, but for a second before it.
-    pub(crate) fn forget_before(&mut self, start: Timestamp) {
-        const KEPT_NS: i64 = 1_000_000_000;
+    /// Drops the pulses that no record from `start` on needs, except for the last second before it.
+    pub(crate) fn drop_before(&mut self, start: Timestamp) {
+        const MARGIN_NS: i64 = 1_000_000_000;
         let past = self
             .time_ns
-            .partition_point(|time| *time < nanoseconds(start).saturating_sub(KEPT_NS))
+            .partition_point(|time| *time < nanoseconds(start).saturating_sub(MARGIN_NS))
             .saturating_sub(1);
         self.time_ns.drain(..past);
     }
@@ -148,34 +148,34 @@ pub(crate) struct PulseTrains {
 }
 
 impl PulseTrains {
-    /// Takes one message; nothing of one of another shaft.
+    /// Adds one message; ignores other shafts.
     pub(crate) fn take(&mut self, asset: &str, pulses: &Pulses) {
         if !DRIVING.contains(&pulses.shaft.as_str()) {
             return;
         }
         let is_new = !self.by_asset.contains_key(asset);
-        let share = MAX_OF_ALL / (self.by_asset.len() + usize::from(is_new));
-        let most = share.min(MAX_PULSES);
+        let share = MAX_TOTAL_PULSES / (self.by_asset.len() + usize::from(is_new));
+        let max = share.min(MAX_PULSES);
         if is_new {
             for train in self.by_asset.values_mut() {
-                train.keep_latest(most);
+                train.truncate_to_latest(max);
             }
         }
-        self.by_asset.entry(asset.to_owned()).or_default().take(pulses, most);
+        self.by_asset.entry(asset.to_owned()).or_default().take(pulses, max);
     }
 
-    /// The train of an asset.
+    /// Returns the pulse train of an asset.
     pub(crate) fn of(&self, asset: &str) -> Option<&PulseTrain> {
         self.by_asset.get(asset)
     }
 
-    /// The same to change it.
+    /// Returns the pulse train of an asset for modification.
     pub(crate) fn of_mut(&mut self, asset: &str) -> Option<&mut PulseTrain> {
         self.by_asset.get_mut(asset)
     }
 }
 
-/// The time just after a record's last sample.
+/// Returns the end time of a record: one sampling interval after its last sample.
 pub(crate) fn end_ns(record: &Record) -> i64 {
     nanoseconds(record.start_time()).saturating_add((record.duration_s() * 1e9) as i64)
 }
@@ -202,7 +202,7 @@ mod tests {
         assert!((times[0] + 0.05).abs() < 1e-12 && (times[11] - 1.05).abs() < 1e-12);
         assert!(train.reaches_past(3_900_000_000) && !train.reaches_past(4_000_000_000));
         assert_eq!(train.during(&second(10)), None);
-        train.forget_before(Timestamp::from_second(3).unwrap());
+        train.drop_before(Timestamp::from_second(3).unwrap());
         assert_eq!(train.time_ns.front(), Some(&1_950_000_000));
         train.take(&pulses(vec![1, 5_000_000_000]), 100);
         assert_eq!(train.time_ns.back(), Some(&5_000_000_000));
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn another_shaft_is_not_this_one() {
+    fn pulses_of_another_shaft_are_ignored() {
         let mut other = pulses(vec![1, 2, 3]);
         other.shaft = "driven".to_owned();
         let mut trains = PulseTrains::default();
@@ -220,26 +220,26 @@ mod tests {
     }
 
     #[test]
-    fn the_assets_of_a_recording_share_what_is_kept() {
-        let most = i64::try_from(MAX_PULSES).unwrap();
+    fn the_assets_of_a_recording_share_the_pulse_limit() {
+        let max = i64::try_from(MAX_PULSES).unwrap();
         let mut trains = PulseTrains::default();
         let kept = |trains: &PulseTrains| -> Vec<usize> {
             let held = ["a", "b", "c"].iter().filter_map(|asset| trains.of(asset));
             held.map(|train| train.time_ns.len()).collect()
         };
-        trains.take("a", &pulses((0..most).collect()));
-        trains.take("a", &pulses((most..most + 10).collect()));
+        trains.take("a", &pulses((0..max).collect()));
+        trains.take("a", &pulses((max..max + 10).collect()));
         assert_eq!(trains.of("a").unwrap().time_ns.front(), Some(&10));
-        trains.take("b", &pulses((0..most).collect()));
+        trains.take("b", &pulses((0..max).collect()));
         assert_eq!(kept(&trains), [MAX_PULSES, MAX_PULSES]);
-        trains.take("c", &pulses((0..most).collect()));
-        assert_eq!(kept(&trains), [MAX_OF_ALL / 3; 3]);
+        trains.take("c", &pulses((0..max).collect()));
+        assert_eq!(kept(&trains), [MAX_TOTAL_PULSES / 3; 3]);
         assert!(trains.by_asset.values().all(|train| train.time_ns.capacity() <= MAX_PULSES));
-        assert_eq!(trains.of("a").unwrap().time_ns.back(), Some(&(most + 9)));
+        assert_eq!(trains.of("a").unwrap().time_ns.back(), Some(&(max + 9)));
     }
 
     #[test]
-    fn the_seconds_of_pulses_take_no_memory_of_their_own() {
+    fn converting_pulses_to_seconds_takes_no_memory() {
         let many = pulses((0..100_000).collect());
         let counted = allocation_counter::measure(|| {
             let times = many.of(Timestamp::UNIX_EPOCH).unwrap().pulse_times_s;

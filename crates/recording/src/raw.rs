@@ -1,5 +1,5 @@
-//! Bare samples, little-endian, channels interleaved: what a converter gives. Everything else is said beside
-//! them.
+//! Raw samples, little-endian, channels interleaved, as converters deliver them. All other data is given
+//! separately.
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,13 +10,13 @@ use super::block::check_sample_count;
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
-/// The media type of bare samples.
+/// Media type of raw samples.
 const MEDIA_TYPE: &str = "application/octet-stream";
 
-/// Most channels of one recording.
+/// Largest number of channels.
 const MAX_CHANNELS: u32 = 256;
 
-/// How one sample is written.
+/// Type of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RawSample {
@@ -27,7 +27,7 @@ pub enum RawSample {
 }
 
 impl RawSample {
-    /// Bytes of one sample.
+    /// Returns the size of one sample in bytes.
     pub fn bytes(self) -> usize {
         match self {
             Self::F32 => 4,
@@ -35,7 +35,7 @@ impl RawSample {
         }
     }
 
-    /// `f32` or `i16`.
+    /// Returns `f32` or `i16`.
     pub fn name(self) -> &'static str {
         match self {
             Self::F32 => "f32",
@@ -43,7 +43,7 @@ impl RawSample {
         }
     }
 
-    /// What a sample counts where nobody says: itself, or integers scaled to −1…1 as in WAV.
+    /// Returns the default scale: 1, or integers scaled to −1…1 as in WAV.
     pub(crate) fn default_scale(self) -> f64 {
         match self {
             Self::F32 => 1.0,
@@ -51,7 +51,7 @@ impl RawSample {
         }
     }
 
-    /// What the bytes of one sample say, before it is scaled.
+    /// Returns the value of one sample's bytes, before scaling.
     pub(crate) fn value(self, bytes: &[u8]) -> f64 {
         match (self, bytes) {
             (Self::F32, &[a, b, c, d, ..]) => f32::from_le_bytes([a, b, c, d]).into(),
@@ -73,7 +73,7 @@ impl FromStr for RawSample {
     }
 }
 
-/// What has to be known to read bare samples.
+/// Layout of raw samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawLayout {
     sample: RawSample,
@@ -83,7 +83,7 @@ pub struct RawLayout {
 }
 
 impl RawLayout {
-    /// Checks the parts. `scale` is the value of one count in the record's unit.
+    /// Creates a layout. `scale` is the value of one count in the record's unit.
     pub fn new(
         sample: RawSample,
         sample_rate_hz: f64,
@@ -100,7 +100,7 @@ impl RawLayout {
         Ok(Self { sample, sample_rate_hz, channels, scale })
     }
 
-    /// Reads what [`Display`](fmt::Display) wrote; none where it is another media type.
+    /// Parses the output of [`Display`](fmt::Display); `None` for another media type.
     pub fn from_media_type(media_type: &str) -> Option<Self> {
         let mut parts = media_type.split(';');
         if parts.next()? != MEDIA_TYPE {
@@ -132,7 +132,7 @@ impl fmt::Display for RawLayout {
     }
 }
 
-/// Reads bare samples as one record a channel; they are named as those of a WAV.
+/// Reads raw samples as one record per channel, named like those of a WAV.
 pub fn decode_raw(
     bytes: &[u8],
     layout: RawLayout,
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_are_taken_apart_and_integers_scaled() {
+    fn channels_are_deinterleaved_and_integers_scaled() {
         let bytes: Vec<u8> = [16384_i16, -32768, 0, 16384].iter().flat_map(|n| n.to_le_bytes()).collect();
         let records = read(&bytes, RawSample::I16, 2, None).unwrap();
         assert_eq!(records[0].samples(), [0.5, 0.0]);
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn mismatched_lengths_are_rejected() {
         assert!(read(&[], RawSample::F32, 1, None).is_err());
         assert!(read(&[0; 6], RawSample::F32, 1, None).is_err());
         assert!(read(&[0; 4], RawSample::F32, 0, None).is_err());

@@ -1,8 +1,8 @@
 //! WAV recordings: read into records, written as 32-bit floating point.
 //!
-//! Floating-point samples are taken as they stand, in the unit given by the defaults. Integers are scaled to
-//! a full scale of −1…1, whatever their number of bits; what that is worth says `scale` of the defaults.
-//! Without a unit it is `"1"`. WAV has no time: the defaults say when it began.
+//! Floating-point samples are used unchanged, in the unit of the defaults. Integers of any number of bits are
+//! scaled to a full scale of −1…1; `scale` of the defaults converts them to a unit. Without a unit it is
+//! `"1"`. WAV has no time: the defaults give the start time.
 
 use std::io::{Cursor, Read, Seek, Write};
 
@@ -12,14 +12,15 @@ use super::wav_frames::WavFrames;
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
-/// Most bytes of samples in a WAV that we write: the lengths in its header have 32 bits.
+/// Largest number of sample bytes in a written WAV: the lengths in its header have 32 bits.
 const MAX_DATA_BYTES: u64 = u32::MAX as u64 - 128;
 
-/// Reads a WAV recording as one record a channel.
+/// Reads a WAV recording as one record per channel.
 ///
-/// Channels are named `"1"`, `"2"`, …; a single one takes the name of the defaults. Refused are recordings
-/// longer than one record may be, those that end before their declared length, and those with a sample that
-/// is not finite.
+/// Channels are named `"1"`, `"2"`, …; a single one takes the name of the defaults.
+///
+/// # Errors
+/// A recording longer than a record may be, a truncated one, or a sample that is not finite.
 pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
@@ -32,11 +33,11 @@ pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     WavBlocks::with_plan(frames, defaults, plan).collect()
 }
 
-/// Reads a WAV recording of any length as consecutive records: all channels of one stretch, then those of the
+/// Reads a WAV recording of any length as consecutive records: all channels of one block, then those of the
 /// next.
 ///
-/// Only one stretch is held at a time. A stretch with a bad sample is an error and reading goes on after it;
-/// an early end of the file is an error and the last item.
+/// Only one block is in memory at a time. A block with an invalid sample is an error, and reading continues
+/// after it; a truncated file is an error and the last item.
 #[derive(Debug)]
 pub struct WavBlocks<R> {
     blocks: Blocks<WavFrames<R>>,
@@ -51,8 +52,8 @@ impl<R: Read> Frames for WavFrames<R> {
 impl<R: Read> WavBlocks<R> {
     /// Reads the header of a file of `file_bytes` bytes.
     ///
-    /// Without a cut, up to 2 minutes (and 4 194 304 samples) are one record a channel, and more is cut into
-    /// records of 10 s.
+    /// Without a cut, up to 2 minutes (and 4 194 304 samples) are one record per channel; longer recordings
+    /// are cut into records of 10 s.
     pub fn new(
         reader: R,
         file_bytes: u64,
@@ -78,7 +79,7 @@ impl<R: Read> WavBlocks<R> {
         Self { blocks: Blocks::new(frames, channels, cutter, plan) }
     }
 
-    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    /// Returns the length of the records in seconds if a long recording is cut by default.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         self.blocks.default_cut_seconds()
     }
@@ -100,13 +101,13 @@ pub struct WavWriter<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> WavWriter<W> {
-    /// Begins a recording; its rate must be a whole number of hertz, for the header has no more.
+    /// Starts a recording. Its rate must be a whole number of hertz, as the header stores no fraction.
     pub fn new(writer: W, channels: usize, sample_rate_hz: f64) -> Result<Self, RecordingError> {
         if !(1.0..=1e7).contains(&sample_rate_hz) || sample_rate_hz.fract() != 0.0 {
             return Err(RecordingError::wav(
                 "sample rate",
                 sample_rate_hz,
-                "a whole number of hertz up to 10 MHz (MCAP keeps any rate)",
+                "a whole number of hertz up to 10 MHz (MCAP stores any rate)",
             ));
         }
         if !(1..=256).contains(&channels) {
@@ -140,7 +141,7 @@ impl<W: Write + Seek> WavWriter<W> {
         Ok(())
     }
 
-    /// Completes the header. Without this the recording is not whole.
+    /// Completes the header. Without this call the recording is incomplete.
     pub fn finish(self) -> Result<(), RecordingError> {
         self.inner.finalize().map_err(write_error)
     }

@@ -1,86 +1,86 @@
-//! The header of a WAV recording: RIFF, RIFX (big endian) and RF64 (64-bit lengths), up to the first byte of
+//! The header of a WAV recording: RIFF, RIFX (big endian) or RF64 (64-bit lengths), up to the first byte of
 //! the data.
 //!
-//! Read here and not by hound, which refuses RIFX, RF64, 64-bit samples and odd bit depths without saying
-//! what is wrong. Declared lengths are never allocated: what is skipped is read and counted.
+//! It is not read by hound, which rejects RIFX, RF64, 64-bit samples and unusual bit depths without a
+//! specific error. Memory is never allocated by declared lengths: skipped bytes are read and counted.
 
 use std::io::{self, Read};
 
 use super::RecordingError;
 use super::wav_frames::decode;
 
-/// Most channels taken.
+/// Largest number of channels.
 const MAX_CHANNELS: u16 = 256;
 
-/// `fmt` chunk: the basic part, and with its extension.
+/// Length of the `fmt` chunk in bytes: basic, and with its extension.
 const FMT_BASIC: u64 = 16;
 const FMT_EXTENSIBLE: u64 = 40;
 
-/// The last bytes of every EXTENSIBLE subformat that stands for a plain format tag.
+/// The last bytes of every EXTENSIBLE subformat that represents a plain format tag.
 const SUBFORMAT_TAIL: [u8; 8] = [0x80, 0, 0, 0xaa, 0, 0x38, 0x9b, 0x71];
 
-/// A length that says "not known yet": of a stream, or of RF64, whose lengths stand in `ds64`.
+/// The length that means "unknown": of a stream, or of RF64, whose lengths are in `ds64`.
 const UNKNOWN_LENGTH: u32 = u32::MAX;
 
-/// A declared length from which on it is one that a program made up which did not know it: `sox` and
-/// `arecord` write some 2 GiB to a pipe.
+/// A declared length from here on is a placeholder of a program that did not know it: `sox` and `arecord`
+/// write about 2 GiB to a pipe.
 const OPEN_LENGTH: u64 = 0x7ff0_0000;
 
-/// How samples are stored.
+/// Format of the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WavFormat {
-    /// Channels, at least one.
+    /// Number of channels, at least one.
     pub channels: usize,
     /// Sampling rate in hertz, above 0.
     pub sample_rate_hz: u32,
-    /// Valid bits of a sample.
+    /// Valid bits per sample.
     pub bits: usize,
-    /// Bytes that a sample takes, 1 to 8.
+    /// Bytes per sample, 1 to 8.
     pub container: usize,
-    /// IEEE floating point, 32 or 64 bits; otherwise integers (up to 8 bits unsigned).
+    /// Whether samples are IEEE floating point, 32 or 64 bits; otherwise integers (up to 8 bits unsigned).
     pub float: bool,
-    /// Most significant byte first.
+    /// Whether the most significant byte comes first.
     pub big_endian: bool,
 }
 
 impl WavFormat {
-    /// Bytes of one frame (one sample of every channel).
+    /// Returns the bytes of one frame (one sample of every channel).
     pub fn frame_bytes(&self) -> usize {
         self.channels * self.container
     }
 
-    /// Reads the header of a WAV that is being written, up to its first sample. Returns the bytes of samples
-    /// that it declares; none where their end is open: programs that write to a pipe declare nothing or as
-    /// much as fits.
+    /// Reads the header of a WAV that is still being written, up to its first sample. Returns the declared
+    /// bytes of samples, or `None` if their number is open: programs that write to a pipe declare nothing or
+    /// the maximum.
     ///
     /// # Errors
-    /// A header that is not a WAV recording's, or one of samples that are not read here.
+    /// A header that is not a WAV recording's, or samples in an unsupported format.
     pub fn read_open_ended(reader: &mut impl Read) -> Result<(Self, Option<u64>), RecordingError> {
         let header = WavHeader::read_any_length(reader)?;
         let declared = header.data_bytes.filter(|bytes| (1..OPEN_LENGTH).contains(bytes));
         Ok((header.format, declared))
     }
 
-    /// The value of one sample's bytes, as in [`WavFrames`](super::WavFrames).
+    /// Returns the value of one sample's bytes, as in [`WavFrames`](super::WavFrames).
     pub fn value(&self, bytes: &[u8]) -> f32 {
         decode(bytes, self, None)
     }
 }
 
-/// What stands before the data.
+/// The header before the data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct WavHeader {
-    /// How samples are stored.
+    /// Format of the samples.
     pub(crate) format: WavFormat,
-    /// Length of the data as declared, a multiple of the frame; none where the writer left it open (then it
-    /// goes to the end).
+    /// Declared length of the data, a multiple of the frame; `None` if the writer left it open (then the data
+    /// extends to the end).
     pub(crate) data_bytes: Option<u64>,
     /// Position of the data's first byte.
     pub(crate) data_start: u64,
 }
 
 impl WavHeader {
-    /// Reads up to the first byte of the data.
+    /// Reads the header up to the first byte of the data.
     pub(crate) fn read(reader: &mut impl Read) -> Result<Self, RecordingError> {
         let header = Self::read_any_length(reader)?;
         let frame_bytes = header.format.frame_bytes();
@@ -96,7 +96,8 @@ impl WavHeader {
         Ok(header)
     }
 
-    /// The same, also where the declared length is no whole number of frames: that of a stream is made up.
+    /// Like [`read`](Self::read), but accepts a declared length that is not a whole number of frames, as that
+    /// of a stream is a placeholder.
     fn read_any_length(reader: &mut impl Read) -> Result<Self, RecordingError> {
         let mut chunks = Chunks::open(reader)?;
         let mut format = None;
@@ -127,7 +128,7 @@ impl WavHeader {
     }
 }
 
-/// Walks over the chunks, counting bytes.
+/// Iterates over the chunks, counting bytes.
 struct Chunks<'a, R> {
     reader: &'a mut R,
     position: u64,
@@ -158,7 +159,8 @@ impl<'a, R: Read> Chunks<'a, R> {
                 "WAVE",
             ));
         }
-        // The length in the RIFF header is not used: files in use have it wrong, and every chunk has its own.
+        // The length in the RIFF header is ignored: existing files have wrong values, and every chunk has its
+        // own.
         Ok(chunks)
     }
 
@@ -195,8 +197,7 @@ impl<'a, R: Read> Chunks<'a, R> {
                 ));
             };
             let valid = self.u16([extension[2], extension[3]]);
-            // Writers exist that leave the valid bits at 0 or beyond the container's: the container's count
-            // then.
+            // Some writers leave the valid bits at 0 or above the container's: then the container's count.
             if valid > 0 && valid < bits {
                 bits = valid;
             }
@@ -238,7 +239,7 @@ impl<'a, R: Read> Chunks<'a, R> {
             return Err(RecordingError::wav(
                 "block align",
                 format!("{block_align} bytes with {channels} channels of {container_bits} bits"),
-                "channels times 1 to 8 bytes that hold the bits",
+                "channels times 1 to 8 bytes, enough for the bits",
             ));
         }
         if float && !(bits == 32 && container == 4 || bits == 64 && container == 8) {
@@ -258,10 +259,10 @@ impl<'a, R: Read> Chunks<'a, R> {
         })
     }
 
-    /// The first `N` bytes of a chunk's body; the rest of it is skipped.
+    /// Returns the first `N` bytes of a chunk's body and skips the rest.
     fn body<const N: usize>(&mut self, part: &'static str, declared: u64) -> Result<[u8; N], RecordingError> {
         if declared < N as u64 {
-            return Err(RecordingError::wav(part, format!("{declared} bytes long"), "a longer one"));
+            return Err(RecordingError::wav(part, format!("{declared} bytes long"), "a longer chunk"));
         }
         let bytes = self.bytes(part, declared)?;
         let rest = declared - N as u64;
@@ -312,7 +313,7 @@ impl<'a, R: Read> Chunks<'a, R> {
     }
 }
 
-/// A format tag with the name people know it by.
+/// Returns a format tag with its common name.
 fn describe(tag: u16) -> String {
     let name = match tag {
         0x0002 => "Microsoft ADPCM",

@@ -1,26 +1,26 @@
-//! The samples of a WAV recording, frame by frame.
+//! The frames of a WAV recording.
 
 use std::io::{self, Read};
 
 use super::RecordingError;
 use super::wav_format::{WavFormat, WavHeader};
 
-/// How much is read at a time, in bytes (rounded to whole frames).
+/// Number of bytes read at a time (rounded to whole frames).
 const READ_BYTES: usize = 1 << 16;
 
-/// Where the valid bits stand in a container that is at least a byte wider.
+/// Position of the valid bits in a container that is at least a byte wider.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Justification {
-    /// At the top, as the format wants it.
+    /// In the upper bytes, as specified.
     Left,
-    /// At the bottom, as some writers do it.
+    /// In the lower bytes, as some writers do.
     Right,
 }
 
 /// Reads frames (one sample of every channel) in bounded memory.
 ///
-/// Integers are scaled to a full scale of −1…1, that is by two to the number of bits less one; floating-point
-/// samples are as they stand.
+/// Integers are scaled to a full scale of −1…1, that is by two to the power of the number of bits less one;
+/// floating-point samples are unchanged.
 #[derive(Debug)]
 pub struct WavFrames<R> {
     reader: R,
@@ -38,7 +38,7 @@ impl<R: Read> WavFrames<R> {
     /// Reads the header.
     ///
     /// # Errors
-    /// A header that is not a WAV recording's, or one of samples that are not read here.
+    /// A header that is not a WAV recording's, or samples in an unsupported format.
     pub fn new(mut reader: R) -> Result<Self, RecordingError> {
         let header = WavHeader::read(&mut reader)?;
         Ok(Self {
@@ -54,18 +54,18 @@ impl<R: Read> WavFrames<R> {
         })
     }
 
-    /// How samples are stored.
+    /// Returns the format of the samples.
     pub fn format(&self) -> WavFormat {
         self.format
     }
 
-    /// Frames there are at most, in a file of `file_bytes` bytes.
+    /// Returns the largest possible number of frames in a file of `file_bytes` bytes.
     pub fn frames_at_most(&self, file_bytes: u64) -> u64 {
-        let there = file_bytes.saturating_sub(self.data_start);
-        self.declared.unwrap_or(there).min(there) / self.format.frame_bytes() as u64
+        let available = file_bytes.saturating_sub(self.data_start);
+        self.declared.unwrap_or(available).min(available) / self.format.frame_bytes() as u64
     }
 
-    /// Refuses a recording that ends before its declared length, where the file's length is known.
+    /// Rejects a truncated recording, if the file's length is known.
     ///
     /// # Errors
     /// [`RecordingError::WavEnds`].
@@ -79,10 +79,10 @@ impl<R: Read> WavFrames<R> {
         }
     }
 
-    /// The next frame, false at the end. `frame` holds one sample a channel.
+    /// Reads the next frame; returns false at the end. `frame` has one sample per channel.
     ///
     /// # Errors
-    /// An early end, samples whose padding is not empty, and what the reader says.
+    /// A truncated file, samples with non-empty padding, and reading errors.
     pub fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         if self.next == self.buffer.len() {
             self.fill()?;
@@ -126,7 +126,7 @@ impl<R: Read> WavFrames<R> {
                 Err(error) => return Err(error.into()),
             }
         }
-        // What is whole comes first; the next call reports the early end.
+        // Complete frames are returned first; the next call reports the truncation.
         let whole = filled / frame * frame;
         let found = self.read + filled as u64;
         if filled < wanted && (self.declared.is_some() || filled > whole) {
@@ -137,8 +137,8 @@ impl<R: Read> WavFrames<R> {
         self.check_padding()
     }
 
-    /// Finds where the valid bits stand, from the samples themselves, and refuses samples that stand in
-    /// neither place.
+    /// Determines the position of the valid bits from the samples, and rejects samples that fit neither
+    /// position.
     fn check_padding(&mut self) -> Result<(), RecordingError> {
         let padding = self.format.container - self.format.bits.div_ceil(8);
         if padding == 0 || self.format.float {
@@ -153,7 +153,7 @@ impl<R: Read> WavFrames<R> {
             let high = most_significant_first(bytes, &self.format) >> (64 - 8 * padding);
             high == 0 || high == (1 << (8 * padding)) - 1
         });
-        // What was found in the data before holds for the rest.
+        // The position found in earlier data applies to the rest.
         left &= self.justification != Some(Justification::Right);
         right &= self.justification != Some(Justification::Left);
         self.justification = match (left, right) {
@@ -166,7 +166,7 @@ impl<R: Read> WavFrames<R> {
                         "not empty in containers of {} bytes for {} bits",
                         self.format.container, self.format.bits
                     ),
-                    "all samples at the container's top, or all at its bottom",
+                    "all samples in the upper bytes of the container, or all in the lower ones",
                 ));
             }
         };
@@ -174,7 +174,7 @@ impl<R: Read> WavFrames<R> {
     }
 }
 
-/// A container's bytes in the upper bytes of a word, the most significant one first.
+/// Returns a container's bytes in the upper bytes of a word, most significant byte first.
 fn most_significant_first(bytes: &[u8], format: &WavFormat) -> u64 {
     let mut word = [0; 8];
     let used = &mut word[..bytes.len()];
@@ -201,7 +201,7 @@ pub(crate) fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Jus
         Some(Justification::Right) => word << (8 * (format.container - format.bits.div_ceil(8))),
         _ => word,
     };
-    // Samples of up to 8 bits are unsigned around 128: the sign bit turned over makes them signed.
+    // Samples of up to 8 bits are unsigned around 128: flipping the sign bit makes them signed.
     let word = if format.container == 1 { word ^ (1 << 63) } else { word };
     const FULL_SCALE: f64 = 9_223_372_036_854_775_808.0;
     (word.cast_signed() as f64 / FULL_SCALE) as f32

@@ -1,4 +1,4 @@
-//! The Rust types and the descriptor set that are generated from `proto/` say what `proto/` says.
+//! Checks that the generated Rust types and descriptor set match `proto/`.
 //!
 //! After a change of a schema, `FLANKWATCH_GENERATE=1 cargo test -p flankwatch-recording --test generated`
 //! writes them anew.
@@ -19,7 +19,7 @@ const SCHEMAS: [(&str, &str, Option<&str>); 2] = [
 ];
 
 #[test]
-fn generated_files_are_fresh() {
+fn generated_files_are_up_to_date() {
     for (schema, types, descriptors) in SCHEMAS {
         let mut compiler = protox::Compiler::new([root().join("proto")]).unwrap();
         compiler.include_imports(true).open_file(schema).unwrap();

@@ -1,8 +1,8 @@
-//! What a record of 10 s at 20 kHz costs, and parts of that, against one real Fourier transform of the same
-//! length: `cargo bench --bench signal`. And how often memory is taken for it. `-- condition` times only what
-//! has that word in its name.
+//! Cost of analysing a record of 10 s at 20 kHz, and of its parts, relative to one real Fourier transform of
+//! the same length: `cargo bench --bench signal`. Also counts memory allocations. `-- condition` times only
+//! benchmarks with that word in their name.
 //!
-//! `scipy_signal.py` beside it does in SciPy a part of what `condition` does.
+//! `scipy_signal.py` in this folder does a part of `condition` in SciPy.
 
 use std::hint::black_box;
 use std::sync::OnceLock;

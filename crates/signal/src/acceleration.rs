@@ -1,11 +1,11 @@
-//! Units of acceleration, and records brought from one to another.
+//! Units of acceleration and conversion of records between them.
 
 use crate::{Record, RecordError};
 
 /// Standard acceleration of free fall in m/s².
 const G_M_S2: f64 = 9.806_65;
 
-/// What one of a unit is in m/s²; none of what is no unit of acceleration.
+/// Returns one `unit` in m/s², or `None` if it is not a unit of acceleration.
 pub(super) fn in_m_s2(unit: &str) -> Option<f64> {
     match unit {
         "m/s2" | "m/s²" | "m/s^2" => Some(1.0),
@@ -16,8 +16,8 @@ pub(super) fn in_m_s2(unit: &str) -> Option<f64> {
     }
 }
 
-/// By what values in one unit are multiplied to be in another one; none where neither is known to be the same
-/// quantity.
+/// Returns the factor that converts values from one unit to another, or `None` if the units differ and are
+/// not both units of acceleration.
 pub fn unit_factor(from: &str, to: &str) -> Option<f64> {
     if from == to {
         return Some(1.0);
@@ -26,9 +26,11 @@ pub fn unit_factor(from: &str, to: &str) -> Option<f64> {
 }
 
 impl Record {
-    /// The same record with its samples in another unit: m/s², mm/s², g and mg are brought to each other.
+    /// Converts the samples to `unit`: one of m/s², mm/s², g and mg.
     ///
-    /// Errors: the units are not those of one quantity; a sample is too great for the other unit.
+    /// # Errors
+    /// [`RecordError::Unit`] if no conversion is known; [`RecordError::NotFinite`] if a converted sample
+    /// overflows.
     pub fn in_unit(self, unit: &str) -> Result<Self, RecordError> {
         if self.unit() == unit {
             return Ok(self);
@@ -54,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn accelerations_are_brought_to_each_other_and_nothing_else_is() {
+    fn only_accelerations_are_converted() {
         for (from, to, first) in [
             ("g", "m/s2", 9.806_65_f32),
             ("m/s²", "m/s2", 1.0),

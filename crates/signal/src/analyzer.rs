@@ -1,4 +1,4 @@
-//! One record's analysis: a single transform of the whole record serves everything.
+//! The analysis of one record, from a single transform of the whole record.
 
 use super::band::Band;
 use super::checks::{insert_checks, insert_shaft_lines};
@@ -19,20 +19,20 @@ use super::speed_compensation::{Mesh, compensate};
 use super::transform::spectrum_length;
 use super::velocity::{VELOCITY_RMS, velocity_rms};
 
-/// The default envelope band's reach around a mesh harmonic in mesh frequencies.
+/// Half-width of the default envelope band around a mesh harmonic, in mesh frequencies.
 const DEFAULT_BAND_MESHES: f64 = 1.5;
 
-/// Work space for records above this length is given back after use: one long record must not hold its memory
-/// for ever.
-const KEPT_SAMPLES: usize = 1 << 22;
+/// Buffers of records longer than this are freed after use, so that one long record does not hold memory
+/// forever.
+const MAX_RETAINED_SAMPLES: usize = 1 << 22;
 
-/// Mesh harmonics that are features.
+/// Number of mesh harmonics among the features.
 const FEATURE_HARMONICS: usize = 16;
 
-/// What is to be worked out of a record.
+/// Settings of an analysis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AnalysisSettings {
-    /// Mesh harmonics H that enter indicators, 10 by default.
+    /// Number H of mesh harmonics used by indicators, 10 by default.
     pub harmonics: usize,
 }
 
@@ -42,21 +42,21 @@ impl Default for AnalysisSettings {
     }
 }
 
-/// What one record says.
+/// The result of analysing one record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Analysis {
     /// Condition indicators.
     pub indicators: Indicators,
     /// Features for the wear estimate.
     pub features: Features,
-    /// The shaft speed; `None` where it is neither given nor found.
+    /// The shaft speed; `None` if it is neither given nor found.
     pub shaft_speed: Option<ShaftSpeed>,
-    /// The mesh harmonics that could be read, in rising order.
+    /// The mesh harmonics that could be read, in ascending order.
     pub mesh_lines: Vec<MeshLine>,
 }
 
-/// Turns records into spectra, indicators and features. Keeps its transform plans and work space from record
-/// to record, so one belongs to each worker thread.
+/// Computes spectra, indicators and features of records. Reuses its transform plans and buffers from record
+/// to record; use one per worker thread.
 pub struct Analyzer {
     pub(super) settings: AnalysisSettings,
     pub(super) work: RecordSpectrum,
@@ -65,7 +65,7 @@ pub struct Analyzer {
 }
 
 impl Analyzer {
-    /// An analyzer with nothing planned yet.
+    /// Creates an analyzer without transform plans.
     pub fn new(settings: AnalysisSettings) -> Self {
         Self {
             settings,
@@ -75,27 +75,27 @@ impl Analyzer {
         }
     }
 
-    /// Indicators and features of a record. Its shaft speed is that of its operating point, else that of its
-    /// tachometer, else the asset's where that is exact, else the one found from the mesh comb. What cannot
-    /// be computed is absent with its reason.
+    /// Computes the indicators and features of a record. The shaft speed is the first one available of: the
+    /// record's operating point, its tachometer, the asset's exact nominal speed, the mesh comb. Indicators
+    /// that cannot be computed are omitted, with a reason.
     pub fn analyze(&mut self, record: &Record, mesh: &MeshContext) -> Analysis {
         self.analyze_with_bands(record, mesh, &[])
     }
 
-    /// The same with the values of `bands` among the indicators.
+    /// Like [`analyze`](Self::analyze), with the values of `bands` among the indicators.
     pub fn analyze_with_bands(&mut self, record: &Record, mesh: &MeshContext, bands: &[Band]) -> Analysis {
         let located = self.locate(record, mesh);
         let mut analysis = self.analyze_located(record, mesh, bands, &located);
         if located.1.mesh.is_ok() {
-            let turned = self.turned_located(record, mesh, &located, analysis.features.fault);
-            self.insert_tooth_checks(mesh, &turned, &mut analysis.features);
-            self.take_back(turned);
+            let angle_record = self.angle_record_located(record, mesh, &located, analysis.features.fault);
+            self.insert_tooth_checks(mesh, &angle_record, &mut analysis.features);
+            self.recycle(angle_record);
         }
-        self.give_back(record);
+        self.release_large_buffers(record);
         analysis
     }
 
-    /// Transforms a record and finds the mesh in it.
+    /// Transforms a record and locates the mesh comb in its spectrum.
     pub(super) fn locate(&mut self, record: &Record, mesh: &MeshContext) -> (Moments, LocatedMesh) {
         let work = &mut self.work;
         let moments = work.transform(record);
@@ -108,12 +108,12 @@ impl Analyzer {
             mesh,
             moments.constant,
             &mut work.sorting,
-            &mut work.says,
+            &mut work.log_ratios,
         );
         (moments, located)
     }
 
-    /// The analysis of the record that was transformed last.
+    /// Analyses the record that was transformed last.
     pub(super) fn analyze_located(
         &mut self,
         record: &Record,
@@ -161,7 +161,7 @@ impl Analyzer {
         }
         let mut speed = located.speed;
         let found = speed.filter(|speed| speed.source == SpeedSource::MeshComb);
-        features.speed_doubt = found.and_then(|speed| speed.doubt_in_words());
+        features.speed_doubt = found.and_then(|speed| speed.doubt_message());
         let certain = located.mesh.ok().filter(|_| features.speed_doubt.is_none());
         if let Ok(deviation) = deviation {
             let comb = certain.map(|mesh_bins| (mesh_bins, mesh));
@@ -177,9 +177,10 @@ impl Analyzer {
             }
         }
         if let (Some(mesh_bins), Ok(deviation)) = (certain, deviation) {
-            let place = Mesh { bins: mesh_bins, teeth: mesh.teeth, sample_rate_hz: record.sample_rate_hz() };
+            let speed_mesh =
+                Mesh { bins: mesh_bins, teeth: mesh.teeth, sample_rate_hz: record.sample_rate_hz() };
             let harmonics = self.settings.harmonics.max(FEATURE_HARMONICS);
-            let compensated = compensate(work, place, harmonics);
+            let compensated = compensate(work, speed_mesh, harmonics);
             if let (Some(compensated), Some(found)) = (&compensated, &mut speed)
                 && found.source == SpeedSource::MeshComb
             {
@@ -215,22 +216,23 @@ impl Analyzer {
         Analysis { indicators, features, shaft_speed: speed, mesh_lines }
     }
 
-    /// The Hann amplitude spectrum of a record with its mean removed.
+    /// Returns the Hann amplitude spectrum of a record with its mean removed.
     pub fn amplitude_spectrum(&mut self, record: &Record) -> Spectrum {
         self.work.transform(record);
         let spectrum =
             Spectrum::hann(record.unit(), self.work.resolution_hz(record), self.work.amplitude.clone());
-        self.give_back(record);
+        self.release_large_buffers(record);
         spectrum
     }
 
-    /// The power spectral density of a record with its mean removed, under one Hann window over all of it.
+    /// Returns the power spectral density of a record with its mean removed, under one Hann window over the
+    /// whole record.
     pub fn power_spectral_density(&mut self, record: &Record) -> Spectrum {
         self.amplitude_spectrum(record).into_density(spectrum_length(record.samples().len()))
     }
 
-    /// The Hann amplitude spectrum of the envelope of a band `[low, high]` in hertz: the modulus, mean
-    /// removed, of the analytic signal of the band's bins. It reaches up to the band's width.
+    /// Returns the Hann amplitude spectrum of the envelope of a band `[low, high]` in hertz: the modulus,
+    /// mean removed, of the analytic signal of the band's bins. It reaches up to the band's width.
     pub fn envelope_spectrum(&mut self, record: &Record, band_hz: [f64; 2]) -> Result<Spectrum, BandError> {
         let band = band_bins(band_hz, spectrum_length(record.samples().len()), record.sample_rate_hz())?;
         let work = &mut self.work;
@@ -238,14 +240,16 @@ impl Analyzer {
         work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
         let spectrum =
             Spectrum::hann(record.unit(), work.resolution_hz(record), work.envelope.amplitude.clone());
-        self.give_back(record);
+        self.release_large_buffers(record);
         Ok(spectrum)
     }
 
-    /// The envelope's band where none is given. By the mesh: one and a half mesh frequencies to either side
-    /// of the strongest mesh harmonic (not below half the mesh frequency), so that lines at the shaft rates
-    /// and at the mesh frequency show; the whole spectrum where there is no shaft speed or no harmonic to be
-    /// read. By the kurtogram: its best band; the whole spectrum where there is none.
+    /// Chooses the envelope band if none is given.
+    ///
+    /// - `MeshHarmonic`: 1.5 mesh frequencies to either side of the strongest mesh harmonic (not below half
+    ///   the mesh frequency), so that lines at the shaft rates and at the mesh frequency show; the whole
+    ///   spectrum if there is no shaft speed or no readable harmonic.
+    /// - `Kurtogram`: its best band; the whole spectrum if there is none.
     pub fn envelope_band(
         &mut self,
         record: &Record,
@@ -263,13 +267,13 @@ impl Analyzer {
                 let Some(speed) = speed else { return whole };
                 self.work.transform(record);
                 let band = self.mesh_band(record, speed);
-                self.give_back(record);
+                self.release_large_buffers(record);
                 band.unwrap_or(whole)
             }
         }
     }
 
-    /// The band around the strongest mesh harmonic of the record that was transformed last.
+    /// Returns the band around the strongest mesh harmonic of the record that was transformed last.
     pub(super) fn mesh_band(&self, record: &Record, speed: &ShaftSpeed) -> Option<EnvelopeBand> {
         let mesh_hz = speed.mesh_frequency_hz;
         let mesh_bins = mesh_hz / self.work.resolution_hz(record);
@@ -284,11 +288,11 @@ impl Analyzer {
         Some(EnvelopeBand::given([low, high], BandSource::StrongestMeshHarmonic))
     }
 
-    /// Drops work space that only a very long record needs.
-    pub(super) fn give_back(&mut self, record: &Record) {
-        if record.samples().len() > KEPT_SAMPLES {
+    /// Frees the buffers if the record is a very long one.
+    pub(super) fn release_large_buffers(&mut self, record: &Record) {
+        if record.samples().len() > MAX_RETAINED_SAMPLES {
             self.work = RecordSpectrum::default();
-            self.resampler.give_back();
+            self.resampler.release();
             self.kurtogram = KurtogramWork::default();
         }
     }
@@ -357,7 +361,7 @@ mod tests {
     /// The amplitudes put in: A_h = 1/h; each sideband 0.1/h, two of them; the envelope's shaft line 0.2/h.
     /// With and without noise.
     #[test]
-    fn lines_put_in_come_out() {
+    fn generated_lines_are_measured() {
         for noise in [0.0, 0.05] {
             let got = analyze(&gear(40_000, noise, 0.0), MESH);
             let speed = got.shaft_speed.unwrap();
@@ -390,7 +394,7 @@ mod tests {
     /// White noise of deviation s: root-mean-square amplitude s·√(4·1.5/N) in a Hann bin, twice that in four
     /// sidebands.
     #[test]
-    fn backgrounds_are_those_of_the_noise_put_in() {
+    fn backgrounds_match_the_generated_noise() {
         let got = analyze(&gear(40_000, 0.05, 0.0), MESH);
         let bin = 0.05 * (6.0_f64 / 40_000.0).sqrt();
         for order in 1..=4 {
@@ -404,7 +408,7 @@ mod tests {
 
     /// A gain shifts every feature but the kurtosis by its logarithm; an offset changes none.
     #[test]
-    fn gain_is_an_offset_and_offset_nothing() {
+    fn gain_is_an_offset_and_an_offset_has_no_effect() {
         let plain = analyze(&gear(20_000, 0.05, 0.0), MESH).features;
         let record_with_gain = gear(20_000, 0.05, 0.0).samples().iter().map(|x| 8.0 * x).collect();
         let gained = analyze(&record(record_with_gain), MESH).features;
@@ -418,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn a_given_speed_is_kept_and_its_lines_found_beside_it() {
+    fn a_given_speed_is_kept_and_its_lines_are_located() {
         let got = analyze(&at_speed(gear(200_000, 0.05, 0.0), 16.7), MESH);
         let speed = got.shaft_speed.unwrap();
         assert_eq!((speed.shaft_speed_hz, speed.source), (16.7, SpeedSource::Record));
@@ -428,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_computed_says_why() {
+    fn missing_indicators_have_a_reason() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let noise = record((0..20_000).map(|_| StandardNormal.sample(&mut random)).collect());
         let got = analyze(&noise, MESH);

@@ -136,7 +136,7 @@ fn lengths_of_every_kind_are_analysed() {
 
 /// Ten million samples, cut to the longest smooth length below, read as a short record does.
 #[test]
-fn ten_million_samples_read_as_few_do() {
+fn ten_million_samples_give_the_same_readings() {
     let sine = |length: usize| -> Record {
         let samples = (0..length).map(|i| 0.5 + 2.0 * (std::f64::consts::TAU * 0.1234 * i as f64).sin());
         record(samples.map(|x| x as f32).collect())

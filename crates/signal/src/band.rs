@@ -1,4 +1,4 @@
-//! Root-mean-square values of frequency bands that the user defines.
+//! Root-mean-square values of user-defined frequency bands.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,46 +6,46 @@ use super::indicators::NotComputed;
 use super::spectrum::HANN_BANDWIDTH_BINS;
 use super::velocity::to_mm_per_s;
 
-/// What is summed up in a band.
+/// The quantity whose root mean square a band gives.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum BandQuantity {
-    /// The record as it is, in its unit.
+    /// The record itself, in its unit.
     #[default]
     Record,
-    /// Velocity in mm/s: the record, integrated where it is an acceleration.
+    /// Velocity in mm/s: the record, integrated if it is an acceleration.
     Velocity,
 }
 
-/// A band that becomes the indicator `band_` and its name, for example velocity from 10 to 1000 Hz as in
-/// ISO 20816.
+/// A band whose value is the indicator `band_<name>`, for example velocity from 10 to 1000 Hz as in ISO
+/// 20816.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Band {
-    /// Its name: 1 to 32 of `a-z`, `0-9` and `_`.
+    /// Name: 1 to 32 characters of `a-z`, `0-9` and `_`.
     pub name: String,
     /// Lowest and highest frequency in hertz.
     pub band_hz: [f64; 2],
-    /// What is summed up.
+    /// The quantity.
     #[serde(default)]
     pub quantity: BandQuantity,
 }
 
 impl Band {
-    /// Whether name and frequencies can be used.
-    pub fn is_usable(&self) -> bool {
+    /// Returns whether name and frequencies are valid.
+    pub fn is_valid(&self) -> bool {
         let [low, high] = self.band_hz;
         is_name(&self.name) && low >= 0.0 && low < high && high.is_finite()
     }
 
-    /// The indicator's name.
+    /// Returns the name of the indicator.
     pub(super) fn indicator(&self) -> String {
         format!("band_{}", self.name)
     }
 
-    /// The band's value, of a Hann amplitude spectrum of `samples` samples.
+    /// Returns the band's value from the Hann amplitude spectrum of `samples` samples.
     pub(super) fn rms(
         &self,
         amplitude: &[f64],
@@ -57,14 +57,14 @@ impl Band {
     }
 }
 
-/// Whether a name can be part of an indicator's: 1 to 32 of `a-z`, `0-9` and `_`.
+/// Returns whether a name can be part of an indicator's: 1 to 32 characters of `a-z`, `0-9` and `_`.
 pub fn is_name(name: &str) -> bool {
     let letters = name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
     letters && (1..=32).contains(&name.len())
 }
 
 /// √(Σ P(f)·Δf) over the bins of the Hann power spectral density P from the lowest to the highest frequency,
-/// both included and zero left out; for the velocity of an acceleration each divided by (2πf)².
+/// both included, without bin 0. For the velocity of an acceleration each term is divided by (2πf)².
 pub(super) fn rms_between(
     band_hz: [f64; 2],
     quantity: BandQuantity,
@@ -117,7 +117,7 @@ mod tests {
     }
 
     /// Closed form: a sine of amplitude 2 has a root mean square of √2, and of √2·1000/(2π·159.3) mm/s as
-    /// velocity, the offset left out.
+    /// velocity, without the offset.
     #[test]
     fn a_sine_reads_its_root_mean_square() {
         let rms = value([10.0, 1000.0], BandQuantity::Record, "m/s2").unwrap();
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_that_have_no_value_say_why() {
+    fn bands_without_a_value_report_the_reason() {
         assert_eq!(value([10.0, 1000.0], BandQuantity::Velocity, "V"), Err(NotComputed::NotAcceleration));
         assert_eq!(value([10.0, 4001.0], BandQuantity::Record, "V"), Err(NotComputed::AboveNyquist));
         assert_eq!(value([10.2, 10.4], BandQuantity::Record, "V"), Err(NotComputed::TooShort));

@@ -1,30 +1,30 @@
-//! Rolling bearings: at which orders of the shaft their faults strike.
+//! The fault frequencies of rolling bearings, in orders of the shaft.
 
 use serde::{Deserialize, Serialize};
 
-/// A rolling bearing that the sensor hears.
+/// A rolling bearing that the sensor measures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bearing {
-    /// Its name: 1 to 32 of `a-z`, `0-9` and `_`.
+    /// Name: 1 to 32 characters of `a-z`, `0-9` and `_`.
     pub name: String,
-    /// Turns of its shaft while the shaft whose speed is meant makes one.
+    /// Turns of its own shaft per turn of the reference shaft, whose speed is given.
     pub shaft_turns: f64,
-    /// Its fault frequencies over the rotational frequency of its own shaft.
+    /// Fault frequencies relative to the rotational frequency of its own shaft.
     pub orders: BearingOrders,
 }
 
-/// How often a fault strikes while the shaft turns once.
+/// Fault frequencies of a rolling bearing as events per turn of its shaft.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct BearingOrders {
-    /// Rolling elements that pass a point of the outer race (BPFO).
+    /// Ball-pass frequency of the outer race (BPFO): rolling elements passing a point of it.
     pub bpfo: f64,
-    /// Rolling elements that pass a point of the inner race (BPFI).
+    /// Ball-pass frequency of the inner race (BPFI): rolling elements passing a point of it.
     pub bpfi: f64,
-    /// Turns of a rolling element about itself (BSF).
+    /// Ball-spin frequency (BSF): turns of a rolling element about its own axis.
     pub bsf: f64,
-    /// Turns of the cage (FTF).
+    /// Fundamental train frequency (FTF): turns of the cage.
     pub ftf: f64,
 }
 
@@ -44,10 +44,10 @@ pub enum BearingLine {
 }
 
 impl BearingLine {
-    /// All four.
+    /// All four fault frequencies.
     pub const ALL: [Self; 4] = [Self::Bpfo, Self::Bpfi, Self::Bsf, Self::Ftf];
 
-    /// Its name in indicators.
+    /// Returns its name in indicators.
     pub fn name(self) -> &'static str {
         match self {
             Self::Bpfo => "bpfo",
@@ -57,7 +57,7 @@ impl BearingLine {
         }
     }
 
-    /// The part of the bearing that a fault is on.
+    /// Returns the bearing part that the fault is on.
     pub fn part(self) -> &'static str {
         match self {
             Self::Bpfo => "outer race",
@@ -69,20 +69,20 @@ impl BearingLine {
 }
 
 impl BearingOrders {
-    /// Of a bearing whose inner race turns and whose outer race stands, without slip: number of rolling
-    /// elements, their diameter over the pitch diameter, and the contact angle.
+    /// Computes the orders of a bearing with rotating inner race and fixed outer race, without slip, from the
+    /// number of rolling elements, the ratio of their diameter to the pitch diameter, and the contact angle.
     pub fn of_geometry(rolling_elements: u32, diameter_ratio: f64, contact_angle_deg: f64) -> Self {
-        let reach = diameter_ratio * contact_angle_deg.to_radians().cos();
+        let projected = diameter_ratio * contact_angle_deg.to_radians().cos();
         let half = 0.5 * f64::from(rolling_elements);
         Self {
-            bpfo: half * (1.0 - reach),
-            bpfi: half * (1.0 + reach),
-            bsf: 0.5 / diameter_ratio * (1.0 - reach * reach),
-            ftf: 0.5 * (1.0 - reach),
+            bpfo: half * (1.0 - projected),
+            bpfi: half * (1.0 + projected),
+            bsf: 0.5 / diameter_ratio * (1.0 - projected * projected),
+            ftf: 0.5 * (1.0 - projected),
         }
     }
 
-    /// One of the four.
+    /// Returns one of the four orders.
     pub fn of(&self, line: BearingLine) -> f64 {
         match line {
             BearingLine::Bpfo => self.bpfo,
@@ -94,41 +94,41 @@ impl BearingOrders {
 }
 
 impl Bearing {
-    /// Its frequencies in orders of the shaft whose speed is meant.
-    pub fn seen(&self) -> BearingOrders {
+    /// Returns the fault frequencies in orders of the reference shaft.
+    pub fn reference_orders(&self) -> BearingOrders {
         let BearingOrders { bpfo, bpfi, bsf, ftf } = self.orders;
         let [bpfo, bpfi, bsf, ftf] = [bpfo, bpfi, bsf, ftf].map(|order| self.shaft_turns * order);
         BearingOrders { bpfo, bpfi, bsf, ftf }
     }
 
-    /// One of them.
+    /// Returns one fault frequency in orders of the reference shaft.
     pub(super) fn order(&self, line: BearingLine) -> f64 {
-        self.seen().of(line)
+        self.reference_orders().of(line)
     }
 
-    /// The names of one line's indicators: its amplitude, and the ratio to the background.
+    /// Returns the indicator names of one line: its amplitude, and its ratio to the background.
     pub(super) fn indicators(&self, line: BearingLine) -> [String; 2] {
         let name = format!("bearing_{}_{}", self.name, line.name());
         let ratio = format!("{name}{TO_BACKGROUND}");
         [name, ratio]
     }
 
-    /// The names of all its indicators.
+    /// Returns the names of all indicators of the bearing.
     pub(super) fn all_indicators(&self) -> impl Iterator<Item = String> {
         BearingLine::ALL.into_iter().flat_map(|line| self.indicators(line))
     }
 
-    /// The name of the indicator that says how far a line stands out.
+    /// Returns the name of the indicator for the ratio of a line to the background.
     pub fn ratio_indicator(&self, line: BearingLine) -> String {
         let [_, ratio] = self.indicators(line);
         ratio
     }
 }
 
-/// What the names of ratios to the background end with.
+/// Suffix of the names of ratios to the background.
 const TO_BACKGROUND: &str = "_to_background";
 
-/// Whether an indicator is the ratio of a bearing's line to the background.
+/// Returns whether an indicator is the ratio of a bearing's line to the background.
 pub(super) fn is_ratio(indicator: &str) -> bool {
     indicator.starts_with("bearing_") && indicator.ends_with(TO_BACKGROUND)
 }

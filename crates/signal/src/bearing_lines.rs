@@ -1,81 +1,83 @@
-//! The lines of rolling bearings in an envelope spectrum, and its strongest line. Positions are in bins.
+//! The lines of rolling bearings in an envelope spectrum, and the strongest line of it. Positions are in
+//! bins.
 
 use serde::{Deserialize, Serialize};
 
 use super::bearing::{Bearing, BearingLine};
 use super::indicators::{Indicators, NotComputed};
-use super::line::{MAIN_LOBE_BINS, STANDING_OUT, fits, noise_amplitude, read_line};
+use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, fits, noise_amplitude, read_line};
 
-/// Harmonics of a fault frequency that are summed up.
+/// Number of harmonics of a fault frequency that are summed.
 const HARMONICS: usize = 3;
 
-/// Rolling elements slip: a line lies within this part of where the geometry puts it.
+/// Rolling elements slip: a line lies within this fraction of its geometric position.
 const SLIP: f64 = 0.02;
 
-/// A line has to lie so many bins from zero.
+/// Fewest bins from zero to a line.
 const RESOLVED_BINS: f64 = 4.0;
 
-/// Harmonics are told from other lines where they stand so many bins apart.
-const APART_BINS: f64 = 8.0;
+/// Harmonics of a comb are excluded as lines of others only if they are at least this many bins apart.
+const MIN_SPACING_BINS: f64 = 8.0;
 
-/// What belongs to a line: its main lobe, and a part of its position, as speeds wander and elements slip.
-const CLEAR_BINS: f64 = MAIN_LOBE_BINS + 0.5;
-const SHAFT_WANDER: f64 = 5e-4;
-const BEARING_WANDER: f64 = 3e-3;
+/// Half-width of a line: its main lobe, and a fraction of its position for speed fluctuation and slip.
+const LINE_REACH_BINS: f64 = MAIN_LOBE_BINS + 0.5;
+const SHAFT_TOLERANCE: f64 = 5e-4;
+const BEARING_TOLERANCE: f64 = 3e-3;
 
-/// A line of a bearing from this ratio to its background on is none of another line's.
-const TAKEN: f64 = 3.0;
+/// From this ratio to the background on, a bearing's line is excluded from the other bearings' lines.
+const MIN_CLAIM_RATIO: f64 = 3.0;
 
-/// Bins on each side of a line's window that the background is taken from, at least and at most.
+/// Bins on each side of a line's window used for its background: minimum and maximum.
 const BACKGROUND_BINS: [f64; 2] = [8.0, 32.0];
 
 /// Fewest bins of a background.
 const MIN_BACKGROUND_BINS: usize = 8;
 
-/// Bins of one background where the strongest line is looked for.
+/// Bins per background block in the search for the strongest line.
 const BLOCK_BINS: usize = 64;
 
-/// The strongest line is one of the first so many harmonics of a bearing's frequency or of the shaft's rate.
-const NAMED_HARMONICS: u32 = 5;
+/// The strongest line is attributed to one of the first this many harmonics of a bearing's frequency or of
+/// the shaft rate.
+const MAX_SOURCE_HARMONIC: u32 = 5;
 
-/// The strongest line of a record's envelope spectrum, where it stands out.
+/// The strongest line of a record's envelope spectrum, if it stands out from the background.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EnvelopeLine {
-    /// Its frequency in hertz.
+    /// Frequency in hertz.
     pub frequency_hz: f64,
-    /// Its amplitude over that of the noise around it.
+    /// Ratio of its amplitude to that of the noise around it.
     pub to_background: f64,
-    /// The band whose envelope it is in, in hertz.
+    /// The band of the envelope, in hertz.
     pub band_hz: [f64; 2],
-    /// What is known to turn or strike at that rate.
+    /// The known source at that frequency.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<LineSource>,
 }
 
-/// What a line of an envelope spectrum comes from.
+/// The source of a line in an envelope spectrum.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum LineSource {
-    /// A described bearing.
+    /// A configured bearing.
     Bearing {
-        /// Its name.
+        /// The bearing's name.
         bearing: String,
-        /// Which of its frequencies.
+        /// The fault frequency.
         line: BearingLine,
-        /// Which harmonic of that.
+        /// The harmonic of the fault frequency.
         harmonic: u32,
     },
-    /// The shaft whose speed is meant.
+    /// The reference shaft.
     Shaft {
-        /// Which harmonic of its rate.
+        /// The harmonic of its rate.
         harmonic: u32,
     },
 }
 
 impl EnvelopeLine {
-    /// In words.
+    /// Describes the line in one sentence.
     pub fn words(&self) -> String {
         let source = match &self.source {
             Some(LineSource::Bearing { bearing, line, harmonic }) => {
@@ -94,99 +96,100 @@ impl EnvelopeLine {
     }
 }
 
-/// An envelope spectrum, and what is known of the shaft.
+/// An envelope spectrum and the shaft speed.
 pub(super) struct EnvelopeLines<'a> {
     /// Hann amplitudes.
     pub(super) amplitude: &'a [f64],
-    /// Distance of bins in hertz.
+    /// Bin spacing in hertz.
     pub(super) resolution_hz: f64,
-    /// The shaft's rotational frequency in hertz, and the part by which it may be off.
+    /// The shaft's rotational frequency in hertz and its relative uncertainty.
     pub(super) shaft: Option<(f64, f64)>,
 }
 
-/// A line and its harmonics.
+/// The harmonics of a line.
 #[derive(Debug, Clone, Copy)]
 struct Comb {
     spacing: f64,
-    wander: f64,
+    tolerance: f64,
 }
 
-/// A bearing's line that stands out.
+/// A bearing's line that stands out from the background.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct StandingLine<'a> {
+pub(super) struct DetectedLine<'a> {
     bearing: &'a str,
     line: BearingLine,
-    /// Where its first harmonic is.
+    /// Position of its first harmonic.
     position: f64,
 }
 
-/// A bearing's line as it was read.
+/// A measured bearing line.
 #[derive(Debug, Clone, Copy)]
 struct Reading {
-    /// Root sum square of its harmonics' amplitudes.
+    /// Root sum square of its harmonic amplitudes.
     amplitude: f64,
     /// Root mean square of their ratios to the background.
     to_background: f64,
-    /// Where the first harmonic is.
+    /// Position of the first harmonic.
     position: f64,
 }
 
 impl Comb {
-    /// Whether a bin belongs to one of its harmonics.
-    fn holds(self, bin: usize) -> bool {
+    /// Returns whether a bin belongs to one of the harmonics.
+    fn contains(self, bin: usize) -> bool {
         let bin = bin as f64;
         let harmonic = (bin / self.spacing).round();
-        harmonic > 0.0 && (bin - harmonic * self.spacing).abs() <= CLEAR_BINS + self.wander * bin
+        harmonic > 0.0 && (bin - harmonic * self.spacing).abs() <= LINE_REACH_BINS + self.tolerance * bin
     }
 }
 
 impl EnvelopeLines<'_> {
-    /// Puts down each bearing's lines, the one that stands furthest out first: what belongs to it and its
-    /// harmonics is none of the others'. Those that stand out are returned.
+    /// Inserts the indicators of each bearing's lines, in descending order of their ratio to the background.
+    /// Bins of a detected line and its harmonics are excluded from the others'. Returns the detected lines.
     pub(super) fn indicate<'b>(
         &self,
         bearings: &'b [Bearing],
         scratch: &mut Vec<f64>,
         indicators: &mut Indicators,
-    ) -> Vec<StandingLine<'b>> {
-        let mut open: Vec<(&Bearing, BearingLine)> =
+    ) -> Vec<DetectedLine<'b>> {
+        let mut pending: Vec<(&Bearing, BearingLine)> =
             bearings.iter().flat_map(|bearing| BearingLine::ALL.map(|line| (bearing, line))).collect();
-        let (mut taken, mut standing) = (Vec::new(), Vec::new());
-        while !open.is_empty() {
-            let read: Vec<Result<Reading, NotComputed>> =
-                open.iter().map(|(bearing, line)| self.read(bearing, *line, &taken, scratch)).collect();
-            let ratio = |index: &usize| read[*index].map_or(0.0, |reading| reading.to_background);
-            let highest = (0..open.len()).max_by(|a, b| ratio(a).total_cmp(&ratio(b))).unwrap_or(0);
-            let stands_out = read[highest].ok().filter(|reading| reading.to_background >= TAKEN);
-            let told: Vec<usize> = match stands_out {
+        let (mut claimed, mut detected) = (Vec::new(), Vec::new());
+        while !pending.is_empty() {
+            let readings: Vec<Result<Reading, NotComputed>> =
+                pending.iter().map(|(bearing, line)| self.read(bearing, *line, &claimed, scratch)).collect();
+            let ratio = |index: &usize| readings[*index].map_or(0.0, |reading| reading.to_background);
+            let highest = (0..pending.len()).max_by(|a, b| ratio(a).total_cmp(&ratio(b))).unwrap_or(0);
+            let stands_out =
+                readings[highest].ok().filter(|reading| reading.to_background >= MIN_CLAIM_RATIO);
+            let settled: Vec<usize> = match stands_out {
                 Some(_) => vec![highest],
-                None => (0..open.len()).collect(),
+                None => (0..pending.len()).collect(),
             };
-            for index in told {
-                let (bearing, line) = open[index];
+            for index in settled {
+                let (bearing, line) = pending[index];
                 let [name, ratio] = bearing.indicators(line);
-                indicators.insert(name, read[index].map(|reading| reading.amplitude));
-                indicators.insert(ratio, read[index].map(|reading| reading.to_background));
+                indicators.insert(name, readings[index].map(|reading| reading.amplitude));
+                indicators.insert(ratio, readings[index].map(|reading| reading.to_background));
             }
             let Some(reading) = stands_out else { break };
-            taken.push(Comb { spacing: reading.position, wander: BEARING_WANDER });
-            let (bearing, line) = open.remove(highest);
-            standing.push(StandingLine { bearing: &bearing.name, line, position: reading.position });
+            claimed.push(Comb { spacing: reading.position, tolerance: BEARING_TOLERANCE });
+            let (bearing, line) = pending.remove(highest);
+            detected.push(DetectedLine { bearing: &bearing.name, line, position: reading.position });
         }
-        standing
+        detected
     }
 
-    /// Root sum square of the amplitudes of a line's first harmonics, and root mean square of their ratios
-    /// to the background.
+    /// Measures a line: root sum square of the amplitudes of its first harmonics, and root mean square of
+    /// their ratios to the background.
     ///
-    /// The line is looked for where its harmonics together stand highest above the background, within slip
-    /// and what the speed may be off by. Lines of shafts are none of the bearing's, nor those of combs that
-    /// are `taken`, but for one that may be this line's own.
+    /// Searches the position at which the harmonics together stand highest above the background, within slip
+    /// and speed uncertainty. Lines of shafts and of the `claimed` combs are excluded, except for a comb that
+    /// may be this line itself.
     fn read(
         &self,
         bearing: &Bearing,
         line: BearingLine,
-        taken: &[Comb],
+        claimed: &[Comb],
         scratch: &mut Vec<f64>,
     ) -> Result<Reading, NotComputed> {
         let (shaft_hz, uncertainty) = self.shaft.ok_or(NotComputed::NoSpeed)?;
@@ -204,12 +207,12 @@ impl EnvelopeLines<'_> {
         }
         let shafts = [1.0, bearing.shaft_turns].map(|turns| Comb {
             spacing: turns * shaft_hz / self.resolution_hz,
-            wander: SHAFT_WANDER + uncertainty,
+            tolerance: SHAFT_TOLERANCE + uncertainty,
         });
-        let others = taken.iter().filter(|comb| !(low - 1.0..=high + 1.0).contains(&comb.spacing));
+        let others = claimed.iter().filter(|comb| !(low - 1.0..=high + 1.0).contains(&comb.spacing));
         let combs: Vec<Comb> =
-            shafts.iter().chain(others).filter(|comb| comb.spacing >= APART_BINS).copied().collect();
-        let is_others = |bin: usize| combs.iter().any(|comb| comb.holds(bin));
+            shafts.iter().chain(others).filter(|comb| comb.spacing >= MIN_SPACING_BINS).copied().collect();
+        let is_others = |bin: usize| combs.iter().any(|comb| comb.contains(bin));
         let mut noise = [0.0; HARMONICS];
         for (order, noise) in (1..).zip(&mut noise[..orders]) {
             let window = [f64::from(order) * low, f64::from(order) * high];
@@ -248,7 +251,7 @@ impl EnvelopeLines<'_> {
         Ok(Reading { amplitude: power.sqrt(), to_background, position: first })
     }
 
-    /// Root-mean-square amplitude of the noise in one bin to both sides of a window.
+    /// Returns the root-mean-square amplitude of the noise in one bin on both sides of a window.
     fn background(
         &self,
         [low, high]: [f64; 2],
@@ -256,12 +259,13 @@ impl EnvelopeLines<'_> {
         is_others: &dyn Fn(usize) -> bool,
         scratch: &mut Vec<f64>,
     ) -> Option<f64> {
-        let [least, most] = BACKGROUND_BINS;
-        let reach = (0.5 * spacing).clamp(least, most);
-        let clear = [low - CLEAR_BINS, high + CLEAR_BINS];
-        let first = (clear[0] - reach).max(MAIN_LOBE_BINS).ceil() as usize;
-        let last = ((clear[1] + reach) as usize).min(self.amplitude.len() - 1);
-        let is_beside = |bin: &usize| !(clear[0]..=clear[1]).contains(&(*bin as f64)) && !is_others(*bin);
+        let [min, max] = BACKGROUND_BINS;
+        let reach = (0.5 * spacing).clamp(min, max);
+        let excluded = [low - LINE_REACH_BINS, high + LINE_REACH_BINS];
+        let first = (excluded[0] - reach).max(MAIN_LOBE_BINS).ceil() as usize;
+        let last = ((excluded[1] + reach) as usize).min(self.amplitude.len() - 1);
+        let is_beside =
+            |bin: &usize| !(excluded[0]..=excluded[1]).contains(&(*bin as f64)) && !is_others(*bin);
         scratch.clear();
         scratch.extend((first..=last).filter(is_beside).map(|bin| self.amplitude[bin]));
         if scratch.len() < MIN_BACKGROUND_BINS {
@@ -270,11 +274,11 @@ impl EnvelopeLines<'_> {
         noise_amplitude(scratch).filter(|noise| *noise > 0.0)
     }
 
-    /// The line that stands furthest out, up to a frequency in hertz, named by the bearings' lines that are
-    /// `standing` out.
+    /// Returns the line with the highest ratio to the background up to a frequency in hertz, attributed to
+    /// one of the `detected` bearing lines if possible.
     pub(super) fn strongest(
         &self,
-        standing: &[StandingLine<'_>],
+        detected: &[DetectedLine<'_>],
         band_hz: [f64; 2],
         highest_hz: f64,
         scratch: &mut Vec<f64>,
@@ -284,7 +288,7 @@ impl EnvelopeLines<'_> {
         let mut best: Option<(usize, f64)> = None;
         for begin in (first..end).step_by(BLOCK_BINS) {
             let block = begin..(begin + BLOCK_BINS).min(end);
-            // The last block borrows from the one before, so that its background is of as many bins.
+            // The last block is extended backwards, so that its background has as many bins.
             let around = block.end.saturating_sub(BLOCK_BINS).max(first)..block.end;
             scratch.clear();
             scratch.extend_from_slice(&self.amplitude[around]);
@@ -300,32 +304,32 @@ impl EnvelopeLines<'_> {
                 }
             }
         }
-        let (bin, to_background) = best.filter(|(_, ratio)| *ratio >= STANDING_OUT)?;
+        let (bin, to_background) = best.filter(|(_, ratio)| *ratio >= DETECTION_RATIO)?;
         let position = read_line(self.amplitude, bin as f64)?.position;
         Some(EnvelopeLine {
             frequency_hz: position * self.resolution_hz,
             to_background,
             band_hz,
-            source: self.source(position, standing),
+            source: self.source(position, detected),
         })
     }
 
-    /// What is known to have a line there: the shaft before a bearing.
-    fn source(&self, position: f64, standing: &[StandingLine<'_>]) -> Option<LineSource> {
+    /// Returns the known source at a position, shafts before bearings.
+    fn source(&self, position: f64, detected: &[DetectedLine<'_>]) -> Option<LineSource> {
         let (shaft_hz, uncertainty) = self.shaft?;
-        let harmonic_of = |spacing: f64, wander: f64| {
+        let harmonic_of = |spacing: f64, tolerance: f64| {
             let harmonic = (position / spacing).round();
             let off = (position - harmonic * spacing).abs();
-            let is_near = off <= 1.0 + wander * position && off < 0.25 * spacing;
-            ((1.0..=f64::from(NAMED_HARMONICS)).contains(&harmonic) && is_near).then_some(harmonic as u32)
+            let is_near = off <= 1.0 + tolerance * position && off < 0.25 * spacing;
+            ((1.0..=f64::from(MAX_SOURCE_HARMONIC)).contains(&harmonic) && is_near).then_some(harmonic as u32)
         };
-        let shaft = harmonic_of(shaft_hz / self.resolution_hz, SHAFT_WANDER + uncertainty);
+        let shaft = harmonic_of(shaft_hz / self.resolution_hz, SHAFT_TOLERANCE + uncertainty);
         if let Some(harmonic) = shaft {
             return Some(LineSource::Shaft { harmonic });
         }
-        standing.iter().find_map(|of| {
-            let harmonic = harmonic_of(of.position, BEARING_WANDER)?;
-            Some(LineSource::Bearing { bearing: of.bearing.to_owned(), line: of.line, harmonic })
+        detected.iter().find_map(|detected| {
+            let harmonic = harmonic_of(detected.position, BEARING_TOLERANCE)?;
+            Some(LineSource::Bearing { bearing: detected.bearing.to_owned(), line: detected.line, harmonic })
         })
     }
 }

@@ -1,4 +1,4 @@
-//! The real cepstrum: families of equally spaced lines become single peaks.
+//! The real cepstrum, which turns a family of equally spaced lines into a single peak.
 
 use realfft::num_complex::Complex;
 use serde::Serialize;
@@ -7,25 +7,25 @@ use super::analyzer::Analyzer;
 use super::indicators::NotComputed;
 use super::record::Record;
 
-/// The least amplitude as a part of the highest: no logarithm of zero.
+/// Lowest amplitude relative to the highest, to avoid the logarithm of zero.
 const AMPLITUDE_FLOOR: f64 = 1e-9;
 
-/// The real cepstrum of a record, without a unit.
+/// The real cepstrum of a record, dimensionless.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cepstrum {
-    /// Distance of the values in seconds: that of the samples.
+    /// Spacing of the values in seconds: that of the samples.
     pub resolution_s: f64,
     /// Value at quefrency n × `resolution_s`, up to half the record's length.
     pub value: Vec<f64>,
 }
 
 impl Analyzer {
-    /// The inverse transform of the natural logarithm of a record's Hann amplitude spectrum, amplitudes below
-    /// 10⁻⁹ of the highest raised to it. Sidebands one shaft rate apart show as a peak at the time of one
-    /// turn.
+    /// Computes the inverse transform of the natural logarithm of a record's Hann amplitude spectrum.
+    /// Amplitudes below 10⁻⁹ of the highest are raised to that. Sidebands one shaft rate apart show as a peak
+    /// at the duration of one turn.
     ///
     /// # Errors
-    /// [`NotComputed::Constant`] where there is no amplitude to take the logarithm of.
+    /// [`NotComputed::Constant`] if all samples are equal.
     pub fn cepstrum(&mut self, record: &Record) -> Result<Cepstrum, NotComputed> {
         let work = &mut self.work;
         let moments = work.transform(record);
@@ -42,7 +42,7 @@ impl Analyzer {
             value.iter_mut().for_each(|value| *value /= work.length as f64);
             Ok(Cepstrum { resolution_s: record.sample_rate_hz().recip(), value })
         };
-        self.give_back(record);
+        self.release_large_buffers(record);
         cepstrum
     }
 }

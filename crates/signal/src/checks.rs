@@ -1,5 +1,5 @@
-//! Values of a record that wear of the mesh hardly moves: they tell wear from other faults and from faults of
-//! the sensor.
+//! Values of a record that mesh wear hardly affects. They separate wear from other faults and from sensor
+//! faults.
 
 use std::f64::consts::SQRT_2;
 
@@ -10,44 +10,46 @@ use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;
 use super::speed::MeshContext;
 
-/// So many octaves are read, counted from the highest one that fits below half the sampling rate. They are
-/// those of IEC 61260 with base 2, so that records with other sampling rates share them.
+/// Number of octaves, counted from the highest one that fits below half the sampling rate. They are those of
+/// IEC 61260 with base 2, so that records with other sampling rates share them.
 const OCTAVES: usize = 6;
 
-/// Of a gear, octaves below its mesh frequency are not read, but so many are: what is there is the shaft's
-/// own, and what little noise there is moves with everything.
+/// For a gear, octaves below the mesh frequency are skipped, but at least this many are read: below the mesh
+/// frequency lie the shaft's own lines, and the little noise there varies with everything.
 const MIN_OCTAVES: usize = 3;
 
-/// The upper end leaves out where anti-aliasing filters act.
-const MAX_PART: f64 = 0.9;
+/// Highest frequency as a fraction of half the sampling rate: anti-aliasing filters act above.
+const MAX_NYQUIST_FRACTION: f64 = 0.9;
 
 /// Fewest bins of an octave.
 const MIN_BINS: usize = 16;
 
-/// Bins that a band's noise floor is taken from.
+/// Number of bins used for a band's noise floor.
 const FLOOR_BINS: usize = 400;
 
-/// Orders of the shaft that are read.
+/// Number of shaft orders that are read.
 const SHAFT_ORDERS: usize = 3;
 
-/// A shaft line is all that lies within this part of the shaft rate to either side: the noise in it does not
-/// depend on the record's length.
+/// A shaft line comprises all bins within this fraction of the shaft rate to either side, so that its noise
+/// does not depend on the record's length.
 const SHAFT_REACH: f64 = 0.3;
 
-/// It is read on top of so many times the noise that is expected there: what noise does to a line that is not
-/// there says nothing.
+/// A floor of this many times the expected noise is added: fluctuations of a missing line carry no
+/// information.
 const SHAFT_FLOOR: f64 = 2.0;
 
-/// Equivalent noise bandwidth of the Hann window in bins: what a line's bins add up to by squares, over its
-/// own square.
+/// Equivalent noise bandwidth of the Hann window in bins: the sum of squares of a line's bins over its
+/// squared amplitude.
 const NOISE_BANDWIDTH_BINS: f64 = 1.5;
 
-/// What belongs to a mesh harmonic, in shaft rates, and as a part of its frequency where the speed wanders.
+/// Half-width of a mesh harmonic with its sidebands: in shaft rates, plus a fraction of its frequency for
+/// speed fluctuation.
 const COMB_SHAFTS: f64 = 3.5;
-const COMB_WANDER: f64 = 0.006;
+const COMB_TOLERANCE: f64 = 0.006;
 
-/// Puts down the noise floors and the energy beside the combs of this mesh and of others; of a record without a `mesh` (its place in bins and what is known of it) the floors and all energy
-/// of the octaves. Noise is a density, so that it does not depend on how long the record is.
+/// Inserts the noise floors and the energy outside the combs of this mesh and of others; for a record without
+/// a `mesh` (its position in bins and its context) the floors and the whole energy of the octaves. Noise is
+/// inserted as a density, so that it does not depend on the record's length.
 pub(super) fn insert_checks(
     work: &mut RecordSpectrum,
     resolution_hz: f64,
@@ -56,7 +58,7 @@ pub(super) fn insert_checks(
     features: &mut Features,
 ) {
     let RecordSpectrum { amplitude, sorting, .. } = work;
-    // The square of an amplitude over this is a density: half of it is a mean square, in 1.5 bins.
+    // The squared amplitude over this is a density: half of it is a mean square, in 1.5 bins.
     let to_density = (2.0 * NOISE_BANDWIDTH_BINS * resolution_hz).sqrt().recip();
     let lowest_hz = mesh.map_or(0.0, |(mesh_bins, mesh)| {
         let nominal_hz = f64::from(mesh.teeth) * mesh.nominal_shaft_speed_hz;
@@ -75,13 +77,13 @@ pub(super) fn insert_checks(
             features.insert_check(format!("ln_band_{centre_hz:.0}hz"), whole * to_density, deviation);
             continue;
         };
-        if let Some(rest) = beside_combs(amplitude, [first, last], mesh_bins, mesh) {
+        if let Some(rest) = rms_outside_combs(amplitude, [first, last], mesh_bins, mesh) {
             features.insert_check(format!("ln_rest_{centre_hz:.0}hz"), rest * to_density, deviation);
         }
     }
 }
 
-/// Puts down the lines of a shaft.
+/// Inserts the lines of a shaft.
 pub(super) fn insert_shaft_lines(
     work: &mut RecordSpectrum,
     shaft_bins: f64,
@@ -96,7 +98,7 @@ pub(super) fn insert_shaft_lines(
     for order in 1..=SHAFT_ORDERS {
         let position = order as f64 * shaft_bins;
         let reach = SHAFT_REACH * shaft_bins;
-        if others.lie_at(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins) {
+        if others.has_line_near(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins) {
             continue;
         }
         let (first, last) = ((position - reach).ceil() as usize, (position + reach).floor() as usize);
@@ -120,30 +122,30 @@ pub(super) fn insert_shaft_lines(
 /// One octave of a spectrum.
 #[derive(Debug, Clone, Copy)]
 struct Octave {
-    /// Its centre, 1000 Hz times a power of two.
+    /// Centre frequency, 1000 Hz times a power of two.
     centre_hz: f64,
-    /// Its first and last bin.
+    /// First and last bin.
     bins: [usize; 2],
 }
 
-/// The highest octaves that a spectrum of so many bins holds and that do not end below a frequency.
+/// Returns the highest octaves within a spectrum of `bins` bins that end above `lowest_hz`.
 fn octaves(bins: usize, resolution_hz: f64, lowest_hz: f64) -> impl Iterator<Item = Octave> {
-    let highest_hz = MAX_PART * bins.saturating_sub(1) as f64 * resolution_hz;
+    let highest_hz = MAX_NYQUIST_FRACTION * bins.saturating_sub(1) as f64 * resolution_hz;
     let top = (highest_hz / 1000.0 / SQRT_2).log2().floor();
     let octave = move |below: usize| {
         let centre_hz = 1000.0 * (top - below as f64).exp2();
         let edge = |hz: f64| (hz / resolution_hz).ceil() as usize;
         let (first, end) = (edge(centre_hz / SQRT_2).max(1), edge(centre_hz * SQRT_2));
-        let wanted = below < MIN_OCTAVES || centre_hz * SQRT_2 > lowest_hz;
-        (wanted && end <= bins && end >= first + MIN_BINS)
+        let is_needed = below < MIN_OCTAVES || centre_hz * SQRT_2 > lowest_hz;
+        (is_needed && end <= bins && end >= first + MIN_BINS)
             .then(|| Octave { centre_hz, bins: [first, end - 1] })
     };
     (0..OCTAVES).filter_map(octave)
 }
 
-/// Root mean square of the bins between what belongs to harmonics of any mesh; `None` where the band has too
-/// few of them.
-fn beside_combs(
+/// Returns the root mean square of the bins that belong to no harmonic of any mesh, or `None` if there are
+/// fewer than 16.
+fn rms_outside_combs(
     amplitude: &[f64],
     [first, last]: [usize; 2],
     mesh_bins: f64,
@@ -155,7 +157,7 @@ fn beside_combs(
     let last_order = (last as f64 / mesh_bins).ceil() as usize;
     for order in first_order..last_order {
         let (low, high) = (order as f64 * mesh_bins, (order + 1) as f64 * mesh_bins);
-        let clear = |centre: f64| COMB_SHAFTS * shaft_bins + COMB_WANDER * centre;
+        let clear = |centre: f64| COMB_SHAFTS * shaft_bins + COMB_TOLERANCE * centre;
         let from = ((low + clear(low)).ceil() as usize).max(first);
         let to = ((high - clear(high)).floor() as usize).min(last);
         if from < to {
@@ -164,7 +166,8 @@ fn beside_combs(
                 count += to + 1 - from;
                 continue;
             }
-            let beside = (from..=to).filter(|bin| !mesh.others.hold(*bin as f64 / shaft_bins, COMB_WANDER));
+            let beside =
+                (from..=to).filter(|bin| !mesh.others.contains(*bin as f64 / shaft_bins, COMB_TOLERANCE));
             beside.for_each(|bin| {
                 energy += amplitude[bin] * amplitude[bin];
                 count += 1;

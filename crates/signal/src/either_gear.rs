@@ -9,56 +9,58 @@ use super::record::Record;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::speed::MeshContext;
 
-/// A gear of a mesh.
+/// One of the two gears of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Gear {
-    /// The one on the shaft whose speed is meant: the pinion.
+    /// The gear on the reference shaft: the pinion.
     #[default]
     Driving,
-    /// The one that it meshes with.
+    /// Its mate.
     Driven,
 }
 
 /// The synchronous average over one turn of a gear.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TurnAverage {
-    /// Whole turns of the gear that were averaged.
+    /// Number of whole turns of the gear averaged.
     pub turns: usize,
-    /// Where the gear's angle came from, and how sure it is.
+    /// Source and accuracy of the gear's angle.
     pub angle: AngleSource,
-    /// The average and its parts.
+    /// The average and its components.
     pub signals: GearSignals,
 }
 
 impl MeshContext {
-    /// The same mesh with the driven gear's teeth, speed and orders; `None` where its teeth are not known.
-    fn seen_from_driven(&self) -> Option<Self> {
+    /// Refers the mesh to the driven gear's teeth, speed and orders; `None` if its number of teeth is
+    /// unknown.
+    fn referred_to_driven_gear(&self) -> Option<Self> {
         if self.teeth == 0 || self.mate_teeth == 0 {
             return None;
         }
         Some(Self {
             teeth: self.mate_teeth,
             mate_teeth: self.teeth,
-            nominal_shaft_speed_hz: self.nominal_shaft_speed_hz * self.driven_turns(),
-            others: self.others.for_each_turn_of(self.driven_turns()),
+            nominal_shaft_speed_hz: self.nominal_shaft_speed_hz * self.gear_ratio(),
+            others: self.others.referred_to_shaft(self.gear_ratio()),
             ..*self
         })
     }
 
-    /// Turns of the driven gear while the driving one makes one.
-    fn driven_turns(&self) -> f64 {
+    /// Returns the turns of the driven gear per turn of the driving one.
+    fn gear_ratio(&self) -> f64 {
         f64::from(self.teeth) / f64::from(self.mate_teeth)
     }
 }
 
 impl Analyzer {
-    /// The synchronous average of a gear and its parts; `angle` is that of the driving shaft, else found as
-    /// for [`angle_record`](Self::angle_record). The driven gear's angle is that angle times the ratio of the
-    /// teeth, so that a tachometer's first pulse, or the record's beginning, is its zero too.
+    /// Computes the synchronous average of a gear and its components. `angle` is that of the driving shaft;
+    /// without it, the angle is determined as for [`angle_record`](Self::angle_record). The driven gear's
+    /// angle is this angle times the tooth ratio, so it has the same zero: a tachometer's first pulse, or the
+    /// start of the record.
     ///
     /// # Errors
-    /// As for [`angle_record`](Self::angle_record), with the turns of this gear; [`NotComputed::NoSpeed`] for a
-    /// driven gear whose teeth are not known.
+    /// As for [`angle_record`](Self::angle_record), with the turns of this gear; [`NotComputed::NoSpeed`] for
+    /// a driven gear with an unknown number of teeth.
     pub fn turn_average(
         &mut self,
         record: &Record,
@@ -66,38 +68,38 @@ impl Analyzer {
         gear: Gear,
         angle: Option<&ShaftAngle>,
     ) -> Result<TurnAverage, NotComputed> {
-        let (turned, seen) = match gear {
+        let (angle_record, gear_mesh) = match gear {
             Gear::Driving => (self.angle_record(record, mesh, angle)?, *mesh),
             Gear::Driven => {
-                let seen = mesh.seen_from_driven().ok_or(NotComputed::NoSpeed)?;
-                (self.driven_record(record, mesh, &seen, angle)?, seen)
+                let gear_mesh = mesh.referred_to_driven_gear().ok_or(NotComputed::NoSpeed)?;
+                (self.driven_record(record, mesh, &gear_mesh, angle)?, gear_mesh)
             }
         };
-        let turned = turned.without_lines_of(&seen);
-        let signals = split(&turned, &seen, &mut self.work.transforms)?;
-        Ok(TurnAverage { turns: turned.turns, angle: turned.angle, signals })
+        let angle_record = angle_record.without_other_meshes(&gear_mesh);
+        let signals = split(&angle_record, &gear_mesh, &mut self.work.transforms)?;
+        Ok(TurnAverage { turns: angle_record.turns, angle: angle_record.angle, signals })
     }
 
-    /// A record over the angle of the driven gear; `seen` is `mesh` as that gear sees it.
+    /// Resamples a record over the angle of the driven gear; `gear_mesh` is `mesh` referred to that gear.
     fn driven_record(
         &mut self,
         record: &Record,
         mesh: &MeshContext,
-        seen: &MeshContext,
+        gear_mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> Result<AngleRecord, NotComputed> {
-        let turns = mesh.driven_turns();
-        let geared = |angle: &ShaftAngle| angle.geared(turns).ok_or(NotComputed::NoSpeed);
+        let ratio = mesh.gear_ratio();
+        let geared = |angle: &ShaftAngle| angle.geared(ratio).ok_or(NotComputed::NoSpeed);
         if let Some(angle) = angle {
-            return self.resampled(record, seen, &geared(angle)?);
+            return self.resampled(record, gear_mesh, &geared(angle)?);
         }
         if let Some(Ok(angle)) = record.tachometer_angle()
-            && let Ok(turned) = self.resampled(record, seen, &geared(&angle)?)
+            && let Ok(angle_record) = self.resampled(record, gear_mesh, &geared(&angle)?)
         {
-            return Ok(turned);
+            return Ok(angle_record);
         }
         let angle = self.shaft_angle(record, mesh)?;
-        self.resampled(record, seen, &geared(&angle)?)
+        self.resampled(record, gear_mesh, &geared(&angle)?)
     }
 }
 
@@ -229,7 +231,7 @@ mod tests {
 
     /// The same error of the pinion's angle is less of a turn of the slower gear.
     #[test]
-    fn the_driven_angle_is_as_sure_as_the_driving_one() {
+    fn the_driven_angle_has_the_scaled_error() {
         let record = record(&[], &[]);
         let error = |gear| match residual(&record, &mesh(TEETH, 25.0), gear).1 {
             AngleSource::MeshPhase { angle_error_deg, .. } => angle_error_deg,
@@ -239,9 +241,9 @@ mod tests {
         assert!((ratio - 19.0 / 31.0).abs() < 1e-12, "{ratio}");
     }
 
-    /// A line of another mesh lies at another order of the driven shaft, and is taken out there too.
+    /// A line of another mesh has another order of the driven shaft, and is removed there too.
     #[test]
-    fn lines_of_other_meshes_are_taken_out_of_the_driven_average() {
+    fn lines_of_other_meshes_are_removed_from_the_driven_average() {
         // 14 teeth on the driving shaft with 50 on another, and a sideband of theirs.
         let beside = 14.0 + 14.0 / 50.0;
         let record = record(&[(14.0, 0.8), (beside, 0.4)], &[(7.0, 0.3)]);
@@ -252,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_driven_gear_without_teeth_has_no_average() {
+    fn a_driven_gear_of_unknown_teeth_has_no_average() {
         let record = record(&[], &[]);
         let alone = MeshContext { mate_teeth: 0, ..mesh(TEETH, 25.0) };
         let got = analyzer().turn_average(&record, &alone, Gear::Driven, None);

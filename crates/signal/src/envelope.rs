@@ -1,4 +1,4 @@
-//! The envelope spectrum of a band, from the band's bins alone.
+//! The envelope spectrum of a band, computed from the band's bins alone.
 
 use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
@@ -11,34 +11,33 @@ use super::spectrum::hann_amplitude;
 use super::sums::mean_of;
 use super::transform::Transforms;
 
-/// The envelope has this many times as many samples as the band has bins. The modulus of a signal of B bins
-/// is not limited to B bins itself: what lies above folds back, the less the more samples there are.
+/// Samples of the envelope per bin of the band. The modulus of a signal of B bins is not limited to B bins;
+/// the more samples, the less of it is aliased.
 const OVERSAMPLING: usize = 4;
 
 /// The fewest bins in a band.
 const MIN_BINS: usize = 3;
 
-/// Where an envelope's band came from.
+/// How the band of an envelope was chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum BandSource {
-    /// Given with the asset.
+    /// Configured for the asset.
     Asset,
-    /// One and a half mesh frequencies to either side of the strongest mesh harmonic.
+    /// 1.5 mesh frequencies to either side of the strongest mesh harmonic.
     StrongestMeshHarmonic,
     /// The most impulsive band of the record's kurtogram.
     Kurtogram,
-    /// From a sixteenth to 45 % of the sampling rate, where impacts of bearings ring: of a machine without a
-    /// mesh.
+    /// From 1/16 to 45 % of the sampling rate, where bearing impacts ring; for a machine without a mesh.
     Impacts,
-    /// All of the spectrum, where no shaft speed is known, or no kurtogram can be made.
+    /// The whole spectrum, if the shaft speed is unknown or no kurtogram can be computed.
     Whole,
-    /// Given with the query.
+    /// Given in the query.
     Query,
 }
 
-/// How an envelope's band is looked for where none is given.
+/// How to choose the band of an envelope if none is given.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
@@ -51,13 +50,13 @@ pub enum EnvelopeSearch {
 }
 
 impl EnvelopeSearch {
-    /// Whether it is the one that is taken where nobody says.
+    /// Returns whether this is the default.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// A band to take the envelope of.
+/// The band of an envelope.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EnvelopeBand {
@@ -66,21 +65,21 @@ pub struct EnvelopeBand {
     /// How it was chosen.
     #[serde(rename = "band_source")]
     pub source: BandSource,
-    /// Kurtosis of the band's envelope where the kurtogram chose it: 0 in noise.
+    /// Kurtosis of the band's envelope if the kurtogram chose it: 0 in noise.
     pub spectral_kurtosis: Option<f64>,
 }
 
-/// Impacts ring far above the lines of shafts and meshes, and below where anti-aliasing filters act. Both as
-/// parts of the sampling rate.
+/// Impacts ring far above the lines of shafts and meshes, and below the range of anti-aliasing filters. Both
+/// limits are fractions of the sampling rate.
 const IMPACT_BAND: [f64; 2] = [1.0 / 16.0, 0.45];
 
 impl EnvelopeBand {
-    /// The band of bearings' impacts in a record of this sampling rate.
+    /// Returns the band of bearing impacts in a record with this sampling rate.
     pub fn of_impacts(sample_rate_hz: f64) -> Self {
         Self::given(IMPACT_BAND.map(|part| part * sample_rate_hz), BandSource::Impacts)
     }
 
-    /// A band that someone gave.
+    /// Creates a band chosen without a kurtogram.
     pub fn given(band_hz: [f64; 2], source: BandSource) -> Self {
         Self { band_hz, source, spectral_kurtosis: None }
     }
@@ -89,43 +88,43 @@ impl EnvelopeBand {
 /// Why a band has no envelope spectrum.
 #[derive(Debug, Clone, Copy, Error, PartialEq)]
 pub enum BandError {
-    /// Not two frequencies in order.
-    #[error("band_hz is [{low}, {high}], expected two finite frequencies of at least 0, the lower one first")]
+    /// The two frequencies are not finite, negative or not ascending.
+    #[error("band_hz is [{low}, {high}], expected two finite, ascending frequencies of at least 0 Hz")]
     Order {
-        /// Its first frequency in hertz.
+        /// The first frequency in hertz.
         low: f64,
-        /// Its second frequency in hertz.
+        /// The second frequency in hertz.
         high: f64,
     },
-    /// It reaches above half the sampling rate.
-    #[error("band_hz is [{low}, {high}], expected nothing above half the sampling rate, {nyquist_hz} Hz")]
+    /// The band reaches above half the sampling rate.
+    #[error("band_hz is [{low}, {high}], expected at most half the sampling rate, {nyquist_hz} Hz")]
     AboveNyquist {
-        /// Its first frequency in hertz.
+        /// The first frequency in hertz.
         low: f64,
-        /// Its second frequency in hertz.
+        /// The second frequency in hertz.
         high: f64,
         /// Half the sampling rate in hertz.
         nyquist_hz: f64,
     },
-    /// It holds fewer spectral lines than an envelope needs.
+    /// The band contains fewer bins than an envelope needs.
     #[error(
-        "band_hz is [{low}, {high}], which holds {bins} lines {resolution_hz} Hz apart, expected at least {MIN_BINS}: widen it or take a longer record"
+        "band_hz is [{low}, {high}], which contains {bins} bins of {resolution_hz} Hz, expected at least {MIN_BINS}: widen the band or use a longer record"
     )]
     TooNarrow {
-        /// Its first frequency in hertz.
+        /// The first frequency in hertz.
         low: f64,
-        /// Its second frequency in hertz.
+        /// The second frequency in hertz.
         high: f64,
-        /// Bins of the record's spectrum within it.
+        /// Number of bins within the band.
         bins: usize,
-        /// Their distance in hertz.
+        /// Bin spacing in hertz.
         resolution_hz: f64,
     },
 }
 
 impl BandError {
-    /// Why an indicator of the band is absent.
-    pub(super) fn absence(self) -> NotComputed {
+    /// Returns the reason for the band's missing indicators.
+    pub(super) fn not_computed(self) -> NotComputed {
         match self {
             Self::AboveNyquist { .. } => NotComputed::AboveNyquist,
             Self::Order { .. } | Self::TooNarrow { .. } => NotComputed::TooShort,
@@ -133,8 +132,8 @@ impl BandError {
     }
 }
 
-/// The first and the last bin of a band of a spectrum of `length` samples. The bins at zero and at half the
-/// sampling rate are never part of it: they have no phase.
+/// Returns the first and the last bin of a band in a spectrum of `length` samples. The bins at zero and at
+/// half the sampling rate are excluded, as they have no phase.
 pub(super) fn band_bins(
     [low, high]: [f64; 2],
     length: usize,
@@ -157,23 +156,23 @@ pub(super) fn band_bins(
     Ok([first, last])
 }
 
-/// Work space and result of an envelope spectrum.
+/// Buffers and result of an envelope spectrum.
 #[derive(Default)]
 pub(super) struct Envelope {
     analytic: Vec<Complex<f64>>,
     modulus: Vec<f64>,
     bins: Vec<Complex<f64>>,
-    /// Amplitudes, as many as the band has bins, at the distance of the record's own bins.
+    /// Amplitudes, one per bin of the band, with the record's own bin spacing.
     pub(super) amplitude: Vec<f64>,
 }
 
 impl Envelope {
-    /// Hann amplitude spectrum of the modulus, mean removed, of the analytic signal made of the bins `first`
-    /// to `last` of the unwindowed transform of `length` samples.
+    /// Computes the Hann amplitude spectrum of the modulus, mean removed, of the analytic signal formed by
+    /// the bins `first` to `last` of the unwindowed transform of `length` samples.
     ///
-    /// The band is moved down to begin at bin 1, which leaves the modulus as it is, and transformed back with
-    /// no more samples than its width asks for: 4 samples a bin, rounded up to a power of two, or `length`
-    /// where that is less.
+    /// The band is shifted down to start at bin 1, which does not change the modulus, and transformed back
+    /// with only as many samples as its width requires: 4 per bin, rounded up to a power of two, or `length`
+    /// if that is less.
     pub(super) fn compute(
         &mut self,
         bins: &[Complex<f64>],
@@ -183,25 +182,25 @@ impl Envelope {
     ) {
         let width = last - first + 1;
         let samples = (OVERSAMPLING * width).next_power_of_two().min(length);
-        // Its real part is the band itself, which has each bin twice.
+        // The real part is the band itself, in which each bin occurs twice.
         let scale = 2.0 / length as f64;
         self.analytic.clear();
         self.analytic.resize(samples, Complex::default());
-        for (place, bin) in self.analytic[1..].iter_mut().zip(&bins[first..=last]) {
-            *place = bin * scale;
+        for (target, bin) in self.analytic[1..].iter_mut().zip(&bins[first..=last]) {
+            *target = bin * scale;
         }
         transforms.complex(&mut self.analytic, FftDirection::Inverse);
         self.modulus.resize(samples, 0.0);
         Arch::new().dispatch(Moduli { analytic: &self.analytic, modulus: &mut self.modulus });
         transforms.forward(&mut self.modulus, &mut self.bins);
-        // The bins beyond the band's width are not asked for; two more are what the window needs.
+        // Bins beyond the band's width are not needed, except two for the window.
         self.bins.truncate((width + 2).min(samples / 2 + 1));
         hann_amplitude(&self.bins, samples, &mut self.amplitude);
         self.amplitude.truncate(width);
     }
 }
 
-/// The modulus of a signal without its mean: plain loops that are compiled for each kind of processor.
+/// The modulus of a signal with its mean removed, as plain loops compiled for each instruction set.
 struct Moduli<'a> {
     analytic: &'a [Complex<f64>],
     modulus: &'a mut [f64],
@@ -266,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_bands_are_refused() {
+    fn invalid_bands_are_rejected() {
         assert_eq!(band_bins([5.0, 2.0], 100, 100.0), Err(BandError::Order { low: 5.0, high: 2.0 }));
         assert!(matches!(band_bins([f64::NAN, 2.0], 100, 100.0), Err(BandError::Order { .. })));
         assert!(matches!(band_bins([0.0, f64::INFINITY], 100, 100.0), Err(BandError::Order { .. })));

@@ -1,44 +1,44 @@
-//! Samples that are not what the sensor felt: clipped ones and gaps.
+//! Faults of the samples themselves: clipping and gaps.
 
 use pulp::{Arch, Simd, WithSimd};
 
 use super::indicators::NotComputed;
 
-/// This many equal samples in a row are no vibration.
+/// This many equal samples in a row are a gap.
 const GAP_SAMPLES: usize = 64;
 
-/// This many in a row at the highest or lowest value are clipped ...
+/// This many samples in a row at the highest or lowest value are clipped ...
 const CLIPPED_SAMPLES: usize = 3;
 
-/// ... where the samples beside them lie this part of the range below on average: the slow crest of a low
-/// tone stays flat without a converter's limit.
-const STEEP_PART: f64 = 0.01;
+/// ... if the neighbouring samples differ from it by at least this fraction of the range on average: the slow
+/// crest of a low-frequency tone is flat without clipping.
+const MIN_STEP_FRACTION: f64 = 0.01;
 
-/// So many samples at the highest or lowest value are clipped whatever lies between them ...
-const PILED_UP_SAMPLES: usize = 8;
+/// This many samples at the highest or lowest value are clipped even if they are not consecutive ...
+const MIN_LIMIT_SAMPLES: usize = 8;
 
-/// ... where they are so many times as many as those next to it: within this part of the range, or at the
-/// next value. The density of a vibration falls towards its limits, and even that of a pure tone, which
-/// rises, has at most 2.4 times as many there as one step of the converter before.
-const PILED_UP_TIMES: usize = 3;
-const NEXT_PART: f32 = 0.01;
+/// ... if they outnumber the samples next to the limit by this factor. Those are within `NEAR_FRACTION` of
+/// the range, or at the next value. The amplitude density of a vibration falls towards its limits. For a pure
+/// tone it rises, but has at most 2.4 times as many samples at the limit as one converter step before.
+const MIN_LIMIT_RATIO: usize = 3;
+const NEAR_FRACTION: f32 = 0.01;
 
-/// This many neighbours are compared at once: equal ones are rare.
+/// This many neighbours are compared at once, as equal ones are rare.
 const STRIDE: usize = 64;
 
-/// What makes indicators of a record's shape meaningless: a gap filled with one value, or clipping. `low` and
-/// `high` are the samples' lowest and highest value.
+/// Returns the fault that makes shape indicators meaningless: a gap filled with one value, or clipping.
+/// `range` is the lowest and the highest sample.
 pub(super) fn fault(samples: &[f32], range: [f32; 2]) -> Option<NotComputed> {
-    Arch::new().dispatch(Looking { samples, range })
+    Arch::new().dispatch(FaultScan { samples, range })
 }
 
-/// Plain loops that are compiled for each kind of processor.
-struct Looking<'a> {
+/// The scan as plain loops, compiled for each instruction set.
+struct FaultScan<'a> {
     samples: &'a [f32],
     range: [f32; 2],
 }
 
-impl WithSimd for Looking<'_> {
+impl WithSimd for FaultScan<'_> {
     type Output = Option<NotComputed>;
 
     #[inline(always)]
@@ -79,24 +79,25 @@ fn fault_within(samples: &[f32], [low, high]: [f32; 2]) -> Option<NotComputed> {
         first = past;
     }
     let range = f64::from(high) - f64::from(low);
-    let steep = |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= STEEP_PART * range;
-    let cut = clipped.into_iter().any(steep)
-        || [low, high].into_iter().any(|limit| piled_up(samples, limit, high - low));
-    cut.then_some(NotComputed::Clipped)
+    let is_steep =
+        |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= MIN_STEP_FRACTION * range;
+    let is_clipped = clipped.into_iter().any(is_steep)
+        || [low, high].into_iter().any(|limit| accumulates_at(samples, limit, high - low));
+    is_clipped.then_some(NotComputed::Clipped)
 }
 
-/// Whether samples pile up at a limit: many more at it than next to it.
+/// Returns whether samples accumulate at a limit: many more at it than next to it.
 #[inline(always)]
-fn piled_up(samples: &[f32], limit: f32, range: f32) -> bool {
+fn accumulates_at(samples: &[f32], limit: f32, range: f32) -> bool {
     let at_limit = samples.iter().filter(|&&x| x == limit).count();
-    if at_limit < PILED_UP_SAMPLES {
+    if at_limit < MIN_LIMIT_SAMPLES {
         return false;
     }
-    let apart = |x: f32| (x - limit).abs();
-    let nearest = samples.iter().filter(|&&x| x != limit).map(|&x| apart(x)).fold(f32::INFINITY, f32::min);
-    let reach = nearest.max(NEXT_PART * range);
-    let next = samples.iter().filter(|&&x| x != limit && apart(x) <= reach).count();
-    at_limit >= PILED_UP_TIMES * next
+    let distance = |x: f32| (x - limit).abs();
+    let nearest = samples.iter().filter(|&&x| x != limit).map(|&x| distance(x)).fold(f32::INFINITY, f32::min);
+    let reach = nearest.max(NEAR_FRACTION * range);
+    let next = samples.iter().filter(|&&x| x != limit && distance(x) <= reach).count();
+    at_limit >= MIN_LIMIT_RATIO * next
 }
 
 #[cfg(test)]
@@ -125,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn clipped_and_missing_samples_are_seen() {
+    fn clipped_and_missing_samples_are_detected() {
         assert_eq!(fault(&sine(50.3, 0.9)), Some(NotComputed::Clipped));
         let mut gap = sine(50.3, 1.0);
         gap[1000..1064].fill(0.25);
@@ -135,7 +136,7 @@ mod tests {
 
     /// Impacts and noise that pass the limit for one or two samples each.
     #[test]
-    fn single_samples_that_pile_up_at_a_limit_are_seen() {
+    fn single_samples_accumulating_at_a_limit_are_detected() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let normal: Vec<f32> = (0..20_000).map(|_| StandardNormal.sample(&mut random)).collect();
         for limit in [1.5, 2.0, 2.5] {

@@ -1,4 +1,4 @@
-//! The feature vector that measured and simulated records are compared by.
+//! The feature vector for comparing measured and simulated records.
 
 use std::collections::BTreeMap;
 
@@ -8,11 +8,11 @@ use super::bearing_lines::EnvelopeLine;
 use super::indicators::NotComputed;
 use super::record::OperatingPoint;
 
-/// Identifier of what the features are made by. Values are comparable only where it is the same.
+/// Identifier of the method behind the features. Only values with the same identifier are comparable.
 pub const PREPROCESSING: &str = "steadied-lines-6";
 
-/// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of
-/// amplitudes) and changes relative to a healthy baseline are differences.
+/// Features of one record by name. They are natural logarithms of amplitudes, so an unknown gain is an offset
+/// and changes relative to a healthy baseline are differences.
 ///
 /// | name | natural logarithm of |
 /// | --- | --- |
@@ -22,98 +22,98 @@ pub const PREPROCESSING: &str = "steadied-lines-6";
 /// | `ln_rms` | the root mean square, mean removed |
 /// | `ln_kurtosis` | the kurtosis |
 ///
-/// Where the speed wanders within the record, lines are read after the mesh phase's wander is taken out of
-/// the bins around each mesh harmonic: a line that is smeared over many bins reads as at a constant speed.
+/// If the speed fluctuates within the record, the phase fluctuation of the mesh is first removed from the
+/// bins around each mesh harmonic, so a line smeared over many bins reads as at a constant speed.
 ///
-/// All lines are narrow against what a transmission path does to a spectrum, so that the path's gain at that
-/// frequency is an offset too. That is why the envelopes are those of single harmonics: a band over several
-/// has lines that depend on the path's phase between them. `ln_rms` and `ln_kurtosis` mix all frequencies and
-/// keep this property only for a path without colour.
+/// All lines are narrow compared with the variation of a transmission path's frequency response, so the
+/// path's gain at a line is an offset too. This is why each envelope covers a single harmonic: an envelope
+/// over several harmonics depends on the path's phase between them. `ln_rms` and `ln_kurtosis` mix all
+/// frequencies and have this property only for a path with a flat response.
 ///
-/// A feature that the record cannot give (a harmonic above half the sampling rate, sidebands closer than 8
-/// bins, a line where one of another mesh lies) is missing from the map.
+/// Features that the record cannot provide are omitted from the map: a harmonic above half the sampling rate,
+/// sidebands closer than 8 bins, a line that coincides with one of another mesh.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Features {
     /// Value by feature name, for example `ln_mesh_1`.
     pub values: BTreeMap<String, f64>,
-    /// For each line feature (`ln_mesh_h`, `ln_sideband_h`, `ln_env_h`) the natural logarithm of what local
-    /// noise alone would read on average: the root-mean-square amplitude of noise in as many bins as the
-    /// feature adds up, from the median of the bins between the lines beside it. Missing where too few such
-    /// bins are there.
+    /// For each line feature (`ln_mesh_h`, `ln_sideband_h`, `ln_env_h`) the natural logarithm of its mean
+    /// reading in local noise alone: the root-mean-square amplitude of noise in as many bins as the feature
+    /// sums, from the median of the bins between the neighbouring lines. Omitted if there are too few such
+    /// bins.
     ///
-    /// A line is read at the highest peak within 1.5 bins, so that in pure noise the value lies some tenths
-    /// above this.
+    /// A line is read at the highest peak within 1.5 bins, so in pure noise the value lies some tenths above
+    /// this.
     #[serde(default)]
     pub background: BTreeMap<String, f64>,
-    /// Values that wear of the mesh hardly moves, by name, as natural logarithms too: they tell wear from
-    /// what is not wear.
+    /// Natural logarithms of values that mesh wear hardly affects, by name. They separate wear from other
+    /// causes.
     ///
     /// | name | natural logarithm of |
     /// | --- | --- |
     /// | `ln_floor_fhz`, f = … 500, 1000, 2000 … | the noise floor (from the median bin) of the octave around f, as a density: the record's unit over √Hz; the five highest octaves below 45 % of the sampling rate |
-    /// | `ln_rest_fhz` | the same of the root mean square bin outside the mesh harmonics and their sidebands |
-    /// | `ln_band_fhz` | the same of all bins, in a record without a mesh line |
+    /// | `ln_rest_fhz` | the same density from the root mean square of the bins outside the mesh harmonics and their sidebands |
+    /// | `ln_band_fhz` | the same density from all bins, in a record without a mesh line |
     /// | `ln_shaft_k`, k = 1 … 3 | the amplitude that lies within 0.3 shaft rates of k times the shaft rate |
-    /// | `ln_tooth_repeated_n`, n = 2, 8, 32, 128 | in averages of n turns, the part that lies between the mesh harmonics, over the same part of half the difference between even and odd turns: 0 where nothing but noise is there; the three largest n that the record fills |
+    /// | `ln_tooth_repeated_n`, n = 2, 8, 32, 128 | in averages of n turns, the part between the mesh harmonics, over the same part of half the difference between even and odd turns: 0 if there is only noise; the three largest n that the record fills |
     /// | `ln_tooth_worst_n` | the highest root mean square of that part over one tooth's pitch, over the median one |
     /// | `ln_tooth_kurtosis_n` | the square root of that part's kurtosis |
     ///
-    /// None depends on how long the record is, but for its scatter.
+    /// Apart from their scatter, none depends on the length of the record.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub checks: BTreeMap<String, f64>,
-    /// Where the machine stood: the speed given or found, the torque as far as it is known.
+    /// The operating point: the speed given or found, and the torque if known.
     #[serde(default)]
     pub operating_point: OperatingPoint,
-    /// How long the record is, and how densely sampled.
+    /// Duration and sampling rate of the record.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub extent: Option<Extent>,
-    /// Why the shaft speed that was found in the record is in doubt: then there are no lines of the mesh.
+    /// Why the shaft speed found in the record is in doubt. In that case there are no mesh line features.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_doubt: Option<String>,
-    /// The strongest line of the envelope spectrum, where it stands out: of a record whose kurtosis exceeds 4,
-    /// or of a machine whose bearings are described.
+    /// The strongest line of the envelope spectrum, if it stands out: for a record whose kurtosis exceeds 4,
+    /// or for a machine with configured bearings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub envelope_line: Option<EnvelopeLine>,
-    /// What is wrong with the samples themselves: they do not vary, are clipped, or have gaps.
+    /// Why the samples themselves are unusable: they are constant, clipped or have gaps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fault: Option<NotComputed>,
 }
 
-/// How long a record is, and how densely sampled: records that differ in this cannot always be compared.
+/// Duration and sampling rate of a record. Records that differ in these cannot always be compared.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Extent {
-    /// Length in seconds.
+    /// Duration in seconds.
     pub seconds: f64,
-    /// Samples per second in hertz.
+    /// Sampling rate in hertz.
     pub sample_rate_hz: f64,
 }
 
-/// Under the Hann window two lines are read apart where they are so many bins from each other: their main
-/// lobes and a bin between.
-const LINES_APART_BINS: f64 = 5.0;
+/// Two lines must be this many bins apart to be separable under the Hann window: their main lobes and one bin
+/// between.
+const MIN_SEPARATION_BINS: f64 = 5.0;
 
 impl Extent {
-    /// How long a record has to be for the mesh lines of a shaft at this speed in hertz to be read apart from
-    /// their sidebands.
-    pub fn seconds_apart(shaft_speed_hz: f64) -> f64 {
-        LINES_APART_BINS / shaft_speed_hz
+    /// Returns the shortest duration in seconds at which the mesh lines of a shaft at this speed in hertz can
+    /// be separated from their sidebands.
+    pub fn min_seconds_to_separate_lines(shaft_speed_hz: f64) -> f64 {
+        MIN_SEPARATION_BINS / shaft_speed_hz
     }
 }
 
-/// The least amplitude as a part of the record's deviation: rounding of 32-bit samples lies above it, and no
-/// logarithm of zero comes out.
+/// Lowest amplitude relative to the record's standard deviation. It lies below the rounding of 32-bit samples
+/// and avoids the logarithm of zero.
 const AMPLITUDE_FLOOR: f64 = 1e-9;
 
 impl Features {
-    /// Whether a harmonic of the mesh could be read.
+    /// Returns whether a mesh harmonic could be read.
     pub fn has_mesh(&self) -> bool {
         self.values.keys().any(|name| name.starts_with("ln_mesh_"))
     }
 
-    /// Puts down one line feature: its `amplitude` and that of the noise in it, for a record of this
-    /// `deviation`.
+    /// Inserts one line feature: its `amplitude` and the noise amplitude in it, for a record with this
+    /// standard `deviation`.
     pub(super) fn insert_line(&mut self, name: String, amplitude: f64, noise: Option<f64>, deviation: f64) {
         let floor = AMPLITUDE_FLOOR * deviation;
         if let Some(noise) = noise {
@@ -122,7 +122,7 @@ impl Features {
         self.values.insert(name, amplitude.max(floor).ln());
     }
 
-    /// Puts down one value that wear hardly moves.
+    /// Inserts one value that wear hardly affects.
     pub(super) fn insert_check(&mut self, name: String, amplitude: f64, deviation: f64) {
         self.checks.insert(name, amplitude.max(AMPLITUDE_FLOOR * deviation).ln());
     }

@@ -1,8 +1,8 @@
-//! Taking the lines of other meshes out of a record over a shaft's angle.
+//! Removal of the lines of other meshes from a record over the shaft angle.
 //!
-//! Their orders are known exactly, their amplitudes and phases are read under Hann's window over the turns.
-//! Left in, a line between two whole orders would leave a rest in the mean turn that jumps from its end to
-//! its beginning, as if one tooth were different.
+//! Their orders are known exactly; amplitudes and phases are measured under a Hann window over the turns. If
+//! not removed, a line between two whole orders would leave a residue in the mean turn that jumps from its
+//! end to its start, as if one tooth were different.
 
 use std::f64::consts::TAU;
 
@@ -12,16 +12,16 @@ use realfft::num_complex::Complex;
 use super::angle_record::AngleRecord;
 use super::speed::MeshContext;
 
-/// A line within so many bins (one over the turns) of a whole order of the shaft cannot be told from the
-/// shaft's own.
+/// A line within this many bins (one bin is one over the number of turns) of a whole shaft order cannot be
+/// distinguished from the shaft's own line.
 pub(super) const NEAR_ORDER_BINS: f64 = 2.0;
 
-/// Mesh harmonics of the own mesh up to which lines are taken out: nothing is read above them.
+/// Lines are removed up to this harmonic of the mesh under analysis: nothing is read above it.
 const MAX_HARMONIC: f64 = 10.5;
 
 impl AngleRecord {
-    /// The record without the lines of the other meshes that are known of; as it is where there are none.
-    pub(super) fn without_lines_of(mut self, mesh: &MeshContext) -> Self {
+    /// Removes the lines of the other known meshes.
+    pub(super) fn without_other_meshes(mut self, mesh: &MeshContext) -> Self {
         if mesh.others.is_empty() {
             return self;
         }
@@ -61,7 +61,7 @@ impl AngleRecord {
     }
 }
 
-/// Σ x·(cos + i·sin) over one turn, in the processor's widest registers.
+/// Σ x·(cos + i·sin) over one turn, vectorised.
 struct Turn<'a> {
     samples: &'a [f64],
     cos: &'a [f64],
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_of_others_go_and_own_ones_stay() {
+    fn lines_of_other_meshes_are_removed_and_own_ones_kept() {
         let (per_turn, turns) = (240, 20);
         let signal = |lines: &[(f64, f64)]| -> Vec<f64> {
             let at = |i: usize| {
@@ -114,7 +114,7 @@ mod tests {
             samples: signal(&[&own[..], &foreign].concat()),
             angle: AngleSource::ConstantSpeed,
         };
-        let left = record.without_lines_of(&mesh);
+        let left = record.without_other_meshes(&mesh);
         let worst = left.samples.iter().zip(signal(&own)).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
         assert!(worst < 0.01, "{worst}");
     }

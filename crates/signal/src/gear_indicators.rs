@@ -1,4 +1,4 @@
-//! Indicators of the signals over a shaft's angle, and the run means that NA4 and NB4 compare with.
+//! Indicators of the signals over the shaft angle, and the run means that NA4 and NB4 are relative to.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +6,7 @@ use super::gear_signals::GearSignals;
 use super::indicators::{Indicators, NotComputed};
 use super::shaft_angle::AngleSource;
 
-/// Names of all indicators of this kind.
+/// Names of all indicators over the shaft angle.
 pub(super) const NAMES: [&str; 12] = [
     "omx_tracked",
     "sideband_energy_ratio",
@@ -22,34 +22,35 @@ pub(super) const NAMES: [&str; 12] = [
     "mesh_envelope_fourth_moment",
 ];
 
-/// Below this part of the average's deviation a signal is rounding: of 32-bit samples and of the transforms.
+/// Below this fraction of the average's standard deviation, a signal is rounding of 32-bit samples and
+/// transforms.
 const ROUNDING: f64 = 1e-9;
 
-/// The angle that a record was looked at over.
+/// The shaft angle that a record was analysed over.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AngleUsed {
-    /// Where it came from, and how sure it is.
+    /// Its source and accuracy.
     #[serde(flatten)]
     pub source: AngleSource,
-    /// Whole turns that were averaged.
+    /// Number of whole turns averaged.
     pub turns: usize,
-    /// Why the record's tachometer was not used, where it has one.
+    /// Why the record's tachometer, if it has one, was not used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tachometer_refused: Option<String>,
 }
 
-/// What a record says over the angle of its shaft.
+/// The indicators of a record over its shaft angle.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GearAnalysis {
-    /// The indicators; those that could not be computed are absent with a reason.
+    /// The indicators. Those that cannot be computed are omitted, with a reason.
     pub indicators: Indicators,
-    /// The angle; none where there is none.
+    /// The angle, if there is one.
     pub angle: Option<AngleUsed>,
 }
 
 impl GearAnalysis {
-    /// All indicators absent for one reason.
+    /// Returns a result in which all indicators are missing for one reason.
     pub(super) fn absent(reason: NotComputed) -> Self {
         let mut analysis = Self::default();
         for name in NAMES {
@@ -58,7 +59,8 @@ impl GearAnalysis {
         analysis
     }
 
-    /// The indicators of a split average and of the mesh line of all turns, H mesh harmonics in FM0.
+    /// Computes the indicators of a split average and of the mesh line over all turns, with H mesh harmonics
+    /// in FM0.
     pub(super) fn of(
         signals: &GearSignals,
         tracked: Result<f64, NotComputed>,
@@ -100,14 +102,14 @@ impl GearAnalysis {
         Self { indicators, angle: Some(angle) }
     }
 
-    /// Where the angle came from.
+    /// Returns the source of the angle.
     pub fn source(&self) -> Option<AngleSource> {
         self.angle.as_ref().map(|angle| angle.source)
     }
 }
 
-/// The mean over a run so far of a signal's variance: the state of NA4 (Zakrajsek 1994) and of NB4, one for
-/// each channel. An exact copy in JSON continues with the same bits.
+/// The mean of a signal's variance over the records of a run: the state of NA4 (Zakrajsek 1994) and of NB4,
+/// one per channel. It survives a round trip through JSON bit for bit.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunMean {
     records: u64,
@@ -115,9 +117,9 @@ pub struct RunMean {
 }
 
 impl RunMean {
-    /// Takes one more record with E\[r²\] and E\[r⁴\] of its signal, in time order: E\[r⁴\] / (mean of
-    /// E\[r²\] over the run, this record among it)², which is N·Σr⁴/(mean of Σr²)² where records have as many
-    /// samples a turn. Numbers that are not finite do not count.
+    /// Adds a record with E\[r²\] and E\[r⁴\] of its signal, in time order. Returns E\[r⁴\] / (mean of
+    /// E\[r²\] over the run including this record)², which equals N·Σr⁴/(mean of Σr²)² if all records have
+    /// the same number of samples per turn. Values that are not finite are ignored.
     pub fn update(&mut self, variance: f64, fourth_moment: f64) -> Result<f64, NotComputed> {
         let usable = variance >= 0.0 && variance.is_finite() && fourth_moment.is_finite();
         if !usable {
@@ -130,7 +132,7 @@ impl RunMean {
         if value.is_finite() { Ok(value) } else { Err(NotComputed::NoSignal) }
     }
 
-    /// Records so far.
+    /// Returns the number of records added.
     pub fn records(&self) -> u64 {
         self.records
     }
@@ -144,25 +146,25 @@ pub struct RunMeans {
 }
 
 impl RunMeans {
-    /// `na4` and `nb4` after one more record with these indicators, in time order, or why there are none;
-    /// nothing at all where no indicators over the shaft's angle were asked for.
+    /// Adds the indicators of one record, in time order. Returns `na4` and `nb4` or why they are missing;
+    /// empty if the indicators over the shaft angle were not requested.
     pub fn update(&mut self, indicators: &Indicators) -> Indicators {
-        let mut answer = Indicators::default();
+        let mut result = Indicators::default();
         for (name, run, signal) in
             [("na4", &mut self.residual, "residual"), ("nb4", &mut self.mesh_envelope, "mesh_envelope")]
         {
             let (variance, fourth) = (format!("{signal}_variance"), format!("{signal}_fourth_moment"));
             match (indicators.get(&variance), indicators.get(&fourth), indicators.absent.get(&variance)) {
-                (Some(variance), Some(fourth), _) => answer.insert(name, run.update(variance, fourth)),
-                (_, _, Some(&reason)) => answer.insert(name, Err(reason)),
+                (Some(variance), Some(fourth), _) => result.insert(name, run.update(variance, fourth)),
+                (_, _, Some(&reason)) => result.insert(name, Err(reason)),
                 _ => {}
             }
         }
-        answer
+        result
     }
 }
 
-/// Mean of an even power of a signal without a mean, in a sum whose partial sums stay short.
+/// Mean of an even power of a zero-mean signal, in short partial sums to limit rounding.
 fn mean_power(signal: &[f64], power: i32) -> f64 {
     let sums = signal.chunks(64).map(|chunk| chunk.iter().map(|x| x.powi(power)).sum::<f64>());
     sums.sum::<f64>() / signal.len() as f64

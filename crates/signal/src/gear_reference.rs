@@ -130,7 +130,7 @@ fn spectra_and_bands_equal_scipy() {
 
 /// NA4 by its definition from the samples of each residual, the state sent through JSON between records.
 #[test]
-fn na4_and_nb4_are_their_definition_after_a_restart() {
+fn na4_and_nb4_follow_their_definition_after_a_restart() {
     let mut state = RunMeans::default();
     let mut sums = Vec::new();
     for case in cases() {

@@ -1,24 +1,24 @@
-//! The synchronous average of a gear split into what belongs to a healthy mesh and what does not.
+//! The synchronous average of a gear, split into the part of a healthy mesh and the rest.
 
 use realfft::num_complex::Complex;
 
 use super::sums::mean_of;
 use super::transform::Transforms;
 
-/// Shaft orders that are regular: once and twice per turn (unbalance, misalignment).
+/// Shaft orders of the regular signal: once and twice per turn (unbalance, misalignment).
 const SHAFT_ORDERS: usize = 2;
 
 /// Sidebands on each side of the mesh line in sideband energy and in the envelope band of NB4.
 const SIDEBANDS: usize = 6;
 
-/// The synchronous average of one shaft over one turn, and its parts. Bins of its transform are whole orders
-/// of the shaft, so that the parts are exact: no window, no leakage.
+/// The synchronous average of one shaft over one turn, and its components. Bins of its transform are whole
+/// orders of the shaft, so the components are exact: no window, no leakage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GearSignals {
     /// The average, its mean removed.
     pub average: Vec<f64>,
-    /// Shaft orders 1 and 2, all mesh harmonics below half the sampling rate, and the orders of other meshes
-    /// that are known of.
+    /// Shaft orders 1 and 2, all mesh harmonics below half the sampling rate, and the orders of other known
+    /// meshes.
     pub regular: Vec<f64>,
     /// The average without the regular signal.
     pub residual: Vec<f64>,
@@ -33,8 +33,8 @@ pub struct GearSignals {
 }
 
 impl GearSignals {
-    /// Splits `average`, one turn of a shaft with this many teeth; `None` unless order `teeth` + 1 lies below
-    /// half its samples. Orders that are foreign, those of other meshes, count as regular.
+    /// Splits `average`, one turn of a shaft with this many teeth. Orders of other meshes (`is_foreign`)
+    /// count as regular. `None` unless order `teeth` + 1 lies below half the number of samples.
     pub(super) fn split(
         average: &[f64],
         teeth: u32,
@@ -45,25 +45,25 @@ impl GearSignals {
         if teeth == 0 || 2 * (teeth + 1) >= samples {
             return None;
         }
-        let (mut bins, mut turn) = (transforms.complex_room(), transforms.room());
+        let (mut bins, mut turn) = (transforms.complex_buffer(), transforms.buffer());
         turn.extend_from_slice(average);
         transforms.forward(&mut turn, &mut bins);
-        transforms.keep(turn);
+        transforms.recycle(turn);
         let scale = 1.0 / samples as f64;
         bins.iter_mut().for_each(|bin| *bin *= scale);
         bins[0] = Complex::default();
-        let mut signal = |keep: &dyn Fn(usize) -> bool, factor: Complex<f64>| {
-            let (mut kept, mut output) = (transforms.complex_room(), transforms.room());
+        let mut signal = |selects: &dyn Fn(usize) -> bool, factor: Complex<f64>| {
+            let (mut selected, mut output) = (transforms.complex_buffer(), transforms.buffer());
             let all = bins.iter().enumerate();
-            kept.extend(all.map(|(k, bin)| if keep(k) { bin * factor } else { Complex::default() }));
-            if let Some(last) = kept.last_mut()
+            selected.extend(all.map(|(k, bin)| if selects(k) { bin * factor } else { Complex::default() }));
+            if let Some(last) = selected.last_mut()
                 && samples.is_multiple_of(2)
             {
                 last.im = 0.0;
             }
             output.resize(samples, 0.0);
-            transforms.inverse(&mut kept, &mut output);
-            transforms.keep_complex(kept);
+            transforms.inverse(&mut selected, &mut output);
+            transforms.recycle_complex(selected);
             output
         };
         let one = Complex::new(1.0, 0.0);
@@ -85,43 +85,48 @@ impl GearSignals {
         }
         let mean = mean_of(&mesh_envelope, |modulus| *modulus);
         mesh_envelope.iter_mut().for_each(|modulus| *modulus -= mean);
-        transforms.keep(imaginary);
-        let mut amplitude = transforms.room();
+        transforms.recycle(imaginary);
+        let mut amplitude = transforms.buffer();
         amplitude.extend(bins.iter().map(|bin| 2.0 * bin.norm()));
-        transforms.keep_complex(bins);
+        transforms.recycle_complex(bins);
         Some(Self { average: whole, regular, residual, difference, mesh_envelope, amplitude, teeth })
     }
 
-    /// Gives the memory back.
-    pub(super) fn give_back(self, transforms: &mut Transforms) {
+    /// Returns the buffers for reuse.
+    pub(super) fn recycle(self, transforms: &mut Transforms) {
         let Self { average, regular, residual, difference, mesh_envelope, amplitude, .. } = self;
-        for room in [average, regular, residual, difference, mesh_envelope, amplitude] {
-            transforms.keep(room);
+        for buffer in [average, regular, residual, difference, mesh_envelope, amplitude] {
+            transforms.recycle(buffer);
         }
     }
 
-    /// Amplitude (peak) of mesh harmonic `order`, where it lies below half the sampling rate.
+    /// Returns the amplitude (peak) of mesh harmonic `order`, if it lies below half the sampling rate.
     pub fn mesh_line(&self, order: usize) -> Option<f64> {
-        self.below_half(order * self.teeth)
+        self.amplitude_below_nyquist(order * self.teeth)
     }
 
-    /// Σ of the amplitudes at teeth ± k shaft orders, k = 1 … 6, where all of them are there and belong to
+    /// Returns Σ of the amplitudes at teeth ± k shaft orders, k = 1 … 6, if all of them exist and belong to
     /// the first mesh line.
     pub(super) fn sideband_sum(&self) -> Option<f64> {
         if self.teeth <= SIDEBANDS {
             return None;
         }
         (1..=SIDEBANDS)
-            .map(|k| Some(self.below_half(self.teeth - k)? + self.below_half(self.teeth + k)?))
+            .map(|k| {
+                Some(
+                    self.amplitude_below_nyquist(self.teeth - k)?
+                        + self.amplitude_below_nyquist(self.teeth + k)?,
+                )
+            })
             .sum()
     }
 
-    /// Sum of the amplitudes of the first sidebands of the first mesh line.
+    /// Returns the sum of the amplitudes of the first sidebands of the first mesh line.
     pub(super) fn first_sidebands(&self) -> Option<f64> {
-        Some(self.below_half(self.teeth - 1)? + self.below_half(self.teeth + 1)?)
+        Some(self.amplitude_below_nyquist(self.teeth - 1)? + self.amplitude_below_nyquist(self.teeth + 1)?)
     }
 
-    fn below_half(&self, order: usize) -> Option<f64> {
+    fn amplitude_below_nyquist(&self, order: usize) -> Option<f64> {
         (2 * order < self.average.len()).then(|| self.amplitude[order])
     }
 }
@@ -145,7 +150,7 @@ mod tests {
 
     /// What is put in at each order comes out in its part, and nowhere else.
     #[test]
-    fn parts_are_the_orders_put_in() {
+    fn components_are_the_generated_orders() {
         let regular = [(1.0, 0.3), (2.0, 0.2), (20.0, 1.0), (40.0, 0.5), (100.0, 0.1)];
         let sidebands = [(19.0, 0.2), (21.0, 0.25), (41.0, 0.05), (99.0, 0.03)];
         let others = [(3.0, 0.07), (18.0, 0.06), (55.0, 0.04), (115.0, 0.02)];
@@ -185,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_without_room_for_its_mesh_is_refused() {
+    fn a_turn_too_short_for_its_mesh_is_rejected() {
         for (samples, teeth) in [(0, 20), (42, 20), (240, 0), (240, u32::MAX)] {
             assert_eq!(
                 GearSignals::split(&vec![1.0; samples], teeth, &|_| false, &mut Transforms::default()),

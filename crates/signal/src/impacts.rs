@@ -1,4 +1,4 @@
-//! What the envelope of a record says of impacts: the lines of described bearings, and the strongest line.
+//! Impacts in the envelope of a record: the lines of the configured bearings, and the strongest line.
 
 use super::analyzer::{Analysis, Analyzer};
 use super::bearing::Bearing;
@@ -8,21 +8,21 @@ use super::indicators::{Indicators, NotComputed};
 use super::record::Record;
 use super::speed::SpeedSource;
 
-/// The strongest line is looked for up to this part of the sampling rate.
-const MAX_LINE: f64 = 1.0 / 16.0;
+/// The strongest line is searched up to this fraction of the sampling rate.
+const MAX_LINE_FRACTION: f64 = 1.0 / 16.0;
 
-/// A record without described bearings is looked at from this kurtosis on.
+/// Without configured bearings, a record is examined from this kurtosis on.
 const IMPULSIVE_KURTOSIS: f64 = 4.0;
 
-/// Which bearings there are, and in which band their impacts are looked for.
+/// The bearings, and how to choose the band of their impacts.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct BearingSettings<'a> {
     /// The bearings.
     pub bearings: &'a [Bearing],
-    /// The band of the envelope in hertz, where it is given.
+    /// The band of the envelope in hertz, if configured.
     pub band_hz: Option<[f64; 2]>,
-    /// Where it is not: the kurtogram's band; else, whatever the mesh does, from a sixteenth to 45 % of the
-    /// sampling rate.
+    /// How to choose the band otherwise: `Kurtogram` takes the kurtogram's band; `MeshHarmonic` takes 1/16 to
+    /// 45 % of the sampling rate, independent of the mesh.
     pub search: EnvelopeSearch,
 }
 
@@ -47,11 +47,11 @@ impl Analyzer {
         let band = match band_bins(band_hz, work.length, record.sample_rate_hz()) {
             _ if kurtosis.is_none() => Err(NotComputed::Constant),
             Ok(band) => Ok(band),
-            Err(error) => Err(error.absence()),
+            Err(error) => Err(error.not_computed()),
         };
         let band = match band {
             Ok(band) => band,
-            Err(absence) => return absent(bearings, absence, &mut analysis.indicators),
+            Err(reason) => return insert_missing(bearings, reason, &mut analysis.indicators),
         };
         work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
         let lines = EnvelopeLines {
@@ -62,28 +62,28 @@ impl Analyzer {
                 (speed.shaft_speed_hz, if is_nominal { tolerance } else { 0.0 })
             }),
         };
-        let standing = lines.indicate(bearings, &mut work.sorting, &mut analysis.indicators);
-        let highest_hz = MAX_LINE * record.sample_rate_hz();
-        analysis.features.envelope_line = lines.strongest(&standing, band_hz, highest_hz, &mut work.sorting);
+        let detected = lines.indicate(bearings, &mut work.sorting, &mut analysis.indicators);
+        let highest_hz = MAX_LINE_FRACTION * record.sample_rate_hz();
+        analysis.features.envelope_line = lines.strongest(&detected, band_hz, highest_hz, &mut work.sorting);
     }
 
     fn impact_band(&mut self, record: &Record, settings: &BearingSettings<'_>) -> [f64; 2] {
-        let usual = EnvelopeBand::of_impacts(record.sample_rate_hz()).band_hz;
+        let default_band = EnvelopeBand::of_impacts(record.sample_rate_hz()).band_hz;
         match (settings.band_hz, settings.search) {
             (Some(band_hz), _) => band_hz,
             (None, EnvelopeSearch::Kurtogram) => {
                 let kurtogram = self.kurtogram_transformed(record);
-                kurtogram.map_or(usual, |kurtogram| kurtogram.best.band_hz)
+                kurtogram.map_or(default_band, |kurtogram| kurtogram.best.band_hz)
             }
-            (None, EnvelopeSearch::MeshHarmonic) => usual,
+            (None, EnvelopeSearch::MeshHarmonic) => default_band,
         }
     }
 }
 
-fn absent(bearings: &[Bearing], absence: NotComputed, indicators: &mut Indicators) {
+fn insert_missing(bearings: &[Bearing], reason: NotComputed, indicators: &mut Indicators) {
     for bearing in bearings {
         for name in bearing.all_indicators() {
-            indicators.insert(name, Err(absence));
+            indicators.insert(name, Err(reason));
         }
     }
 }
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outer_race_fault_stands_out_alone_and_is_named() {
+    fn only_an_outer_race_fault_is_detected_and_named() {
         for seed in 0..10 {
             let analysis = analysed(&bearing_fault(2.0, 3.0, seed), None);
             let [bpfo, others @ ..] = ratios(&analysis);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_that_cannot_be_read_say_why() {
+    fn unreadable_lines_report_the_reason() {
         let short = analysed(&bearing_fault(0.1, 3.0, 0), None);
         assert_eq!(short.indicators.absent["bearing_de_ftf"], NotComputed::TooShort);
         let narrow = analysed(&bearing_fault(1.0, 3.0, 0), Some([4200.0, 4300.0]));

@@ -1,4 +1,4 @@
-//! Which indicators there are, and which of them a misspelt name is near to.
+//! The names of all indicators, and suggestions for a misspelt one.
 
 use super::band::Band;
 use super::bearing::Bearing;
@@ -7,22 +7,22 @@ use super::indicators::Indicators;
 use super::velocity::VELOCITY_RMS;
 use crate::AnalysisSettings;
 
-/// Those of the record as it is, besides the lines and bands.
-const OF_THE_RECORD: [&str; 5] = ["rms", "peak", "crest_factor", "kurtosis", VELOCITY_RMS];
+/// Indicators of the record itself, besides mesh lines and bands.
+const RECORD_INDICATORS: [&str; 5] = ["rms", "peak", "crest_factor", "kurtosis", VELOCITY_RMS];
 
-/// That of the run which needs no mesh.
+/// The run indicator that needs no mesh.
 const NOVELTY: &str = "novelty";
 
-/// Those of a mesh that need the records before.
-const OF_THE_RUN: [&str; 2] = ["na4", "nb4"];
+/// Mesh indicators that depend on earlier records.
+const RUN_INDICATORS: [&str; 2] = ["na4", "nb4"];
 
-/// How many names are told in place of one that there is not.
-const NEAREST: usize = 3;
+/// Number of names suggested for an unknown one.
+const MAX_SUGGESTIONS: usize = 3;
 
-/// What is described of a machine and decides which indicators there are.
+/// The parts of a machine's configuration that determine its set of indicators.
 #[derive(Debug, Clone, Copy)]
-pub struct Described<'a> {
-    /// Bands that the user defined.
+pub struct IndicatorScope<'a> {
+    /// User-defined bands.
     pub bands: &'a [Band],
     /// The bearings.
     pub bearings: &'a [Bearing],
@@ -30,40 +30,40 @@ pub struct Described<'a> {
     pub has_mesh: bool,
 }
 
-impl Default for Described<'_> {
-    /// A mesh, and nothing else.
+impl Default for IndicatorScope<'_> {
+    /// A mesh without bands or bearings.
     fn default() -> Self {
         Self { bands: &[], bearings: &[], has_mesh: true }
     }
 }
 
 impl Indicators {
-    /// The names of all indicators there can be of what is described.
-    pub fn names(described: &Described<'_>) -> Vec<String> {
-        let harmonics = if described.has_mesh { AnalysisSettings::default().harmonics } else { 0 };
-        let of_mesh = ["omx"].into_iter().chain(gear_indicators::NAMES).chain(OF_THE_RUN);
-        let of_mesh = of_mesh.filter(|_| described.has_mesh);
-        let fixed = OF_THE_RECORD.into_iter().chain(of_mesh).chain([NOVELTY]);
+    /// Returns the names of all possible indicators within `scope`.
+    pub fn names(scope: &IndicatorScope<'_>) -> Vec<String> {
+        let harmonics = if scope.has_mesh { AnalysisSettings::default().harmonics } else { 0 };
+        let of_mesh = ["omx"].into_iter().chain(gear_indicators::NAMES).chain(RUN_INDICATORS);
+        let of_mesh = of_mesh.filter(|_| scope.has_mesh);
+        let fixed = RECORD_INDICATORS.into_iter().chain(of_mesh).chain([NOVELTY]);
         let lines = (1..=harmonics).map(|order| format!("mesh_{order}"));
-        let of_bearings = described.bearings.iter().flat_map(Bearing::all_indicators);
-        let of_bands = described.bands.iter().map(Band::indicator);
+        let of_bearings = scope.bearings.iter().flat_map(Bearing::all_indicators);
+        let of_bands = scope.bands.iter().map(Band::indicator);
         fixed.map(str::to_owned).chain(lines).chain(of_bearings).chain(of_bands).collect()
     }
 
-    /// The names nearest to one, the nearest first; of equally near ones in the order given.
+    /// Returns the known names with the fewest edits from `name`, nearest first; ties keep the given order.
     pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
         let name = name.to_lowercase();
-        let mut far: Vec<(usize, &str)> =
+        let mut by_distance: Vec<(usize, &str)> =
             known.into_iter().map(|known| (edits(&name, known), known)).collect();
-        far.sort_by_key(|(edits, _)| *edits);
-        far.into_iter().take(NEAREST).map(|(_, known)| known).collect()
+        by_distance.sort_by_key(|(edits, _)| *edits);
+        by_distance.into_iter().take(MAX_SUGGESTIONS).map(|(_, known)| known).collect()
     }
 }
 
-/// Letters to insert, delete, replace, or exchange with the one beside (Damerau 1964, optimal string
-/// alignment).
+/// Returns the edit distance: letters to insert, delete, replace, or swap with a neighbour (Damerau 1964,
+/// optimal string alignment).
 fn edits(from: &str, to: &str) -> usize {
-    // Longer than any name; the cost grows with the product of both lengths.
+    // No name is longer. The cost grows with the product of both lengths.
     let from: Vec<char> = from.chars().take(64).collect();
     let to: Vec<char> = to.chars().collect();
     let mut rows: Vec<Vec<usize>> = vec![(0..=to.len()).collect()];
@@ -108,13 +108,13 @@ mod tests {
     }
 
     #[test]
-    fn the_names_are_those_that_an_analysis_gives() {
+    fn the_names_match_an_analysis() {
         let bands = [Band { name: "low".into(), band_hz: [10.0, 100.0], quantity: BandQuantity::Record }];
         let orders = BearingOrders::of_geometry(9, 0.2, 0.0);
         let bearings = [Bearing { name: "de".into(), shaft_turns: 1.0, orders }];
         let mesh = MeshContext { teeth: 20, nominal_shaft_speed_hz: 2.0, ..MeshContext::unknown() };
         for (mesh, has_mesh) in [(mesh, true), (MeshContext::unknown(), false)] {
-            let names = Indicators::names(&Described { bands: &bands, bearings: &bearings, has_mesh });
+            let names = Indicators::names(&IndicatorScope { bands: &bands, bearings: &bearings, has_mesh });
             // That of the estimate comes after a baseline only.
             let told: BTreeSet<String> = names.iter().filter(|name| *name != NOVELTY).cloned().collect();
             assert_eq!(told, given(mesh, &bands, &bearings));
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn the_nearest_names_come_first() {
-        let names = Indicators::names(&Described::default());
+        let names = Indicators::names(&IndicatorScope::default());
         let nearest = |name: &str| Indicators::nearest(name, names.iter().map(String::as_str));
         assert_eq!(nearest("kurtsosis")[0], "kurtosis");
         assert_eq!(nearest("RMS")[0], "rms");

@@ -8,7 +8,7 @@ use super::band::{Band, BandQuantity};
 use super::bearing;
 use super::velocity::VELOCITY_RMS;
 
-/// Identifier of what the indicators are made by; stored ones made by another are computed again.
+/// Identifier of the method behind the indicators. Stored indicators with another identifier are recomputed.
 pub const INDICATORS: &str = "indicators-2";
 
 /// Why an indicator could not be computed.
@@ -20,32 +20,32 @@ pub enum NotComputed {
     NoSpeed,
     /// The record is too short to resolve what the indicator needs.
     TooShort,
-    /// The samples do not vary.
+    /// All samples are equal.
     Constant,
     /// The frequency lies above half the sampling rate.
     AboveNyquist,
     /// Fewer than 4 whole turns of the shaft.
     TooFewTurns,
-    /// The shaft speed varies so much that the record would grow fourfold over the shaft's angle.
+    /// The shaft speed varies so much that resampling over the shaft angle would make the record more than
+    /// four times as long.
     SpeedVaries,
-    /// Samples stand at the converter's limit: 3 or more in a row at the highest or lowest value, which the
-    /// signal reaches steeply.
+    /// Samples are at the converter's limit: 3 or more in a row at the highest or lowest value, which the
+    /// signal approaches steeply.
     Clipped,
     /// Samples are missing: 64 or more in a row are equal.
     Gaps,
-    /// The signal to divide by is zero.
+    /// The denominator is zero.
     NoSignal,
-    /// The samples' unit is neither one of acceleration nor of velocity, so that no velocity follows from
-    /// them.
+    /// The unit is neither one of acceleration nor one of velocity, so no velocity can be computed.
     NotAcceleration,
-    /// A line of another mesh that the sensor hears lies there.
+    /// The line coincides with one of another mesh that the sensor measures.
     OtherMesh,
-    /// The frequency lies above what the band's envelope holds: its width.
+    /// The frequency lies above the range of the band's envelope: its width.
     AboveEnvelope,
 }
 
-/// The condition indicators of one record by name; those that could not be computed are absent with a reason,
-/// never zero.
+/// The condition indicators of one record by name. Indicators that cannot be computed are omitted with a
+/// reason, never zero.
 ///
 /// | name | definition | unit |
 /// | --- | --- | --- |
@@ -56,14 +56,14 @@ pub enum NotComputed {
 /// | `omx` | amplitude of the first mesh line: `mesh_1` | the record's |
 /// | `mesh_h` | peak amplitude of the line at h × mesh frequency, h = 1 …: Hann window, amplitude-corrected, interpolated between bins | the record's |
 /// | `velocity_rms` | root mean square of the velocity from 10 to 1000 Hz, as in ISO 20816; of records of at least 0.2 s | mm/s |
-/// | `bearing_…_bpfo`, `_bpfi`, `_bsf`, `_ftf` | of a described bearing: root sum square of the first three harmonics of the frequency in the envelope spectrum | the record's |
-/// | `bearing_…_to_background` | of the same lines: root mean square of amplitude over the noise's amplitude in one bin; about 1 in noise | none |
+/// | `bearing_…_bpfo`, `_bpfi`, `_bsf`, `_ftf` | for each configured bearing: root sum square of the first three harmonics of the frequency in the envelope spectrum | the record's |
+/// | `bearing_…_to_background` | for the same lines: root mean square of the ratios of amplitude to noise amplitude in one bin; about 1 in noise | none |
 /// | `band_…` | root mean square of a band that the user defines: see [`Band`](super::Band) | the record's, or mm/s |
 ///
 /// Over the angle of the driving shaft, by [`Analyzer::gear_indicators`](super::Analyzer::gear_indicators): x
 /// is the synchronous average over at least 4 turns, its mean removed, g its regular signal (shaft orders 1
 /// and 2, all mesh harmonics), r = x − g the residual, d the difference (r without the first-order sidebands
-/// of every mesh harmonic), z the teeth, A(k) the amplitude of x at shaft order k.
+/// of every mesh harmonic), z the number of teeth, A(k) the amplitude of x at shaft order k.
 ///
 /// | name | definition | unit |
 /// | --- | --- | --- |
@@ -73,35 +73,35 @@ pub enum NotComputed {
 /// | `fm0` | (max x − min x) / Σ_{h=1..H} A(hz), H = 10 or as far as half the sampling rate (Stewart 1977) | none |
 /// | `fm4`, `m6a`, `m8a` | E\[d⁴\]/E\[d²\]², E\[d⁶\]/E\[d²\]³, E\[d⁸\]/E\[d²\]⁴: Gaussian 3, 15, 105 (Martin 1989) | none |
 /// | `energy_ratio` | σ(d)/σ(g); some authors divide by the sidebands too | none |
-/// | `residual_variance`, `residual_fourth_moment` | E\[r²\], E\[r⁴\]: what NA4 is made of (see [`RunMean`](super::RunMean)) | the record's², ⁴ |
-/// | `na4`, `nb4` | E\[r⁴\] over the squared mean of E\[r²\] of all records of the channel up to this one (Zakrajsek 1994), of the residual and of the mesh line's envelope: by [`RunMeans`](super::RunMeans), not from one record alone | none |
-/// | `novelty` | −log₁₀ of the probability that a record of the best wear state deviates as much as this one: from the estimate, not from one record alone | none |
-/// | `mesh_envelope_variance`, `mesh_envelope_fourth_moment` | the same of the envelope of orders z − 6 to z + 6, its mean removed: what NB4 is made of | the record's², ⁴ |
+/// | `residual_variance`, `residual_fourth_moment` | E\[r²\], E\[r⁴\]: the inputs of NA4 (see [`RunMean`](super::RunMean)) | the record's², ⁴ |
+/// | `na4`, `nb4` | E\[r⁴\] over the squared mean of E\[r²\] of all records of the channel up to this one (Zakrajsek 1994), for the residual and for the mesh line's envelope: by [`RunMeans`](super::RunMeans), not from one record alone | none |
+/// | `novelty` | −log₁₀ of the probability that a record of the best-fitting wear state deviates as much as this one: from the estimate, not from one record alone | none |
+/// | `mesh_envelope_variance`, `mesh_envelope_fourth_moment` | the same moments of the envelope of orders z − 6 to z + 6, its mean removed: the inputs of NB4 | the record's², ⁴ |
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Indicators {
     /// Value by indicator name.
     #[serde(rename = "indicators")]
     pub values: BTreeMap<String, f64>,
-    /// Reason by the name of an indicator that is missing.
+    /// Reason by the name of an indicator that could not be computed.
     #[serde(default)]
     pub absent: BTreeMap<String, NotComputed>,
 }
 
 impl Indicators {
-    /// Puts down a value or why there is none.
+    /// Inserts a value or the reason why there is none.
     pub(super) fn insert(&mut self, name: impl Into<String>, value: Result<f64, NotComputed>) {
         match value {
             Ok(value) => {
                 self.values.insert(name.into(), value);
             }
-            Err(absence) => {
-                self.absent.insert(name.into(), absence);
+            Err(reason) => {
+                self.absent.insert(name.into(), reason);
             }
         }
     }
 
-    /// Adds those of `others`; where both have one of a name, that of `others` stays.
+    /// Adds `others`, which replace entries of the same name.
     pub fn extend(&mut self, others: Indicators) {
         for name in others.values.keys() {
             self.absent.remove(name);
@@ -113,8 +113,8 @@ impl Indicators {
         self.absent.extend(others.absent);
     }
 
-    /// The unit of an indicator of a record in `unit`: `"1"` where it has none. `bands` are those that the
-    /// user defined.
+    /// Returns the unit of an indicator of a record in `unit`, `"1"` if it is dimensionless. `bands` are the
+    /// user-defined ones.
     pub fn unit(name: &str, unit: &str, bands: &[Band]) -> String {
         const DIMENSIONLESS: [&str; 12] = [
             "novelty",
@@ -144,7 +144,7 @@ impl Indicators {
         }
     }
 
-    /// The value of an indicator, where it could be computed.
+    /// Returns the value of an indicator, if it could be computed.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.values.get(name).copied()
     }

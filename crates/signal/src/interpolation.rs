@@ -1,55 +1,57 @@
-//! A record between its samples: a windowed sinc.
+//! Interpolation between the samples of a record by a windowed sinc.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Samples to each side of a point that it is interpolated from.
+/// Samples on each side of a point used for its interpolation.
 pub(super) const REACH: usize = 16;
 
-/// Samples that a point is interpolated from.
+/// Samples used for the interpolation of one point.
 const TAPS: usize = 2 * REACH;
 
-/// Parts of a sampling interval in which the interpolation's weights are polynomials of their own.
+/// Number of parts of a sampling interval; in each, the weights are their own polynomials.
 const PHASES: usize = 256;
 
-/// Coefficients of these polynomials: of degree 3, which leaves 2·10⁻¹² of the largest weight. A lower degree
-/// needs so many parts that they leave the second cache.
+/// Coefficients of these polynomials, of degree 3: the error is 2·10⁻¹² of the largest weight. A lower degree
+/// needs so many parts that the table no longer fits the second-level cache.
 const COEFFICIENTS: usize = 4;
 
-/// Points up to so many places apart are taken one after the other.
+/// Largest stride in which points are processed.
 const MAX_STRIDE: usize = 64;
 
-/// Added to a number below 2³¹ and taken off again, it leaves the nearest whole number, whose bits stand at
-/// the end of the sum: in contrast to a conversion, the compiler makes this wide.
-const TO_WHOLE: f64 = 6_755_399_441_055_744.0;
+/// Adding and subtracting this rounds a number below 2³¹ to the nearest whole number, whose bits are the
+/// lowest of the sum. Unlike a conversion, the compiler vectorises this.
+const ROUNDING_OFFSET: f64 = 6_755_399_441_055_744.0;
 
-/// The weights of the 32 samples around a point, as polynomials of its place between two samples: one table
-/// for all threads.
-static PARTS: LazyLock<Vec<Phase>> = LazyLock::new(|| (0..PHASES).map(Phase::new).collect());
+/// The weights of the 32 samples around a point, as polynomials of its position between two samples: one
+/// table for all threads.
+static PHASE_TABLE: LazyLock<Vec<Phase>> = LazyLock::new(|| (0..PHASES).map(Phase::new).collect());
 
-/// Interpolates, and keeps what it works in.
+/// Interpolates records and reuses its buffers.
 pub(super) struct Kernel {
-    places: Places,
+    points: PointBuffers,
     arch: Arch,
 }
 
-/// Where points lie: the sample before each, the part of the interval, and the place from −1 to 1 in that.
+/// Positions of points: the sample before each, the part of the interval, and the offset from −1 to 1 within
+/// that part.
 #[derive(Default)]
-struct Places {
+struct PointBuffers {
     before: Vec<u32>,
     phase: Vec<u32>,
-    place: Vec<f64>,
+    offset: Vec<f64>,
 }
 
-/// In one part of the interval, for each power, rising, the coefficients of all samples. Aligned, because a
-/// register that is loaded from two lines of the cache takes twice as long, and that is what this costs.
+/// The polynomials of one part of the interval: for each power, in ascending order, the coefficients of all
+/// samples. Aligned, because loading a register from two cache lines takes twice as long, and these loads
+/// dominate the cost.
 #[repr(align(64))]
 struct Phase([[f64; TAPS]; COEFFICIENTS]);
 
 impl Phase {
-    /// Polynomials through the weights at the Chebyshev points of one part.
+    /// Computes the polynomials through the weights at the Chebyshev points of one part.
     fn new(phase: usize) -> Self {
         let at = |node: usize| (PI * (node as f64 + 0.5) / COEFFICIENTS as f64).cos();
         let nodes: [[f64; TAPS]; COEFFICIENTS] =
@@ -75,34 +77,33 @@ impl Phase {
 }
 
 impl Kernel {
-    /// With room for nothing yet.
+    /// Creates an interpolator with empty buffers.
     pub(super) fn new() -> Self {
-        Self { places: Places::default(), arch: Arch::new() }
+        Self { points: PointBuffers::default(), arch: Arch::new() }
     }
 
-    /// What this processor's widest registers are.
+    /// Returns the instruction set of this processor.
     pub(super) fn arch(&self) -> Arch {
         self.arch
     }
 
-    /// The signal at `positions`, each at least 16 samples from either end, in the processor's widest
-    /// registers.
+    /// Interpolates the signal at `positions`, each at least 16 samples from either end.
     pub(super) fn interpolate(&mut self, samples: &[f64], positions: &[f64], values: &mut [f64]) {
-        let Places { before, phase, place } = &mut self.places;
+        let PointBuffers { before, phase, offset } = &mut self.points;
         before.resize(positions.len(), 0);
         phase.resize(positions.len(), 0);
-        place.resize(positions.len(), 0.0);
-        let places = (before.as_mut_slice(), phase.as_mut_slice(), place.as_mut_slice());
-        self.arch.dispatch(Interpolation { phases: &PARTS, samples, positions, places, values });
+        offset.resize(positions.len(), 0.0);
+        let points = (before.as_mut_slice(), phase.as_mut_slice(), offset.as_mut_slice());
+        self.arch.dispatch(Interpolation { phases: &PHASE_TABLE, samples, positions, points, values });
     }
 }
 
-/// Points to be interpolated, and where they go.
+/// Points to interpolate, and their destination.
 struct Interpolation<'a> {
     phases: &'a [Phase],
     samples: &'a [f64],
     positions: &'a [f64],
-    places: (&'a mut [u32], &'a mut [u32], &'a mut [f64]),
+    points: (&'a mut [u32], &'a mut [u32], &'a mut [f64]),
     values: &'a mut [f64],
 }
 
@@ -111,24 +112,24 @@ impl WithSimd for Interpolation<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let (befores, phases, places) = self.places;
-        let each = befores.iter_mut().zip(&mut *phases).zip(&mut *places).zip(self.positions);
-        for (((before, phase), place), position) in each {
-            let whole = (position - 0.5 + TO_WHOLE) - TO_WHOLE;
+        let (befores, phases, points) = self.points;
+        let each = befores.iter_mut().zip(&mut *phases).zip(&mut *points).zip(self.positions);
+        for (((before, phase), offset), position) in each {
+            let whole = (position - 0.5 + ROUNDING_OFFSET) - ROUNDING_OFFSET;
             let scaled = (position - whole) * PHASES as f64;
-            let part = ((scaled - 0.5 + TO_WHOLE) - TO_WHOLE).min((PHASES - 1) as f64);
-            *before = (whole + TO_WHOLE).to_bits() as u32;
-            *phase = (part + TO_WHOLE).to_bits() as u32;
-            *place = 2.0 * (scaled - part) - 1.0;
+            let part = ((scaled - 0.5 + ROUNDING_OFFSET) - ROUNDING_OFFSET).min((PHASES - 1) as f64);
+            *before = (whole + ROUNDING_OFFSET).to_bits() as u32;
+            *phase = (part + ROUNDING_OFFSET).to_bits() as u32;
+            *offset = 2.0 * (scaled - part) - 1.0;
         }
-        // A loop of its own: what a point waits for is ready, so that many points are under way at once.
-        let (befores, phases, places, values) = (&*befores, &*phases, &*places, self.values);
-        let count = values.len().min(befores.len()).min(phases.len()).min(places.len());
+        // A separate loop, as the inputs of all points are ready and several points can be computed at once.
+        let (befores, phases, points, values) = (&*befores, &*phases, &*points, self.values);
+        let count = values.len().min(befores.len()).min(phases.len()).min(points.len());
         let stride = stride(self.positions);
         for first in 0..stride {
             for point in (first..count).step_by(stride) {
-                let t = simd.splat_f64s(places[point]);
-                // The lanes of all registers divide 32: nothing is left over.
+                let t = simd.splat_f64s(points[point]);
+                // The lane count of every register type divides 32: there is no remainder.
                 let (around, _) =
                     S::as_simd_f64s(&self.samples[befores[point] as usize + 1 - REACH..][..TAPS]);
                 let Phase(rows) = &self.phases[phases[point] as usize];
@@ -147,8 +148,8 @@ impl WithSimd for Interpolation<'_> {
     }
 }
 
-/// Points so far apart lie at nearly the same place between two samples, so that one part's coefficients serve
-/// many of them before they leave the first cache.
+/// Returns the stride after which points lie at nearly the same offset between two samples, so that the
+/// coefficients of one part serve many of them while in the first-level cache.
 fn stride(positions: &[f64]) -> usize {
     let [Some(first), Some(last)] = [positions.first(), positions.last()] else { return 1 };
     let step = (last - first) / (positions.len().max(2) - 1) as f64;
@@ -159,8 +160,8 @@ fn stride(positions: &[f64]) -> usize {
     (1..=MAX_STRIDE).min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(1)
 }
 
-/// sinc·Blackman at the 32 samples around a point this part of an interval after the sixteenth, over their
-/// sum.
+/// Returns sinc·Blackman at the 32 samples around a point that lies `fraction` of an interval after the
+/// sixteenth, divided by their sum.
 fn weights(fraction: f64) -> [f64; TAPS] {
     let weights: [f64; TAPS] = std::array::from_fn(|k| {
         let u = k as f64 + 1.0 - REACH as f64 - fraction;
@@ -177,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn polynomials_are_the_weights() {
+    fn polynomials_equal_the_weights() {
         let mut kernel = Kernel::new();
         for step in 0..=1000 {
             let fraction = f64::from(step) / 1000.001;

@@ -1,4 +1,4 @@
-//! The fast kurtogram: in which band a record is most impulsive.
+//! The fast kurtogram: the band in which a record is most impulsive.
 
 use realfft::num_complex::Complex;
 use serde::Serialize;
@@ -8,17 +8,17 @@ use super::indicators::NotComputed;
 use super::record::Record;
 use super::transform::Transforms;
 
-/// The fewest bins of a band: the kurtosis of noise scatters by 2/√64 = 0.25 there.
+/// Fewest bins of a band: the kurtosis of noise scatters by 2/√64 = 0.25 there.
 const MIN_BINS: usize = 64;
 
 /// The finest division: 2⁸ bands.
 const MAX_BANDS: usize = 256;
 
-/// Plans kept: one for each division.
-const KEPT_PLANS: usize = 18;
+/// Number of cached plans: one per division.
+const MAX_PLANS: usize = 18;
 
-/// A band whose mean power lies below this part of the strongest one's holds rounding.
-const NOTHING: f64 = 1e-18;
+/// A band whose mean power is below this fraction of the strongest one's contains only rounding errors.
+const MIN_POWER_FRACTION: f64 = 1e-18;
 
 /// Spectral kurtosis of a record over bands of several widths.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -34,8 +34,8 @@ pub struct Kurtogram {
 pub struct KurtogramLevel {
     /// Width of a band in hertz.
     pub bandwidth_hz: f64,
-    /// Kurtosis of each band's envelope, from the lowest frequency up: 0 in Gaussian noise, −1 of a steady
-    /// sine; 0 too where there is nothing.
+    /// Kurtosis of each band's envelope, from the lowest frequency up: 0 in Gaussian noise, −1 for a steady
+    /// sine, and 0 for an empty band.
     pub kurtosis: Vec<f64>,
 }
 
@@ -48,7 +48,7 @@ pub struct KurtogramBand {
     pub kurtosis: f64,
 }
 
-/// Work space of kurtograms.
+/// Buffers for kurtograms.
 pub(super) struct KurtogramWork {
     transforms: Transforms,
     packed: Vec<Complex<f64>>,
@@ -59,7 +59,7 @@ pub(super) struct KurtogramWork {
 impl Default for KurtogramWork {
     fn default() -> Self {
         Self {
-            transforms: Transforms::keeping(KEPT_PLANS),
+            transforms: Transforms::with_max_plans(MAX_PLANS),
             packed: Vec::new(),
             real: Vec::new(),
             imaginary: Vec::new(),
@@ -68,26 +68,26 @@ impl Default for KurtogramWork {
 }
 
 impl Analyzer {
-    /// The spectral kurtosis E|c|⁴/(E|c|²)² − 2 of the complex envelope c of every band of a binary-ternary
-    /// division of the spectrum, and its highest (J. Antoni, Fast computation of the kurtogram for the
-    /// detection of transient faults, Mechanical Systems and Signal Processing 21, 2007, 108–124).
+    /// Computes the spectral kurtosis E|c|⁴/(E|c|²)² − 2 of the complex envelope c of every band of a
+    /// binary-ternary division of the spectrum, and its maximum (J. Antoni, Fast computation of the kurtogram
+    /// for the detection of transient faults, Mechanical Systems and Signal Processing 21, 2007, 108–124).
     ///
-    /// Where Antoni filters with a tree of short filters, a band here is a stretch of bins of the record's
-    /// one transform: edges as sharp as the record allows, and no drift of frequencies down the tree. The
-    /// envelope has more than two samples a bin, for which the means of |c|² and |c|⁴ are exactly those of
-    /// the full sampling rate. Divisions go on to 256 bands or while a band has 64 bins.
+    /// Antoni filters with a tree of short filters. Here a band is a range of bins of the record's single
+    /// transform: its edges are as sharp as the record allows, and frequencies do not drift down the tree.
+    /// The envelope has more than two samples per bin, so the means of |c|² and |c|⁴ are exactly those at the
+    /// full sampling rate. Division continues to 256 bands or while a band has 64 bins.
     ///
     /// # Errors
     /// [`NotComputed::Constant`], or [`NotComputed::TooShort`] below 129 samples.
     pub fn kurtogram(&mut self, record: &Record) -> Result<Kurtogram, NotComputed> {
         let moments = self.work.transform(record);
-        let answer =
+        let kurtogram =
             if moments.constant { Err(NotComputed::Constant) } else { self.kurtogram_transformed(record) };
-        self.give_back(record);
-        answer
+        self.release_large_buffers(record);
+        kurtogram
     }
 
-    /// The same of the record that was transformed last, which is not constant.
+    /// Computes the kurtogram of the record that was transformed last, which is not constant.
     pub(super) fn kurtogram_transformed(&mut self, record: &Record) -> Result<Kurtogram, NotComputed> {
         let resolution_hz = self.work.resolution_hz(record);
         let usable = (self.work.length - 1) / 2;
@@ -97,7 +97,7 @@ impl Analyzer {
 }
 
 impl KurtogramWork {
-    /// The kurtogram of the bins from 1 on, `resolution_hz` apart, the last one below `nyquist_hz`.
+    /// Computes the kurtogram of the bins from 1 on, `resolution_hz` apart, the last one below `nyquist_hz`.
     fn of(
         &mut self,
         bins: &[Complex<f64>],
@@ -115,7 +115,7 @@ impl KurtogramWork {
                 .map(|band| self.kurtosis(&bins[edge(band)..edge(band + 1)], samples, strongest))
                 .collect();
             for (band, &kurtosis) in kurtosis.iter().enumerate() {
-                // On a tie the wider band, which is seen first.
+                // On a tie the wider band wins, as it comes first.
                 if best.is_none_or(|(highest, _)| kurtosis > highest) {
                     let band_hz = [edge(band), edge(band + 1)]
                         .map(|edge| ((edge as f64 + 0.5) * resolution_hz).min(nyquist_hz));
@@ -129,10 +129,10 @@ impl KurtogramWork {
         Ok(Kurtogram { levels, best })
     }
 
-    /// Kurtosis of the complex envelope of these bins over `samples` samples.
+    /// Returns the kurtosis of the complex envelope of these bins over `samples` samples.
     fn kurtosis(&mut self, bins: &[Complex<f64>], samples: usize, strongest: f64) -> f64 {
         let power: f64 = bins.iter().map(|bin| bin.norm_sqr()).sum();
-        if power <= NOTHING * strongest * bins.len() as f64 {
+        if power <= MIN_POWER_FRACTION * strongest * bins.len() as f64 {
             return 0.0;
         }
         // Scaled to a mean power of 1; the real and the imaginary part are two real signals.
@@ -158,18 +158,18 @@ impl KurtogramWork {
     }
 }
 
-/// Numbers of bands: 1, 2, 3, 4, 6, 8, 12 … as far as each has enough bins.
+/// Returns the numbers of bands 1, 2, 3, 4, 6, 8, 12 … while each band has enough bins.
 fn divisions(bins: usize) -> impl Iterator<Item = usize> {
     let binary = (0..).map(|level| 1_usize << level);
     binary
         .flat_map(|bands| [bands, bands + bands / 2])
-        // Of one band there is no half more.
+        // One band has no half more.
         .skip(1)
         .take_while(move |bands| *bands <= MAX_BANDS && bins / bands >= MIN_BINS)
 }
 
-/// The smallest number from `least` on without a prime factor above 5.
-fn smooth_at_least(least: usize) -> usize {
+/// Returns the smallest number from `min` on without a prime factor above 5.
+fn smooth_at_least(min: usize) -> usize {
     let is_smooth = |number: &usize| {
         let mut rest = *number;
         for prime in [2, 3, 5] {
@@ -179,7 +179,7 @@ fn smooth_at_least(least: usize) -> usize {
         }
         rest == 1
     };
-    (least..).find(is_smooth).unwrap_or(least)
+    (min..).find(is_smooth).unwrap_or(min)
 }
 
 #[cfg(test)]
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn short_and_constant_records_say_why() {
+    fn short_and_constant_records_report_the_reason() {
         assert_eq!(analyzer().kurtogram(&record(vec![1.0; 1000])), Err(NotComputed::Constant));
         let short =
             |samples: usize| analyzer().kurtogram(&record((0..samples).map(|i| (i % 7) as f32).collect()));

@@ -1,9 +1,9 @@
 //! Signal processing: a validated [`Record`] becomes spectra, [`Indicators`] and [`Features`].
 //!
 //! - [`Record`]: samples of one channel with their time, rate and unit, checked;
-//! - [`Analyzer`]: what a thread works with; it keeps plans and work space from record to record;
-//! - [`Indicators`]: numbers of the machine's condition by name, or the reason why one is absent;
-//! - [`Features`]: what an estimate of wear compares.
+//! - [`Analyzer`]: computes the analysis; one per thread, as it reuses its transform plans and buffers;
+//! - [`Indicators`]: condition indicators by name, or the reason why one could not be computed;
+//! - [`Features`]: the values that the wear estimate compares.
 //!
 //! ```
 //! use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
@@ -32,14 +32,14 @@
 //! # Ok::<(), flankwatch_signal::RecordError>(())
 //! ```
 //!
-//! It knows nothing of gears beyond tooth numbers and shaft speed; simulated and measured records go through
-//! the same code. An analyzer transforms a record once, without a window; the Hann spectrum, the mesh comb,
-//! all lines and the envelopes of bands come from those bins. Signals over the shaft's angle
-//! ([`AngleRecord`], [`GearSignals`]) cost a resampling more and are worked out on request;
-//! [`Analyzer::condition`] gives the indicators over time and angle together.
+//! The only gear data used here are tooth numbers and the shaft speed. Simulated and measured records take
+//! the same code path. An analyzer transforms a record once, without a window; the Hann spectrum, the mesh
+//! comb, all lines and the band envelopes come from those bins. Signals over the shaft angle
+//! ([`AngleRecord`], [`GearSignals`]) need a resampling as well and are computed on request.
+//! [`Analyzer::condition`] computes the indicators over time and over angle together.
 //!
 //! # Features
-//! - `openapi`: `utoipa::ToSchema` for what is computed.
+//! - `openapi`: implements `utoipa::ToSchema` for the result types.
 
 mod acceleration;
 mod analyzer;
@@ -88,7 +88,7 @@ mod smeared_comb;
 mod spectrum;
 mod speed;
 mod speed_compensation;
-mod speed_wander;
+mod speed_fluctuation;
 mod sums;
 mod tooth_contrast;
 mod transform;
@@ -108,7 +108,7 @@ pub use features::{Extent, Features, PREPROCESSING};
 pub use gear_indicators::{AngleUsed, GearAnalysis, RunMean, RunMeans};
 pub use gear_signals::GearSignals;
 pub use impacts::BearingSettings;
-pub use indicator_names::Described;
+pub use indicator_names::IndicatorScope;
 pub use indicators::{INDICATORS, Indicators, NotComputed};
 pub use kurtogram::{Kurtogram, KurtogramBand, KurtogramLevel};
 pub use mesh_lines::MeshLine;

@@ -1,50 +1,51 @@
-//! Reading one line of a Hann amplitude spectrum between its bins, and the noise beside it. Positions are in
-//! bins.
+//! Measurement of one line of a Hann amplitude spectrum between its bins, and of the noise beside it.
+//! Positions are in bins.
 
 use std::f64::consts::PI;
 
 /// A line's main lobe under the Hann window reaches two bins to either side.
 pub(super) const MAIN_LOBE_BINS: f64 = 2.0;
 
-/// A line is looked for this far from where it should be, in bins.
+/// A line is searched this many bins from its expected position ...
 const SEARCH_BINS: f64 = 1.5;
 
-/// And this part of its own position more: no speed is known better.
+/// ... plus this fraction of its position: no speed is known more accurately.
 const SEARCH_FRACTION: f64 = 1e-4;
 
-/// A line that stands out is looked for this part of its position further away: shaft speeds wander within a
-/// record.
-const WANDER_FRACTION: f64 = 5e-4;
+/// A line that stands out is searched this fraction of its position further away, as shaft speeds fluctuate
+/// within a record.
+const FLUCTUATION_FRACTION: f64 = 5e-4;
 
-/// What stands out: noise alone reaches 4 times its root mean square in one bin of e¹⁶ = 9 million.
-pub(super) const STANDING_OUT: f64 = 4.0;
+/// Amplitude ratio to the noise from which a line stands out: noise alone reaches 4 times its root mean
+/// square in one bin of e¹⁶ = 9 million.
+pub(super) const DETECTION_RATIO: f64 = 4.0;
 
-/// Median of the amplitude of noise in parts of its root mean square: √(ln 2).
+/// Median of the amplitude of noise over its root mean square: √(ln 2).
 pub(super) const MEDIAN_OF_NOISE: f64 = 0.832_554_611_157_697_7;
 
-/// Bins on each side of a line that its background is taken from.
+/// Bins on each side of a line used for its background.
 const BACKGROUND_BINS: usize = 32;
 
-/// The fewest bins that give a background.
+/// Fewest bins of a background.
 const MIN_BACKGROUND_BINS: usize = 8;
 
-/// A line as it was found.
+/// A measured line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LineReading {
-    /// Where it is, in bins.
+    /// Position in bins.
     pub(super) position: f64,
-    /// Its amplitude.
+    /// Amplitude.
     pub(super) amplitude: f64,
 }
 
-/// Whether a line's main lobe lies inside a spectrum of `bins` bins.
+/// Returns whether a line's main lobe lies inside a spectrum of `bins` bins.
 pub(super) fn fits(position: f64, bins: usize) -> bool {
     position >= MAIN_LOBE_BINS && position + MAIN_LOBE_BINS <= bins as f64 - 1.0
 }
 
-/// Reads the line expected at `position`: the highest peak within 1.5 bins (and 10⁻⁴ of the position) of it,
-/// interpolated; the nearest bin's amplitude where there is no peak, as on the flank of a stronger line.
-/// `None` where the line does not fit.
+/// Reads the line expected at `position`: the highest peak within 1.5 bins (plus 10⁻⁴ of the position) of it,
+/// interpolated, or the amplitude of the nearest bin if there is no peak, as on the flank of a stronger line.
+/// `None` if the main lobe does not fit.
 pub(super) fn read_line(amplitude: &[f64], position: f64) -> Option<LineReading> {
     if !fits(position, amplitude.len()) {
         return None;
@@ -52,24 +53,24 @@ pub(super) fn read_line(amplitude: &[f64], position: f64) -> Option<LineReading>
     Some(read_line_in(amplitude, 0, position))
 }
 
-/// How far from `position` a line is looked for.
+/// Returns how far from `position` a line is searched.
 pub(super) fn search_reach(position: f64) -> f64 {
     SEARCH_BINS + SEARCH_FRACTION * position
 }
 
-/// The same in the part of a spectrum that begins at bin `first` and holds the bins within reach of
+/// Reads a line in the part of a spectrum that begins at bin `first` and contains the bins within reach of
 /// `position` and one more on each side.
 pub(super) fn read_line_in(amplitude: &[f64], first: usize, position: f64) -> LineReading {
-    let inside = position - first as f64;
-    let mut line = highest_peak(amplitude, inside, search_reach(position))
-        .unwrap_or(LineReading { position: inside, amplitude: amplitude[inside.round() as usize] });
+    let offset = position - first as f64;
+    let mut line = highest_peak(amplitude, offset, search_reach(position))
+        .unwrap_or(LineReading { position: offset, amplitude: amplitude[offset.round() as usize] });
     line.position += first as f64;
     line
 }
 
-/// Reads a mesh line as [`read_line`] does, or the highest peak within 5·10⁻⁴ of its position (at most
-/// `reach` bins away) where that one stands 4 times above `noise`, the root-mean-square amplitude of the
-/// noise in one bin. The condition keeps weak lines from being read as the highest of much noise.
+/// Reads a mesh line like [`read_line`], or the highest peak within 5·10⁻⁴ of its position (at most `reach`
+/// bins away) if that one exceeds 4 times `noise`, the root-mean-square amplitude of the noise in one bin.
+/// The condition keeps weak lines from being read as the highest noise peak.
 pub(super) fn read_mesh_line(
     amplitude: &[f64],
     position: f64,
@@ -78,9 +79,9 @@ pub(super) fn read_mesh_line(
 ) -> Option<LineReading> {
     let near = read_line(amplitude, position)?;
     let far = noise.and_then(|noise| {
-        let reach = (SEARCH_BINS + WANDER_FRACTION * position).min(reach);
+        let reach = (SEARCH_BINS + FLUCTUATION_FRACTION * position).min(reach);
         highest_peak(amplitude, position, reach)
-            .filter(|peak| peak.amplitude > near.amplitude && peak.amplitude >= STANDING_OUT * noise)
+            .filter(|peak| peak.amplitude > near.amplitude && peak.amplitude >= DETECTION_RATIO * noise)
     });
     Some(far.unwrap_or(near))
 }
@@ -94,14 +95,14 @@ fn highest_peak(amplitude: &[f64], position: f64, reach: f64) -> Option<LineRead
         .map(|k| interpolate(amplitude, k))
 }
 
-/// The sine that a peak at bin `k` belongs to. With α the ratio of the higher neighbour to the peak, the Hann
-/// window's transform sin(πδ)/(πδ(1−δ²)) gives its distance δ = (2α−1)/(α+1) from the bin, and then its
-/// amplitude.
+/// Interpolates the sine behind the peak at bin `k`. With α the ratio of the higher neighbour to the peak,
+/// the Hann window's transform sin(πδ)/(πδ(1−δ²)) gives its distance δ = (2α−1)/(α+1) from the bin, and from
+/// that its amplitude.
 fn interpolate(amplitude: &[f64], k: usize) -> LineReading {
     let (before, peak, after) = (amplitude[k - 1], amplitude[k], amplitude[k + 1]);
     let side = if after >= before { 1.0 } else { -1.0 };
     let ratio = before.max(after) / peak;
-    // Noise can push the ratio below the ½ of a line on its bin.
+    // Noise can reduce the ratio below the ½ of a line on its bin.
     let distance = ((2.0 * ratio - 1.0) / (ratio + 1.0)).clamp(0.0, 0.5);
     let scalloping = if distance < 1e-9 {
         1.0
@@ -111,11 +112,11 @@ fn interpolate(amplitude: &[f64], k: usize) -> LineReading {
     LineReading { position: k as f64 + side * distance, amplitude: peak / scalloping }
 }
 
-/// Root-mean-square amplitude of the noise in one bin from the median of many: in Gaussian noise the
-/// amplitude is Rayleigh distributed, its median √(ln 2) of its root mean square. A few lines among the bins
-/// hardly move a median.
+/// Returns the root-mean-square amplitude of the noise in one bin from the median of many. In Gaussian noise
+/// the amplitude is Rayleigh distributed, with a median of √(ln 2) of its root mean square. A few lines among
+/// the bins hardly change the median.
 ///
-/// Reorders `values`; `None` where there are none.
+/// Reorders `values`; `None` if there are none.
 pub(super) fn noise_amplitude(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {
         return None;
@@ -125,11 +126,11 @@ pub(super) fn noise_amplitude(values: &mut [f64]) -> Option<f64> {
     Some(*median / MEDIAN_OF_NOISE)
 }
 
-/// Root-mean-square amplitude of the noise in one bin near `position`, from up to 32 bins on each side.
+/// Returns the root-mean-square amplitude of the noise in one bin near `position`, from up to 32 bins on each
+/// side.
 ///
-/// Left out are the main lobe of the line itself and, where `spacing` says how far apart in bins further
-/// lines lie, theirs too. The bins reach at most `reach` from the line. `None` where fewer than 8 bins are
-/// left.
+/// The main lobe of the line is excluded and, given the `spacing` of further lines in bins, theirs too. The
+/// bins lie at most `reach` from the line. `None` if fewer than 8 bins remain.
 pub(super) fn background(
     amplitude: &[f64],
     position: f64,

@@ -1,50 +1,50 @@
-//! Finding the comb of mesh harmonics in a Hann amplitude spectrum. Positions are in bins.
+//! Search for the comb of mesh harmonics in a Hann amplitude spectrum. Positions are in bins.
 
 use super::line::{fits, noise_amplitude, read_line};
 use super::smeared_comb;
 
-/// Orders of the comb: the lowest harmonics are the ones that stand out.
+/// Number of harmonics in the comb: the lowest ones stand out.
 const ORDERS: usize = 5;
 
-/// From here on a line's ratio to the background adds to the score by its logarithm only: a comb is more than
+/// Above this ratio to the background, a line adds to the score only by its logarithm: a comb is more than
 /// its strongest line.
 const STRONG_LINE: f64 = 16.0;
 
-/// Weight of the once-per-turn sidebands, which tell the mesh line from a strong sideband of it.
+/// Weight of the once-per-turn sidebands, which distinguish the mesh line from a strong sideband of it.
 const SIDEBAND_WEIGHT: f64 = 0.5;
 
-/// Probability that the best candidate in white noise passes for a comb.
+/// Probability that the best candidate in white noise is accepted as a comb.
 const FALSE_ALARM: f64 = 1e-3;
 
-/// Shaft rates below this many bins leave no room to tell a sideband from the line it belongs to.
+/// Shaft rates below this many bins are too low to separate a sideband from its carrier.
 pub(super) const SHAFT_RESOLVED_BINS: f64 = 8.0;
 
-/// The mesh frequency has to lie at least this many bins from zero and between harmonics.
+/// Fewest bins from zero to the mesh frequency and between harmonics.
 pub(super) const MESH_RESOLVED_BINS: f64 = 4.0;
 
-/// The least background, as a part of the highest line there.
+/// Lowest background relative to the highest line there.
 const NOISE_FLOOR: f64 = 1e-9;
 
-/// The fewest bins that a harmonic's background is taken from.
+/// Fewest bins of a harmonic's background.
 const BACKGROUND_BINS: f64 = 64.0;
 
-/// A comb that stands out.
+/// A detected comb.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MeshComb {
     /// The mesh frequency in bins.
     pub(super) mesh: f64,
-    /// Root mean square over the comb's lines of amplitude to background (the noise's root-mean-square
-    /// amplitude in one bin): about 1 in noise.
+    /// Root mean square over the comb's lines of the ratio of amplitude to background (the noise's
+    /// root-mean-square amplitude in one bin): about 1 in noise.
     pub(super) to_background: f64,
 }
 
-/// Looks for the comb h·f, h = 1 … 5 (as far as it fits), with f from `low` to `high` bins.
+/// Searches the comb h·f, h = 1 … 5 (as far as it fits), with f from `low` to `high` bins.
 ///
-/// A candidate's score is the sum of its lines' ratios A_h/b_h, b_h the median-based noise around order h;
-/// above 16 a ratio r counts as 16·(1 + ln(r/16)). The candidate must pass the level that white noise passes
-/// once in a thousand records over all candidates together; among those that do, the highest with half the
-/// score of the sidebands at h·f ± f/teeth is taken (where the record resolves the shaft), and its frequency
-/// refined by its lines' own positions.
+/// A candidate's score is the sum of its lines' ratios A_h/b_h, with b_h the median-based noise around order
+/// h. A ratio r above 16 counts as 16·(1 + ln(r/16)). The candidate must exceed the level that white noise
+/// exceeds in one of a thousand records over all candidates together. Among the candidates that do, the one
+/// with the highest sum of its score and half the score of the sidebands at h·f ± f/teeth is taken (if the
+/// record resolves the shaft), and its frequency refined from its lines' positions.
 pub(super) fn find(
     amplitude: &[f64],
     [low, high]: [f64; 2],
@@ -98,7 +98,7 @@ fn compress(ratio: f64) -> f64 {
     if ratio <= STRONG_LINE { ratio } else { STRONG_LINE * (1.0 + (ratio / STRONG_LINE).ln()) }
 }
 
-/// The noise around one order: over the candidates' range, widened to 64 bins where that is less.
+/// Returns the noise around one order: over the candidates' range, widened to 64 bins if that is less.
 fn order_noise(amplitude: &[f64], order: f64, [low, high]: [f64; 2], scratch: &mut Vec<f64>) -> f64 {
     let half = (0.5 * order * (high - low)).max(0.5 * BACKGROUND_BINS);
     let middle = 0.5 * order * (high + low);
@@ -108,15 +108,15 @@ fn order_noise(amplitude: &[f64], order: f64, [low, high]: [f64; 2], scratch: &m
     scratch.extend_from_slice(&amplitude[first..=last]);
     let highest = scratch.iter().copied().fold(0.0, f64::max);
     if highest == 0.0 {
-        // Nothing at all here: any background but zero says so.
+        // There is no signal here: any background but zero shows this.
         return 1.0;
     }
-    // A computed signal may have a line and exactly nothing beside it.
+    // A computed signal may have a line and exact zeros beside it.
     noise_amplitude(scratch).unwrap_or(0.0).max(NOISE_FLOOR * highest)
 }
 
-/// The score that one of `candidates` combs of `orders` lines in white noise passes with probability 10⁻³ or
-/// less.
+/// Returns the score that one of `candidates` combs of `orders` lines in white noise exceeds with a
+/// probability of at most 10⁻³.
 ///
 /// The ratios' squares are exponential with mean 1, so their sum E is Gamma distributed, and Σr ≤ √(orders·E)
 /// bounds the score.
@@ -143,7 +143,7 @@ fn detection_level(orders: usize, candidates: usize) -> f64 {
     (orders as f64 * high).sqrt()
 }
 
-/// The candidate at the mean of its lines' own positions, weighted by their squared ratio to the noise.
+/// Returns the candidate at the mean of its lines' positions, weighted by their squared ratio to the noise.
 fn refine(amplitude: &[f64], mesh: f64, noise: &[f64]) -> MeshComb {
     let (mut weights, mut weighted, mut squares) = (0.0, 0.0, 0.0);
     for (index, noise) in noise.iter().enumerate() {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_found_where_nothing_can_be() {
+    fn nothing_is_found_without_a_comb() {
         assert_eq!(comb_in(vec![0.0; 4000], [76.0, 84.0], 24), None);
         assert_eq!(comb_in(noise(4000, 1), [2500.0, 2700.0], 24), None);
         assert_eq!(comb_in(noise(1, 1), [76.0, 84.0], 24), None);

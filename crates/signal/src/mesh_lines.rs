@@ -1,4 +1,4 @@
-//! The lines of a mesh in one record: harmonics, sidebands and the envelopes around them.
+//! The lines of a mesh in one record: harmonics, sidebands and their envelopes.
 
 use serde::Serialize;
 
@@ -12,13 +12,13 @@ use super::speed::MeshContext;
 /// Mesh harmonics whose sidebands and envelopes are features.
 const SIDEBAND_HARMONICS: usize = 4;
 
-/// Sidebands taken on each side of a harmonic.
+/// Number of sidebands on each side of a harmonic.
 const SIDEBANDS: usize = 2;
 
-/// The features' envelope band reaches this many shaft rates around a mesh harmonic.
+/// Half-width of the features' envelope band around a mesh harmonic, in shaft rates.
 const FEATURE_BAND_SHAFTS: f64 = 2.5;
 
-/// One mesh harmonic as it was found.
+/// One measured mesh harmonic.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MeshLine {
@@ -30,11 +30,11 @@ pub struct MeshLine {
     pub amplitude: f64,
 }
 
-/// Where one record's lines are, in bins.
+/// Positions of one record's mesh lines, in bins.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MeshPositions {
     mesh_bins: f64,
-    /// The shaft rate, where the record resolves it.
+    /// The shaft rate, if the record resolves it.
     shaft_bins: Option<f64>,
     teeth: f64,
     others: OtherMeshes,
@@ -52,20 +52,20 @@ impl MeshPositions {
         }
     }
 
-    /// Whether the line `sideband` shaft rates beside mesh harmonic `order` is this mesh's alone: no line of
-    /// another one that is known of is read in its place.
+    /// Returns whether the line `sideband` shaft rates beside mesh harmonic `order` belongs to this mesh
+    /// alone: no line of another known mesh coincides with it.
     pub(super) fn is_own(&self, order: f64, sideband: f64) -> bool {
         if self.others.is_empty() {
             return true;
         }
         let shaft_orders = order * self.teeth + sideband;
         let bins_per_order = self.mesh_bins / self.teeth;
-        // What is searched, and the main lobes of both lines.
+        // The search range plus the main lobes of both lines.
         let reach = search_reach(shaft_orders * bins_per_order) + 2.0 * MAIN_LOBE_BINS;
-        !self.others.lie_at(shaft_orders, reach / bins_per_order)
+        !self.others.has_line_near(shaft_orders, reach / bins_per_order)
     }
 
-    /// Mesh harmonic `order` and the noise in one bin beside it; `None` where it does not lie below half the
+    /// Reads mesh harmonic `order` and the noise in one bin beside it; `None` unless it lies below half the
     /// sampling rate.
     pub(super) fn read(&self, work: &mut RecordSpectrum, order: f64) -> Option<(LineReading, Option<f64>)> {
         let position = order * self.mesh_bins;

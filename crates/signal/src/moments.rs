@@ -4,16 +4,16 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::indicators::{Indicators, NotComputed};
 
-/// Every so manyth sample gives the value that moments are first taken about.
+/// Every this many samples, one contributes to the provisional mean.
 const STRIDE: usize = 64;
 
-/// What the time domain says of a record.
+/// The moments of a record's samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Moments {
     samples: usize,
     /// Arithmetic mean.
     pub(super) mean: f64,
-    /// What was taken off each sample.
+    /// Value subtracted from each sample.
     pub(super) shift: f64,
     /// √(Σx²/N).
     pub(super) rms: f64,
@@ -25,17 +25,17 @@ pub(super) struct Moments {
     fourth: f64,
     /// The lowest and the highest sample.
     pub(super) range: [f32; 2],
-    /// All samples are equal.
+    /// Whether all samples are equal.
     pub(super) constant: bool,
 }
 
-/// Samples that are taken at once: interleaved parts let the processor add as many as its registers hold, and
-/// keep rounding errors small.
+/// Number of samples added at once: interleaved partial sums fill the processor's registers and keep rounding
+/// errors small.
 const LANES: usize = 8;
 
-/// Sums over eight interleaved parts of the samples.
+/// Sums over eight interleaved subsets of the samples.
 struct Sums {
-    /// Of the first four powers.
+    /// Sums of the first four powers.
     powers: [[f64; LANES]; 4],
     low: [f32; LANES],
     high: [f32; LANES],
@@ -43,13 +43,13 @@ struct Sums {
 
 impl Sums {
     #[inline(always)]
-    fn add(&mut self, block: &[f32; LANES], shift: f64, room: &mut [f64; LANES]) {
+    fn add(&mut self, block: &[f32; LANES], shift: f64, shifted: &mut [f64; LANES]) {
         for lane in 0..LANES {
             let sample = block[lane];
             self.low[lane] = if sample < self.low[lane] { sample } else { self.low[lane] };
             self.high[lane] = if sample > self.high[lane] { sample } else { self.high[lane] };
             let x = f64::from(sample) - shift;
-            room[lane] = x;
+            shifted[lane] = x;
             let square = x * x;
             self.powers[0][lane] += x;
             self.powers[1][lane] += square;
@@ -59,47 +59,47 @@ impl Sums {
     }
 }
 
-/// Whole blocks of samples to be summed up and, less `shift`, put into `shifted`: plain loops that are
-/// compiled for each kind of processor.
-struct Summing<'a> {
+/// Sums whole blocks of samples and writes them, less `shift`, to `shifted`: plain loops compiled for each
+/// instruction set.
+struct BlockSums<'a> {
     samples: &'a [[f32; LANES]],
     shift: f64,
     shifted: &'a mut [[f64; LANES]],
 }
 
-impl WithSimd for Summing<'_> {
+impl WithSimd for BlockSums<'_> {
     type Output = Sums;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Sums {
         let mut sums =
             Sums { powers: [[0.0; LANES]; 4], low: [f32::INFINITY; LANES], high: [f32::NEG_INFINITY; LANES] };
-        for (block, room) in self.samples.iter().zip(self.shifted) {
-            sums.add(block, self.shift, room);
+        for (block, shifted) in self.samples.iter().zip(self.shifted) {
+            sums.add(block, self.shift, shifted);
         }
         sums
     }
 }
 
 impl Moments {
-    /// Moments of at least one sample, and the samples less a value near their mean in `shifted`: the `shift`
-    /// says which.
+    /// Computes the moments of at least one sample and writes the samples less `shift`, a value near their
+    /// mean, to `shifted`.
     ///
-    /// One pass: moments about the mean of every 64th sample, from which those about the mean follow. The two
-    /// means are at most 8 standard deviations apart, so that no more than 4 digits cancel, and hardly ever
+    /// In one pass: moments about the mean of every 64th sample, from which those about the mean follow. The
+    /// two means differ by at most 8 standard deviations, so at most 4 digits cancel, and usually less than
     /// one.
     pub(super) fn of(samples: &[f32], shifted: &mut Vec<f64>) -> Self {
         let count = samples.len() as f64;
         let picked = samples.iter().step_by(STRIDE);
         let shift = picked.clone().map(|&x| f64::from(x)).sum::<f64>() / picked.len() as f64;
         shifted.resize(samples.len(), 0.0);
-        let ((blocks, rest), (room, room_left)) = (samples.as_chunks(), shifted.as_chunks_mut());
-        let mut sums = Arch::new().dispatch(Summing { samples: blocks, shift, shifted: room });
-        for (lane, (&sample, room)) in rest.iter().zip(room_left).enumerate() {
+        let ((blocks, rest), (shifted, room_left)) = (samples.as_chunks(), shifted.as_chunks_mut());
+        let mut sums = Arch::new().dispatch(BlockSums { samples: blocks, shift, shifted: shifted });
+        for (lane, (&sample, shifted)) in rest.iter().zip(room_left).enumerate() {
             (sums.low[lane], sums.high[lane]) = (sums.low[lane].min(sample), sums.high[lane].max(sample));
-            *room = f64::from(sample) - shift;
+            *shifted = f64::from(sample) - shift;
             for (sum, power) in sums.powers.iter_mut().zip(1..) {
-                sum[lane] += room.powi(power);
+                sum[lane] += shifted.powi(power);
             }
         }
         let low = sums.low.into_iter().fold(f32::INFINITY, f32::min);
@@ -109,7 +109,7 @@ impl Moments {
         let constant = low == high;
         Self {
             samples: samples.len(),
-            // A sum's rounding must not make a constant record vary.
+            // Rounding of a sum must not make a constant record vary.
             mean: if constant { f64::from(low) } else { shift + first },
             shift,
             rms: (second + shift * (2.0 * first + shift)).max(0.0).sqrt(),
@@ -121,7 +121,7 @@ impl Moments {
         }
     }
 
-    /// Standard deviation over the population: the root mean square with the mean removed.
+    /// Returns the population standard deviation: the root mean square with the mean removed.
     pub(super) fn deviation(&self) -> Result<f64, NotComputed> {
         match self {
             Self { samples: 1, .. } => Err(NotComputed::TooShort),
@@ -130,12 +130,12 @@ impl Moments {
         }
     }
 
-    /// Kurtosis, not excess.
+    /// Returns the kurtosis, not excess.
     pub(super) fn kurtosis(&self) -> Result<f64, NotComputed> {
         self.deviation().map(|_| self.fourth / (self.variance * self.variance))
     }
 
-    /// Puts down the indicators of the time domain.
+    /// Inserts the indicators of the time domain.
     pub(super) fn indicate(&self, indicators: &mut Indicators) {
         indicators.insert("rms", Ok(self.rms));
         indicators.insert("peak", Ok(self.peak));
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn constant_zero_and_single_samples_say_why() {
+    fn constant_zero_and_single_samples_report_the_reason() {
         let constant = indicators(&[0.1; 1000]);
         assert_eq!(constant.absent["kurtosis"], NotComputed::Constant);
         assert!((constant.values["rms"] - f64::from(0.1_f32)).abs() < 1e-15);

@@ -23,7 +23,7 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// The quantity of a unit, and what one of it is in SI units; none of what is no unit of motion.
+    /// Returns the quantity of a unit and the unit in SI, or `None` if it is not a unit of motion.
     pub fn of_unit(unit: &str) -> Option<(Self, f64)> {
         match unit {
             "m/s" => Some((Self::Velocity, 1.0)),
@@ -36,7 +36,7 @@ impl Motion {
         }
     }
 
-    /// The unit that it is given in: m/s2, mm/s or um.
+    /// Returns its unit: m/s2, mm/s or um.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Acceleration => "m/s2",
@@ -45,7 +45,7 @@ impl Motion {
         }
     }
 
-    /// What one of its unit is in SI units.
+    /// Returns its unit in SI units.
     fn si(self) -> f64 {
         match self {
             Self::Acceleration => 1.0,
@@ -54,7 +54,7 @@ impl Motion {
         }
     }
 
-    /// How often displacement is differentiated.
+    /// Returns how often displacement is differentiated to get this quantity.
     fn derivatives(self) -> i32 {
         match self {
             Self::Acceleration => 2,
@@ -63,12 +63,13 @@ impl Motion {
         }
     }
 
-    /// A record's samples as this quantity, in its unit; none where the record's unit is none of motion.
+    /// Converts a record's samples to this quantity, in its unit; `None` if the record's unit is not one of
+    /// motion.
     ///
-    /// The whole record is transformed, and each line multiplied with (2πif) to the power that leads from one
-    /// quantity to the other. Where that divides, what lies below `cut_hz` is left out: it would raise the
-    /// noise above everything else. A record is taken to repeat itself, so the first and the last period of
-    /// the cut-off are less exact.
+    /// The whole record is transformed, and each bin multiplied by the power of 2πif that converts the
+    /// quantities. Integration removes the bins below `cut_hz`, which would otherwise amplify low-frequency
+    /// noise above everything else. The record is treated as periodic, so the first and the last period of
+    /// the cut-off frequency are less accurate.
     pub fn of_record(self, record: &Record, cut_hz: f64) -> Option<Vec<f32>> {
         let (own, own_si) = Self::of_unit(record.unit())?;
         let factor = own_si / self.si();
@@ -81,17 +82,17 @@ impl Motion {
         let mut samples: Vec<f64> = record.samples().iter().map(|x| f64::from(*x)).collect();
         let forward = planner.plan_fft_forward(length);
         let mut lines = forward.make_output_vec();
-        // Lengths fit, as both were made for this plan.
+        // The lengths match, as both buffers were made for this plan.
         forward.process(&mut samples, &mut lines).ok()?;
         let last = lines.len() - 1;
         for (index, line) in lines.iter_mut().enumerate() {
             let hz = index as f64 * record.sample_rate_hz() / length as f64;
-            let is_left_out = index == 0 || (power < 0 && hz < cut_hz);
-            *line *= match is_left_out {
+            let is_removed = index == 0 || (power < 0 && hz < cut_hz);
+            *line *= match is_removed {
                 true => Complex::new(0.0, 0.0),
                 false => Complex::new(0.0, TAU * hz).powi(power) * factor / length as f64,
             };
-            // The line at half the rate has no phase.
+            // The bin at half the sampling rate has no phase.
             if index == last && length.is_multiple_of(2) {
                 line.im = 0.0;
             }
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn units_that_are_none_of_motion_stay_away() {
+    fn units_other_than_motion_are_rejected() {
         assert_eq!(Motion::Velocity.of_record(&record("V", |t| t.sin()), 10.0), None);
         let same = Motion::Velocity.of_record(&record("m/s", |_| 0.5), 10.0).unwrap();
         assert_eq!(same[7], 500.0);

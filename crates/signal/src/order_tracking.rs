@@ -1,4 +1,4 @@
-//! Analysis over the angle of the driving shaft, for records at any speed.
+//! Analysis over the angle of the driving shaft (order tracking), for records at any speed.
 
 use super::analyzer::Analyzer;
 use super::angle_record::{AngleRecord, OrderSpectrum};
@@ -17,26 +17,27 @@ use super::speed::{LocatedMesh, MeshContext, given_speed};
 use super::tooth_contrast;
 use super::transform::Transforms;
 
-/// A record over its shaft's angle, and why its tachometer was not used where it has one that was not; or why
-/// there is no angle.
-pub(super) type Turned = Result<(AngleRecord, Option<String>), NotComputed>;
+/// A record over its shaft angle, with the reason if it has a tachometer that was not used; or why there is
+/// no angle.
+pub(super) type AngleRecordResult = Result<(AngleRecord, Option<String>), NotComputed>;
 
 impl Analyzer {
-    /// The angle of the driving shaft over a record without a tachometer: the phase of a mesh harmonic near
-    /// the mesh comb; where the line leaves that place, anywhere within the tolerance of the speed; else the
-    /// record's constant speed. [`ShaftAngle::source`] says which.
+    /// Determines the angle of the driving shaft without a tachometer: from the phase of a mesh harmonic near
+    /// the mesh comb; if the line leaves that band, anywhere within the tolerance of the speed; else from the
+    /// record's constant speed. [`ShaftAngle::source`] tells which.
     ///
     /// # Errors
-    /// Why there is no shaft speed: as for the mesh lines of [`analyze`](Self::analyze).
+    /// Why there is no shaft speed, as for the mesh lines of [`analyze`](Self::analyze).
     pub fn shaft_angle(&mut self, record: &Record, mesh: &MeshContext) -> Result<ShaftAngle, NotComputed> {
         let (moments, located) = self.locate(record, mesh);
-        let angle = self.followed_angle(record, mesh, moments.constant, located.mesh);
-        self.give_back(record);
+        let angle = self.tracked_angle(record, mesh, moments.constant, located.mesh);
+        self.release_large_buffers(record);
         angle
     }
 
-    /// The same for the record that was transformed last, its mesh frequency at `located` bins.
-    fn followed_angle(
+    /// Determines the angle for the record that was transformed last, with its mesh frequency at `located`
+    /// bins.
+    fn tracked_angle(
         &mut self,
         record: &Record,
         mesh: &MeshContext,
@@ -59,7 +60,7 @@ impl Analyzer {
         if let Ok(mesh_hz) = located_hz
             && usable
         {
-            angle = match work.followed.take() {
+            angle = match work.tracked_angle.take() {
                 Some(angle) => angle,
                 None => band(mesh_hz).track_known(&mut work.transforms),
             };
@@ -72,12 +73,12 @@ impl Analyzer {
             (Some(angle), _) => Ok(angle),
             (None, Ok(mesh_hz)) => ShaftAngle::constant(mesh_hz / f64::from(mesh.teeth), record.duration_s())
                 .ok_or(NotComputed::NoSpeed),
-            (None, Err(absence)) => Err(absence),
+            (None, Err(reason)) => Err(reason),
         }
     }
 
-    /// A record over the angle of the driving shaft: `angle` where it is given, else that of the record's
-    /// tachometer where its pulses can be used, else [`shaft_angle`](Self::shaft_angle).
+    /// Resamples a record over the angle of the driving shaft: `angle` if given, else that of the record's
+    /// tachometer if its pulses are usable, else [`shaft_angle`](Self::shaft_angle).
     ///
     /// # Errors
     /// Why there is no angle, or [`NotComputed::TooFewTurns`], [`NotComputed::AboveNyquist`],
@@ -91,8 +92,8 @@ impl Analyzer {
         if let Some(angle) = angle {
             return self.resampled(record, mesh, angle);
         }
-        if let Some(Ok(turned)) = self.by_tachometer(record, mesh) {
-            return Ok(turned);
+        if let Some(Ok(angle_record)) = self.by_tachometer(record, mesh) {
+            return Ok(angle_record);
         }
         let angle = self.shaft_angle(record, mesh)?;
         self.resampled(record, mesh, &angle)
@@ -107,16 +108,16 @@ impl Analyzer {
         self.resampler.resample(record, angle, f64::from(mesh.teeth) + 1.0)
     }
 
-    /// A record over the angle of its tachometer, or why its pulses cannot be used; none where it has no
-    /// tachometer.
+    /// Resamples a record over its tachometer's angle; an error tells why its pulses cannot be used. `None`
+    /// without a tachometer.
     fn by_tachometer(&mut self, record: &Record, mesh: &MeshContext) -> Option<Result<AngleRecord, String>> {
         Some(match record.tachometer_angle()? {
-            Ok(angle) => self.resampled(record, mesh, &angle).map_err(|absence| match absence {
+            Ok(angle) => self.resampled(record, mesh, &angle).map_err(|reason| match reason {
                 NotComputed::TooFewTurns => {
-                    format!("its pulses leave fewer than {MIN_TURNS} whole turns of the record")
+                    format!("its pulses cover fewer than {MIN_TURNS} whole turns of the record")
                 }
                 NotComputed::AboveNyquist => {
-                    "at its speed the mesh lies above half the sampling rate".to_owned()
+                    "at its speed the mesh frequency lies above half the sampling rate".to_owned()
                 }
                 _ => "its speed varies too much".to_owned(),
             }),
@@ -124,7 +125,7 @@ impl Analyzer {
         })
     }
 
-    /// The amplitude spectrum over orders of the driving shaft; arguments and errors as for
+    /// Returns the amplitude spectrum over orders of the driving shaft; arguments and errors as for
     /// [`angle_record`](Self::angle_record).
     pub fn order_spectrum(
         &mut self,
@@ -132,11 +133,11 @@ impl Analyzer {
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> Result<OrderSpectrum, NotComputed> {
-        let turned = self.angle_record(record, mesh, angle)?;
-        Ok(turned.order_spectrum(&mut self.work.transforms))
+        let angle_record = self.angle_record(record, mesh, angle)?;
+        Ok(angle_record.order_spectrum(&mut self.work.transforms))
     }
 
-    /// The synchronous average of the driving shaft and its parts; arguments and errors as for
+    /// Returns the synchronous average of the driving shaft and its components; arguments and errors as for
     /// [`angle_record`](Self::angle_record).
     pub fn gear_signals(
         &mut self,
@@ -144,13 +145,13 @@ impl Analyzer {
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> Result<GearSignals, NotComputed> {
-        let turned = self.angle_record(record, mesh, angle)?.without_lines_of(mesh);
-        split(&turned, mesh, &mut self.work.transforms)
+        let angle_record = self.angle_record(record, mesh, angle)?.without_other_meshes(mesh);
+        split(&angle_record, mesh, &mut self.work.transforms)
     }
 
-    /// The indicators over the driving shaft's angle (see [`Indicators`](super::Indicators)); arguments as
-    /// for [`angle_record`](Self::angle_record). A clipped record and one with gaps have none: their shape is
-    /// not the machine's.
+    /// Computes the indicators over the driving shaft's angle (see [`Indicators`](super::Indicators));
+    /// arguments as for [`angle_record`](Self::angle_record). A record that is clipped or has gaps has none,
+    /// as its waveform is not the machine's.
     pub fn gear_indicators(
         &mut self,
         record: &Record,
@@ -167,61 +168,66 @@ impl Analyzer {
         angle: Option<&ShaftAngle>,
     ) -> Result<GearAnalysis, NotComputed> {
         let (moments, located) = self.locate(record, mesh);
-        let turned = usable(record, &moments).and_then(|()| match angle {
-            Some(angle) => {
-                self.resampled(record, mesh, angle).map(|turned| (turned.without_lines_of(mesh), None))
-            }
-            None => self.turned(record, mesh, &moments, &located),
+        let angle_record = usable(record, &moments).and_then(|()| match angle {
+            Some(angle) => self
+                .resampled(record, mesh, angle)
+                .map(|angle_record| (angle_record.without_other_meshes(mesh), None)),
+            None => self.best_angle_record(record, mesh, &moments, &located),
         });
-        self.give_back(record);
-        let (turned, refused) = turned?;
-        let analysis = self.indicate_turned(mesh, &turned, refused);
-        self.resampler.take_back(turned);
+        self.release_large_buffers(record);
+        let (angle_record, refused) = angle_record?;
+        let analysis = self.indicate_angle_record(mesh, &angle_record, refused);
+        self.resampler.recycle(angle_record);
         analysis
     }
 
-    /// The record that was transformed last over the best angle there is, and why its tachometer was not used
-    /// where it was not; or its `fault`, where its shape is not the machine's.
-    pub(super) fn turned_located(
+    /// Resamples the record that was transformed last over the best available angle, or returns its `fault`.
+    pub(super) fn angle_record_located(
         &mut self,
         record: &Record,
         mesh: &MeshContext,
         (moments, located): &(Moments, LocatedMesh),
         fault: Option<NotComputed>,
-    ) -> Turned {
+    ) -> AngleRecordResult {
         match fault {
             Some(fault) => Err(fault),
-            None => self.turned(record, mesh, moments, located),
+            None => self.best_angle_record(record, mesh, moments, located),
         }
     }
 
-    /// Takes back what a record over an angle was kept in.
-    pub(super) fn take_back(&mut self, turned: Turned) {
-        if let Ok((turned, _)) = turned {
-            self.resampler.take_back(turned);
+    /// Recycles the buffer of a record over an angle.
+    pub(super) fn recycle(&mut self, angle_record: AngleRecordResult) {
+        if let Ok((angle_record, _)) = angle_record {
+            self.resampler.recycle(angle_record);
         }
     }
 
-    /// The indicators over the angle of a record.
-    pub(super) fn gear_indicators_turned(&mut self, mesh: &MeshContext, turned: &Turned) -> GearAnalysis {
-        let turned = turned.as_ref().map_err(|absence| *absence);
-        turned
-            .and_then(|(turned, refused)| self.indicate_turned(mesh, turned, refused.clone()))
+    /// Computes the indicators over the angle of a record.
+    pub(super) fn gear_indicators_of(
+        &mut self,
+        mesh: &MeshContext,
+        angle_record: &AngleRecordResult,
+    ) -> GearAnalysis {
+        let angle_record = angle_record.as_ref().map_err(|reason| *reason);
+        angle_record
+            .and_then(|(angle_record, refused)| {
+                self.indicate_angle_record(mesh, angle_record, refused.clone())
+            })
             .unwrap_or_else(GearAnalysis::absent)
     }
 
-    /// Puts down whether the teeth are alike, where the record has an angle and its mesh was found.
+    /// Inserts the checks for differing teeth, if the record has an angle and its mesh was found.
     pub(super) fn insert_tooth_checks(
         &mut self,
         mesh: &MeshContext,
-        turned: &Turned,
+        angle_record: &AngleRecordResult,
         features: &mut Features,
     ) {
-        if let Ok((turned, _)) = turned
+        if let Ok((angle_record, _)) = angle_record
             && features.has_mesh()
         {
             tooth_contrast::insert_tooth_checks(
-                turned,
+                angle_record,
                 mesh,
                 self.settings.harmonics,
                 &mut self.work.transforms,
@@ -230,61 +236,61 @@ impl Analyzer {
         }
     }
 
-    /// The record over the best angle there is without the lines of other meshes, and why its tachometer was
-    /// not used where it was not.
-    fn turned(
+    /// Resamples the record over the best available angle, without the lines of other meshes.
+    fn best_angle_record(
         &mut self,
         record: &Record,
         mesh: &MeshContext,
         moments: &Moments,
         located: &LocatedMesh,
-    ) -> Turned {
+    ) -> AngleRecordResult {
         let refused = match self.by_tachometer(record, mesh) {
-            Some(Ok(turned)) => return Ok((turned.without_lines_of(mesh), None)),
+            Some(Ok(angle_record)) => return Ok((angle_record.without_other_meshes(mesh), None)),
             Some(Err(reason)) => Some(reason),
             None => None,
         };
-        let angle = self.followed_angle(record, mesh, moments.constant, located.mesh)?;
-        Ok((self.resampled(record, mesh, &angle)?.without_lines_of(mesh), refused))
+        let angle = self.tracked_angle(record, mesh, moments.constant, located.mesh)?;
+        Ok((self.resampled(record, mesh, &angle)?.without_other_meshes(mesh), refused))
     }
 
-    fn indicate_turned(
+    fn indicate_angle_record(
         &mut self,
         mesh: &MeshContext,
-        turned: &AngleRecord,
+        angle_record: &AngleRecord,
         refused: Option<String>,
     ) -> Result<GearAnalysis, NotComputed> {
         let transforms = &mut self.work.transforms;
-        let tracked = turned
+        let tracked = angle_record
             .mesh_line(mesh.teeth, transforms)
             .map(|line| line.amplitude)
             .ok_or(NotComputed::AboveNyquist);
-        let signals = split(turned, mesh, transforms)?;
-        let angle = AngleUsed { source: turned.angle, turns: turned.turns, tachometer_refused: refused };
+        let signals = split(angle_record, mesh, transforms)?;
+        let angle =
+            AngleUsed { source: angle_record.angle, turns: angle_record.turns, tachometer_refused: refused };
         let analysis = GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics);
-        signals.give_back(transforms);
+        signals.recycle(transforms);
         Ok(analysis)
     }
 }
 
-/// The average of a record's turns and its parts.
+/// Splits the average of a record's turns.
 pub(super) fn split(
-    turned: &AngleRecord,
+    angle_record: &AngleRecord,
     mesh: &MeshContext,
     transforms: &mut Transforms,
 ) -> Result<GearSignals, NotComputed> {
-    let [mut average, mut odd] = [transforms.room(), transforms.room()];
-    turned.average_into([&mut average, &mut odd]);
-    // Lines between two orders are taken out before; those near to one cannot be told from it.
-    let near = NEAR_ORDER_BINS / turned.turns as f64;
-    let is_foreign = |order: usize| mesh.others.lie_at(order as f64, near);
+    let [mut average, mut odd] = [transforms.buffer(), transforms.buffer()];
+    angle_record.average_into([&mut average, &mut odd]);
+    // Lines between two orders were removed before; those near an order cannot be distinguished from it.
+    let near = NEAR_ORDER_BINS / angle_record.turns as f64;
+    let is_foreign = |order: usize| mesh.others.has_line_near(order as f64, near);
     let signals = GearSignals::split(&average, mesh.teeth, &is_foreign, transforms);
-    transforms.keep(average);
-    transforms.keep(odd);
+    transforms.recycle(average);
+    transforms.recycle(odd);
     signals.ok_or(NotComputed::AboveNyquist)
 }
 
-/// Whether a record's shape is the machine's: not that of a converter's limit or of missing samples.
+/// Returns an error if a record is clipped or has gaps.
 fn usable(record: &Record, moments: &Moments) -> Result<(), NotComputed> {
     let flagged = record.quality().clipped.then_some(NotComputed::Clipped);
     match fault(record.samples(), moments.range).or(flagged) {
@@ -398,7 +404,7 @@ mod tests {
 
     /// Amplitudes put in: mesh 1, sidebands 0.1 each; σ² of the average Σ (1 + 0.02)/2h².
     #[test]
-    fn sidebands_and_ratios_are_those_put_in() {
+    fn sidebands_and_ratios_match_the_generated_ones() {
         let got = tracked(&record(0.04, 0.1), None).indicators.values;
         let deviation = ((1..=5).map(|h| 1.02 / f64::from(2 * h * h)).sum::<f64>()).sqrt();
         let level = got["sideband_level_factor"];
@@ -408,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_tracked_says_why() {
+    fn untrackable_records_report_the_reason() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let noise: Vec<f32> = (0..SAMPLES).map(|_| StandardNormal.sample(&mut random)).collect();
         let with =
@@ -434,7 +440,7 @@ mod tests {
         let fast =
             OperatingPoint { shaft_speed_hz: Some(500.0), torque_nm: None, ..OperatingPoint::default() };
         assert_eq!(reason(&with(noise.clone()).with_operating_point(fast).unwrap(), &MESH), "AboveNyquist");
-        // A given speed without a line to follow is taken to be constant, and says so.
+        // A given speed without a trackable line is taken as constant, and reported as such.
         let got = analyzer().gear_indicators(&with(noise), &exact, None);
         assert_eq!(got.source(), Some(AngleSource::ConstantSpeed));
     }

@@ -1,36 +1,38 @@
-//! Other meshes that the same sensor hears: where their lines lie among those of the mesh that is looked at.
+//! Other meshes that the same sensor measures: the positions of their lines relative to those of the mesh
+//! under analysis.
 //!
-//! All shafts of a gearbox are tied to each other by tooth numbers, so that a line of another mesh has a
-//! fixed order of this mesh's driving shaft. Its harmonics and their sidebands say nothing of this mesh, and
-//! are no sign of a bearing.
+//! All shafts of a gearbox are coupled by tooth numbers, so a line of another mesh has a fixed order of this
+//! mesh's driving shaft. Its harmonics and sidebands carry no information on this mesh and are no sign of a
+//! bearing fault.
 
-/// The most other meshes that are known of.
-const MOST: usize = 14;
+/// Largest number of other meshes.
+const MAX_MESHES: usize = 14;
 
-/// What belongs to another mesh's harmonic, in rates of its faster shaft, as for the own harmonics.
+/// Half-width of another mesh's harmonic with its sidebands, in rates of its faster shaft, as for this mesh's
+/// harmonics.
 const COMB_SHAFTS: f64 = 3.5;
 
-/// One other mesh, in orders: turns and tooth meshes for each turn of the driving shaft of the mesh that is
-/// looked at.
+/// One other mesh, in orders: tooth meshes and turns per turn of the driving shaft of the mesh under
+/// analysis.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct OtherMesh {
-    /// Tooth meshes.
+    /// Mesh frequency in orders.
     pub mesh_orders: f64,
-    /// Turns of its driving and its driven shaft.
+    /// Rotational frequencies of its driving and its driven shaft in orders.
     pub shaft_orders: [f64; 2],
 }
 
-/// The other meshes of a sensor; without any nothing is left out.
+/// The other meshes of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OtherMeshes {
-    meshes: [Option<OtherMesh>; MOST],
+    meshes: [Option<OtherMesh>; MAX_MESHES],
 }
 
 impl OtherMeshes {
     /// No other mesh.
-    pub const NONE: Self = Self { meshes: [None; MOST] };
+    pub const NONE: Self = Self { meshes: [None; MAX_MESHES] };
 
-    /// These meshes: the first 14, and of those the ones whose numbers are above zero and finite.
+    /// Collects the first 14 meshes whose numbers are positive and finite.
     pub fn of(all: impl IntoIterator<Item = OtherMesh>) -> Self {
         let mut this = Self::NONE;
         let usable = |mesh: &OtherMesh| {
@@ -43,16 +45,15 @@ impl OtherMeshes {
         this
     }
 
-    /// The same meshes in orders of a shaft that makes this many `turns` while the one they are given for
-    /// makes one.
-    pub(super) fn for_each_turn_of(&self, turns: f64) -> Self {
+    /// Refers the meshes to a shaft that makes this many `turns` per turn of the current reference shaft.
+    pub(super) fn referred_to_shaft(&self, turns: f64) -> Self {
         Self::of(self.iter().map(|mesh| OtherMesh {
             mesh_orders: mesh.mesh_orders / turns,
             shaft_orders: mesh.shaft_orders.map(|order| order / turns),
         }))
     }
 
-    /// Whether there are any.
+    /// Returns whether there are no other meshes.
     pub(super) fn is_empty(&self) -> bool {
         self.meshes[0].is_none()
     }
@@ -61,32 +62,33 @@ impl OtherMeshes {
         self.meshes.iter().flatten()
     }
 
-    /// Whether a harmonic of another mesh, or a first sideband of one at the rate of either of its shafts,
-    /// lies within `reach` of an order.
-    pub(super) fn lie_at(&self, order: f64, reach: f64) -> bool {
+    /// Returns whether a harmonic of another mesh, or a first sideband of one at the rate of either of its
+    /// shafts, lies within `reach` of an order.
+    pub(super) fn has_line_near(&self, order: f64, reach: f64) -> bool {
         self.iter().any(|mesh| {
             let [driving, driven] = mesh.shaft_orders;
-            [0.0, driving, -driving, driven, -driven].iter().any(|beside| {
-                let harmonic = ((order - beside) / mesh.mesh_orders).round().max(1.0);
-                (harmonic * mesh.mesh_orders + beside - order).abs() <= reach
+            [0.0, driving, -driving, driven, -driven].iter().any(|offset| {
+                let harmonic = ((order - offset) / mesh.mesh_orders).round().max(1.0);
+                (harmonic * mesh.mesh_orders + offset - order).abs() <= reach
             })
         })
     }
 
-    /// The shafts' rates in orders of the described mesh's driving shaft.
+    /// Returns the shaft rates in orders of the driving shaft of the mesh under analysis.
     pub(super) fn shaft_orders(&self) -> impl Iterator<Item = f64> {
         self.iter().flat_map(|mesh| mesh.shaft_orders)
     }
 
-    /// The orders up to `highest` of harmonics and of their first two sidebands at the rates of both shafts.
+    /// Returns the orders up to `highest` of the harmonics and of their first two sidebands at the rates of
+    /// both shafts.
     pub(super) fn lines_up_to(&self, highest: f64) -> Vec<f64> {
         let mut lines = Vec::new();
         for mesh in self.iter() {
             let [driving, driven] = mesh.shaft_orders;
-            let beside = [0.0, driving, driven, 2.0 * driving, 2.0 * driven].map(|beside| [beside, -beside]);
+            let offset = [0.0, driving, driven, 2.0 * driving, 2.0 * driven].map(|offset| [offset, -offset]);
             let harmonics = (1..).map(|harmonic| f64::from(harmonic) * mesh.mesh_orders);
             for harmonic in harmonics.take_while(|harmonic| *harmonic <= highest) {
-                lines.extend(beside.as_flattened().iter().map(|beside| harmonic + beside));
+                lines.extend(offset.as_flattened().iter().map(|offset| harmonic + offset));
             }
         }
         lines.retain(|line| (0.0..=highest).contains(line));
@@ -95,13 +97,13 @@ impl OtherMeshes {
         lines
     }
 
-    /// Whether an order belongs to a harmonic of another mesh: within 3½ rates of its faster shaft and this
-    /// part of its own order.
-    pub(super) fn hold(&self, order: f64, wander: f64) -> bool {
+    /// Returns whether an order belongs to a harmonic of another mesh: within 3½ rates of its faster shaft
+    /// plus a `tolerance` as a fraction of the harmonic's order.
+    pub(super) fn contains(&self, order: f64, tolerance: f64) -> bool {
         self.iter().any(|mesh| {
             let harmonic = (order / mesh.mesh_orders).round().max(1.0) * mesh.mesh_orders;
             let [driving, driven] = mesh.shaft_orders;
-            (harmonic - order).abs() <= COMB_SHAFTS * driving.max(driven) + wander * harmonic
+            (harmonic - order).abs() <= COMB_SHAFTS * driving.max(driven) + tolerance * harmonic
         })
     }
 }
@@ -117,28 +119,28 @@ mod tests {
     }
 
     #[test]
-    fn harmonics_and_their_first_sidebands_lie_where_the_teeth_put_them() {
+    fn harmonics_and_first_sidebands_follow_the_tooth_numbers() {
         let others = second_stage();
         let mesh = 19.0 * 24.0 / 36.0;
         for order in [mesh, 3.0 * mesh, 2.0 * mesh + 24.0 / 36.0, mesh - 24.0 / 36.0 / 3.0] {
-            assert!(others.lie_at(order, 1e-6), "{order}");
+            assert!(others.has_line_near(order, 1e-6), "{order}");
         }
         for order in [24.0, 48.0, 0.5 * mesh, 2.0 * mesh + 1.0] {
-            assert!(!others.lie_at(order, 0.05), "{order}");
+            assert!(!others.has_line_near(order, 0.05), "{order}");
         }
         // 17 × 19 + 1 = 9 × 36.
-        assert!(others.lie_at(9.0 * 24.0, 1e-6));
+        assert!(others.has_line_near(9.0 * 24.0, 1e-6));
         let lines = others.lines_up_to(2.5 * mesh);
         assert!(lines.len() == 18 && lines.is_sorted() && lines.contains(&mesh), "{lines:?}");
-        assert!(others.hold(mesh + 2.0, 0.0) && !others.hold(mesh + 2.5, 0.0));
+        assert!(others.contains(mesh + 2.0, 0.0) && !others.contains(mesh + 2.5, 0.0));
     }
 
     #[test]
-    fn nothing_lies_where_no_other_mesh_is_known() {
+    fn no_lines_without_other_meshes() {
         assert!(
             OtherMeshes::NONE.is_empty()
-                && !OtherMeshes::NONE.lie_at(24.0, 100.0)
-                && !OtherMeshes::NONE.hold(24.0, 1.0)
+                && !OtherMeshes::NONE.has_line_near(24.0, 100.0)
+                && !OtherMeshes::NONE.contains(24.0, 1.0)
         );
         let unusable = OtherMesh { mesh_orders: f64::NAN, shaft_orders: [1.0, 1.0] };
         assert!(OtherMeshes::of([unusable, OtherMesh::default()]).is_empty());

@@ -1,20 +1,20 @@
-//! Piecewise cubic interpolation that keeps rising data rising.
+//! Piecewise cubic interpolation that preserves monotonicity.
 
 use thiserror::Error;
 
 /// Why points cannot be interpolated.
 #[derive(Debug, Clone, Copy, Error, PartialEq)]
 pub(super) enum PchipError {
-    /// Fewer than two.
+    /// Fewer than two points.
     #[error("{0} points, expected at least 2")]
     TooFew(usize),
-    /// A point that is not finite or not beyond the one before.
-    #[error("point {0} is not finite or not beyond the one before")]
+    /// A point that is not finite or not greater than the one before.
+    #[error("point {0} is not finite or not greater than the one before")]
     NotRising(usize),
 }
 
-/// The monotone cubic Hermite interpolant of Fritsch and Butland (1984), with the three-point end slopes that
-/// SciPy's `PchipInterpolator` takes. It goes through every point and has no extreme between two of them.
+/// The monotone cubic Hermite interpolant of Fritsch and Butland (1984), with the three-point end slopes of
+/// SciPy's `PchipInterpolator`. It passes through every point and has no extremum between two of them.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Pchip {
     x: Vec<f64>,
@@ -33,7 +33,7 @@ struct Piece {
 }
 
 impl Pchip {
-    /// Interpolates `y` over strictly rising `x` of the same length.
+    /// Interpolates `y` over strictly ascending `x` of the same length.
     pub(super) fn new(x: Vec<f64>, y: Vec<f64>) -> Result<Self, PchipError> {
         let n = x.len().min(y.len());
         if n < 2 {
@@ -73,29 +73,29 @@ impl Pchip {
         Ok(Self { x, y, pieces })
     }
 
-    /// The x of all points.
+    /// Returns the x of all points.
     pub(super) fn nodes(&self) -> &[f64] {
         &self.x
     }
 
-    /// The y of all points.
+    /// Returns the y of all points.
     pub(super) fn values(&self) -> &[f64] {
         &self.y
     }
 
-    /// The first and the last x.
+    /// Returns the first and the last x.
     pub(super) fn range(&self) -> [f64; 2] {
         [self.x[0], self.x[self.x.len() - 1]]
     }
 
-    /// The steepest rise between two points.
-    pub(super) fn steepest(&self) -> f64 {
+    /// Returns the steepest slope between two points.
+    pub(super) fn max_slope(&self) -> f64 {
         let secants = self.x.windows(2).zip(self.y.windows(2)).map(|(x, y)| (y[1] - y[0]) / (x[1] - x[0]));
         secants.fold(0.0, f64::max)
     }
 
-    /// The value at `x`, searching on from `interval`, which moves along with rising `x`. Beyond the ends the
-    /// outer cubics go on.
+    /// Returns the value at `x`, searching forward from `interval`, which advances with ascending `x`. Beyond
+    /// the ends the outer cubics are extrapolated.
     #[inline]
     pub(super) fn at(&self, x: f64, interval: &mut usize) -> f64 {
         self.seek(x, interval);
@@ -105,13 +105,13 @@ impl Pchip {
         value + rise * t2 * (3.0 - 2.0 * t) + width * t * u * (slopes[0] * u - slopes[1] * t)
     }
 
-    /// `scale` times the values at the rising `from + steps[j]`, searching on from `interval` as
-    /// [`at`](Self::at) does.
+    /// Writes `scale` times the values at the ascending `from + steps[j]`, searching forward from `interval`
+    /// as [`at`](Self::at) does.
     ///
-    /// All points of one piece are done with its cubic's coefficients at once, in a loop that the compiler
-    /// makes wide.
+    /// All points of one piece are computed from its cubic's coefficients in one loop, which the compiler
+    /// vectorises.
     #[inline(always)]
-    pub(super) fn along(
+    pub(super) fn sample_into(
         &self,
         from: f64,
         steps: &[f64],
@@ -146,14 +146,14 @@ impl Pchip {
 }
 
 impl Piece {
-    /// Of the cubic in powers of (x − begin)/width, rising.
+    /// Returns the coefficients in ascending powers of (x − begin)/width.
     fn coefficients(&self) -> [f64; 4] {
         let [first, last] = self.slopes.map(|slope| self.width * slope);
         [self.value, first, 3.0 * self.rise - 2.0 * first - last, first + last - 2.0 * self.rise]
     }
 }
 
-/// Three-point slope at an end, kept from turning round.
+/// Three-point slope at an end, limited to preserve monotonicity.
 fn end_slope(h0: f64, h1: f64, secant0: f64, secant1: f64) -> f64 {
     let slope = ((2.0 * h0 + h1) * secant0 - h0 * secant1) / (h0 + h1);
     if slope * secant0 <= 0.0 {
@@ -180,11 +180,11 @@ mod tests {
             let x = f64::from(step) / 10.0;
             assert!((line.at(x, &mut interval) - (1.0 + 2.0 * x)).abs() < 1e-14);
         }
-        assert_eq!((line.range(), line.steepest()), ([0.0, 5.0], 2.0));
+        assert_eq!((line.range(), line.max_slope()), ([0.0, 5.0], 2.0));
     }
 
     #[test]
-    fn unusable_points_are_refused() {
+    fn invalid_points_are_rejected() {
         assert_eq!(Pchip::new(vec![1.0], vec![1.0]), Err(PchipError::TooFew(1)));
         assert_eq!(Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3]), Err(PchipError::NotRising(2)));
         assert_eq!(Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2]), Err(PchipError::NotRising(1)));

@@ -1,12 +1,12 @@
-//! The phases of many complex numbers at once: the C library's arctangent takes one at a time, which was a
-//! tenth of a record's analysis.
+//! The phases of many complex numbers at once. The C library's arctangent computes one at a time, which took
+//! a tenth of a record's analysis.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
 
-/// From this ratio on the arctangent is taken of the angle's distance from π/4.
+/// From this ratio on, the arctangent is computed of the angle's distance from π/4.
 const STEEP: f64 = 0.66;
 
 /// Numerator and denominator of (atan(x) − x)/x³ over x² up to 0.66, highest power first (Moshier, Cephes
@@ -26,7 +26,7 @@ const DENOMINATOR: [f64; 5] = [
     1.945_506_571_482_614e2,
 ];
 
-/// Puts the phase of each value, from −π to π, into `phases`.
+/// Writes the phase of each value, from −π to π, to `phases`.
 pub(super) fn phases_of(values: &[Complex<f64>], phases: &mut Vec<f64>) {
     phases.resize(values.len(), 0.0);
     Arch::new().dispatch(Phases { values, phases });
@@ -48,7 +48,7 @@ impl WithSimd for Phases<'_> {
     }
 }
 
-/// `value.arg()` within a few units of the last place, without a branch.
+/// Returns `value.arg()` within a few units in the last place, without a branch.
 #[inline(always)]
 fn phase_of(value: Complex<f64>) -> f64 {
     let (re, im) = (value.re.abs(), value.im.abs());
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn phases_are_those_of_the_library() {
+    fn phases_equal_those_of_the_standard_library() {
         let steps = 100_003;
         let on_circle = (0..=steps).map(|i| {
             Complex::from_polar(1e-3 * f64::from(i + 1), PI * (2.0 * f64::from(i) / f64::from(steps) - 1.0))

@@ -1,4 +1,4 @@
-//! One validated stretch of vibration from one measuring channel.
+//! A validated vibration record of one channel.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -6,21 +6,21 @@ use thiserror::Error;
 
 use super::shaft_angle::{PulseError, ShaftAngle};
 
-/// The longest record taken: 2²⁴ samples, 14 minutes at 20 kHz and 64 MiB of `f32`.
+/// Longest record accepted: 2²⁴ samples, 14 minutes at 20 kHz and 64 MiB of `f32`.
 pub const MAX_RECORD_SAMPLES: usize = 1 << 24;
 
-/// The highest sampling rate taken, in hertz.
+/// Highest sampling rate in hertz.
 const MAX_SAMPLE_RATE_HZ: f64 = 10e6;
 
-/// Least sampling rate in hertz: a record has a length in seconds.
+/// Lowest sampling rate in hertz, so that every record has a finite duration.
 const MIN_SAMPLE_RATE_HZ: f64 = 1e-6;
 
-/// Fastest shaft in hertz, and the greatest torque in N·m and temperature in °C: products of them stay
+/// Highest shaft speed in hertz, and largest torque in N·m and temperature in °C: products of them remain
 /// finite.
 const MAX_SHAFT_SPEED_HZ: f64 = 1e6;
 const MAX_OPERATING_VALUE: f64 = 1e12;
 
-/// What the machine was doing while the record was taken, as far as it is known.
+/// The operating point of the machine during a record, as far as known.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct OperatingPoint {
@@ -30,28 +30,28 @@ pub struct OperatingPoint {
     /// Torque on the driving shaft in newton metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torque_nm: Option<f64>,
-    /// Oil or housing temperature in degrees Celsius; kept beside the record, nothing is computed with it.
+    /// Oil or housing temperature in degrees Celsius; stored, but not used in computations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
 }
 
-/// What the acquisition says of a record's samples.
+/// Quality flags of a record's samples, set by the acquisition.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Quality {
-    /// At least one sample stood at the converter's limit.
+    /// At least one sample was at the converter's limit.
     pub clipped: bool,
-    /// Samples are missing between this record and the one before. The record itself is whole.
+    /// Samples are missing between this record and the previous one. The record itself is complete.
     pub gap: bool,
 }
 
-/// The pulses of a tachometer while a record was taken.
+/// The pulses of a tachometer during a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tachometer {
-    /// Seconds after the record's first sample; those before it are negative.
+    /// Pulse times in seconds after the record's first sample; negative before it.
     pub pulse_times_s: Vec<f64>,
-    /// Pulses in one revolution of the driving shaft.
+    /// Pulses per revolution of the driving shaft.
     pub pulses_per_revolution: u32,
 }
 
@@ -66,17 +66,17 @@ pub struct Record {
     operating_point: OperatingPoint,
     quality: Quality,
     tachometer: Option<Tachometer>,
-    /// Turns of the shaft that the record is looked at over while the one with the tachometer makes one.
+    /// Turns of the analysed shaft per turn of the shaft with the tachometer.
     shaft_turns: f64,
 }
 
-/// Why a stretch of samples is not a record.
+/// Why samples do not form a valid record.
 #[derive(Debug, Error, PartialEq)]
 pub enum RecordError {
-    /// No sample at all.
+    /// There are no samples.
     #[error("channel {channel:?} has no samples, expected at least one")]
     Empty {
-        /// The channel's name.
+        /// Name of the channel.
         channel: String,
     },
     /// More samples than one record may have.
@@ -84,9 +84,9 @@ pub enum RecordError {
         "channel {channel:?} has {samples} samples, expected at most {MAX_RECORD_SAMPLES}: cut the recording into shorter records"
     )]
     TooLong {
-        /// The channel's name.
+        /// Name of the channel.
         channel: String,
-        /// How many samples it has.
+        /// Number of samples.
         samples: usize,
     },
     /// A sample that is NaN or infinite.
@@ -94,40 +94,40 @@ pub enum RecordError {
         "channel {channel:?} has {value} at sample {index}, expected finite samples ({count} of {samples} are not)"
     )]
     NotFinite {
-        /// The channel's name.
+        /// Name of the channel.
         channel: String,
         /// Index of the first such sample.
         index: usize,
-        /// Its value.
+        /// The value.
         value: f32,
-        /// How many such samples there are.
+        /// Number of such samples.
         count: usize,
-        /// How many samples there are in all.
+        /// Total number of samples.
         samples: usize,
     },
-    /// A unit that cannot be brought to another one.
+    /// A unit that cannot be converted to the expected one.
     #[error(
-        "unit of channel {channel:?} is {found:?}, expected {expected:?} as of its other records, or a unit that can be brought to that (m/s2, mm/s2, g, mg)"
+        "unit of channel {channel:?} is {found:?}, expected {expected:?} as in its other records, or a unit that converts to it (m/s2, mm/s2, g, mg)"
     )]
     Unit {
-        /// The channel's name.
+        /// Name of the channel.
         channel: String,
-        /// The unit of the record.
+        /// Unit of the record.
         found: String,
-        /// The unit that is wanted.
+        /// Expected unit.
         expected: String,
     },
-    /// A sampling rate that is not a positive number of a plausible size.
+    /// A sampling rate outside the accepted range.
     #[error("sample_rate_hz is {0}, expected a number from {MIN_SAMPLE_RATE_HZ} to {MAX_SAMPLE_RATE_HZ}")]
     SampleRate(f64),
-    /// A shaft speed or torque that is not a usable number.
+    /// A shaft speed, torque or temperature outside the accepted range.
     #[error("{field} is {value}, expected {expected}")]
     OperatingPoint {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// The value.
         value: f64,
-        /// What would have been right.
+        /// The accepted range.
         expected: &'static str,
     },
 }
@@ -146,10 +146,10 @@ fn check_finite(channel: &str, samples: &[f32]) -> Result<(), RecordError> {
 }
 
 impl Record {
-    /// Checks the parts and makes a record of them.
+    /// Checks the parts and creates a record.
     ///
-    /// `start_time` is that of the first sample; `sample_rate_hz` is the measured rate; `unit` is the
-    /// samples' unit as the source gave it (`"m/s2"`, `"g"`, `"1"` where unknown).
+    /// `start_time` is that of the first sample, `sample_rate_hz` the measured rate, `unit` the samples' unit
+    /// as the source states it (`"m/s2"`, `"g"`, `"1"` if unknown).
     pub fn new(
         channel: impl Into<String>,
         start_time: Timestamp,
@@ -181,7 +181,7 @@ impl Record {
         })
     }
 
-    /// The same record with its operating point.
+    /// Sets the operating point.
     pub fn with_operating_point(mut self, operating_point: OperatingPoint) -> Result<Self, RecordError> {
         if let Some(value) = operating_point.shaft_speed_hz
             && !(value > 0.0 && value <= MAX_SHAFT_SPEED_HZ)
@@ -209,7 +209,7 @@ impl Record {
         Ok(self)
     }
 
-    /// The same record with every sample multiplied, in the unit that this makes.
+    /// Multiplies every sample by `factor` and sets the resulting unit.
     pub(crate) fn scaled(mut self, factor: f64, unit: &str) -> Result<Self, RecordError> {
         for sample in &mut self.samples {
             *sample = (f64::from(*sample) * factor) as f32;
@@ -219,29 +219,29 @@ impl Record {
         Ok(self)
     }
 
-    /// The same record under another channel's name.
+    /// Sets the channel name.
     pub fn with_channel(mut self, channel: impl Into<String>) -> Self {
         self.channel = channel.into();
         self
     }
 
-    /// The same record with what its acquisition says of the samples.
+    /// Sets the quality flags.
     pub fn with_quality(mut self, quality: Quality) -> Self {
         self.quality = quality;
         self
     }
 
-    /// The same record with the pulses of its tachometer. Pulses that give no angle are no error here: the
-    /// analysis says why it did not use them.
+    /// Sets the tachometer pulses. Unusable pulses are not an error here: the analysis reports why it did not
+    /// use them.
     pub fn with_tachometer(mut self, tachometer: Option<Tachometer>) -> Self {
         self.tachometer = tachometer;
         self
     }
 
-    /// The same record as seen from another shaft, which makes this many `turns` (above 0) while the one that
-    /// speed, torque and tachometer are of makes one: the speed is multiplied by it, the torque divided
-    /// (teeth lose little of it), and pulses are counted in its turns.
-    pub fn seen_from_shaft(mut self, turns: f64) -> Self {
+    /// Refers the record to another shaft, which makes `turns` (above 0) per turn of the shaft that speed,
+    /// torque and tachometer belong to. The speed is multiplied by `turns`, the torque divided (mesh losses
+    /// are small), and pulses are counted in its turns.
+    pub fn referred_to_shaft(mut self, turns: f64) -> Self {
         let point = &mut self.operating_point;
         point.shaft_speed_hz = point.shaft_speed_hz.map(|speed| speed * turns);
         point.torque_nm = point.torque_nm.map(|torque| torque / turns);
@@ -249,54 +249,54 @@ impl Record {
         self
     }
 
-    /// The measuring channel, for example `"gearbox/x"` or `"1"`.
+    /// Returns the measuring channel, for example `"gearbox/x"` or `"1"`.
     pub fn channel(&self) -> &str {
         &self.channel
     }
 
-    /// The time of the first sample.
+    /// Returns the time of the first sample.
     pub fn start_time(&self) -> Timestamp {
         self.start_time
     }
 
-    /// The sampling rate in hertz.
+    /// Returns the sampling rate in hertz.
     pub fn sample_rate_hz(&self) -> f64 {
         self.sample_rate_hz
     }
 
-    /// The samples' unit.
+    /// Returns the samples' unit.
     pub fn unit(&self) -> &str {
         &self.unit
     }
 
-    /// The samples, in [`unit`](Self::unit).
+    /// Returns the samples, in [`unit`](Self::unit).
     pub fn samples(&self) -> &[f32] {
         &self.samples
     }
 
-    /// What the machine was doing, as far as it is known.
+    /// Returns the operating point, as far as known.
     pub fn operating_point(&self) -> OperatingPoint {
         self.operating_point
     }
 
-    /// What the acquisition says of the samples.
+    /// Returns the quality flags.
     pub fn quality(&self) -> Quality {
         self.quality
     }
 
-    /// The pulses of a tachometer meanwhile, where there was one.
+    /// Returns the tachometer pulses, if any.
     pub fn tachometer(&self) -> Option<&Tachometer> {
         self.tachometer.as_ref()
     }
 
-    /// The angle of the shaft that the record is looked at over by the tachometer's pulses, or why they give
-    /// none; none without a tachometer.
+    /// Returns the angle of the analysed shaft from the tachometer pulses, or why they give none; `None`
+    /// without a tachometer.
     pub(super) fn tachometer_angle(&self) -> Option<Result<ShaftAngle, PulseError>> {
         let Tachometer { pulse_times_s, pulses_per_revolution } = self.tachometer.as_ref()?;
         Some(ShaftAngle::from_geared_pulses(pulse_times_s, *pulses_per_revolution, self.shaft_turns))
     }
 
-    /// The record's length in seconds.
+    /// Returns the record's duration in seconds.
     pub fn duration_s(&self) -> f64 {
         self.samples.len() as f64 / self.sample_rate_hz
     }
@@ -327,7 +327,7 @@ mod tests {
             pulses_per_revolution: 2,
         };
         let record = record(vec![1.0]).unwrap().with_operating_point(point).unwrap();
-        let geared = record.with_tachometer(Some(tachometer)).seen_from_shaft(24.0 / 36.0);
+        let geared = record.with_tachometer(Some(tachometer)).referred_to_shaft(24.0 / 36.0);
         let OperatingPoint { shaft_speed_hz, torque_nm, .. } = geared.operating_point();
         assert!((shaft_speed_hz.unwrap() - 20.0).abs() < 1e-12 && (torque_nm.unwrap() - 150.0).abs() < 1e-12);
         let angle = geared.tachometer_angle().unwrap().unwrap();
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_and_bad_rates_are_refused() {
+    fn empty_records_and_invalid_rates_are_rejected() {
         assert!(matches!(record(vec![]), Err(RecordError::Empty { .. })));
         for rate in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
             assert!(matches!(

@@ -116,7 +116,7 @@ fn envelope_spectra_equal_scipy() {
 /// What the short transform folds back: against SciPy's envelope at the full rate no bin differs by more than
 /// 0.7 % of the highest line (0.66 % measured, in white noise, whose envelope has the sharpest corners).
 #[test]
-fn short_envelopes_are_those_at_the_full_rate() {
+fn short_envelopes_equal_those_at_the_full_rate() {
     let mut analyzer = analyzer();
     for case in cases() {
         for envelope in &case.envelopes {

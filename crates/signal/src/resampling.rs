@@ -1,4 +1,4 @@
-//! Resampling a record evenly over the angle of its shaft.
+//! Resampling of a record at equal steps of its shaft angle.
 
 use pulp::{Simd, WithSimd};
 
@@ -9,39 +9,38 @@ use super::record::Record;
 use super::shaft_angle::ShaftAngle;
 use super::sums::mean_of;
 
-/// The fewest whole turns that are averaged.
+/// Fewest whole turns that are averaged.
 pub(super) const MIN_TURNS: usize = 4;
 
-/// A record whose speed varies so much that it would grow by more than this when resampled is refused.
+/// Largest growth of a record by resampling: a record whose speed varies more is rejected.
 const MAX_GROWTH: f64 = 4.0;
 
-/// Resamples records. What it works in is kept from record to record: pages of memory that are new cost as
-/// much as a tenth of the work.
+/// Resamples records. Its buffers are reused from record to record, as newly mapped memory pages cost up to a
+/// tenth of the work.
 #[derive(Default)]
 pub(super) struct Resampler {
-    /// Interpolation's weights, made when first needed.
+    /// Interpolator, created when first needed.
     kernel: Option<Kernel>,
     centred: Vec<f64>,
     /// The angles of one turn's samples, in turns.
     steps: Vec<f64>,
     positions: Vec<f64>,
-    /// Samples of a record that is not needed any more.
+    /// Buffer of a record that is no longer needed.
     spare: Vec<f64>,
 }
 
 impl Resampler {
-    /// Resamples the whole turns of a record whose `angle` is known and that have 16 samples before and after
-    /// them.
+    /// Resamples the whole turns of a record over a known `angle`. At least 16 samples are needed before and
+    /// after them.
     ///
-    /// As many samples a turn are taken as the record has in its slowest turn or more, so that nothing folds
-    /// back. A sample between the record's own is Σ xᵢ·sinc(t − i)·w(t − i) / Σ sinc·w over the 32 samples
-    /// around it, w the Blackman window: flat within 10⁻⁴ to 0.4 of the sampling rate. `orders` is the
-    /// highest order that must be kept.
+    /// The number of samples per turn is at least that of the slowest turn, so nothing is aliased. A value
+    /// between samples is Σ xᵢ·sinc(t − i)·w(t − i) / Σ sinc·w over the 32 samples around it, w the Blackman
+    /// window: flat within 10⁻⁴ to 0.4 of the sampling rate. `orders` is the highest order to preserve.
     ///
     /// # Errors
-    /// [`NotComputed::TooFewTurns`] below 4, [`NotComputed::AboveNyquist`] where `orders` lies above half the
-    /// sampling rate at the slowest speed, [`NotComputed::SpeedVaries`] where the speed varies so much that the
-    /// record would grow fourfold.
+    /// [`NotComputed::TooFewTurns`] below 4, [`NotComputed::AboveNyquist`] if `orders` lies above half the
+    /// sampling rate at the slowest speed, [`NotComputed::SpeedVaries`] if the speed varies so much that the
+    /// record would grow more than fourfold.
     pub(super) fn resample(
         &mut self,
         record: &Record,
@@ -53,37 +52,37 @@ impl Resampler {
         if samples.len() <= 2 * REACH {
             return Err(NotComputed::TooShort);
         }
-        let least = rate_hz / angle.lowest_speed_hz();
-        let holds_orders = least > 2.0 * orders;
-        if !holds_orders {
+        let min_samples_per_turn = rate_hz / angle.lowest_speed_hz();
+        let preserves_orders = min_samples_per_turn > 2.0 * orders;
+        if !preserves_orders {
             return Err(NotComputed::AboveNyquist);
         }
         let known = angle.revolutions();
-        let most = MAX_GROWTH * samples.len() as f64;
-        if least >= samples.len() as f64 {
+        let max_samples = MAX_GROWTH * samples.len() as f64;
+        if min_samples_per_turn >= samples.len() as f64 {
             return Err(NotComputed::TooFewTurns);
         }
-        let samples_per_turn = smooth_at_least(least.ceil() as usize);
-        // Pulses may have come for long before and after the record: its ends say which turns it holds.
+        let samples_per_turn = smooth_at_least(min_samples_per_turn.ceil() as usize);
+        // Pulses may extend far beyond the record: its ends determine which turns it contains.
         let position = |revolution: f64| angle.time_s(revolution, &mut 0) * rate_hz;
         let (begin, end) = (REACH as f64, (samples.len() - 1 - REACH) as f64);
         let (low, high) = (known[0].ceil(), known[1].floor());
-        let first = first_such(low, high, |revolution| position(revolution) >= begin);
+        let first = first_satisfying(low, high, |revolution| position(revolution) >= begin);
         let past =
-            first_such(first, high + 1.0, |revolution| revolution > high || position(revolution) > end);
+            first_satisfying(first, high + 1.0, |revolution| revolution > high || position(revolution) > end);
         let turns = past - 1.0 - first;
         let enough = turns >= MIN_TURNS as f64 && position(first) >= begin;
         if !enough {
             return Err(NotComputed::TooFewTurns);
         }
-        if turns * samples_per_turn as f64 > most {
+        if turns * samples_per_turn as f64 > max_samples {
             return Err(NotComputed::SpeedVaries);
         }
         let turns = turns as usize;
         let Self { kernel, centred, steps, positions, spare } = self;
         let kernel = kernel.get_or_insert_with(Kernel::new);
         centred.resize(samples.len(), 0.0);
-        kernel.arch().dispatch(Centring { samples, centred });
+        kernel.arch().dispatch(RemoveMean { samples, centred });
         steps.clear();
         steps.extend((0..samples_per_turn).map(|j| j as f64 / samples_per_turn as f64));
         positions.resize(samples_per_turn, 0.0);
@@ -111,24 +110,24 @@ impl Resampler {
         })
     }
 
-    /// Takes back the memory of a record that is not needed any more.
-    pub(super) fn take_back(&mut self, turned: AngleRecord) {
-        self.spare = turned.samples;
+    /// Recycles the buffer of a record that is no longer needed.
+    pub(super) fn recycle(&mut self, angle_record: AngleRecord) {
+        self.spare = angle_record.samples;
     }
 
-    /// Drops work space.
-    pub(super) fn give_back(&mut self) {
+    /// Frees the buffers.
+    pub(super) fn release(&mut self) {
         *self = Self { kernel: self.kernel.take(), ..Self::default() };
     }
 }
 
-/// A record without its mean: plain loops that are compiled for each kind of processor.
-struct Centring<'a> {
+/// Removal of a record's mean, as plain loops compiled for each instruction set.
+struct RemoveMean<'a> {
     samples: &'a [f32],
     centred: &'a mut [f64],
 }
 
-impl WithSimd for Centring<'_> {
+impl WithSimd for RemoveMean<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -140,7 +139,7 @@ impl WithSimd for Centring<'_> {
     }
 }
 
-/// The places of one turn's samples in the record, computed in the processor's widest registers.
+/// The positions of one turn's samples in the record, compiled for each instruction set.
 struct TurnPositions<'a> {
     angle: &'a ShaftAngle,
     from: f64,
@@ -155,13 +154,13 @@ impl WithSimd for TurnPositions<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        self.angle.samples_along(self.from, self.steps, self.rate_hz, self.interval, self.positions);
+        self.angle.sample_positions(self.from, self.steps, self.rate_hz, self.interval, self.positions);
     }
 }
 
-/// The first whole number from `low` to `high` from which on `holds` (which stays true once it is); `high`
-/// where it never does.
-fn first_such(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
+/// Returns the first whole number from `low` to `high` from which on `holds` stays true, or `high` if there
+/// is none.
+fn first_satisfying(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
     let (mut low, mut high) = (low, high.max(low));
     while low < high {
         let middle = (0.5 * (low + high)).floor();
@@ -174,9 +173,9 @@ fn first_such(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
     low
 }
 
-/// The smallest even number from `least` on without a prime factor above 7.
-fn smooth_at_least(least: usize) -> usize {
-    let mut number = least.next_multiple_of(2);
+/// Returns the smallest even number from `min` on without a prime factor above 7.
+fn smooth_at_least(min: usize) -> usize {
+    let mut number = min.next_multiple_of(2);
     loop {
         let mut rest = number;
         for prime in [2, 3, 5, 7] {

@@ -1,44 +1,44 @@
-//! The angle of a shaft over the time of a record: from a tachometer's pulses, from the phase of a mesh line,
-//! or at a constant speed.
+//! The angle of a shaft over the time of a record: from tachometer pulses, from the phase of a mesh line, or
+//! at a constant speed.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::pchip::{Pchip, PchipError};
 
-/// An interval between pulses longer than the one before by this factor has lost a pulse, one shorter has one
-/// too many.
-const STEADY_INTERVALS: f64 = 1.6;
+/// Largest ratio of successive pulse intervals: above it a pulse is missing, below its reciprocal there is an
+/// extra one.
+const MAX_INTERVAL_RATIO: f64 = 1.6;
 
-/// Where the angle of a shaft came from, and how sure it is.
+/// Source and accuracy of a shaft angle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case", tag = "source")]
 pub enum AngleSource {
     /// The pulses of a tachometer.
     Tachometer {
-        /// How many.
+        /// Number of pulses.
         pulses: usize,
-        /// Standard deviation of the shaft angle in degrees that the pulses' own scatter leaves, from their
+        /// Standard deviation of the shaft angle in degrees due to the scatter of the pulses, from their
         /// third differences; none below 5 pulses.
         angle_error_deg: Option<f64>,
     },
     /// The phase of a mesh harmonic, demodulated.
     MeshPhase {
-        /// Which harmonic.
+        /// The harmonic.
         harmonic: u32,
-        /// Amplitude of the tracked line over the root-mean-square amplitude of what else passes the last
-        /// filter: what noise, sidebands and other lines leave of it.
+        /// Amplitude of the tracked line over the root-mean-square amplitude of the rest that passes the last
+        /// filter: noise, sidebands and other lines.
         line_to_background: f64,
-        /// Standard deviation of the shaft angle in degrees that follows from it.
+        /// Standard deviation of the shaft angle in degrees that results from this ratio.
         angle_error_deg: f64,
     },
-    /// The shaft speed of the record, taken to be constant: no line could be followed.
+    /// The record's shaft speed, assumed constant, as no line could be tracked.
     ConstantSpeed,
 }
 
 impl AngleSource {
-    /// The same of a shaft that makes this many `turns` while this one makes one.
+    /// Refers the source to a shaft that makes `turns` per turn of this one.
     fn geared(self, turns: f64) -> Self {
         match self {
             Self::Tachometer { pulses, angle_error_deg } => {
@@ -55,30 +55,30 @@ impl AngleSource {
 /// Why pulses give no shaft angle.
 #[derive(Debug, Clone, Copy, Error, PartialEq)]
 pub enum PulseError {
-    /// No pulses in a turn.
+    /// Zero pulses per revolution.
     #[error("pulses_per_revolution is 0, expected at least 1")]
     PulsesPerRevolution,
     /// Fewer than two pulses.
     #[error("{0} pulses, expected at least 2")]
     TooFew(usize),
-    /// A time that is not finite, or not after the one before.
-    #[error("pulse {0} is not after the one before, expected rising finite times")]
+    /// A pulse time that is not finite, or not after the previous one.
+    #[error("the time of pulse {0} is not after the previous one, expected finite ascending times")]
     NotRising(usize),
-    /// Pulses are missing or too many.
+    /// A pulse is missing, or there is an extra one.
     #[error(
-        "pulse {index} comes {interval_s} s after the one before, which came after {before_s} s: a pulse is missing or one too many"
+        "pulse {index} is {interval_s} s after the previous one, and that one {before_s} s after its predecessor: a pulse is missing or extra"
     )]
     Uneven {
-        /// Which pulse.
+        /// Index of the pulse.
         index: usize,
-        /// Time since the one before.
+        /// Time since the previous pulse in seconds.
         interval_s: f64,
-        /// The interval before.
+        /// The previous interval in seconds.
         before_s: f64,
     },
 }
 
-/// Time as a rising function of a shaft's angle in revolutions, over the part of a record where it is known.
+/// Time as an increasing function of a shaft's angle in revolutions, over the known part of a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShaftAngle {
     time_s: Pchip,
@@ -86,14 +86,14 @@ pub struct ShaftAngle {
 }
 
 impl ShaftAngle {
-    /// The angle of a shaft with a tachometer, zero at the first pulse. `pulse_times_s` are seconds after the
-    /// record's first sample, rising, some of them possibly before it or after its end. Between pulses, time
-    /// is a monotone cubic of the angle.
+    /// Determines the angle of a shaft with a tachometer, zero at the first pulse. `pulse_times_s` are
+    /// seconds after the record's first sample, ascending; some may lie before it or after its end. Between
+    /// pulses, time is a monotone cubic of the angle.
     pub fn from_pulses(pulse_times_s: &[f64], pulses_per_revolution: u32) -> Result<Self, PulseError> {
         Self::from_geared_pulses(pulse_times_s, pulses_per_revolution, 1.0)
     }
 
-    /// The same of a shaft that makes this many `turns` while the one with the tachometer makes one.
+    /// Determines the angle of a shaft that makes `turns` per turn of the one with the tachometer.
     pub(super) fn from_geared_pulses(
         pulse_times_s: &[f64],
         pulses_per_revolution: u32,
@@ -114,8 +114,8 @@ impl ShaftAngle {
         for (index, w) in pulse_times_s.windows(3).enumerate() {
             let (before_s, interval_s) = (w[1] - w[0], w[2] - w[1]);
             let ratio = interval_s / before_s;
-            // Pulses of one turn may be spaced unevenly, but not by half an interval.
-            if !(ratio < STEADY_INTERVALS && ratio > 1.0 / STEADY_INTERVALS) {
+            // Pulses of one turn may be spaced unevenly, but by less than half an interval.
+            if !(ratio < MAX_INTERVAL_RATIO && ratio > 1.0 / MAX_INTERVAL_RATIO) {
                 return Err(PulseError::Uneven { index: index + 2, interval_s, before_s });
             }
         }
@@ -134,8 +134,8 @@ impl ShaftAngle {
         })
     }
 
-    /// The angle at a constant speed, zero at the first sample; `None` where speed or duration are not
-    /// positive numbers.
+    /// Returns the angle at a constant speed, zero at the first sample; `None` unless speed and duration are
+    /// positive.
     pub(super) fn constant(shaft_speed_hz: f64, duration_s: f64) -> Option<Self> {
         let turns = shaft_speed_hz * duration_s;
         if !(turns > 0.0 && duration_s > 0.0) {
@@ -144,7 +144,7 @@ impl ShaftAngle {
         Self::through(vec![0.0, turns], vec![0.0, duration_s], AngleSource::ConstantSpeed).ok()
     }
 
-    /// The angle that goes through these points.
+    /// Interpolates the angle through these points.
     pub(super) fn through(
         revolutions: Vec<f64>,
         times_s: Vec<f64>,
@@ -154,35 +154,36 @@ impl ShaftAngle {
         Ok(Self { time_s, source })
     }
 
-    /// The angle of a shaft that makes this many `turns` while this one makes one; `None` where they are not a
-    /// positive number.
+    /// Refers the angle to a shaft that makes `turns` per turn of this one; `None` unless `turns` is
+    /// positive.
     pub(super) fn geared(&self, turns: f64) -> Option<Self> {
         let revolutions = self.time_s.nodes().iter().map(|revolution| revolution * turns).collect();
         Self::through(revolutions, self.time_s.values().to_vec(), self.source.geared(turns)).ok()
     }
 
-    /// Where the angle came from, and how sure it is.
+    /// Returns the source and accuracy of the angle.
     pub fn source(&self) -> AngleSource {
         self.source
     }
 
-    /// The first and the last revolution that are known.
+    /// Returns the first and the last known revolution.
     pub(super) fn revolutions(&self) -> [f64; 2] {
         self.time_s.range()
     }
 
-    /// The mean shaft speed between the first and the last known point, in hertz.
+    /// Returns the mean shaft speed between the first and the last known point, in hertz.
     pub(super) fn mean_speed_hz(&self) -> f64 {
         let [first, last] = self.time_s.range();
         (last - first) / (self.time_s.at(last, &mut 0) - self.time_s.at(first, &mut 0))
     }
 
-    /// The lowest shaft speed between two known points, in hertz.
+    /// Returns the lowest shaft speed between two known points, in hertz.
     pub(super) fn lowest_speed_hz(&self) -> f64 {
-        self.time_s.steepest().recip()
+        self.time_s.max_slope().recip()
     }
 
-    /// The revolution at a time, linear between known points, beyond them at the speed of the outermost two.
+    /// Returns the revolution at a time: linear between known points, extrapolated beyond them at the speed
+    /// of the outermost two.
     pub(super) fn revolution(&self, time_s: f64) -> f64 {
         let (times, revolutions) = (self.time_s.values(), self.time_s.nodes());
         let i = times.partition_point(|t| *t <= time_s).clamp(1, times.len() - 1);
@@ -190,10 +191,10 @@ impl ShaftAngle {
         revolutions[i - 1] + speed * (time_s - times[i - 1])
     }
 
-    /// The times of the rising revolutions `from + steps[j]` in samples of this rate; `interval` is moved
-    /// along.
+    /// Writes the times of the ascending revolutions `from + steps[j]`, in samples at this rate; advances
+    /// `interval`.
     #[inline(always)]
-    pub(super) fn samples_along(
+    pub(super) fn sample_positions(
         &self,
         from: f64,
         steps: &[f64],
@@ -201,18 +202,18 @@ impl ShaftAngle {
         interval: &mut usize,
         samples: &mut [f64],
     ) {
-        self.time_s.along(from, steps, rate_hz, interval, samples);
+        self.time_s.sample_into(from, steps, rate_hz, interval, samples);
     }
 
-    /// The time of a revolution; `interval` is moved along by calls with rising revolutions.
+    /// Returns the time of a revolution; calls with ascending revolutions advance `interval`.
     pub(super) fn time_s(&self, revolution: f64, interval: &mut usize) -> f64 {
         self.time_s.at(revolution, interval)
     }
 }
 
-/// Standard deviation of single pulses about a smooth run in seconds: the root mean square of their third
-/// differences over √20, which for independent errors of one deviation is that deviation. A steady change of
-/// speed leaves no third difference.
+/// Standard deviation in seconds of single pulses about a smooth motion: the root mean square of their third
+/// differences over √20, which equals the standard deviation for independent errors. A linear change of the
+/// interval has no third difference.
 fn pulse_scatter_s(pulse_times_s: &[f64]) -> Option<f64> {
     const MIN_PULSES: usize = 5;
     if pulse_times_s.len() < MIN_PULSES {
@@ -247,7 +248,7 @@ mod tests {
     /// Independent errors of 20 µs in the pulses of a shaft at 10 turns a second that speeds up:
     /// 360°·10·20·10⁻⁶ = 0.072°.
     #[test]
-    fn scattered_pulses_say_how_sure_the_angle_is() {
+    fn pulse_scatter_gives_the_angle_error() {
         let mut random = ChaCha8Rng::seed_from_u64(4);
         let pulses: Vec<f64> = (0..400)
             .map(|pulse| {
@@ -265,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_pulses_say_why() {
+    fn invalid_pulses_report_the_reason() {
         let error =
             |times: &[f64], per_revolution| ShaftAngle::from_pulses(times, per_revolution).unwrap_err();
         assert_eq!(error(&[0.0, 1.0], 0), PulseError::PulsesPerRevolution);

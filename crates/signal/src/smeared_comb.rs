@@ -1,39 +1,40 @@
-//! Finding a mesh comb whose lines are smeared, as the speed swings within the record. Positions are in bins.
+//! Search for a mesh comb whose lines are smeared by speed fluctuation within the record. Positions are in
+//! bins.
 //!
-//! A line that wanders over many bins stands out of the noise in none of them. Its energy over the width that
-//! it wanders does: for each candidate the energy in a window around each harmonic, as wide in proportion to
+//! A line smeared over many bins exceeds the noise in none of them, but its energy over the width of the
+//! smear does. For each candidate, the energy in a window around each harmonic, with a width proportional to
 //! the harmonic's frequency, is compared with the noise beside it.
 
 use super::line::{fits, noise_amplitude};
 use super::mesh_comb::MeshComb;
 
-/// Harmonics that are looked at.
+/// Number of harmonics examined.
 const ORDERS: usize = 10;
 
-/// Half-widths of the windows as parts of the frequency: swings of the speed within a record.
+/// Half-widths of the windows as fractions of the frequency: speed fluctuations within a record.
 const HALF_WIDTHS: [f64; 3] = [0.0015, 0.003, 0.006];
 
-/// Distance of candidates as a part of the half-width.
+/// Spacing of candidates in half-widths.
 const STEP: f64 = 0.5;
 
-/// The noise beside a window is taken from there to there, in half-widths, and from so many bins at least.
-const BESIDE: [f64; 2] = [1.5, 5.0];
-const MIN_BESIDE: f64 = 32.0;
+/// Range of the noise bins beside a window, in half-widths, and their minimum number.
+const NOISE_RANGE: [f64; 2] = [1.5, 5.0];
+const MIN_NOISE_BINS: f64 = 32.0;
 
-/// Bins of a Hann spectrum that are worth one independent one.
+/// Bins of a Hann spectrum per statistically independent one.
 const BINS_PER_DEGREE: f64 = 1.5;
 
-/// One harmonic adds no more than this to the logarithm of a comb's likelihood ratio: one line is no comb.
-const MAX_OF_ONE: f64 = 12.0;
+/// Largest contribution of one harmonic to the logarithm of a comb's likelihood ratio: one line is no comb.
+const MAX_HARMONIC_LIKELIHOOD: f64 = 12.0;
 
-/// The sum from which on a comb is accepted: fewer than one record of white noise in a thousand passes it.
+/// Smallest sum for a comb: white noise exceeds it in fewer than one of a thousand records.
 const MIN_SUM: f64 = 30.0;
 
-/// So many harmonics have to stand out by themselves, by this logarithm each.
+/// This many harmonics must exceed this logarithm by themselves.
 const MIN_HARMONICS: usize = 2;
-const STANDS_OUT: f64 = 4.0;
+const MIN_HARMONIC_LIKELIHOOD: f64 = 4.0;
 
-/// Looks for the comb h·f with f from `low` to `high` bins.
+/// Searches the comb h·f with f from `low` to `high` bins.
 pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f64>) -> Option<MeshComb> {
     let orders = (1..=ORDERS).take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len())).count();
     if orders < MIN_HARMONICS {
@@ -46,12 +47,12 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f
         while mesh <= high {
             let harmonics =
                 (1..=orders).filter_map(|order| harmonic(amplitude, order as f64 * mesh, part, scratch));
-            let (mut sum, mut standing) = (0.0, 0);
+            let (mut sum, mut detected) = (0.0, 0);
             for (likelihood, _) in harmonics {
-                sum += likelihood.min(MAX_OF_ONE);
-                standing += usize::from(likelihood > STANDS_OUT);
+                sum += likelihood.min(MAX_HARMONIC_LIKELIHOOD);
+                detected += usize::from(likelihood > MIN_HARMONIC_LIKELIHOOD);
             }
-            if standing >= MIN_HARMONICS && sum > best.map_or(MIN_SUM, |(sum, ..)| sum) {
+            if detected >= MIN_HARMONICS && sum > best.map_or(MIN_SUM, |(sum, ..)| sum) {
                 best = Some((sum, mesh, part));
             }
             mesh *= ratio;
@@ -61,10 +62,11 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f
     Some(refined(amplitude, mesh, part, orders, scratch))
 }
 
-/// What one harmonic adds to the logarithm of the likelihood ratio, and the noise's mean square in one bin.
+/// Returns the contribution of one harmonic to the logarithm of the likelihood ratio, and the noise's mean
+/// square in one bin.
 ///
-/// The squares of n bins of noise are exponential with mean b²; of a mean r·b² the ratio's logarithm is n(r −
-/// 1 − ln r).
+/// The squares of n bins of noise are exponential with mean b². For a mean of r·b² the logarithm of the ratio
+/// is n(r − 1 − ln r).
 fn harmonic(amplitude: &[f64], position: f64, part: f64, scratch: &mut Vec<f64>) -> Option<(f64, f64)> {
     let half = (part * position).max(1.0);
     let window = amplitude.get((position - half).round() as usize..=(position + half).round() as usize)?;
@@ -76,7 +78,8 @@ fn harmonic(amplitude: &[f64], position: f64, part: f64, scratch: &mut Vec<f64>)
 }
 
 fn noise_beside(amplitude: &[f64], position: f64, half: f64, scratch: &mut Vec<f64>) -> Option<f64> {
-    let (near, far) = (BESIDE[0] * half, (BESIDE[1] * half).max(BESIDE[0] * half + MIN_BESIDE));
+    let (near, far) =
+        (NOISE_RANGE[0] * half, (NOISE_RANGE[1] * half).max(NOISE_RANGE[0] * half + MIN_NOISE_BINS));
     scratch.clear();
     for (from, to) in [(position - far, position - near), (position + near, position + far)] {
         let (from, to) = (from.max(1.0) as usize, (to as usize).min(amplitude.len().saturating_sub(1)));
@@ -85,7 +88,7 @@ fn noise_beside(amplitude: &[f64], position: f64, half: f64, scratch: &mut Vec<f
     noise_amplitude(scratch).map(|noise| noise * noise).filter(|noise| *noise > 0.0)
 }
 
-/// The comb at the mean of its lines' centres of energy, weighted by how much they stand out.
+/// Returns the comb at the mean of its lines' centres of energy, weighted by their contributions.
 fn refined(amplitude: &[f64], mesh: f64, part: f64, orders: usize, scratch: &mut Vec<f64>) -> MeshComb {
     let (mut weights, mut weighted, mut squares) = (0.0, 0.0, 0.0);
     for order in (1..=orders).map(|order| order as f64) {
@@ -102,9 +105,9 @@ fn refined(amplitude: &[f64], mesh: f64, part: f64, orders: usize, scratch: &mut
             moment += above * bin as f64;
         }
         squares += energy / noise;
-        if likelihood > STANDS_OUT && energy > 0.0 {
-            weights += likelihood.min(MAX_OF_ONE);
-            weighted += likelihood.min(MAX_OF_ONE) * moment / energy / order;
+        if likelihood > MIN_HARMONIC_LIKELIHOOD && energy > 0.0 {
+            weights += likelihood.min(MAX_HARMONIC_LIKELIHOOD);
+            weighted += likelihood.min(MAX_HARMONIC_LIKELIHOOD) * moment / energy / order;
         }
     }
     MeshComb {
@@ -147,7 +150,7 @@ mod tests {
     /// Harmonics 2 to 6 of a speed that swings by ± 0.3 % over the record, each a tenth of the noise's
     /// deviation.
     #[test]
-    fn a_comb_that_swings_is_found_within_its_swing() {
+    fn a_fluctuating_comb_is_found() {
         for seed in 0..20 {
             let mesh = 388.3 + seed as f64;
             let mut samples = noise(seed);
@@ -164,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn one_line_is_no_comb() {
+    fn a_single_line_is_not_a_comb() {
         let mut samples = noise(3);
         for (i, x) in samples.iter_mut().enumerate() {
             *x += (TAU * 401.3 * i as f64 / LENGTH as f64).sin();
@@ -173,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_found_where_nothing_can_be() {
+    fn nothing_is_found_without_a_comb() {
         assert_eq!(find(&[0.0; 2000], [76.0, 84.0], &mut Vec::new()), None);
         assert_eq!(find(&[1.0; 40], [76.0, 84.0], &mut Vec::new()), None);
         assert_eq!(find(&[], [76.0, 84.0], &mut Vec::new()), None);

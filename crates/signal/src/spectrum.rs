@@ -7,28 +7,28 @@ use serde::Serialize;
 /// Equivalent noise bandwidth of the Hann window in bins.
 pub(super) const HANN_BANDWIDTH_BINS: f64 = 1.5;
 
-/// A one-sided amplitude (peak) spectrum: a sine of amplitude A on a bin reads A there.
+/// A one-sided amplitude (peak) spectrum: a sine of amplitude A at the frequency of a bin reads A there.
 ///
-/// Made from a record with its mean removed, under a periodic Hann window divided by its mean (0.5). Bins at
-/// zero and at half the sampling rate have no mirror image and are not doubled.
+/// Computed from a record with its mean removed, under a periodic Hann window divided by its mean (0.5). The
+/// bins at zero and at half the sampling rate have no mirror image and are not doubled.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Spectrum {
-    /// What the values are: `"amplitude_peak"`, or `"psd"` for a power spectral density.
+    /// Quantity of the values: `"amplitude_peak"`, or `"psd"` for a power spectral density.
     pub quantity: &'static str,
-    /// Unit of the values: that of the record, for a power spectral density its square per hertz.
+    /// Unit of the values: the record's unit, or its square per hertz for a power spectral density.
     pub unit: String,
     /// Name of the window: `"hann"`.
     pub window: &'static str,
     /// Equivalent noise bandwidth in hertz.
     pub bandwidth_hz: f64,
-    /// Distance of the bins in hertz.
+    /// Bin spacing in hertz.
     pub resolution_hz: f64,
     /// Value of bin k, at k × `resolution_hz`.
     pub amplitude: Vec<f64>,
 }
 
 impl Spectrum {
-    /// A Hann spectrum with these amplitudes.
+    /// Creates a Hann spectrum from amplitudes.
     pub(super) fn hann(unit: &str, resolution_hz: f64, amplitude: Vec<f64>) -> Self {
         Self {
             quantity: "amplitude_peak",
@@ -40,9 +40,10 @@ impl Spectrum {
         }
     }
 
-    /// The power spectral density of the same record of `samples` samples: the mean square in each bin over
-    /// the window's bandwidth, SciPy's `periodogram` with `window="hann", scaling="density"`. Its sum times
-    /// the resolution is the record's variance, but for what the window makes of it.
+    /// Converts to the power spectral density of the same record of `samples` samples: the mean square in
+    /// each bin over the window's bandwidth, as SciPy's `periodogram` with `window="hann",
+    /// scaling="density"`. Its sum times the resolution is the record's variance, apart from the effect of
+    /// the window.
     pub(super) fn into_density(mut self, samples: usize) -> Self {
         for (k, value) in self.amplitude.iter_mut().enumerate() {
             let sides = if k == 0 || 2 * k == samples { 1.0 } else { 0.5 };
@@ -53,17 +54,18 @@ impl Spectrum {
         self
     }
 
-    /// The frequency of a bin in hertz.
+    /// Returns the frequency of a bin in hertz.
     pub fn frequency_hz(&self, bin: usize) -> f64 {
         bin as f64 * self.resolution_hz
     }
 }
 
-/// Amplitudes under the Hann window from the `bins` of the unwindowed transform of `length` samples.
+/// Computes the amplitudes under the Hann window from the `bins` of the unwindowed transform of `length`
+/// samples.
 ///
-/// Multiplying by the periodic Hann window 0.5 − 0.5·cos(2πn/N) is the convolution ½X(k) − ¼(X(k−1) + X(k+1))
-/// of the bins, so that one transform serves the windowed spectrum and the envelope, which must not be
-/// windowed.
+/// Multiplying by the periodic Hann window 0.5 − 0.5·cos(2πn/N) equals the convolution ½X(k) − ¼(X(k−1) +
+/// X(k+1)) of the bins. One transform therefore serves both the windowed spectrum and the envelope, which
+/// must not be windowed.
 pub(super) fn hann_amplitude(bins: &[Complex<f64>], length: usize, amplitude: &mut Vec<f64>) {
     amplitude.resize(bins.len(), 0.0);
     let Some(last) = bins.len().checked_sub(1) else {
@@ -73,7 +75,7 @@ pub(super) fn hann_amplitude(bins: &[Complex<f64>], length: usize, amplitude: &m
     let windowed = |k: usize, before: Complex<f64>, after: Complex<f64>| {
         (bins[k] * 0.5 - (before + after) * 0.25).norm_sqr().sqrt()
     };
-    // Beyond the ends lie the conjugates of the bins mirrored there.
+    // Beyond the ends the spectrum continues with the conjugates of the mirrored bins.
     let beyond_zero = bins[last.min(1)].conj();
     amplitude[0] = 0.5 * one_sided * windowed(0, beyond_zero, bins[last.min(1)]);
     if last == 0 {
@@ -87,11 +89,11 @@ pub(super) fn hann_amplitude(bins: &[Complex<f64>], length: usize, amplitude: &m
     };
 }
 
-/// The bins that have neighbours on both sides: a plain loop that is compiled for each kind of processor.
+/// The bins with neighbours on both sides, as a plain loop compiled for each instruction set.
 struct InnerBins<'a> {
     bins: &'a [Complex<f64>],
     scale: f64,
-    /// Of the bins from 1 on.
+    /// Amplitudes of the bins from 1 on.
     amplitude: &'a mut [f64],
 }
 

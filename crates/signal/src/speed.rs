@@ -1,33 +1,33 @@
-//! The shaft speed of a record: given with it, or found from its mesh comb.
+//! The shaft speed of a record, given with it or found from its mesh comb.
 
 use serde::{Deserialize, Serialize};
 
 use super::comb_support::{CombDoubt, Support, support};
 use super::indicators::NotComputed;
-use super::line::{MAIN_LOBE_BINS, STANDING_OUT, background, fits, read_line};
+use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, background, fits, read_line};
 use super::mesh_comb::{self, MESH_RESOLVED_BINS, MeshComb};
 use super::other_meshes::OtherMeshes;
 use super::record::Record;
 
-/// What is known of the mesh before a record is looked at.
+/// The known data of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshContext {
-    /// Teeth on the shaft whose speed is meant (the driving gear, the pinion); 0 where there is no mesh.
+    /// Teeth on the reference shaft, whose speed is given (the driving gear, the pinion); 0 without a mesh.
     pub teeth: u32,
-    /// Teeth of the gear that it meshes with; 0 where they are not known.
+    /// Teeth of the mating gear; 0 if unknown.
     pub mate_teeth: u32,
-    /// That shaft's nominal rotational frequency in hertz.
+    /// Nominal rotational frequency of the reference shaft in hertz.
     pub nominal_shaft_speed_hz: f64,
-    /// How far from nominal the speed may be, as a fraction (0.05 for ± 5 %).
+    /// Largest relative deviation of the speed from nominal (0.05 for ± 5 %).
     pub tolerance: f64,
-    /// Whether the nominal speed is exact, so that no search is needed.
+    /// Whether the nominal speed is exact, so no search is needed.
     pub nominal_is_exact: bool,
-    /// Other meshes that the sensor hears.
+    /// Other meshes that the sensor measures.
     pub others: OtherMeshes,
 }
 
 impl MeshContext {
-    /// Nothing is known of the mesh: indicators that need it are absent.
+    /// Returns the context of an unknown mesh: indicators that need it are omitted.
     pub fn unknown() -> Self {
         Self {
             teeth: 0,
@@ -40,43 +40,43 @@ impl MeshContext {
     }
 }
 
-/// Where a shaft speed came from.
+/// Source of a shaft speed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum SpeedSource {
     /// Given with the record.
     Record,
-    /// The mean between the pulses of the record's tachometer.
+    /// The mean over the pulses of the record's tachometer.
     Tachometer,
-    /// The asset's nominal speed, declared exact.
+    /// The asset's nominal speed, configured as exact.
     Asset,
     /// Found from the comb of mesh harmonics within the tolerance around nominal.
     MeshComb,
-    /// Of a machine without a mesh: found from the harmonics of the shaft's own rate within the tolerance.
+    /// For a machine without a mesh: found from the harmonics of the shaft rate within the tolerance.
     ShaftLines,
-    /// Of a machine without a mesh: the nominal speed, no better known than its tolerance says.
+    /// For a machine without a mesh: the nominal speed, within its tolerance.
     Nominal,
 }
 
-/// A record's shaft speed and where it came from.
+/// A record's shaft speed and its source.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ShaftSpeed {
     /// Rotational frequency of the driving shaft in hertz.
     pub shaft_speed_hz: f64,
-    /// Where it came from.
+    /// Source of the speed.
     pub source: SpeedSource,
-    /// Mesh frequency in hertz: teeth × shaft speed; 0 where there is no mesh, and then left out.
+    /// Mesh frequency in hertz: teeth × shaft speed; 0 and omitted without a mesh.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub mesh_frequency_hz: f64,
-    /// How far the comb stands above the background, as a ratio of amplitudes (root mean square over its
-    /// lines); `None` where none stood out beside a given speed.
+    /// Ratio of the comb's amplitude to the background (root mean square over its lines); `None` if the speed
+    /// is given and no comb was detected.
     pub comb_to_background: Option<f64>,
-    /// How many of the mesh's harmonics stand out of the background.
+    /// Number of mesh harmonics that stand out from the background.
     #[serde(default)]
     pub harmonics_found: u32,
-    /// How many harmonics were looked for: up to ten, as far as the record reaches.
+    /// Number of harmonics searched: up to ten, as far as the record reaches.
     #[serde(default)]
     pub harmonics_sought: u32,
     /// Why the speed or the number of teeth may be wrong.
@@ -96,7 +96,7 @@ pub enum SpeedDoubt {
         /// That mesh frequency in hertz.
         mesh_frequency_hz: f64,
     },
-    /// The sidebands of the mesh stand at another shaft rate.
+    /// The sidebands of the mesh are spaced by another shaft rate.
     OtherShaft {
         /// That shaft's rotational frequency in hertz.
         shaft_speed_hz: f64,
@@ -104,7 +104,7 @@ pub enum SpeedDoubt {
 }
 
 impl ShaftSpeed {
-    /// The speed of a shaft without teeth.
+    /// Creates the speed of a shaft without teeth.
     fn without_mesh(shaft_speed_hz: f64, source: SpeedSource) -> Self {
         Self {
             shaft_speed_hz,
@@ -117,21 +117,21 @@ impl ShaftSpeed {
         }
     }
 
-    /// The doubt in words, where there is one.
-    pub fn doubt_in_words(&self) -> Option<String> {
+    /// Returns the message for the doubt, if there is one.
+    pub fn doubt_message(&self) -> Option<String> {
         let (shaft_hz, mesh_hz) = (self.shaft_speed_hz, self.mesh_frequency_hz);
         let teeth = mesh_hz / shaft_hz;
         Some(match self.doubt? {
             SpeedDoubt::FewHarmonics => format!(
-                "the shaft speed is in doubt: {} of {} harmonics of the mesh at {mesh_hz:.1} Hz stand out, at least 2 are needed",
+                "the shaft speed is in doubt: {} of {} harmonics of the mesh frequency {mesh_hz:.1} Hz stand out, expected at least 2",
                 self.harmonics_found, self.harmonics_sought
             ),
             SpeedDoubt::OtherMesh { mesh_frequency_hz } => format!(
-                "the shaft speed is in doubt: the lines fit a mesh at {mesh_frequency_hz:.1} Hz better than {teeth:.0} teeth at {shaft_hz:.2} Hz \
+                "the shaft speed is in doubt: the lines fit a mesh frequency of {mesh_frequency_hz:.1} Hz better than {teeth:.0} teeth at {shaft_hz:.2} Hz \
                  ({mesh_hz:.1} Hz); check teeth, speed and other meshes"
             ),
             SpeedDoubt::OtherShaft { shaft_speed_hz } => format!(
-                "the shaft speed is in doubt: the lines of the shaft stand {shaft_speed_hz:.2} Hz apart, and {teeth:.0} teeth give \
+                "the shaft speed is in doubt: the shaft lines are {shaft_speed_hz:.2} Hz apart, but {teeth:.0} teeth give \
                  {shaft_hz:.2} Hz; check the number of teeth"
             ),
         })
@@ -152,26 +152,26 @@ impl SpeedDoubt {
     }
 }
 
-/// A speed given with a record or an asset may be off by this part: the lines are looked for there.
+/// A speed given with a record or an asset may deviate by this fraction; the lines are searched within it.
 const GIVEN_SPEED_TOLERANCE: f64 = 1e-3;
 
-/// The lines of a comb that fits better are looked for within this part of its frequency.
-const NEAR_OTHER: f64 = 0.005;
+/// The lines of a better-fitting comb are searched within this fraction of its frequency.
+const OTHER_MESH_TOLERANCE: f64 = 0.005;
 
-/// Harmonics of a shaft without teeth that are looked for, and how many of them have to stand out.
+/// Number of harmonics searched of a shaft without teeth, and how many must stand out.
 const SHAFT_HARMONICS: u32 = 5;
 const MIN_SHAFT_HARMONICS: u32 = 2;
 
-/// The mesh in one record's spectrum.
+/// The mesh located in one record's spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LocatedMesh {
-    /// The shaft speed, where it is known.
+    /// The shaft speed, if known.
     pub(super) speed: Option<ShaftSpeed>,
-    /// The mesh frequency in bins as the lines show it, or why there are no lines to read.
+    /// The mesh frequency in bins according to the lines, or why there are no lines to read.
     pub(super) mesh: Result<f64, NotComputed>,
 }
 
-/// The speed that comes with a record: what it says itself before the mean of its tachometer.
+/// Returns the speed given with a record: that of its operating point, else the mean of its tachometer.
 pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
     let own = record.operating_point().shaft_speed_hz.map(|speed| (speed, SpeedSource::Record));
     own.or_else(|| {
@@ -180,23 +180,23 @@ pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
     })
 }
 
-/// The comb in a range of mesh frequencies, and what the lines say of it. Where they say more for another one
-/// in the range, it is that one.
+/// Finds the comb in a range of mesh frequencies and its support. If another comb in the range has better
+/// support, that one is returned.
 fn find_comb(
     amplitude: &[f64],
     [low, high]: [f64; 2],
     context: &MeshContext,
     scratch: &mut Vec<f64>,
-    says: &mut Vec<f64>,
+    log_ratios: &mut Vec<f64>,
 ) -> Option<(MeshComb, Support)> {
     let first = mesh_comb::find(amplitude, [low, high], context.teeth, scratch)?;
-    let lines = support(amplitude, first.mesh, context, scratch, says);
+    let lines = support(amplitude, first.mesh, context, scratch, log_ratios);
     if let Some(CombDoubt::OtherMesh(other)) = lines.doubt
         && (low..=high).contains(&other)
     {
-        let near = [other * (1.0 - NEAR_OTHER), other * (1.0 + NEAR_OTHER)];
+        let near = [other * (1.0 - OTHER_MESH_TOLERANCE), other * (1.0 + OTHER_MESH_TOLERANCE)];
         let second = mesh_comb::find(amplitude, near, context.teeth, scratch);
-        let second = second.map(|comb| (comb, support(amplitude, comb.mesh, context, scratch, says)));
+        let second = second.map(|comb| (comb, support(amplitude, comb.mesh, context, scratch, log_ratios)));
         if let Some(better) = second.filter(|(_, lines)| lines.doubt.is_none()) {
             return Some(better);
         }
@@ -204,7 +204,8 @@ fn find_comb(
     Some((first, lines))
 }
 
-/// The speed of a shaft without teeth by the harmonics of its rate, of which at least two have to stand out.
+/// Finds the speed of a shaft without teeth from the harmonics of its rate, of which at least two must stand
+/// out.
 fn find_shaft(
     amplitude: &[f64],
     resolution_hz: f64,
@@ -224,7 +225,7 @@ fn find_shaft(
         let position = f64::from(**order) * comb.mesh;
         let noise = background(amplitude, position, Some(comb.mesh), 2.0 * comb.mesh, scratch);
         let line = read_line(amplitude, position);
-        line.zip(noise).is_some_and(|(line, noise)| line.amplitude >= STANDING_OUT * noise)
+        line.zip(noise).is_some_and(|(line, noise)| line.amplitude >= DETECTION_RATIO * noise)
     };
     let found = sought.iter().filter(&mut stands_out).count() as u32;
     (found >= MIN_SHAFT_HARMONICS).then(|| ShaftSpeed {
@@ -235,11 +236,11 @@ fn find_shaft(
     })
 }
 
-/// Finds the mesh: the speed that comes with the record before the asset's exact one before the comb within
-/// the tolerance around nominal.
+/// Locates the mesh: by the speed given with the record, else the asset's exact one, else the comb within the
+/// tolerance around nominal.
 ///
-/// A given speed stays what it is; only its lines are looked for by the comb within ± 0.1 %, as a few digits
-/// of a tachometer's mean are often not exact to a bin. `constant` says that the samples do not vary.
+/// A given speed is not changed; only its lines are located by the comb within ± 0.1 %, as the few digits of
+/// a tachometer's mean are often not exact to a bin. `constant` means that all samples are equal.
 pub(super) fn locate(
     amplitude: &[f64],
     resolution_hz: f64,
@@ -247,7 +248,7 @@ pub(super) fn locate(
     context: &MeshContext,
     constant: bool,
     scratch: &mut Vec<f64>,
-    says: &mut Vec<f64>,
+    log_ratios: &mut Vec<f64>,
 ) -> LocatedMesh {
     let teeth = f64::from(context.teeth);
     let nominal_hz = context.nominal_shaft_speed_hz;
@@ -262,15 +263,15 @@ pub(super) fn locate(
             }
             None => None,
         };
-        let absence = if constant { NotComputed::Constant } else { NotComputed::NoSpeed };
-        return LocatedMesh { speed: shaft, mesh: Err(absence) };
+        let reason = if constant { NotComputed::Constant } else { NotComputed::NoSpeed };
+        return LocatedMesh { speed: shaft, mesh: Err(reason) };
     }
     let (centre_hz, tolerance) = match given {
         Some((speed, _)) => (speed, GIVEN_SPEED_TOLERANCE),
         None => (nominal_hz, context.tolerance.max(0.0)),
     };
     let centre = teeth * centre_hz / resolution_hz;
-    let absence = if constant {
+    let reason = if constant {
         Some(NotComputed::Constant)
     } else if !(centre > 0.0 && centre.is_finite()) {
         Some(NotComputed::NoSpeed)
@@ -281,17 +282,18 @@ pub(super) fn locate(
     } else {
         None
     };
-    let comb = match absence {
+    let comb = match reason {
         Some(_) => None,
         None => {
             let highest = amplitude.len() as f64 - 1.0 - MAIN_LOBE_BINS;
             let range = [centre * (1.0 - tolerance), (centre * (1.0 + tolerance)).min(highest)];
-            find_comb(amplitude, range, context, scratch, says)
+            find_comb(amplitude, range, context, scratch, log_ratios)
         }
     };
     let (comb, lines) = comb.unzip();
     let lines = lines.or_else(|| {
-        (given.is_some() && absence.is_none()).then(|| support(amplitude, centre, context, scratch, says))
+        (given.is_some() && reason.is_none())
+            .then(|| support(amplitude, centre, context, scratch, log_ratios))
     });
     let comb_to_background = comb.map(|comb| comb.to_background);
     let (harmonics_found, harmonics_sought) =
@@ -308,7 +310,7 @@ pub(super) fn locate(
                 harmonics_sought,
                 doubt,
             }),
-            mesh: absence.map_or(Ok(comb.map_or(centre, |comb| comb.mesh)), Err),
+            mesh: reason.map_or(Ok(comb.map_or(centre, |comb| comb.mesh)), Err),
         },
         None => LocatedMesh {
             speed: comb.map(|comb| ShaftSpeed {
@@ -320,7 +322,7 @@ pub(super) fn locate(
                 harmonics_sought,
                 doubt,
             }),
-            mesh: absence.map_or(comb.map(|comb| comb.mesh).ok_or(NotComputed::NoSpeed), Err),
+            mesh: reason.map_or(comb.map(|comb| comb.mesh).ok_or(NotComputed::NoSpeed), Err),
         },
     }
 }

@@ -1,5 +1,5 @@
-//! Taking the wander of the speed out of the mesh lines, so that features of records at a wandering speed and
-//! at a constant one are the same.
+//! Speed-fluctuation compensation of the mesh lines, so that features of records at a fluctuating speed and
+//! at a constant speed agree.
 
 use std::f64::consts::TAU;
 
@@ -12,52 +12,52 @@ use super::mesh_phase::MeshBand;
 use super::record_spectrum::RecordSpectrum;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::spectrum::{HANN_BANDWIDTH_BINS, hann_amplitude};
-use super::speed_wander::SpeedWander;
+use super::speed_fluctuation::SpeedFluctuation;
 use super::transform::Transforms;
 
-/// Harmonics that show whether the speed wanders: the higher ones show it more.
-const SHOWING: usize = 10;
+/// Number of harmonics checked for speed fluctuation: the higher ones show it more.
+const CHECKED_HARMONICS: usize = 10;
 
-/// From this one on a narrow line says that the speed is constant.
-const TELLING: usize = 4;
+/// From this harmonic on, a narrow line means that the speed is constant.
+const DECISIVE_HARMONIC: usize = 4;
 
-/// A line is wide where the energy around it is this many times that of a single line ...
-const WIDE: f64 = 1.15;
+/// A line is wide if the energy around it exceeds this many times that of a single line ...
+const MIN_WIDE_ENERGY: f64 = 1.15;
 
-/// ... and it stands this far above the noise, as a ratio of amplitudes.
-const CLEAR: f64 = 4.0;
+/// ... and its amplitude exceeds the noise by this ratio.
+const MIN_CLEAR_RATIO: f64 = 4.0;
 
-/// Error of the highest harmonic's phase up to which no better angle is looked for: 2 % of its amplitude.
+/// Largest phase error of the highest harmonic that needs no better angle: 2 % of its amplitude.
 const MAX_ERROR_DEG: f64 = 12.0;
 
-/// A wander that swings the highest harmonic's phase by no more than this to either side leaves it a line.
+/// Fluctuations that move the highest harmonic's phase by at most this to either side are not compensated.
 const MIN_SWING_TURNS: f64 = 0.1;
 
-/// What is compensated around each mesh harmonic, in shaft rates: the sidebands that features read, and a little
-/// more.
+/// Half-width of the compensated band around each mesh harmonic, in shaft rates: the sidebands that features
+/// read, and a margin.
 const REACH_SHAFTS: f64 = 2.75;
 
-/// Where the mesh stands in one record.
+/// Position of the mesh in one record.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Mesh {
     /// The mesh frequency in bins.
     pub(super) bins: f64,
     /// Teeth of the shaft.
     pub(super) teeth: u32,
-    /// Samples a second.
+    /// Sampling rate in hertz.
     pub(super) sample_rate_hz: f64,
 }
 
-/// What was done to a transform, and what it was before.
-pub(super) struct SpeedCompensated {
-    /// The mean mesh frequency in bins, which the lines have now.
+/// The compensation of a transform, and the original bins and amplitudes.
+pub(super) struct SpeedCompensation {
+    /// The mean mesh frequency in bins: that of the compensated lines.
     pub(super) mesh_bins: f64,
     bins: Vec<Complex<f64>>,
     amplitude: Vec<f64>,
 }
 
-impl SpeedCompensated {
-    /// Puts the transform back.
+impl SpeedCompensation {
+    /// Restores the original transform.
     pub(super) fn undo(self, work: &mut RecordSpectrum) {
         let bins = std::mem::replace(&mut work.bins, self.bins);
         let amplitude = std::mem::replace(&mut work.amplitude, self.amplitude);
@@ -65,14 +65,14 @@ impl SpeedCompensated {
     }
 }
 
-/// Replaces the bins around the mesh harmonics by those the record would have at its mean speed: the band's
-/// analytic signal is turned back by the harmonic's share of the mesh phase's wander. `None` where nothing
-/// was done because the speed does not wander or cannot be followed.
+/// Replaces the bins around the mesh harmonics by those that the record would have at its mean speed: the
+/// band's analytic signal is derotated by the harmonic's multiple of the mesh phase fluctuation. `None` if
+/// the speed does not fluctuate or cannot be tracked.
 pub(super) fn compensate(
     work: &mut RecordSpectrum,
     mesh: Mesh,
     harmonics: usize,
-) -> Option<SpeedCompensated> {
+) -> Option<SpeedCompensation> {
     let shaft_bins = mesh.bins / f64::from(mesh.teeth);
     if shaft_bins < SHAFT_RESOLVED_BINS {
         return None;
@@ -89,28 +89,29 @@ pub(super) fn compensate(
         teeth: mesh.teeth,
         mesh_hz: mesh.bins / duration_s,
     };
-    let alone = (width == LineWidth::Clear)
+    let by_own_phase = (width == LineWidth::Clear)
         .then(|| {
             let first = band.track_known(&mut work.transforms);
-            work.followed = Some(first.clone());
-            track_alone(&band, first?, &mut work.transforms)
+            work.tracked_angle = Some(first.clone());
+            track_by_own_phase(&band, first?, &mut work.transforms)
         })
         .flatten();
-    let angle = match alone {
-        Some(angle) if serves(&angle, harmonics * mesh.teeth as usize) => angle,
+    let angle = match by_own_phase {
+        Some(angle) if is_accurate_enough(&angle, harmonics * mesh.teeth as usize) => angle,
         Some(angle) => {
-            let rough = Wander::of(&angle, band.mesh_hz / f64::from(mesh.teeth), duration_s);
+            let rough = Fluctuation::of(&angle, band.mesh_hz / f64::from(mesh.teeth), duration_s);
             let ahead_periods = |part: f64| rough.revolutions(part) * f64::from(mesh.teeth);
-            band.track_along(&ahead_periods, rough.speed_part, &mut work.transforms).unwrap_or(angle)
+            band.track_with_estimate(&ahead_periods, rough.relative_speed, &mut work.transforms)
+                .unwrap_or(angle)
         }
         None => {
-            let rough = SpeedWander::of(&band, &mut work.transforms)?;
-            band.track_along(&|part| rough.ahead_periods(part), rough.reach(), &mut work.transforms)?
+            let rough = SpeedFluctuation::of(&band, &mut work.transforms)?;
+            band.track_with_estimate(&|part| rough.ahead_periods(part), rough.reach(), &mut work.transforms)?
         }
     };
     let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
     // Revolutions ahead of the mean speed.
-    let ahead = Wander::of(&angle, mean_bins / f64::from(mesh.teeth) / duration_s, duration_s);
+    let ahead = Fluctuation::of(&angle, mean_bins / f64::from(mesh.teeth) / duration_s, duration_s);
     if ahead.swing() * f64::from(mesh.teeth) * (harmonics as f64) < MIN_SWING_TURNS {
         return None;
     }
@@ -119,7 +120,7 @@ pub(super) fn compensate(
     for order in 1..=harmonics {
         let centre = order as f64 * mean_bins;
         let inner = REACH_SHAFTS * mean_bins / f64::from(mesh.teeth);
-        let reach = inner + ahead.speed_part * centre;
+        let reach = inner + ahead.relative_speed * centre;
         let (first, last) = ((centre - reach).ceil(), (centre + reach).floor());
         if first < 1.0 || last >= 0.5 * work.length as f64 {
             continue;
@@ -130,51 +131,55 @@ pub(super) fn compensate(
         let mut signal = band.analytic(first, last, &mut work.transforms);
         let samples = signal.len();
         for (j, z) in signal.iter_mut().enumerate() {
-            let back = TAU * turns_each * ahead.revolutions(j as f64 / samples as f64);
-            *z *= Complex::from_polar(1.0, -back);
+            let rotation = TAU * turns_each * ahead.revolutions(j as f64 / samples as f64);
+            *z *= Complex::from_polar(1.0, -rotation);
         }
         work.transforms.complex(&mut signal, FftDirection::Forward);
-        // The analytic signal holds each bin twice over the record's length.
+        // The analytic signal contains each bin twice over the record's length.
         let scale = work.length as f64 / (2.0 * samples as f64);
-        let kept = (centre - inner).ceil() as usize..=(centre + inner).floor() as usize;
-        for bin in kept.filter(|bin| (first..=last).contains(bin)) {
+        let inner_bins = (centre - inner).ceil() as usize..=(centre + inner).floor() as usize;
+        for bin in inner_bins.filter(|bin| (first..=last).contains(bin)) {
             let m = bin - first + 1;
             compensated[bin] = signal[m] * scale;
         }
-        work.transforms.keep_complex(signal);
+        work.transforms.recycle_complex(signal);
     }
     let bins = std::mem::replace(&mut work.bins, compensated);
-    let room = std::mem::take(&mut work.compensated.1);
-    let amplitude = std::mem::replace(&mut work.amplitude, room);
+    let buffer = std::mem::take(&mut work.compensated.1);
+    let amplitude = std::mem::replace(&mut work.amplitude, buffer);
     hann_amplitude(&work.bins, work.length, &mut work.amplitude);
-    Some(SpeedCompensated { mesh_bins: mean_bins, bins, amplitude })
+    Some(SpeedCompensation { mesh_bins: mean_bins, bins, amplitude })
 }
 
-/// Whether an angle is good enough for this order: an error of its phase takes half its square off a line's
-/// amplitude.
-fn serves(angle: &ShaftAngle, order: usize) -> bool {
+/// Returns whether an angle is accurate enough for this order: a phase error reduces a line's amplitude by
+/// half its square.
+fn is_accurate_enough(angle: &ShaftAngle, order: usize) -> bool {
     match angle.source() {
         AngleSource::MeshPhase { angle_error_deg, .. } => angle_error_deg * order as f64 <= MAX_ERROR_DEG,
         _ => true,
     }
 }
 
-/// By one harmonic's own phase. The comb is found where the speed lingers, which may be the end of its swing:
-/// once more from the mean.
-fn track_alone(band: &MeshBand<'_>, first: ShaftAngle, transforms: &mut Transforms) -> Option<ShaftAngle> {
+/// Tracks one harmonic by its own phase, a second time from the mean speed: the comb is found where the speed
+/// dwells, which may be an extreme of its swing.
+fn track_by_own_phase(
+    band: &MeshBand<'_>,
+    first: ShaftAngle,
+    transforms: &mut Transforms,
+) -> Option<ShaftAngle> {
     let mesh_hz = first.mean_speed_hz() * f64::from(band.teeth);
     let band = MeshBand { mesh_hz, ..*band };
     Some(band.track_known(transforms).unwrap_or(first))
 }
 
-/// What the mesh lines look like over the whole record.
+/// Width of the mesh lines over the whole record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum LineWidth {
     /// A high harmonic stands out and is as narrow as at a constant speed.
     Narrow,
-    /// Some harmonic stands out, and the speed may wander.
+    /// A harmonic stands out, and the speed may fluctuate.
     Clear,
-    /// None of them stands out: weak, or smeared over so many bins that it lies in what looks like noise.
+    /// No harmonic stands out: they are weak, or smeared over so many bins that they look like noise.
     Unclear,
 }
 
@@ -182,7 +187,7 @@ fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> Lin
     let RecordSpectrum { amplitude, sorting, .. } = work;
     let reach = 0.45 * shaft_bins;
     let mut width = LineWidth::Unclear;
-    for order in 1..=SHOWING {
+    for order in 1..=CHECKED_HARMONICS {
         let centre = order as f64 * mesh_bins;
         let Some(line) = read_line(amplitude, centre) else {
             break;
@@ -201,26 +206,26 @@ fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> Lin
         let energy: f64 = amplitude[first..=last].iter().map(|a| a * a).sum::<f64>();
         let around = (energy - bins * noise * noise) / HANN_BANDWIDTH_BINS;
         let single = line.amplitude * line.amplitude;
-        if around > CLEAR * CLEAR * noise * noise {
-            if around > WIDE * single {
+        if around > MIN_CLEAR_RATIO * MIN_CLEAR_RATIO * noise * noise {
+            if around > MIN_WIDE_ENERGY * single {
                 return LineWidth::Clear;
             }
-            // The higher harmonic shows more: the lowest ones alone say little, but can be followed.
-            width = if order >= TELLING { LineWidth::Narrow } else { LineWidth::Clear };
+            // Higher harmonics show more: the lowest ones alone prove little, but can be tracked.
+            width = if order >= DECISIVE_HARMONIC { LineWidth::Narrow } else { LineWidth::Clear };
         }
     }
     width
 }
 
-/// How far a shaft is ahead of its mean speed, over the parts of a record.
-struct Wander {
+/// How far a shaft is ahead of its mean speed, over the course of a record.
+struct Fluctuation {
     revolutions: Vec<f64>,
-    /// Greatest deviation of the speed as a part of the mean.
-    speed_part: f64,
+    /// Largest relative deviation of the speed from the mean.
+    relative_speed: f64,
 }
 
-impl Wander {
-    /// Steps over the record; the speed wanders slowly.
+impl Fluctuation {
+    /// Number of steps over the record; the speed changes slowly.
     const STEPS: usize = 512;
 
     fn of(angle: &ShaftAngle, mean_hz: f64, duration_s: f64) -> Self {
@@ -232,17 +237,17 @@ impl Wander {
             })
             .collect();
         let fastest = revolutions.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
-        Self { revolutions, speed_part: (fastest / (mean_hz * step_s)).min(0.02) }
+        Self { revolutions, relative_speed: (fastest / (mean_hz * step_s)).min(0.02) }
     }
 
-    /// Half of the range of how far the shaft is ahead, in revolutions.
+    /// Returns half the range of the lead, in revolutions.
     fn swing(&self) -> f64 {
         let low = self.revolutions.iter().copied().fold(f64::INFINITY, f64::min);
         let high = self.revolutions.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         0.5 * (high - low)
     }
 
-    /// At a part of the record, 0 to 1.
+    /// Returns the lead in revolutions at a fraction of the record, 0 to 1.
     fn revolutions(&self, part: f64) -> f64 {
         let place = part * Self::STEPS as f64;
         let i = (place as usize).min(Self::STEPS - 1);

@@ -1,9 +1,9 @@
-//! Sums in interleaved parts: as many additions go on at once as registers hold, and rounding stays small.
+//! Sums in interleaved parts: this fills the processor's registers and limits rounding.
 
-/// Parts of a sum.
+/// Number of interleaved parts.
 const PARTS: usize = 8;
 
-/// Σ of a function over values.
+/// Returns the sum of a function over values.
 #[inline(always)]
 pub(super) fn sum_of<T>(values: &[T], of: impl Fn(&T) -> f64) -> f64 {
     let (blocks, rest) = values.as_chunks::<PARTS>();
@@ -16,7 +16,7 @@ pub(super) fn sum_of<T>(values: &[T], of: impl Fn(&T) -> f64) -> f64 {
     rest.iter().map(of).sum::<f64>() + sums.into_iter().sum::<f64>()
 }
 
-/// Mean of a function over values.
+/// Returns the mean of a function over values.
 #[inline(always)]
 pub(super) fn mean_of<T>(values: &[T], of: impl Fn(&T) -> f64) -> f64 {
     sum_of(values, of) / values.len() as f64
@@ -27,7 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_of_any_length_are_whole() {
+    fn sums_of_any_length_are_complete() {
         for count in 0..40_u32 {
             let values: Vec<u32> = (0..count).collect();
             assert_eq!(

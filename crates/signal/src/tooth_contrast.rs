@@ -1,9 +1,9 @@
-//! Whether the teeth of one shaft are alike: what a turn has besides its mesh harmonics, and whether one
-//! tooth has more of it than the others.
+//! Differences between the teeth of one shaft: the part of a turn that does not belong to the mesh harmonics,
+//! and whether one tooth has more of it than the others.
 //!
-//! Wear takes all teeth alike, so it moves the mesh harmonics and, with the gears' own errors, the sidebands
-//! next to them. One tooth that differs (a crack, a chip) acts once per turn over one tooth's angle: many
-//! weak sidebands far from the harmonics.
+//! Wear affects all teeth alike, so it changes the mesh harmonics and, with the gears' own errors, the
+//! sidebands next to them. A single different tooth (a crack, a chip) acts once per turn over one tooth's
+//! angle: it causes many weak sidebands far from the harmonics.
 
 use realfft::num_complex::Complex;
 
@@ -13,58 +13,58 @@ use super::speed::MeshContext;
 use super::sums::{mean_of, sum_of};
 use super::transform::Transforms;
 
-/// Shaft orders beside each mesh harmonic that are left out on each side: errors of the whole gear modulate
-/// the mesh there.
-const LEFT_OUT: usize = 3;
+/// Shaft orders excluded on each side of a mesh harmonic: errors of the whole gear modulate the mesh there.
+const EXCLUDED_ORDERS: usize = 3;
 
-/// With fewer teeth hardly any order is left between the harmonics.
+/// Fewest teeth: with fewer, hardly any order remains between the harmonics.
 const MIN_TEETH: usize = 10;
 
-/// Below this part of the average's deviation a signal is rounding.
+/// Below this fraction of the average's standard deviation, a signal is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Turns that are averaged. What noise leaves in an average depends on their number, so records of different
-/// lengths are compared on averages of as many turns.
+/// Numbers of turns averaged. The residual noise of an average depends on this number, so records of
+/// different lengths are compared by averages of equal size.
 const GROUPS: [usize; 4] = [128, 32, 8, 2];
 
-/// So many of the largest groups that a record fills are taken.
+/// This many of the largest groups that a record fills are used.
 const MAX_GROUPS: usize = 3;
 
-/// Puts down, of what lies between the harmonics of this mesh and of others, three ratios of a turn that no
-/// gain of the sensor changes, as natural logarithms of amplitudes, for averages of 128, 32, 8 or 2 turns;
-/// nothing for a gear with fewer than 10 teeth, and where order `teeth` + 1 lies above half the samples of a
-/// turn.
+/// Inserts three ratios of the part of a turn between the harmonics of this mesh and of others, for averages
+/// of 128, 32, 8 or 2 turns. They do not depend on the sensor's gain and are natural logarithms of
+/// amplitudes. Nothing is inserted for a gear with fewer than 10 teeth, or if order `teeth` + 1 lies above
+/// half the samples of a turn.
 pub(super) fn insert_tooth_checks(
-    turned: &AngleRecord,
+    angle_record: &AngleRecord,
     mesh: &MeshContext,
     harmonics: usize,
     transforms: &mut Transforms,
     features: &mut Features,
 ) {
-    let (teeth, per_turn) = (mesh.teeth as usize, turned.samples_per_turn);
+    let (teeth, per_turn) = (mesh.teeth as usize, angle_record.samples_per_turn);
     if teeth < MIN_TEETH || 2 * (teeth + 1) >= per_turn {
         return;
     }
     let highest = (harmonics * teeth + teeth / 2).min((per_turn - 1) / 2);
-    let mut kept = transforms.room();
-    kept.extend((0..=per_turn / 2).map(|order| {
+    let mut mask = transforms.buffer();
+    mask.extend((0..=per_turn / 2).map(|order| {
         let beside = (order % teeth).min(teeth - order % teeth);
-        let left_out = beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0);
-        f64::from(u8::from(!left_out))
+        let is_excluded =
+            beside <= EXCLUDED_ORDERS || order > highest || mesh.others.contains(order as f64, 0.0);
+        f64::from(u8::from(!is_excluded))
     }));
-    let filled = GROUPS.into_iter().filter(|group| *group <= turned.turns).take(MAX_GROUPS);
+    let filled = GROUPS.into_iter().filter(|group| *group <= angle_record.turns).take(MAX_GROUPS);
     let mut levels: [Option<Contrast>; MAX_GROUPS] = [const { None }; MAX_GROUPS];
     for (level, group) in levels.iter_mut().zip(filled) {
         *level = Some(Contrast::of(group, teeth, transforms));
     }
-    // The smallest group first: its averages add up to those of the larger ones.
+    // The smallest group first: its averages sum to those of the larger ones.
     let mut levels: Vec<Contrast> = levels.into_iter().flatten().collect();
     levels.reverse();
     let smallest = levels.first().map_or(usize::MAX, |level| level.group);
-    let [mut even, mut odd] = [transforms.room(), transforms.room()];
-    for first in (0..turned.turns / smallest).map(|index| index * smallest) {
-        turned.sum_into(first..first + smallest, [&mut even, &mut odd]);
-        // The difference between even and odd turns has the noise of the average and nothing of what repeats.
+    let [mut even, mut odd] = [transforms.buffer(), transforms.buffer()];
+    for first in (0..angle_record.turns / smallest).map(|index| index * smallest) {
+        angle_record.sum_into(first..first + smallest, [&mut even, &mut odd]);
+        // The difference between even and odd turns has the noise of the average without the repeating part.
         for (even, odd) in even.iter_mut().zip(&mut odd) {
             (*even, *odd) = (*even + *odd, *even - *odd);
         }
@@ -81,33 +81,34 @@ pub(super) fn insert_tooth_checks(
             if let Some(above) = above.first_mut() {
                 above.add(level);
             }
-            level.take(&kept, &mut even, transforms);
+            level.add_average(&mask, &mut even, transforms);
         }
     }
     for level in levels {
         level.insert(features, transforms);
     }
-    for room in [kept, even, odd] {
-        transforms.keep(room);
+    for buffer in [mask, even, odd] {
+        transforms.recycle(buffer);
     }
 }
 
-/// What several averages of as many turns have between the mesh harmonics.
+/// The part between the mesh harmonics in several averages of the same number of turns.
 struct Contrast {
-    /// Turns of an average, and those of the one that is being made.
+    /// Turns per average, and turns summed so far for the current one.
     group: usize,
     turns: usize,
     teeth: usize,
-    /// Transforms of the sum of all turns and of the difference between even and odd ones.
+    /// Transforms of the sum of all turns, and of the difference between even and odd ones.
     bins: [Vec<Complex<f64>>; 2],
     averages: f64,
-    /// Mean squares of what lies between the harmonics, of the noise in it, and the fourth moment.
+    /// Sums over the averages: mean square between the harmonics, mean square of the noise in it, and fourth
+    /// moment.
     repeated: f64,
     noise: f64,
     fourth: f64,
-    /// Below this it is rounding.
+    /// Level below which a mean square is rounding.
     floor: f64,
-    /// Mean square over one pitch by angle.
+    /// Mean square over one tooth pitch, by angle.
     by_pitch: Vec<f64>,
 }
 
@@ -117,13 +118,13 @@ impl Contrast {
             group,
             turns: 0,
             teeth,
-            bins: [transforms.complex_room(), transforms.complex_room()],
+            bins: [transforms.complex_buffer(), transforms.complex_buffer()],
             averages: 0.0,
             repeated: 0.0,
             noise: 0.0,
             fourth: 0.0,
             floor: 0.0,
-            by_pitch: transforms.room(),
+            by_pitch: transforms.buffer(),
         }
     }
 
@@ -140,20 +141,20 @@ impl Contrast {
         self.turns += part.turns;
     }
 
-    /// Takes the average of a whole group, of which it leaves what lies between the harmonics in `signal`. By
-    /// Parseval's theorem mean squares are those of the transforms.
-    fn take(&mut self, kept: &[f64], signal: &mut [f64], transforms: &mut Transforms) {
+    /// Completes the average of a whole group and leaves the part between the harmonics in `signal`. By
+    /// Parseval's theorem mean squares follow from the transforms.
+    fn add_average(&mut self, mask: &[f64], signal: &mut [f64], transforms: &mut Transforms) {
         let scale = 1.0 / (self.group * signal.len()) as f64;
         let [bins, alternating] = &mut self.bins;
-        // Each bin stands for its mirror image too, but those at the ends.
+        // Each bin except the end ones also represents its mirror image.
         let ends = [bins.first(), bins.last()].into_iter().flatten().map(Complex::norm_sqr).sum::<f64>();
         let whole = scale * scale * (2.0 * sum_of(bins, Complex::norm_sqr) - ends);
         self.floor = self.floor.max(ROUNDING * ROUNDING * whole);
-        for (bin, kept) in bins.iter_mut().zip(kept) {
-            *bin *= kept * scale;
+        for (bin, mask) in bins.iter_mut().zip(mask) {
+            *bin *= mask * scale;
         }
-        for (bin, kept) in alternating.iter_mut().zip(kept) {
-            *bin *= kept * scale;
+        for (bin, mask) in alternating.iter_mut().zip(mask) {
+            *bin *= mask * scale;
         }
         self.averages += 1.0;
         self.repeated += 2.0 * sum_of(bins, Complex::norm_sqr);
@@ -171,22 +172,22 @@ impl Contrast {
         let scale = 1.0 / self.averages;
         let [repeated, noise, fourth] = [self.repeated, self.noise, self.fourth].map(|sum| sum * scale);
         if repeated > self.floor {
-            self.put([repeated, noise, fourth], features);
+            self.insert_check([repeated, noise, fourth], features);
         }
-        self.bins.into_iter().for_each(|bins| transforms.keep_complex(bins));
-        transforms.keep(self.by_pitch);
+        self.bins.into_iter().for_each(|bins| transforms.recycle_complex(bins));
+        transforms.recycle(self.by_pitch);
     }
 
-    fn put(&mut self, [repeated, noise, fourth]: [f64; 3], features: &mut Features) {
+    fn insert_check(&mut self, [repeated, noise, fourth]: [f64; 3], features: &mut Features) {
         let turns = self.group;
-        let mut put =
+        let mut insert_check =
             |name: &str, squared: f64| features.checks.insert(format!("{name}_{turns}"), 0.5 * squared.ln());
-        put("ln_tooth_repeated", repeated / noise.max(self.floor));
-        put("ln_tooth_kurtosis", fourth / (repeated * repeated));
+        insert_check("ln_tooth_repeated", repeated / noise.max(self.floor));
+        insert_check("ln_tooth_kurtosis", fourth / (repeated * repeated));
         let worst = self.by_pitch.iter().copied().fold(0.0, f64::max);
         let middle = self.by_pitch.len() / 2;
         let (_, median, _) = self.by_pitch.select_nth_unstable_by(middle, f64::total_cmp);
-        put("ln_tooth_worst", worst / median.max(self.floor * self.averages));
+        insert_check("ln_tooth_worst", worst / median.max(self.floor * self.averages));
     }
 }
 
@@ -194,10 +195,10 @@ impl Contrast {
 fn add_pitch_energies(squares: &[f64], teeth: usize, energies: &mut [f64]) {
     let pitch = (squares.len() / teeth).max(1);
     let mut sum: f64 = squares[..pitch].iter().sum();
-    let comes = squares[pitch..].iter().chain(&squares[..pitch]);
-    for ((energy, comes), goes) in energies.iter_mut().zip(comes).zip(squares) {
+    let entering = squares[pitch..].iter().chain(&squares[..pitch]);
+    for ((energy, entering), leaving) in energies.iter_mut().zip(entering).zip(squares) {
         *energy += sum.max(0.0) / pitch as f64;
-        sum += comes - goes;
+        sum += entering - leaving;
     }
 }
 
@@ -247,7 +248,7 @@ mod tests {
             let normal: f64 = StandardNormal.sample(&mut random);
             lines + hit + other * (OTHER_ORDERS * turn).sin() + 0.3 * normal
         });
-        let turned = AngleRecord {
+        let angle_record = AngleRecord {
             unit: "g".to_owned(),
             samples_per_turn: PER_TURN,
             turns: TURNS,
@@ -257,7 +258,7 @@ mod tests {
         let mut features = Features::default();
         let mesh = MeshContext { others, ..of_teeth(TEETH) };
         insert_tooth_checks(
-            &turned.without_lines_of(&mesh),
+            &angle_record.without_other_meshes(&mesh),
             &mesh,
             10,
             &mut Transforms::default(),
@@ -267,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn teeth_that_are_alike_have_noise_alone_whatever_the_mesh_does() {
+    fn identical_teeth_leave_only_noise() {
         let calm = checks(1.0, 0.0).checks;
         // Noise: as much in the average as in half the difference, kurtosis 3.
         assert!(calm["ln_tooth_repeated_8"].abs() < 0.15, "{calm:?}");
@@ -280,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn one_tooth_that_differs_stands_out() {
+    fn a_different_tooth_stands_out() {
         let (calm, cracked) = (checks(1.0, 0.0).checks, checks(1.0, 0.5).checks);
         for (name, least) in
             [("ln_tooth_repeated_8", 0.15), ("ln_tooth_kurtosis_8", 0.3), ("ln_tooth_worst_8", 0.5)]
@@ -290,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn another_mesh_that_is_known_is_no_tooth_that_differs() {
+    fn a_known_other_mesh_is_not_a_different_tooth() {
         let others =
             OtherMeshes::of([OtherMesh { mesh_orders: OTHER_ORDERS, shaft_orders: [24.0 / 26.0, 0.5] }]);
         let calm = checks_beside(1.0, 0.0, 0.0, others).checks;
@@ -306,8 +307,8 @@ mod tests {
     }
 
     #[test]
-    fn few_teeth_and_few_samples_say_nothing() {
-        let turned = AngleRecord {
+    fn few_teeth_and_few_samples_give_no_checks() {
+        let angle_record = AngleRecord {
             unit: "g".to_owned(),
             samples_per_turn: 48,
             turns: 4,
@@ -316,7 +317,13 @@ mod tests {
         };
         let mut features = Features::default();
         for teeth in [0, 9, 12, 24, u32::MAX] {
-            insert_tooth_checks(&turned, &of_teeth(teeth), 10, &mut Transforms::default(), &mut features);
+            insert_tooth_checks(
+                &angle_record,
+                &of_teeth(teeth),
+                10,
+                &mut Transforms::default(),
+                &mut features,
+            );
         }
         assert_eq!(features, Features::default());
     }

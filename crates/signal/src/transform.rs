@@ -1,4 +1,4 @@
-//! Fourier transforms of real data with their plans and scratch kept between records.
+//! Fourier transforms of real data, with cached plans and buffers.
 
 use std::sync::Arc;
 
@@ -6,20 +6,21 @@ use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use rustfft::{Fft, FftDirection, FftPlanner};
 
-/// How many plans of each direction are kept. Records of one asset share a length, so a few suffice; without
-/// a bound a stream of ever new lengths would grow the memory without end.
-const KEPT_PLANS: usize = 8;
+/// Number of cached plans per direction. Records of one asset share a length, so a few suffice; without a
+/// limit, a stream of different lengths would grow memory forever.
+const MAX_PLANS: usize = 8;
 
-/// Records up to this length are transformed as they are, whatever their length's factors: even a prime costs
+/// Records up to this length are transformed at their exact length, whatever its factors: even a prime costs
 /// little here.
 const ALWAYS_EXACT: usize = 1 << 14;
 
-/// How many samples of a record its spectra are made from: all of them where the length is at most 16 384 or
-/// has no prime factor above 13, otherwise the longest even leading part whose length has none above 11.
+/// Returns how many samples of a record its spectra are computed from: all of them if the length is at most
+/// 16 384 or has no prime factor above 13, otherwise the longest even leading part whose length has none
+/// above 11.
 ///
-/// A prime length costs a dozen transforms of a smooth one. Leaving out the tail, at most 1.6 % of the
-/// record, changes the resolution by that much and nothing else: bins stay bins of a transform without
-/// padding, and an amplitude keeps its meaning.
+/// A prime length costs as much as a dozen transforms of a smooth one. Omitting the tail, at most 1.6 % of
+/// the record, changes only the resolution, by that much: there is no padding, and amplitudes keep their
+/// meaning.
 pub(super) fn spectrum_length(samples: usize) -> usize {
     if samples <= ALWAYS_EXACT || is_smooth(samples, &[2, 3, 5, 7, 11, 13]) {
         return samples;
@@ -41,74 +42,75 @@ fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
     number == 1
 }
 
-/// How many rooms of each kind are kept for the next work.
-const KEPT_ROOMS: usize = 16;
+/// Number of cached buffers of each type.
+const MAX_BUFFERS: usize = 16;
 
-/// Plans of transforms, the latest used first, and room to work in that is kept from record to record.
+/// Transform plans, most recently used first, and reusable buffers.
 pub(super) struct Transforms {
-    kept_plans: usize,
+    max_plans: usize,
     forward: Vec<Arc<dyn RealToComplex<f64>>>,
     inverse: Vec<Arc<dyn ComplexToReal<f64>>>,
     complex: Vec<Arc<dyn Fft<f64>>>,
     scratch: Vec<Complex<f64>>,
-    real_rooms: Vec<Vec<f64>>,
-    complex_rooms: Vec<Vec<Complex<f64>>>,
+    real_buffers: Vec<Vec<f64>>,
+    complex_buffers: Vec<Vec<Complex<f64>>>,
 }
 
 impl Default for Transforms {
     fn default() -> Self {
-        Self::keeping(KEPT_PLANS)
+        Self::with_max_plans(MAX_PLANS)
     }
 }
 
 impl Transforms {
-    /// Keeps this many plans of each direction.
-    pub(super) fn keeping(kept_plans: usize) -> Self {
+    /// Creates a cache of up to `max_plans` plans per direction.
+    pub(super) fn with_max_plans(max_plans: usize) -> Self {
         Self {
-            kept_plans,
-            forward: Vec::with_capacity(kept_plans),
-            inverse: Vec::with_capacity(kept_plans),
-            complex: Vec::with_capacity(2 * kept_plans),
+            max_plans,
+            forward: Vec::with_capacity(max_plans),
+            inverse: Vec::with_capacity(max_plans),
+            complex: Vec::with_capacity(2 * max_plans),
             scratch: Vec::new(),
-            real_rooms: Vec::new(),
-            complex_rooms: Vec::new(),
+            real_buffers: Vec::new(),
+            complex_buffers: Vec::new(),
         }
     }
 
-    /// An empty room for real numbers, with the memory of one that was [kept](Self::keep).
-    pub(super) fn room(&mut self) -> Vec<f64> {
-        self.real_rooms.pop().unwrap_or_default()
+    /// Returns an empty buffer for real numbers, with the memory of a [recycled](Self::recycle) one if
+    /// possible.
+    pub(super) fn buffer(&mut self) -> Vec<f64> {
+        self.real_buffers.pop().unwrap_or_default()
     }
 
-    /// Keeps a room's memory for the next work.
-    pub(super) fn keep(&mut self, mut room: Vec<f64>) {
-        if self.real_rooms.len() < KEPT_ROOMS {
-            room.clear();
-            self.real_rooms.push(room);
+    /// Recycles the memory of a buffer.
+    pub(super) fn recycle(&mut self, mut buffer: Vec<f64>) {
+        if self.real_buffers.len() < MAX_BUFFERS {
+            buffer.clear();
+            self.real_buffers.push(buffer);
         }
     }
 
-    /// The same for complex numbers.
-    pub(super) fn complex_room(&mut self) -> Vec<Complex<f64>> {
-        self.complex_rooms.pop().unwrap_or_default()
+    /// Like the method for real numbers.
+    pub(super) fn complex_buffer(&mut self) -> Vec<Complex<f64>> {
+        self.complex_buffers.pop().unwrap_or_default()
     }
 
-    /// The same for complex numbers.
-    pub(super) fn keep_complex(&mut self, mut room: Vec<Complex<f64>>) {
-        if self.complex_rooms.len() < KEPT_ROOMS {
-            room.clear();
-            self.complex_rooms.push(room);
+    /// Like the method for real numbers.
+    pub(super) fn recycle_complex(&mut self, mut buffer: Vec<Complex<f64>>) {
+        if self.complex_buffers.len() < MAX_BUFFERS {
+            buffer.clear();
+            self.complex_buffers.push(buffer);
         }
     }
 
     /// Σ z·exp(∓2πikn/N) in place of the N values, not divided by their number.
     pub(super) fn complex(&mut self, values: &mut [Complex<f64>], direction: FftDirection) {
-        let is_it =
+        let matches =
             |plan: &Arc<dyn Fft<f64>>| plan.len() == values.len() && plan.fft_direction() == direction;
-        match self.complex.iter().position(is_it) {
+        match self.complex.iter().position(matches) {
             Some(index) => self.complex[..=index].rotate_right(1),
             None => {
-                self.complex.truncate(2 * self.kept_plans - 1);
+                self.complex.truncate(2 * self.max_plans - 1);
                 self.complex.insert(0, FftPlanner::new().plan_fft(values.len(), direction));
             }
         }
@@ -123,7 +125,7 @@ impl Transforms {
         match self.forward.iter().position(|plan| plan.len() == length) {
             Some(index) => self.forward[..=index].rotate_right(1),
             None => {
-                self.forward.truncate(self.kept_plans - 1);
+                self.forward.truncate(self.max_plans - 1);
                 self.forward.insert(0, RealFftPlanner::new().plan_fft_forward(length));
             }
         }
@@ -141,7 +143,7 @@ impl Transforms {
         match self.inverse.iter().position(|plan| plan.len() == length) {
             Some(index) => self.inverse[..=index].rotate_right(1),
             None => {
-                self.inverse.truncate(self.kept_plans - 1);
+                self.inverse.truncate(self.max_plans - 1);
                 self.inverse.insert(0, RealFftPlanner::new().plan_fft_inverse(length));
             }
         }
@@ -163,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn smooth_and_short_lengths_are_kept() {
+    fn smooth_and_short_lengths_are_unchanged() {
         for length in [1, 2, 3, 7919, 16_381, 20_000, 200_000, 13 * 4096, 1 << 24] {
             assert_eq!(spectrum_length(length), length);
         }
@@ -189,12 +191,12 @@ mod tests {
     }
 
     #[test]
-    fn plans_kept_are_bounded() {
+    fn cached_plans_are_bounded() {
         let mut transforms = Transforms::default();
         for length in 1..40 {
             transforms.forward(&mut vec![0.0; length], &mut Vec::new());
         }
-        assert_eq!(transforms.forward.len(), KEPT_PLANS);
+        assert_eq!(transforms.forward.len(), MAX_PLANS);
         assert_eq!(transforms.forward[0].len(), 39);
     }
 }

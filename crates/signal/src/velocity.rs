@@ -1,19 +1,19 @@
-//! The root mean square of velocity that ISO 20816 judges machines by.
+//! The root mean square of the vibration velocity as in ISO 20816.
 
 use super::band::{BandQuantity, rms_between};
 use super::indicators::NotComputed;
 use super::motion::Motion;
 
-/// The name of the indicator.
+/// Name of the indicator.
 pub const VELOCITY_RMS: &str = "velocity_rms";
 
-/// The band of ISO 20816-1 and -3 for shafts above 600 turns a minute.
+/// The band of ISO 20816-1 and -3 for shafts above 600 rpm.
 const BAND_HZ: [f64; 2] = [10.0, 1000.0];
 
-/// The band's lower end lies so many bins from zero: integration would raise what leaks from below it.
+/// Fewest bins from zero to the band's lower end: integration would amplify leakage from below it.
 const MIN_BINS: f64 = 2.0;
 
-/// The unit's factor to mm/s, and whether samples in it have to be integrated for that.
+/// Returns the unit's factor to mm/s, and whether its samples must be integrated to velocity.
 pub(super) fn to_mm_per_s(unit: &str) -> Option<(f64, bool)> {
     match Motion::of_unit(unit)? {
         (Motion::Acceleration, si) => Some((1e3 * si, true)),
@@ -22,8 +22,8 @@ pub(super) fn to_mm_per_s(unit: &str) -> Option<(f64, bool)> {
     }
 }
 
-/// Root mean square of velocity from 10 to 1000 Hz in mm/s, of a Hann amplitude spectrum of `samples`
-/// samples.
+/// Returns the root mean square of velocity from 10 to 1000 Hz in mm/s, from the Hann amplitude spectrum of
+/// `samples` samples.
 pub(super) fn velocity_rms(
     amplitude: &[f64],
     samples: usize,
@@ -57,9 +57,9 @@ mod tests {
         indicators.get(VELOCITY_RMS).ok_or_else(|| indicators.absent[VELOCITY_RMS])
     }
 
-    /// `make_velocity_reference.py` beside the vectors says what SciPy does.
+    /// `make_velocity_reference.py` next to the vectors documents the SciPy computation.
     #[test]
-    fn it_equals_that_of_scipy() {
+    fn equals_scipy() {
         let text = include_str!("../../../fixtures/reference/signal/velocity_vectors.json");
         let cases: Vec<Case> = serde_json::from_str(text).unwrap();
         assert!(cases.len() >= 6);
@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn records_that_do_not_allow_it_say_why() {
+    fn unusable_records_report_the_reason() {
         let noise = |count: usize| (0..count).map(|k| (1.7 * k as f32).sin() * (0.3 * k as f32).cos());
         let of = |unit: &str, rate_hz: f64, count: usize| value(unit, rate_hz, noise(count).collect());
         assert!(of("m/s2", 4000.0, 800).is_ok());

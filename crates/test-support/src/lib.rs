@@ -1,17 +1,17 @@
-//! Where tests find recordings and what else they need.
+//! Locations of recordings and other prerequisites of tests.
 
 use std::path::{Path, PathBuf};
 
-/// The folder `fixtures` of the repository.
+/// Returns the folder `fixtures` of the repository.
 #[must_use]
 pub fn fixtures() -> PathBuf {
     root().join("fixtures")
 }
 
-/// A folder of real recordings. `FLANKWATCH_DATA` says where to look.
+/// Returns a folder of real recordings, located by `FLANKWATCH_DATA`.
 ///
 /// # Panics
-/// Where it is absent: tests that need it are `#[ignore]`d, and whoever asks for them has it.
+/// If it is missing: tests that need it are `#[ignore]`d, and run only where it exists.
 #[must_use]
 pub fn recordings(folder: &str) -> PathBuf {
     let given = std::env::var_os("FLANKWATCH_DATA").map(PathBuf::from);
@@ -19,10 +19,10 @@ pub fn recordings(folder: &str) -> PathBuf {
     needed(path.is_dir().then_some(path), &format!("the folder {folder} of real recordings"))
 }
 
-/// Something that an ignored test needs.
+/// Returns a prerequisite of an ignored test.
 ///
 /// # Panics
-/// Where it is absent.
+/// If it is missing.
 #[track_caller]
 pub fn needed<T>(found: Option<T>, what: &str) -> T {
     found.unwrap_or_else(|| panic!("{what} is missing"))

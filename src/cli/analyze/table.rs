@@ -6,7 +6,7 @@ use crate::asset::AssetSpec;
 use crate::cli::CliError;
 use crate::estimate::WearStatus;
 use crate::report::angle_words;
-use crate::signal::{Described, Indicators};
+use crate::signal::{IndicatorScope, Indicators};
 
 /// A column that is asked for beyond those that are always there.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +27,7 @@ const INDICATORS: [(&str, &str); 3] = [("rms", "RMS"), ("kurtosis", "kurtosis"),
 impl Column {
     /// The columns of these names.
     pub(super) fn chosen(names: &[String], asset: Option<&AssetSpec>) -> Result<Vec<Self>, CliError> {
-        let any = || Indicators::names(&Described::default());
+        let any = || Indicators::names(&IndicatorScope::default());
         let indicators = asset.map_or_else(any, AssetSpec::indicator_names);
         let column = |name: &String| match name.as_str() {
             "channel" => Ok(Self::Channel),

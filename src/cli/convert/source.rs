@@ -63,7 +63,7 @@ impl Source {
             }
             Ok(Format::Csv) => {
                 let frames = CsvFrames::new(BufReader::new(&file), &args.channels).map_err(input)?;
-                if args.rate.is_none() && !frames.says_rate() {
+                if args.rate.is_none() && !frames.has_rate() {
                     let expected = "the sampling rate in hertz, which neither a column of times nor a line before the header says";
                     return Err(argument("--rate", "missing", expected));
                 }

@@ -65,7 +65,7 @@ impl Cutting {
 
     /// Frames before and after an alarm that become records; `None` if all frames do anyway.
     pub(super) fn around_alarm(&self) -> Option<(u64, u64)> {
-        self.around_alarm.filter(|_| !self.takes_all())
+        self.around_alarm.filter(|_| !self.is_continuous())
     }
 
     /// Length of the records of a capture in frames.
@@ -74,8 +74,8 @@ impl Cutting {
     }
 
     /// Whether all frames become records.
-    pub(super) fn takes_all(&self) -> bool {
-        self.steady.is_none() && self.clocked.takes_all()
+    pub(super) fn is_continuous(&self) -> bool {
+        self.steady.is_none() && self.clocked.is_continuous()
     }
 
     /// The earliest first frame of the next record after a cut.
@@ -100,7 +100,7 @@ impl Cutting {
         if self.steady.is_some() {
             // A record is cut as soon as it is complete.
             cutter.skip_before((cutter.end() + 1).saturating_sub(self.clocked.record_frames()));
-        } else if self.clocked.takes_none() {
+        } else if self.clocked.is_disabled() {
             cutter.skip();
         }
     }

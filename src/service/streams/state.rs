@@ -219,7 +219,7 @@ impl StreamState {
     }
 
     fn take_cut(&mut self, pending: PendingCut) {
-        self.cutter.taken(pending.cut);
+        self.cutter.mark_cut(pending.cut);
         self.pending.push_back(pending);
     }
 
@@ -280,7 +280,7 @@ impl StreamState {
         let from = match &self.capture {
             Some(capture) => capture.from,
             // Samples that are not in a record yet would otherwise be in none.
-            None if cutting.takes_all() && is_whole => self.cutter.earliest().min(next),
+            None if cutting.is_continuous() && is_whole => self.cutter.earliest().min(next),
             None => next,
         };
         let (until, record_frames) = (next + frames, cutting.captured_frames());

@@ -95,7 +95,7 @@ impl StoredStream {
 
     /// Drops chunks that wait for earlier samples: a new sender starts at the next index.
     pub(crate) fn drop_waiting_chunks(&mut self) {
-        self.assembler.forget_held();
+        self.assembler.discard_pending();
     }
 
     /// Stores chunks durably. If one is invalid, those before it are stored.
@@ -125,7 +125,7 @@ impl StoredStream {
         index: u64,
         cutting: &Cutting,
     ) -> Result<StreamProgress, ServiceError> {
-        let pieces = self.assembler.give_up_before(index)?;
+        let pieces = self.assembler.declare_lost_before(index)?;
         self.write(pieces, cutting)
     }
 

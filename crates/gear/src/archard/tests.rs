@@ -1,4 +1,4 @@
-use super::{ArchardWear, Course, Goal};
+use super::{ArchardWear, Target, WearHistory};
 use crate::contact_band::arc_mm;
 use crate::testing::shen2022_spec;
 use crate::{ContactRule, Flank, FlankWear, GearError, GearPair, WearShape};
@@ -54,14 +54,14 @@ fn shape_is_that_of_figure_6() {
 #[test]
 fn one_point_is_the_closed_form() {
     let pair = pair(ContactRule::Threshold);
-    let course = Course::new(&pair, 1e-3 / 6.0).unwrap();
-    let rates = course.rates().unwrap();
+    let history = WearHistory::new(&pair, 1e-3 / 6.0).unwrap();
+    let rates = history.rates().unwrap();
     let turns = 1000.0;
     // Single contact lies between α₁ = a₁ − 2π/z₁ = 0.2315 and c₁ + 2π/z₁ = 0.3332, the pitch point at
     // 0.2837: all of the force.
     let angle = 0.31;
     for i in 0..2 {
-        let cells = &course.flanks[i];
+        let cells = &history.flanks[i];
         // Perfect flanks: α₁ = φ₁ + α₀, α₁′ with R_b1 (α₁ + α₂) + R_b2 (α₁′ + α₂′) = a sin α₀.
         let lengths = |driving: f64| {
             let first = pair.gears[0].base_radius_mm * (driving + pair.gears[0].base_half_angle_rad);
@@ -94,12 +94,12 @@ fn both_gears_lose_the_same_volume_and_the_softer_one_more() {
         let mut spec = shen2022_spec();
         spec.wear.hardness_pa = hardness_pa;
         let pair = spec.resolve().unwrap();
-        let course = Course::new(&pair, 1e-3 / 6.0).unwrap();
-        let rubbings = course.rubbings(&FlankWear::none()).unwrap();
+        let history = WearHistory::new(&pair, 1e-3 / 6.0).unwrap();
+        let rubbings = history.rubbings(&FlankWear::none()).unwrap();
         [0, 1].map(|i| {
-            let rates = course.flanks[i].normal_rates(&rubbings, i);
+            let rates = history.flanks[i].normal_rates(&rubbings, i);
             let inner: f64 = rates[1..rates.len() - 1].iter().sum();
-            (inner + 0.5 * (rates[0] + rates[rates.len() - 1])) * course.flanks[i].cell_mm
+            (inner + 0.5 * (rates[0] + rates[rates.len() - 1])) * history.flanks[i].cell_mm
         })
     };
     let equal = volumes([7e9, 7e9]);
@@ -114,7 +114,7 @@ fn both_gears_lose_the_same_volume_and_the_softer_one_more() {
 /// of its own. The pitch point, which carries alone in both, agrees within 8 %; elsewhere the sharing differs
 /// by what elastic bodies and tip edges do.
 #[test]
-fn course_is_that_of_a_second_method() {
+fn history_equals_that_of_a_second_method() {
     const STATES_MM: [f64; 5] = [0.012, 0.025, 0.05, 0.1, 0.245];
     let pair = pair(ContactRule::Loaded);
     let states = ArchardWear::at_depths(&pair, &STATES_MM).unwrap();
@@ -195,14 +195,14 @@ fn depth_is_proportional_to_turns_at_first_and_to_the_coefficient() {
     assert_eq!(ArchardWear::after_turns(&pair, 0.0).unwrap().wear, FlankWear::none());
 }
 
-/// Halving the step of the course changes the shape little where the threshold rule lets pairs take turns.
+/// Halving the step of the history changes the shape little where the threshold rule lets pairs take turns.
 #[test]
-fn course_has_settled_in_its_step() {
+fn history_has_converged_in_its_step() {
     let pair = pair(ContactRule::Threshold);
     let with = |step_modules: f64| {
-        let mut course = Course::new(&pair, step_modules).unwrap();
-        course.until(Goal::Depth(0.012)).unwrap();
-        depths(&pair, &course.wear(), 0)
+        let mut history = WearHistory::new(&pair, step_modules).unwrap();
+        history.advance_to(Target::Depth(0.012)).unwrap();
+        depths(&pair, &history.wear(), 0)
     };
     let (used, halved) = (with(super::STEP_MODULES), with(0.5 * super::STEP_MODULES));
     let worst = used.iter().zip(&halved).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

@@ -1,4 +1,4 @@
-//! Chunks in any order to every sample once.
+//! Assembly of chunks in any order into every sample exactly once.
 
 use std::collections::BTreeMap;
 
@@ -7,16 +7,16 @@ use bytes::Bytes;
 use super::super::RecordingError;
 use super::StreamFormat;
 
-/// The highest index of a sample: larger whole numbers are not exact in JSON.
+/// Highest index of a sample: larger whole numbers are not exact in JSON.
 pub const MAX_INDEX: u64 = 1 << 53;
 
-/// Chunks held at most until those before them come.
-const MAX_HELD: usize = 4096;
+/// Largest number of chunks that wait for earlier ones.
+const MAX_PENDING: usize = 4096;
 
-/// Bytes held at most until those before them come.
-const MAX_HELD_BYTES: usize = 4 << 20;
+/// Largest number of bytes that wait for earlier ones.
+const MAX_PENDING_BYTES: usize = 4 << 20;
 
-/// The longest gap in seconds: beyond it an index is a mistake.
+/// Longest gap in seconds: a longer one means a wrong index.
 const MAX_GAP_S: f64 = 366.0 * 24.0 * 3600.0;
 
 /// Consecutive samples of all channels.
@@ -26,60 +26,61 @@ pub struct Chunk {
     pub first: u64,
     /// The sender's time of the first sample, in nanoseconds since 1970.
     pub time_ns: Option<i64>,
-    /// Frames as they came.
+    /// Raw bytes of the frames.
     pub bytes: Bytes,
 }
 
-/// What comes next in a stream.
+/// The next part of a stream.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Piece {
-    /// Samples that follow on what was there.
+    /// Samples that continue the stream.
     Frames(Chunk),
-    /// Samples that never came.
+    /// Missing samples.
     Gap {
-        /// Index of the first one.
+        /// Index of the first missing sample.
         first: u64,
-        /// How many.
+        /// Number of missing samples per channel.
         frames: u64,
     },
 }
 
-/// Puts chunks in order: each sample goes on once, whatever is repeated, overlaps or comes late.
+/// Puts chunks in order: each sample is emitted once, even if chunks are repeated, overlap or arrive late.
 ///
-/// A chunk ahead of what is there waits for those before it. Once it is further ahead than the bound, what is
-/// missing is a gap. What comes after its gap was passed on is dropped.
+/// A chunk ahead of the stream waits for the chunks before it. Once it is further ahead than the limit, the
+/// missing samples become a gap. Chunks that arrive after their gap was emitted are dropped.
 #[derive(Debug)]
 pub struct Assembler {
     frame_bytes: usize,
     sample_rate_hz: f64,
     reorder_frames: u64,
     next: Option<u64>,
-    held: BTreeMap<u64, Chunk>,
-    held_bytes: usize,
+    pending: BTreeMap<u64, Chunk>,
+    pending_bytes: usize,
 }
 
 impl Assembler {
-    /// Begins at the index `next`, or at that of the first chunk. Chunks may be ahead by `reorder_frames`.
+    /// Creates an assembler that starts at the index `next`, or at that of the first chunk. Chunks may be
+    /// ahead by `reorder_frames`.
     pub fn new(format: &StreamFormat, next: Option<u64>, reorder_frames: u64) -> Self {
         Self {
             frame_bytes: format.frame_bytes(),
             sample_rate_hz: format.sample_rate_hz(),
             reorder_frames,
             next,
-            held: BTreeMap::new(),
-            held_bytes: 0,
+            pending: BTreeMap::new(),
+            pending_bytes: 0,
         }
     }
 
-    /// Index of the first sample that is not there yet; none before the first chunk.
+    /// Returns the index of the next expected sample; `None` before the first chunk.
     pub fn next(&self) -> Option<u64> {
         self.next
     }
 
-    /// Takes a chunk; returns what goes on with it.
+    /// Adds a chunk and returns the pieces that can be emitted.
     ///
     /// # Errors
-    /// Half a frame, or an index that cannot be meant. Nothing is taken then.
+    /// An incomplete frame, or an implausible index. The chunk is ignored then.
     pub fn push(&mut self, chunk: Chunk) -> Result<Vec<Piece>, RecordingError> {
         if !chunk.bytes.len().is_multiple_of(self.frame_bytes) {
             let expected = "a multiple of the bytes of one sample of every channel";
@@ -90,21 +91,21 @@ impl Assembler {
         self.check_index(next, end)?;
         if end > chunk.first {
             self.next = Some(next);
-            self.hold(next, chunk);
+            self.store(next, chunk);
         }
         let mut pieces = Vec::new();
-        self.release(&mut pieces);
+        self.emit_ready(&mut pieces);
         while self.is_too_far_ahead() {
-            self.pass_gap(&mut pieces);
+            self.emit_gap(&mut pieces);
         }
         Ok(pieces)
     }
 
-    /// Takes that nothing before `index` comes any more; returns what goes on with it.
+    /// Declares all missing samples before `index` lost, and returns the pieces that can be emitted.
     ///
     /// # Errors
-    /// An index that cannot be meant.
-    pub fn give_up_before(&mut self, index: u64) -> Result<Vec<Piece>, RecordingError> {
+    /// An implausible index.
+    pub fn declare_lost_before(&mut self, index: u64) -> Result<Vec<Piece>, RecordingError> {
         let mut pieces = Vec::new();
         let Some(next) = self.next else {
             self.check_index(index, index)?;
@@ -112,8 +113,8 @@ impl Assembler {
             return Ok(pieces);
         };
         self.check_index(next, index)?;
-        while self.held.first_key_value().is_some_and(|(first, _)| *first < index) {
-            self.pass_gap(&mut pieces);
+        while self.pending.first_key_value().is_some_and(|(first, _)| *first < index) {
+            self.emit_gap(&mut pieces);
         }
         if let Some(next) = self.next
             && next < index
@@ -121,14 +122,14 @@ impl Assembler {
             pieces.push(Piece::Gap { first: next, frames: index - next });
             self.next = Some(index);
         }
-        self.release(&mut pieces);
+        self.emit_ready(&mut pieces);
         Ok(pieces)
     }
 
-    /// Drops what waits: the sender begins again at [`next`](Self::next).
-    pub fn forget_held(&mut self) {
-        self.held.clear();
-        self.held_bytes = 0;
+    /// Drops the waiting chunks: the sender restarts at [`next`](Self::next).
+    pub fn discard_pending(&mut self) {
+        self.pending.clear();
+        self.pending_bytes = 0;
     }
 
     fn check_index(&self, next: u64, end: u64) -> Result<(), RecordingError> {
@@ -144,26 +145,26 @@ impl Assembler {
         (chunk.bytes.len() / self.frame_bytes) as u64
     }
 
-    /// Holds what is new of a chunk. Of two that begin together the longer one stays.
-    fn hold(&mut self, next: u64, chunk: Chunk) {
+    /// Stores the new part of a chunk. Of two chunks with the same start the longer one is kept.
+    fn store(&mut self, next: u64, chunk: Chunk) {
         let Some(chunk) = self.part_from(chunk, next) else { return };
-        if self.held.get(&chunk.first).is_some_and(|held| held.bytes.len() >= chunk.bytes.len()) {
+        if self.pending.get(&chunk.first).is_some_and(|pending| pending.bytes.len() >= chunk.bytes.len()) {
             return;
         }
-        self.held_bytes += chunk.bytes.len();
-        if let Some(shorter) = self.held.insert(chunk.first, chunk) {
-            self.held_bytes -= shorter.bytes.len();
+        self.pending_bytes += chunk.bytes.len();
+        if let Some(shorter) = self.pending.insert(chunk.first, chunk) {
+            self.pending_bytes -= shorter.bytes.len();
         }
     }
 
-    /// Passes on what follows on what is there.
-    fn release(&mut self, pieces: &mut Vec<Piece>) {
+    /// Emits the chunks that continue the stream.
+    fn emit_ready(&mut self, pieces: &mut Vec<Piece>) {
         while let Some(next) = self.next
-            && let Some(entry) = self.held.first_entry()
+            && let Some(entry) = self.pending.first_entry()
             && *entry.key() <= next
         {
             let chunk = entry.remove();
-            self.held_bytes -= chunk.bytes.len();
+            self.pending_bytes -= chunk.bytes.len();
             if let Some(chunk) = self.part_from(chunk, next) {
                 self.next = Some(next + self.frames_of(&chunk));
                 pieces.push(Piece::Frames(chunk));
@@ -172,21 +173,23 @@ impl Assembler {
     }
 
     fn is_too_far_ahead(&self) -> bool {
-        let Some((next, last)) = self.next.zip(self.held.last_key_value()) else { return false };
+        let Some((next, last)) = self.next.zip(self.pending.last_key_value()) else { return false };
         let end = last.0 + self.frames_of(last.1);
-        end - next > self.reorder_frames || self.held.len() > MAX_HELD || self.held_bytes > MAX_HELD_BYTES
+        end - next > self.reorder_frames
+            || self.pending.len() > MAX_PENDING
+            || self.pending_bytes > MAX_PENDING_BYTES
     }
 
-    /// Passes on that what is missing before the first chunk that waits is a gap, and what follows on it.
-    fn pass_gap(&mut self, pieces: &mut Vec<Piece>) {
-        if let Some((first, next)) = self.held.keys().next().copied().zip(self.next) {
+    /// Emits the gap before the first waiting chunk, and the chunks that follow it.
+    fn emit_gap(&mut self, pieces: &mut Vec<Piece>) {
+        if let Some((first, next)) = self.pending.keys().next().copied().zip(self.next) {
             pieces.push(Piece::Gap { first: next, frames: first - next });
             self.next = Some(first);
-            self.release(pieces);
+            self.emit_ready(pieces);
         }
     }
 
-    /// The part of a chunk from an index on; none where there is none.
+    /// Returns the part of a chunk from an index on, if any.
     fn part_from(&self, mut chunk: Chunk, index: u64) -> Option<Chunk> {
         let skipped = index.saturating_sub(chunk.first);
         if skipped >= self.frames_of(&chunk) {
@@ -233,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_for_long_is_a_gap_and_is_late_after_that() {
+    fn samples_missing_too_long_are_a_gap_and_dropped_later() {
         let mut assembler = Assembler::new(&format(2), None, 50);
         assert_eq!(assembler.push(chunk(100, 10)).unwrap(), [Piece::Frames(chunk(100, 10))]);
         assert_eq!(assembler.push(chunk(120, 30)).unwrap(), []);
@@ -242,43 +245,43 @@ mod tests {
         assert_eq!(pieces, [gap, Piece::Frames(chunk(120, 30)), Piece::Frames(chunk(150, 20))]);
         assert_eq!(assembler.push(chunk(105, 15)).unwrap(), []);
         assert_eq!(assembler.next(), Some(170));
-        // One that the sender says itself need not be waited for.
+        // A gap declared by the sender needs no waiting.
         let gap = Piece::Gap { first: 170, frames: 30 };
-        assert_eq!(assembler.give_up_before(200).unwrap(), [gap]);
+        assert_eq!(assembler.declare_lost_before(200).unwrap(), [gap]);
         assert_eq!(assembler.push(chunk(200, 1)).unwrap(), [Piece::Frames(chunk(200, 1))]);
     }
 
     #[test]
-    fn what_waits_for_a_gap_that_is_given_up_goes_on() {
+    fn pending_chunks_continue_after_a_declared_gap() {
         let mut assembler = Assembler::new(&format(2), Some(0), 1000);
         assert_eq!(assembler.push(chunk(10, 5)).unwrap(), []);
-        let pieces = assembler.give_up_before(20).unwrap();
+        let pieces = assembler.declare_lost_before(20).unwrap();
         let (gap, rest) = (Piece::Gap { first: 0, frames: 10 }, Piece::Gap { first: 15, frames: 5 });
         assert_eq!(pieces, [gap, Piece::Frames(chunk(10, 5)), rest]);
         assembler.push(chunk(30, 5)).unwrap();
-        assembler.forget_held();
-        assert_eq!(assembler.give_up_before(40).unwrap(), [Piece::Gap { first: 20, frames: 20 }]);
+        assembler.discard_pending();
+        assert_eq!(assembler.declare_lost_before(40).unwrap(), [Piece::Gap { first: 20, frames: 20 }]);
     }
 
     #[test]
-    fn indices_and_lengths_that_cannot_be_meant_are_refused() {
+    fn implausible_indices_and_lengths_are_rejected() {
         let mut assembler = Assembler::new(&format(2), Some(0), 50);
         let half = Chunk { bytes: Bytes::from_static(&[0; 6]), ..chunk(0, 1) };
         for bad in [half, chunk(MAX_INDEX, 1), chunk(400 * 24 * 3600 * 1000, 1)] {
             assert!(assembler.push(bad).is_err());
         }
-        assert!(assembler.give_up_before(MAX_INDEX + 1).is_err());
+        assert!(assembler.declare_lost_before(MAX_INDEX + 1).is_err());
         assert_eq!(assembler.push(chunk(0, 3)).unwrap(), [Piece::Frames(chunk(0, 3))]);
     }
 
     #[test]
-    fn what_waits_is_bounded() {
+    fn pending_chunks_are_bounded() {
         let mut assembler = Assembler::new(&format(2), Some(0), u64::MAX);
         let mut pieces = Vec::new();
-        for k in 0..3 * MAX_HELD as u64 {
+        for k in 0..3 * MAX_PENDING as u64 {
             pieces.extend(assembler.push(chunk(2 * k + 1, 1)).unwrap());
         }
-        assert!(assembler.held.len() <= MAX_HELD);
+        assert!(assembler.pending.len() <= MAX_PENDING);
         assert_eq!(pieces[0], Piece::Gap { first: 0, frames: 1 });
     }
 
@@ -307,7 +310,7 @@ mod tests {
             let (samples, gaps) = put_together(pieces);
             prop_assert_eq!(gaps, []);
             prop_assert_eq!(samples, bytes(0, 500));
-            prop_assert_eq!((assembler.held.len(), assembler.held_bytes), (0, 0));
+            prop_assert_eq!((assembler.pending.len(), assembler.pending_bytes), (0, 0));
         }
 
         /// With a small bound there are gaps; samples and gaps together still are every index once, in order.

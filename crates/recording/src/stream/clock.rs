@@ -1,57 +1,57 @@
-//! The time of a stream's samples: by their index, with the drift of the rate followed.
+//! The time of a stream's samples: by their index, with tracking of the rate's drift.
 
 use serde::{Deserialize, Serialize};
 
-/// Seconds of samples of which the earliest observation counts: what is late for a moment does no harm.
+/// Length of a window in seconds. Its earliest observation counts, so short delays have no effect.
 const WINDOW_S: f64 = 10.0;
 
-/// Windows that the rate is measured over: ten minutes.
+/// Number of windows over which the rate is measured: ten minutes.
 const MAX_POINTS: usize = 60;
 
-/// Windows from which on the rate is known.
+/// Fewest windows for a known rate.
 const MIN_POINTS: usize = 6;
 
-/// Seconds by which a clock has jumped, or observations are late for long.
+/// Deviation in seconds that counts as a clock jump or a long delay.
 const JUMP_S: f64 = 0.5;
 
-/// The greatest drift that is followed; crystals stay within 1e-4.
+/// Largest drift that is tracked; crystals stay within 1e-4.
 const MAX_DRIFT: f64 = 5e-4;
 
-/// How fast a time that is off is brought back, in seconds a second.
+/// Largest correction rate of a time offset, in seconds per second.
 const MAX_STEERING: f64 = 2e-4;
 
-/// Gives each sample a time.
+/// Assigns a time to each sample.
 ///
-/// The first observation says when the stream began. From then on time goes with the index, at the sender's
-/// rate corrected by the drift that later observations show. A clock that jumps moves nothing: from then on
-/// it is read with that offset.
+/// The first observation sets the start of the stream. From then on time follows the index, at the sender's
+/// rate corrected by the drift that later observations show. A jump of the sender's clock does not move the
+/// time: its offset is subtracted from then on.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct StreamClock {
     sample_rate_hz: f64,
     anchor: Option<Anchor>,
-    /// What the sender's clock is ahead of the stream's, in seconds: the sum of its jumps.
+    /// Offset of the sender's clock relative to the stream's, in seconds: the sum of its jumps.
     offset_s: f64,
     jumps: u64,
     window: Option<Window>,
-    /// What the last window without a jump was late.
+    /// Lateness of the last window without a jump.
     late_s: f64,
-    /// Seconds since the beginning by the sender's rate, and by the clock.
+    /// Seconds since the start according to the sender's rate, and according to the clock.
     points: Vec<(f64, f64)>,
     drift: f64,
 }
 
-/// A sample whose time is fixed, and how fast time goes after it.
+/// A sample with a fixed time, and the rate of time after it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Anchor {
     first_index: u64,
     first_ns: i64,
     index: u64,
     time_ns: i64,
-    /// By how much the samples come faster than the sender's rate says.
+    /// Relative excess of the sampling rate over the sender's rate.
     drift: f64,
 }
 
-/// The earliest observation of some seconds.
+/// The earliest observation of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Window {
     begin: u64,
@@ -61,12 +61,12 @@ struct Window {
 }
 
 impl StreamClock {
-    /// Of a stream with this rate.
+    /// Creates a clock for a stream with this rate.
     pub fn new(sample_rate_hz: f64) -> Self {
         Self { sample_rate_hz, ..Self::default() }
     }
 
-    /// A sample was there at a time of the sender's clock. Observations come in the order of samples.
+    /// Records that a sample existed at a time of the sender's clock. Observations must be in sample order.
     pub fn observe(&mut self, index: u64, time_ns: i64) {
         if self.anchor.is_none() {
             let begin = Anchor { first_index: index, first_ns: time_ns, index, time_ns, drift: 0.0 };
@@ -89,7 +89,7 @@ impl StreamClock {
         }
     }
 
-    /// The time of a sample in nanoseconds since 1970; none before the first observation.
+    /// Returns the time of a sample in nanoseconds since 1970; `None` before the first observation.
     pub fn time_ns(&self, index: u64) -> Option<i64> {
         let anchor = self.anchor?;
         let frames = index as f64 - anchor.index as f64;
@@ -97,26 +97,26 @@ impl StreamClock {
         Some(anchor.time_ns.saturating_add((seconds * 1e9).round() as i64))
     }
 
-    /// By how much samples come faster than the sender's rate says, in parts per million; none while it is
-    /// not known.
+    /// Returns the excess of the sampling rate over the sender's rate in parts per million; `None` until it
+    /// is known.
     pub fn drift_ppm(&self) -> Option<f64> {
         (self.points.len() >= MIN_POINTS).then_some(self.drift * 1e6)
     }
 
-    /// How often the sender's clock jumped.
+    /// Returns the number of jumps of the sender's clock.
     pub fn jumps(&self) -> u64 {
         self.jumps
     }
 
-    /// Goes on from `index` with what a window has shown.
+    /// Applies the observation of a window from `index` on.
     fn steer(&mut self, window: Window, index: u64) {
         let Some(anchor) = self.anchor else { return };
         if window.late_s.abs() > JUMP_S {
-            // Without the jump the clock would have shown what it did before.
+            // Without the jump the clock would have shown the previous lateness.
             let jump_s = window.late_s - self.late_s;
             self.offset_s += jump_s;
             self.jumps += 1;
-            // What the new window has seen so far is read with that offset too.
+            // The new window's observation includes the same offset.
             if let Some(now) = &mut self.window {
                 now.late_s -= jump_s;
             }
@@ -139,7 +139,7 @@ impl StreamClock {
     }
 }
 
-/// The slope of the line through points, by least squares.
+/// Returns the slope of the least-squares line through points.
 fn slope(points: &[(f64, f64)]) -> f64 {
     let count = points.len() as f64;
     let mean = |value: fn(&(f64, f64)) -> f64| points.iter().map(value).sum::<f64>() / count;
@@ -161,8 +161,8 @@ mod tests {
     const RATE_HZ: f64 = 1000.0;
     const BEGIN_NS: i64 = 1_760_000_000_000_000_000;
 
-    /// A clock after so many seconds of samples that come `drift` faster and are seen up to 8 ms late;
-    /// `ahead_s` is what the sender's clock is ahead at each second. Also the greatest error in seconds.
+    /// Returns a clock after `seconds` of samples that arrive faster by `drift` and are seen up to 8 ms late,
+    /// and the largest error in seconds. `ahead_s` gives the lead of the sender's clock at each second.
     fn run(seconds: u64, drift: f64, ahead_s: impl Fn(u64) -> f64) -> (StreamClock, f64) {
         let mut random = ChaCha8Rng::seed_from_u64(7);
         let (mut clock, mut worst) = (StreamClock::new(RATE_HZ), 0.0_f64);
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_drifts_is_followed_and_said() {
+    fn a_drifting_rate_is_tracked_and_reported() {
         for drift in [-1e-4, 0.0, 1e-4] {
             let (clock, worst) = run(3600, drift, |_| 0.0);
             let said = clock.drift_ppm().unwrap();
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_jumps_moves_nothing() {
+    fn a_clock_jump_does_not_move_the_time() {
         for jump_s in [3600.0, -3600.0, 2.0] {
             for at in [150, 900] {
                 let (clock, worst) = run(2 * at, 5e-5, |second| if second >= at { jump_s } else { 0.0 });
@@ -202,14 +202,14 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_come_late_for_a_minute_keep_their_time() {
+    fn samples_delayed_for_a_minute_keep_their_time() {
         let late = |second: u64| if (600..660).contains(&second) { 30.0 } else { 0.0 };
         let (_, worst) = run(1800, 0.0, late);
         assert!(worst < 0.02, "{worst} s");
     }
 
     #[test]
-    fn a_stored_clock_goes_on_as_it_was() {
+    fn a_stored_clock_continues_unchanged() {
         let (clock, _) = run(200, 1e-4, |_| 0.0);
         let stored = serde_json::to_string(&clock).unwrap();
         assert_eq!(serde_json::from_str::<StreamClock>(&stored).unwrap(), clock);

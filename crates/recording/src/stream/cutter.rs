@@ -1,24 +1,24 @@
-//! Which samples of a stream become records.
+//! Selection of the samples of a stream that become records.
 
 use serde::{Deserialize, Serialize};
 
 use super::super::RecordingError;
 use flankwatch_signal::MAX_RECORD_SAMPLES;
 
-/// How records are cut: one of a length in every interval, one after the other, or none.
+/// How records are cut: one per interval, continuously, or none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CutPolicy {
     record_frames: u64,
-    /// 0 where none is cut.
+    /// 0 if no record is cut.
     interval_frames: u64,
 }
 
 impl CutPolicy {
-    /// Records of `record_s` seconds, one every `interval_s` seconds. Where both are the same, all samples
-    /// become records; where the interval is 0, none do.
+    /// Creates a policy with records of `record_s` seconds, one every `interval_s` seconds. If both are
+    /// equal, all samples become records; if the interval is 0, none do.
     ///
     /// # Errors
-    /// A length that no record can have, or another interval that is shorter than it.
+    /// A record length out of range, or an interval above 0 that is shorter than it.
     pub fn new(record_s: f64, interval_s: f64, sample_rate_hz: f64) -> Result<Self, RecordingError> {
         let frames = (record_s * sample_rate_hz).round();
         if !(1.0..=MAX_RECORD_SAMPLES as f64).contains(&frames) {
@@ -33,24 +33,24 @@ impl CutPolicy {
         Ok(Self { record_frames: frames as u64, interval_frames: interval as u64 })
     }
 
-    /// Length of a record.
+    /// Returns the length of a record in frames.
     pub fn record_frames(&self) -> u64 {
         self.record_frames
     }
 
-    /// Whether no record is cut.
-    pub fn takes_none(&self) -> bool {
+    /// Returns whether no record is cut.
+    pub fn is_disabled(&self) -> bool {
         self.interval_frames == 0
     }
 
-    /// Whether all samples become records.
-    pub fn takes_all(&self) -> bool {
+    /// Returns whether all samples become records.
+    pub fn is_continuous(&self) -> bool {
         self.record_frames == self.interval_frames
     }
 
-    /// Where the next record begins at the earliest after one.
+    /// Returns the earliest start of the next record after `cut`.
     pub fn after(&self, cut: StreamCut) -> u64 {
-        if self.takes_all() || self.takes_none() {
+        if self.is_continuous() || self.is_disabled() {
             return cut.end();
         }
         let next_interval = (cut.first / self.interval_frames + 1) * self.interval_frames;
@@ -63,23 +63,24 @@ impl CutPolicy {
 pub struct StreamCut {
     /// Index of the first sample.
     pub first: u64,
-    /// How many.
+    /// Number of frames.
     pub frames: u64,
     /// Where the next record begins at the earliest.
     pub next_from: u64,
 }
 
 impl StreamCut {
-    /// Index after the last sample.
+    /// Returns the index after the last sample.
     pub fn end(&self) -> u64 {
         self.first + self.frames
     }
 }
 
-/// Finds records in what is there without a gap. It depends on indices alone, not on how samples came.
+/// Finds records in samples without a gap. The result depends on indices only, not on how the samples
+/// arrived.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StreamCutter {
-    /// Since where there is no gap.
+    /// Returns the index since which there is no gap.
     run_first: u64,
     end: u64,
     /// Where the next record begins at the earliest.
@@ -87,7 +88,7 @@ pub struct StreamCutter {
 }
 
 impl StreamCutter {
-    /// Samples have come: they follow on those before, or begin after a gap.
+    /// Adds samples, which continue the previous ones or start after a gap.
     pub fn extend(&mut self, first: u64, frames: u64) {
         if first != self.end {
             self.run_first = first;
@@ -95,9 +96,9 @@ impl StreamCutter {
         self.end = first + frames;
     }
 
-    /// The next record that is whole; it is to be [`taken`](Self::taken).
+    /// Returns the next complete record, which must be [marked as cut](Self::mark_cut).
     pub fn next_cut(&self, policy: &CutPolicy) -> Option<StreamCut> {
-        if policy.takes_none() {
+        if policy.is_disabled() {
             return None;
         }
         let first = self.earliest();
@@ -105,25 +106,26 @@ impl StreamCutter {
         (end <= self.end).then(|| self.cut(first, policy.record_frames, policy))
     }
 
-    /// What is left before a gap, where all samples become records and it is at least half of one.
+    /// Returns the remainder before a gap if all samples become records and it is at least half a record
+    /// long.
     pub fn last_cut(&self, policy: &CutPolicy) -> Option<StreamCut> {
         let first = self.earliest();
         let frames = self.end.saturating_sub(first);
-        (policy.takes_all() && 2 * frames >= policy.record_frames && frames > 0)
+        (policy.is_continuous() && 2 * frames >= policy.record_frames && frames > 0)
             .then(|| self.cut(first, frames, policy))
     }
 
-    /// A record is cut.
-    pub fn taken(&mut self, cut: StreamCut) {
+    /// Marks a record as cut.
+    pub fn mark_cut(&mut self, cut: StreamCut) {
         self.from = self.from.max(cut.next_from);
     }
 
-    /// No record is cut of what has come so far.
+    /// Excludes all samples so far from records.
     pub fn skip(&mut self) {
         self.skip_before(self.end);
     }
 
-    /// No record is cut that begins before this index.
+    /// Excludes records that start before this index.
     pub fn skip_before(&mut self, index: u64) {
         self.from = self.from.max(index);
     }
@@ -133,17 +135,17 @@ impl StreamCutter {
         self.run_first.max(self.from)
     }
 
-    /// Index after the last sample.
+    /// Returns the index after the last sample.
     pub fn end(&self) -> u64 {
         self.end
     }
 
-    /// Since where there is no gap.
+    /// Returns the index since which there is no gap.
     pub fn run_first(&self) -> u64 {
         self.run_first
     }
 
-    /// The first sample that a later record may need.
+    /// Returns the index of the first sample that a later record may need.
     pub fn needs_from(&self) -> u64 {
         self.earliest().min(self.end)
     }
@@ -165,7 +167,7 @@ mod tests {
         let mut cutter = StreamCutter::default();
         let mut found = Vec::new();
         let mut take = |cutter: &mut StreamCutter, cut: StreamCut| {
-            cutter.taken(cut);
+            cutter.mark_cut(cut);
             found.push((cut.first, cut.frames));
         };
         for &(first, frames) in stretches {
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_that_no_record_has_are_refused() {
+    fn invalid_record_lengths_are_rejected() {
         for (record_s, interval_s) in
             [(0.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (1e9, 1e9), (1.0, f64::INFINITY)]
         {
@@ -229,7 +231,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn records_do_not_depend_on_how_samples_came(
+        fn records_do_not_depend_on_the_chunks(
             edges in prop::collection::btree_set(1_u64..1000, 0..50),
             record in 1_u64..80,
             more in 0_u64..80,

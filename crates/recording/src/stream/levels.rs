@@ -7,9 +7,9 @@ use super::StreamFormat;
 /// The level of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChannelLevel {
-    /// Root mean square in the stream's unit, with the mean in it; NaN where no sample is a number.
+    /// Root mean square in the stream's unit, mean not removed; NaN if no sample is a number.
     pub rms: f32,
-    /// Greatest magnitude in the stream's unit.
+    /// Largest magnitude in the stream's unit.
     pub peak: f32,
 }
 
@@ -18,9 +18,9 @@ pub struct ChannelLevel {
 pub struct Level {
     /// Index of the second's first sample, a multiple of the samples of one second.
     pub first: u64,
-    /// Samples of each channel that came.
+    /// Number of samples per channel received.
     pub frames: u64,
-    /// One a channel.
+    /// One entry per channel.
     pub channels: Vec<ChannelLevel>,
 }
 
@@ -31,8 +31,8 @@ struct Sums {
     peak: f32,
 }
 
-/// Measures levels second by second. Seconds are counted by index, so that they do not depend on how samples
-/// came.
+/// Measures levels second by second. Seconds are counted by index, so they do not depend on how samples
+/// arrived.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LevelMeter {
     first: u64,
@@ -41,7 +41,7 @@ pub struct LevelMeter {
 }
 
 impl LevelMeter {
-    /// Takes samples; adds each second that is over to `levels`.
+    /// Adds samples and appends each completed second to `levels`.
     pub fn extend(&mut self, format: &StreamFormat, first: u64, bytes: &[u8], levels: &mut Vec<Level>) {
         let second = format.frames_in(1.0).max(1);
         let (mut first, mut bytes) = (first, bytes);
@@ -79,7 +79,7 @@ impl LevelMeter {
         }
     }
 
-    /// The second that is under way; none where nothing of it came.
+    /// Returns the current second; `None` if it has no samples.
     fn take(&mut self) -> Option<Level> {
         let channels = std::mem::take(&mut self.channels);
         let frames = std::mem::take(&mut self.frames);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_and_samples_that_are_no_numbers_are_left_out() {
+    fn gaps_and_invalid_samples_are_excluded() {
         let format = StreamFormat::new(RawSample::F32, 4.0, 1, None).unwrap();
         let (mut meter, mut levels) = (LevelMeter::default(), Vec::new());
         meter.extend(&format, 0, &bytes([3.0, f32::NAN]), &mut levels);

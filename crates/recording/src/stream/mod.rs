@@ -1,14 +1,14 @@
-//! Streams: samples without end that come in chunks by their index, and the records cut out of them.
+//! Streams: endless sequences of samples that arrive in indexed chunks, and the records cut from them.
 //!
-//! - [`StreamFormat`]: what has to be known to read the samples;
-//! - [`Assembler`]: chunks in any order, repeated or overlapping, to every sample once and gaps with their
-//!   length;
-//! - [`StreamClock`]: the time of a sample, with the rate's drift followed;
-//! - [`StreamCutter`]: which samples become records, by a [`CutPolicy`];
-//! - [`LevelMeter`]: RMS and peak of each second.
+//! - [`StreamFormat`]: the format of the samples;
+//! - [`Assembler`]: turns chunks in any order, repeated or overlapping, into every sample exactly once, and
+//!   gaps with their length;
+//! - [`StreamClock`]: gives the time of a sample and tracks the drift of the sampling rate;
+//! - [`StreamCutter`]: selects the samples that become records, by a [`CutPolicy`];
+//! - [`LevelMeter`]: measures RMS and peak of each second.
 //!
-//! Samples stay the bytes that came. What is kept from chunk to chunk can be serialised, so that a stream
-//! goes on where it ended.
+//! Samples remain raw bytes. All state between chunks can be serialised, so that an interrupted stream can
+//! continue.
 
 mod assembler;
 mod clock;

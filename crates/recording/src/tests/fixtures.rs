@@ -8,7 +8,7 @@ enum Expected {
 
 use Expected::{Error, Samples};
 
-/// Values follow from how `fixtures/recordings/README.md` says that each file was made.
+/// Expected values follow from the description of each file in `fixtures/recordings/README.md`.
 const FIXTURES: &[(&str, &[Expected])] = &[
     ("empty.wav", &[Error("0 bytes")]),
     ("zeros.bin", &[Error("begins with the bytes 00 00 00")]),
@@ -70,21 +70,21 @@ const FIXTURES: &[(&str, &[Expected])] = &[
     ),
     ("mcap-unknown-compression.mcap", &[Error("Unsupported compression format `snappy`")]),
     ("mcap-broken-zstd.mcap", &[Error("damaged at byte 34: Error during decompression")]),
-    ("mcap-zstd-of-zeros.mcap", &[Error("no vibration in it")]),
+    ("mcap-zstd-of-zeros.mcap", &[Error("no vibration found")]),
     (
         "mcap-undeclared-channel.mcap",
         &[
             Error(
-                "message 1 on \"(channel 7)\": channel id is 7, expected that of a channel declared before",
+                "message 1 on \"(channel 7)\": channel id is 7, expected the id of a channel declared before",
             ),
-            Error("no vibration in it"),
+            Error("no vibration found"),
         ],
     ),
     (
         "mcap-topic-longer-than-record.mcap",
         &[Error("damaged at byte 34: a channel's topic has 4294967295 bytes")],
     ),
-    ("mcap-no-topics.mcap", &[Error("no vibration in it")]),
+    ("mcap-no-topics.mcap", &[Error("no vibration found")]),
     ("mcap-only-magic.mcap", &[Error("ends at byte 8")]),
     ("mcap-json.mcap", &[Samples(&[1.0, 2.0])]),
     (
@@ -105,7 +105,7 @@ fn check(name: &str, expected: &[Expected], items: &[Result<Recorded, String>]) 
 }
 
 #[test]
-fn every_hand_made_file_gives_what_it_should() {
+fn every_hand_made_file_gives_the_expected_items() {
     for (name, expected) in FIXTURES {
         check(name, expected, &read_all(&fixture(name), None));
     }
@@ -140,7 +140,7 @@ fn reference_wear_belongs_to_the_record_of_its_start_time() {
 }
 
 #[test]
-fn every_prefix_of_a_recording_is_read_or_refused() {
+fn every_prefix_of_a_recording_is_read_or_rejected() {
     for name in
         ["wav-int16.wav", "wav-left-justified-24-in-4.wav", "mcap-bad-chunk-crc.mcap", "mcap-json.mcap"]
     {

@@ -1,4 +1,4 @@
-//! FLAC recordings that libsndfile wrote: `fixtures/flac`, whose README says what they hold.
+//! FLAC recordings written by libsndfile: `fixtures/flac`, described in its README.
 
 use std::path::PathBuf;
 
@@ -59,7 +59,7 @@ fn a_recording_is_scaled_and_cut() {
 }
 
 #[test]
-fn what_is_damaged_or_cut_off_is_refused() {
+fn damaged_or_truncated_recordings_are_rejected() {
     let read = |bytes: &[u8]| -> Result<Vec<Record>, String> {
         let blocks = FlacBlocks::new(bytes, &RecordDefaults::default(), None);
         blocks.and_then(Iterator::collect).map_err(|error| error.to_string())

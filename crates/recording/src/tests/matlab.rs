@@ -1,4 +1,4 @@
-//! MATLAB files that SciPy wrote: `fixtures/matlab`, whose README says what they hold.
+//! MATLAB files written by SciPy: `fixtures/matlab`, described in its README.
 
 use std::path::PathBuf;
 
@@ -69,11 +69,11 @@ fn a_matlab_file_without_a_rate_needs_one() {
     assert!(error.contains("the sampling rate is missing"), "{error}");
     let other = RecordDefaults { sample_rate_hz: Some(12_000.0), ..RecordDefaults::default() };
     let error = refusal("times.mat", other);
-    assert!(error.contains("12000 Hz, expected 12800 Hz as the times in the file say"), "{error}");
+    assert!(error.contains("12000 Hz, expected 12800 Hz according to the times in the file"), "{error}");
 }
 
 #[test]
-fn names_and_a_scale_count_before_the_files() {
+fn given_names_and_scale_override_those_of_the_file() {
     let defaults = RecordDefaults {
         channel: Some("drive end".to_owned()),
         scale: Some(0.5),
@@ -94,7 +94,7 @@ fn a_file_is_cut_like_all_others() {
 }
 
 #[test]
-fn what_cannot_be_read_is_named() {
+fn unreadable_files_name_the_problem() {
     let refusal = |bytes: &[u8]| {
         let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
         decode_mat(bytes, &defaults).unwrap_err().to_string()
@@ -105,12 +105,12 @@ fn what_cannot_be_read_is_named() {
         (mat[..mat.len() - 20].to_vec(), ["mat: length", "are there"]),
         (mat[..mat.len() - 60].to_vec(), ["mat: end", "4 bytes of a variable"]),
         (mat[..128].to_vec(), ["mat: variables", "an array of real numbers"]),
-        ([&mat[..126], b"XY", &mat[128..]].concat(), ["mat: order of bytes", "IM or MI"]),
+        ([&mat[..126], b"XY", &mat[128..]].concat(), ["mat: byte order", "IM or MI"]),
     ] {
         let error = refusal(&damaged);
         assert!(words.iter().all(|word| error.contains(word)), "{error}");
     }
-    // A variable of which the header says that it has more numbers than are there.
+    // A variable whose header declares more numbers than are present.
     let mut longer = mat.clone();
     let shape = 128 + 8 + 16 + 8 + 4;
     longer[shape] = 200;
@@ -120,7 +120,7 @@ fn what_cannot_be_read_is_named() {
 
 /// A file of zeros inflates to a thousand times its size: more than an upload may take.
 #[test]
-fn what_inflates_beyond_all_bounds_is_refused() {
+fn excessive_inflation_is_rejected() {
     use std::io::Write;
     let mut zipped = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
     let block = vec![0_u8; 1 << 20];
@@ -137,7 +137,7 @@ fn what_inflates_beyond_all_bounds_is_refused() {
 }
 
 #[test]
-fn bytes_of_any_kind_are_read_or_refused() {
+fn arbitrary_bytes_are_read_or_rejected() {
     let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
     for name in ["struct-in-struct.mat", "compressed.mat", "int16.mat", "times.mat"] {
         let whole = bytes(name);

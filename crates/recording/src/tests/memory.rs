@@ -24,7 +24,7 @@ pub(super) fn mcap_of(messages: &[(&str, &str, &str, Vec<u8>)]) -> Vec<u8> {
     writer.into_inner().into_inner()
 }
 
-/// What is read, nothing of it kept, and the most bytes that were held meanwhile.
+/// Returns what is read, without keeping it, and the peak of allocated bytes.
 fn read_and_peak(bytes: Vec<u8>) -> (Vec<Result<usize, String>>, usize) {
     let mut items = Vec::new();
     let counted = allocation_counter::measure(|| {
@@ -50,7 +50,7 @@ fn many_pulses(bytes: usize) -> Vec<u8> {
 }
 
 #[test]
-fn a_message_full_of_pulses_is_refused_before_it_is_unpacked() {
+fn too_many_pulses_are_rejected_before_decoding() {
     let json = |before: &str, after: &str| {
         let pulses = "1,".repeat((LONGEST - before.len() - after.len()) / 2 - 1);
         format!("{before}{pulses}1{after}").into_bytes()
@@ -76,7 +76,7 @@ fn a_message_full_of_pulses_is_refused_before_it_is_unpacked() {
 }
 
 #[test]
-fn as_many_pulses_as_are_taken_stand_in_memory_once() {
+fn the_maximum_of_pulses_is_in_memory_once() {
     let block = message::WaveformBlock { sample_rate_hz: 1.0, samples: vec![0.5], ..Default::default() };
     let tachometer = many_pulses(1 << 22);
     let bytes = [block.encode_to_vec(), head(0x4a, tachometer.len()), tachometer].concat();
@@ -94,7 +94,7 @@ fn as_many_pulses_as_are_taken_stand_in_memory_once() {
 fn an_error_does_not_repeat_a_long_text() {
     for data in [
         format!(r#"{{"{}": 1}}"#, "\u{7f}".repeat(LONGEST - 16)).into_bytes(),
-        // A unit of control characters, which stand in an error with five each.
+        // A unit of control characters, each of which takes five characters in an error.
         [head(0x22, LONGEST), vec![1; LONGEST]].concat(),
     ] {
         let encoding = if data[0] == b'{' { "json" } else { "protobuf" };

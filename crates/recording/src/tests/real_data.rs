@@ -124,7 +124,7 @@ fn recordings_without_vibration_are_refused_with_what_is_in_them() {
         let error = items[0].as_ref().unwrap_err();
         assert_eq!(items.len(), 1, "{path:?}: {items:?}");
         assert!(
-            error.contains("no vibration in it")
+            error.contains("no vibration found")
                 && (error.contains("(cdr, ") || error.contains("(wrong_format, ")),
             "{path:?}: {error}"
         );

@@ -79,7 +79,7 @@ fn a_live_record_keeps_both_its_times() {
 }
 
 #[test]
-fn a_time_before_1970_is_refused_by_mcap() {
+fn a_time_before_1970_is_rejected_by_mcap() {
     let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
     let error = writer.write("/a/x/waveform", &record("x", -1, vec![0.0])).unwrap_err().to_string();
     assert!(error.contains("start_time is 1969-12-31T23:59:59Z"), "{error}");
@@ -120,7 +120,7 @@ proptest! {
 }
 
 #[test]
-fn a_cut_wav_is_what_the_whole_one_is() {
+fn a_cut_wav_equals_the_whole_one() {
     let frames: Vec<[f32; 2]> = (0..102_000).map(|k| [k as f32, -(k as f32)]).collect();
     let bytes = wav(&frames, 1000.0);
     let length = bytes.len() as u64;
@@ -142,7 +142,7 @@ fn a_cut_wav_is_what_the_whole_one_is() {
 
 #[test]
 fn a_two_hour_wav_is_read_ten_seconds_at_a_time() {
-    // 2 h at 20 kHz, 16 bits, made as it is read: 288 MB that never stand in memory.
+    // 2 h at 20 kHz, 16 bits, generated while reading: 288 MB that are never in memory.
     let header = std::fs::read(fixture("wav-length-left-open.wav")).unwrap();
     let mut header = header[..44].to_vec();
     header[24..28].copy_from_slice(&20_000_u32.to_le_bytes());
@@ -163,7 +163,7 @@ fn a_two_hour_wav_is_read_ten_seconds_at_a_time() {
 }
 
 #[test]
-fn a_rate_that_wav_cannot_hold_is_refused() {
+fn a_rate_that_wav_cannot_store_is_rejected() {
     for rate in [12_800.5, 0.0, -1.0, f64::NAN, 1e10] {
         assert!(WavWriter::new(Cursor::new(Vec::new()), 1, rate).is_err(), "{rate}");
     }

@@ -37,7 +37,7 @@ fn the_topic_names_the_shaft_where_the_message_does_not() {
         ("/pump/driving/tachometer", "", Some(20)),
         ("/pump/driven/tachometer", "", None),
         ("/pump/gearbox/driven/tachometer", "", None),
-        // What the message says counts first.
+        // The shaft in the message takes precedence.
         ("/pump/driven/tachometer", "driving", Some(20)),
         ("/pump/driving/tachometer", "driven", None),
         // A place, not a shaft.
@@ -48,7 +48,7 @@ fn the_topic_names_the_shaft_where_the_message_does_not() {
 }
 
 #[test]
-fn pulses_of_both_shafts_are_told_apart() {
+fn pulses_of_both_shafts_are_distinguished() {
     let both = [("/pump/driven/tachometer", "", 7), ("/pump/driving/tachometer", "", 20)];
     assert_eq!(pulses_taken(&both), Some(20));
 }

@@ -29,7 +29,7 @@ pub(super) struct Comparability {
 /// Whether a record separates mesh lines from their sidebands; `None` where speed or length is unknown.
 fn resolves_sidebands(record: &Features) -> Option<bool> {
     let speed_hz = record.operating_point.shaft_speed_hz.filter(|_| record.has_mesh())?;
-    Some(record.extent?.seconds >= Extent::seconds_apart(speed_hz))
+    Some(record.extent?.seconds >= Extent::min_seconds_to_separate_lines(speed_hz))
 }
 
 /// Whether two records can be part of one baseline.
@@ -58,7 +58,7 @@ impl Comparability {
             return None;
         }
         let speed_hz = record.operating_point.shaft_speed_hz.or(self.shaft_speed_hz)?;
-        let needed_s = Extent::seconds_apart(speed_hz);
+        let needed_s = Extent::min_seconds_to_separate_lines(speed_hz);
         match (self.resolves_sidebands?, seconds >= needed_s) {
             (true, false) => Some(format!(
                 "not comparable with the baseline: the record is {seconds:.2} s long, and it takes {needed_s:.2} s to separate the mesh lines from their sidebands"

@@ -124,7 +124,7 @@ impl Simulated {
         };
         let pair = spec.resolve()?;
         let depths_mm: Vec<f64> = depths_um.iter().map(|um| um * 1e-3).collect();
-        let worn = FlankWear::from_shape_coarsely_at(&pair, &depths_mm)?;
+        let worn = FlankWear::from_shape_coarse_at(&pair, &depths_mm)?;
         // The teeth's compliance changes little with wear, so the bodies of the unworn gears are used.
         let bodies = match spec.dynamics.contact {
             ContactRule::Loaded if drawn.independent_teeth => Some(ElasticBodies::independent_teeth(&pair)?),

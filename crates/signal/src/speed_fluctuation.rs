@@ -1,9 +1,9 @@
-//! A first idea of how a shaft's speed wanders within a record, from all mesh harmonics together.
+//! A rough estimate of a shaft's speed fluctuation within a record, from all mesh harmonics together.
 //!
-//! Where the speed swings by half a per cent, a high harmonic is smeared over many bins and none stands out
-//! over the record, while the low ones may lie in the noise. In a window of a few turns the speed is a line
-//! over time: for each pair of a speed and its rate of change, all harmonics' energies are added up, each
-//! over its own noise, and the path through the windows that goes on smoothly with the highest sum is taken.
+//! If the speed swings by 0.5 %, a high harmonic is smeared over many bins and does not stand out, while the
+//! low ones may be buried in noise. Within a window of a few turns, the speed changes linearly with time: for
+//! each pair of a speed and its rate of change, the energies of all harmonics relative to their noise are
+//! summed. The result is the smooth path through the windows with the highest sum.
 
 use std::f64::consts::TAU;
 
@@ -12,38 +12,38 @@ use realfft::num_complex::Complex;
 use super::mesh_phase::MeshBand;
 use super::transform::Transforms;
 
-/// Harmonics that are added up.
+/// Number of harmonics summed.
 const HARMONICS: usize = 10;
 
-/// Length of a window and the distance between two in turns.
+/// Length of a window and distance between windows, in turns.
 const WINDOW_TURNS: f64 = 3.5;
 const HOP_TURNS: f64 = 1.0;
 
-/// Greatest deviation of the speed from the given one, as a part, and the distance between two candidates.
+/// Largest relative deviation of the speed from the given one, and number of candidate speeds.
 const REACH: f64 = 0.012;
 const SPEEDS: usize = 49;
 
-/// Greatest rate of change as a part a second, for each hertz of the shaft: half a per cent swinging at a
-/// tenth of the shaft rate.
+/// Largest relative rate of change per second, for each hertz of the shaft speed: a swing of 0.5 % at a tenth
+/// of the shaft rate.
 const RATE_PER_HZ: f64 = 0.0032;
 const RATES: usize = 9;
 
-/// Candidates by which the speed may depart from where its rate of change leads.
+/// Number of candidates by which the speed may deviate from the extrapolation by its rate of change.
 const SLACK: i64 = 1;
 
-/// The mean over windows of the path's score over that of a typical path, in nats, that says that something
-/// was followed.
+/// Smallest mean gain per window of the path's score over a typical score, in nats.
 const MIN_GAIN: f64 = 2.0;
 
-/// Periods of the mesh that the shaft is ahead of the constant speed `mesh_hz`, at even times over the
+/// Mesh periods by which the shaft is ahead of the constant speed `mesh_hz`, at equal time steps over the
 /// record.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct SpeedWander {
+pub(super) struct SpeedFluctuation {
     ahead: Vec<f64>,
 }
 
-impl SpeedWander {
-    /// `None` where no path stands out, or the record is shorter than three windows.
+impl SpeedFluctuation {
+    /// Estimates the fluctuation; `None` if no path stands out, or if the record is shorter than three
+    /// windows.
     pub(super) fn of(band: &MeshBand<'_>, transforms: &mut Transforms) -> Option<Self> {
         let duration_s = band.length as f64 / band.sample_rate_hz;
         let shaft_hz = band.mesh_hz / f64::from(band.teeth);
@@ -51,7 +51,7 @@ impl SpeedWander {
         if duration_s * shaft_hz < 3.0 * WINDOW_TURNS {
             return None;
         }
-        let grid = Grid { hop_s: HOP_TURNS / shaft_hz, greatest_rate: RATE_PER_HZ * shaft_hz };
+        let grid = Grid { hop_s: HOP_TURNS / shaft_hz, max_rate: RATE_PER_HZ * shaft_hz };
         let mut scores = vec![vec![0.0; SPEEDS * RATES]; windows];
         for order in 1..=HARMONICS {
             add_harmonic(band, order as f64, &grid, &mut scores, transforms);
@@ -86,12 +86,12 @@ impl SpeedWander {
         Some(Self { ahead })
     }
 
-    /// How far the speed may be from the given one, as a part.
+    /// Returns the largest relative deviation of the speed from the given one.
     pub(super) fn reach(&self) -> f64 {
         REACH
     }
 
-    /// At a part of the record, 0 to 1.
+    /// Returns the mesh periods ahead at a fraction of the record, 0 to 1.
     pub(super) fn ahead_periods(&self, part: f64) -> f64 {
         let steps = self.ahead.len() - 1;
         let place = part.clamp(0.0, 1.0) * steps as f64;
@@ -100,10 +100,10 @@ impl SpeedWander {
     }
 }
 
-/// The candidates: speeds as parts of the given one, by rates of change as parts a second.
+/// The candidates: speeds relative to the given one, by relative rates of change per second.
 struct Grid {
     hop_s: f64,
-    greatest_rate: f64,
+    max_rate: f64,
 }
 
 impl Grid {
@@ -112,22 +112,23 @@ impl Grid {
     }
 
     fn rate(&self, state: usize) -> f64 {
-        self.greatest_rate * (2.0 * (state % RATES) as f64 / (RATES - 1) as f64 - 1.0)
+        self.max_rate * (2.0 * (state % RATES) as f64 / (RATES - 1) as f64 - 1.0)
     }
 
-    /// The path of states with the highest sum of scores whose speeds go on as their rates of change say.
+    /// Returns the path of states with the highest sum of scores whose speeds follow from their rates of
+    /// change.
     fn smoothest(&self, scores: &[Vec<f64>]) -> Vec<usize> {
         let states = SPEEDS * RATES;
         let step = 2.0 * REACH / (SPEEDS - 1) as f64;
         let mut best = scores[0].clone();
-        let mut came_from: Vec<Vec<usize>> = Vec::with_capacity(scores.len());
+        let mut predecessors: Vec<Vec<usize>> = Vec::with_capacity(scores.len());
         for scores in &scores[1..] {
             let mut next = vec![f64::NEG_INFINITY; states];
             let mut from = vec![0; states];
             for state in 0..states {
                 for rate in 0..RATES {
-                    let risen = 0.5 * (self.rate(state) + self.rate(rate)) * self.hop_s;
-                    let middle = (state / RATES) as i64 - (risen / step).round() as i64;
+                    let speed_change = 0.5 * (self.rate(state) + self.rate(rate)) * self.hop_s;
+                    let middle = (state / RATES) as i64 - (speed_change / step).round() as i64;
                     for speed in middle - SLACK..=middle + SLACK {
                         if (0..SPEEDS as i64).contains(&speed) {
                             let before = speed as usize * RATES + rate;
@@ -140,11 +141,11 @@ impl Grid {
                 next[state] += scores[state];
             }
             best = next;
-            came_from.push(from);
+            predecessors.push(from);
         }
         let mut state = (0..states).max_by(|&a, &b| best[a].total_cmp(&best[b])).unwrap_or(0);
         let mut path = vec![state];
-        for from in came_from.iter().rev() {
+        for from in predecessors.iter().rev() {
             state = from[state];
             path.push(state);
         }
@@ -153,7 +154,7 @@ impl Grid {
     }
 }
 
-/// Adds the logarithm of one harmonic's energy over its noise to each window's scores.
+/// Adds the logarithm of one harmonic's energy relative to its noise to each window's scores.
 fn add_harmonic(
     band: &MeshBand<'_>,
     order: f64,
@@ -173,7 +174,7 @@ fn add_harmonic(
     let (first, last) = (first as usize, last as usize);
     let signal = band.analytic_sparse(first, last, transforms);
     let rate_hz = signal.len() as f64 / duration_s;
-    // Moved down so that the given speed is at zero frequency.
+    // Shifted down so that the given speed is at zero frequency.
     let offset_hz = centre_hz - (first - 1) as f64 / duration_s;
     let half = 0.5 * WINDOW_TURNS / shaft_hz;
     let mut energies = vec![0.0; SPEEDS * RATES];
@@ -183,17 +184,17 @@ fn add_harmonic(
         let from = ((middle_s - half) * rate_hz).ceil().max(0.0) as usize;
         let until = (((middle_s + half) * rate_hz) as usize).min(signal.len() - 1);
         for rate in 0..RATES {
-            let straight: Vec<(f64, Complex<f64>)> = (from..=until)
+            let demodulated: Vec<(f64, Complex<f64>)> = (from..=until)
                 .map(|j| {
                     let t = j as f64 / rate_hz - middle_s;
                     let weight = (0.25 * TAU * t / half).cos().powi(2);
-                    let turned = offset_hz * t + 0.5 * order * band.mesh_hz * grid.rate(rate) * t * t;
-                    (t, signal[j] * Complex::from_polar(weight, -TAU * turned))
+                    let cycles = offset_hz * t + 0.5 * order * band.mesh_hz * grid.rate(rate) * t * t;
+                    (t, signal[j] * Complex::from_polar(weight, -TAU * cycles))
                 })
                 .collect();
-            // Even steps of speed turn each sample on by the same angle.
+            // Equal steps of speed rotate each sample by the same angle.
             let step_hz = centre_hz * 2.0 * REACH / (SPEEDS - 1) as f64;
-            let mut turning: Vec<(Complex<f64>, Complex<f64>)> = straight
+            let mut rotating: Vec<(Complex<f64>, Complex<f64>)> = demodulated
                 .iter()
                 .map(|(t, z)| {
                     (
@@ -204,9 +205,9 @@ fn add_harmonic(
                 .collect();
             for speed in 0..SPEEDS {
                 let mut sum = Complex::default();
-                for (z, turn) in &mut turning {
+                for (z, rotation) in &mut rotating {
                     sum += *z;
-                    *z *= *turn;
+                    *z *= *rotation;
                 }
                 energies[speed * RATES + rate] = sum.norm_sqr();
             }
