@@ -120,12 +120,12 @@ fn a_first_answer_comes_before_all_pairs_are_simulated_and_stays_where_the_rest_
     let mut said = String::new();
     let mut stderr = BufReader::new(child.stderr.take().unwrap());
     stderr.read_line(&mut said).unwrap();
-    assert!(said.contains("from 96 of 1280 pairs like it: first answer: worn "), "{said}");
+    assert!(said.contains("with 96 of 1280 ensemble members: provisional: worn "), "{said}");
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let ended = child.wait_with_output().unwrap();
     let table = String::from_utf8(ended.stdout).unwrap();
     assert!(ended.status.success() && table.lines().nth(27).unwrap().contains("  provisional "), "{table}");
-    assert!(table.trim_end().lines().last().unwrap().starts_with("first answer: worn "), "{table}");
+    assert!(table.trim_end().lines().last().unwrap().starts_with("provisional: worn "), "{table}");
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
     let (table, report) =
         (flankwatch(&["analyze", &run]).expect_success().out(), path(&folder, "report.html"));
     let lines: Vec<&str> = table.lines().collect();
-    assert_eq!((lines.len(), lines[122]), (123, "no wear: no asset is described, see --asset"));
+    assert_eq!((lines.len(), lines[122]), (123, "no wear estimate: no asset description, see --asset"));
     assert!(lines[0].starts_with("channel ") && lines[1].trim_start().starts_with('#'), "{table}");
     let described = ["analyze", &run, "--asset", &asset, "--data-dir", &data, "--members", "0"];
     let table = flankwatch(&described).expect_success().out();

@@ -84,8 +84,8 @@ fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_a
     assert_eq!((raw_objects(&folder).len(), quarantined(&folder).len()), (14, 0));
     let said = on(&folder, &["verify"]);
     assert!(said.out().contains("no record refers to it") && said.out().contains("older"), "{}", said.out());
-    said.expect_refusal(&["5 things"]);
-    assert!(on(&folder, &["rebuild"]).expect_success().out().contains("0 assets and 4 records taken in"));
+    said.expect_refusal(&["5 problems"]);
+    assert!(on(&folder, &["rebuild"]).expect_success().out().contains("imported 0 assets and 4 records"));
     on(&folder, &["verify"]).expect_success();
     let whole = Program::start(&folder);
     wait_until_known(&whole);
@@ -97,7 +97,7 @@ fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_a
         on(&folder, &["rebuild", "--anew"])
             .expect_success()
             .out()
-            .contains("1 assets and 14 records taken in")
+            .contains("imported 1 assets and 14 records")
     );
     on(&folder, &["verify"]).expect_success();
     let anew = Program::start(&folder);
@@ -135,7 +135,7 @@ fn what_is_missing_damaged_or_left_over_is_named() {
         let name = path.file_name().unwrap().to_str().unwrap();
         assert!(out.contains(&format!("object {name}: {what}")), "{out}");
     }
-    said.expect_refusal(&["3 things"]);
+    said.expect_refusal(&["3 problems"]);
 }
 
 #[test]
@@ -155,7 +155,7 @@ fn what_is_in_quarantine_is_listed_and_comes_back() {
     on(&folder, &["quarantine", "restore", "no-such"]).expect_refusal(&["no-such"]);
     on(&folder, &["quarantine", "restore", &name[..12]]).expect_success();
     let said = on(&folder, &["rebuild"]).expect_success().out();
-    assert!(said.contains("1 records taken in"), "{said}");
+    assert!(said.contains("imported 0 assets and 1 records"), "{said}");
     let program = Program::start(&folder);
     assert_eq!(program.segments("pump").len(), 1);
     program.kill();
