@@ -1,31 +1,31 @@
 //! Condition monitoring for spur gears: vibration records in, wear depth with an honest interval out.
 //!
-//! This is the service and the commands. What they compute with are packages of their own:
+//! This package is the service and the command line. The computations are in packages of their own:
 //!
-//! | package | here | holds |
+//! | package | re-exported as | contents |
 //! | --- | --- | --- |
 //! | `flankwatch-gear` | [`gear`] | the physics of one gear pair: geometry, wear, mesh relationship, stiffness, dynamics |
 //! | `flankwatch-signal` | [`signal`] | a validated record, its spectra, indicators and features |
 //! | `flankwatch-recording` | [`recording`] | bytes to records and back: WAV, MCAP, CSV, NumPy arrays, protobuf, JSON |
 //! | `flankwatch-wear` | [`library`] | the grid of simulated wear states |
-//! | | [`simulation`] | a synthetic run to failure with the truth known |
+//! | | [`simulation`] | a synthetic run to failure with known wear |
 //! | | [`estimate`] | the healthy baseline, the likelihood and the tracking of wear over time |
-//! | `flankwatch-lab` | [`figures`] | the model's figures beside those of the paper it follows, with checks |
-//! | | [`evaluation`] | what the estimate is worth on simulated runs |
+//! | `flankwatch-lab` | [`figures`] | the figures of the model's paper, with checks of its statements |
+//! | | [`evaluation`] | scores of the estimate on simulated runs |
 //!
-//! The modules of this package, each of which knows only those above it:
+//! The modules of this package; each uses only modules above it:
 //!
-//! | module | holds |
+//! | module | contents |
 //! | --- | --- |
-//! | [`asset`] | what is monitored, and one analysed segment of its vibration |
-//! | [`report`] | an asset's records on one page, for a browser or a printer |
-//! | [`store`] | the only SQL and the only raw-object paths |
-//! | [`service`] | the way of records, histories, replays, and what else works on records |
+//! | [`asset`] | the description of a monitored asset, and an analysed segment of its vibration |
+//! | [`report`] | an asset's HTML report |
+//! | [`store`] | database and raw-object storage: the only SQL and the only raw-object paths |
+//! | [`service`] | the record pipeline, histories, replays and other work on records |
 //! | [`http`] | the API and the dashboard |
-//! | `cluster` | what joins the processes of a service on several machines (features `postgres`, `nats`) |
+//! | `cluster` | one service on several machines (features `postgres`, `nats`) |
 //! | `mqtt` | records from an MQTT broker (feature `mqtt`) |
-//! | [`notifications`] | webhooks and e-mails that tell of alarms |
-//! | [`cli`] | the commands |
+//! | [`notifications`] | notifications of alarms by webhook and e-mail |
+//! | [`cli`] | the command-line interface |
 
 pub mod asset;
 pub mod cli;

@@ -75,7 +75,7 @@ mod with_cluster {
             let serve = ServeArgs { config: self.config.clone(), ..ServeArgs::default() };
             let settings = serve.resolve()?.cluster.ok_or(ServeError::NoClusterTable)?;
             let runtime = super::super::store_place::runtime()?;
-            let done = runtime.block_on(async { work(Cluster::look_at(settings.nats).await?).await });
+            let done = runtime.block_on(async { work(Cluster::connect(settings.nats).await?).await });
             Ok(done.map_err(ServeError::from)?)
         }
     }

@@ -124,12 +124,12 @@ fn a_dead_letters_record_that_is_sent_again_is_stored() {
     api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
 }
 
-/// Waits until a worker says that it holds records.
+/// Waits until a worker has logged that it retries `count` records.
 #[track_caller]
 fn wait_until_held(worker: &Program, count: usize) {
     let began = std::time::Instant::now();
-    while worker.process.log().matches("holding it").count() < count {
-        assert!(began.elapsed() < Duration::from_secs(60), "does not hold {count} records");
+    while worker.process.log().matches("failed to store a record, retrying").count() < count {
+        assert!(began.elapsed() < Duration::from_secs(60), "the worker does not retry {count} records");
         std::thread::sleep(Duration::from_millis(50));
     }
 }
