@@ -1,7 +1,7 @@
-//! What fails in a cluster costs nothing that was acknowledged, nothing is counted twice, and nobody has to
-//! do anything: with processes that are killed, servers that are started again, and wires that are cut.
+//! Faults in a cluster: killed processes, restarted servers and cut connections lose nothing acknowledged,
+//! count nothing twice and need no operator.
 //!
-//! `FLANKWATCH_FAULT_ROUNDS` says how often each happens.
+//! `FLANKWATCH_FAULT_ROUNDS` sets how often each fault is repeated.
 
 use std::time::Duration;
 
@@ -44,7 +44,7 @@ fn a_worker_killed_in_the_middle_loses_nothing() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn an_api_node_killed_after_its_answer_has_kept_its_word() {
+fn an_api_node_killed_after_its_response_loses_nothing() {
     let mut site = Site::start();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let steady = site.api(&config);
@@ -65,7 +65,7 @@ fn an_api_node_killed_after_its_answer_has_kept_its_word() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_nats_server_killed_and_started_again_has_everything() {
+fn a_killed_and_restarted_nats_server_loses_nothing() {
     let mut site = Site::start();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let (api, worker) = (site.api(&config), site.worker(&config));
@@ -92,7 +92,7 @@ fn a_nats_server_killed_and_started_again_has_everything() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_database_that_was_away_is_gone_on_with() {
+fn a_database_outage_loses_nothing() {
     let mut site = Site::start();
     let proxy = Proxy::to(site.database_server());
     let (direct, cut) = (site.config(None), site.config(Some(&proxy)));
@@ -128,7 +128,7 @@ fn a_database_that_was_away_is_gone_on_with() {
 
 #[test]
 #[ignore = "needs PostgreSQL's programs and nats-server"]
-fn a_database_server_that_was_restarted_is_gone_on_with() {
+fn a_database_server_restart_loses_nothing() {
     let mut site = Site::with_own_postgres();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let (api, worker) = (site.api(&config), site.worker(&config));
@@ -159,7 +159,7 @@ fn a_database_server_that_was_restarted_is_gone_on_with() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_wire_between_worker_and_database_that_was_cut_and_mended_loses_nothing() {
+fn a_broken_connection_between_worker_and_database_loses_nothing() {
     let mut site = Site::start();
     let proxy = Proxy::to(site.database_server());
     let (direct, cut) = (site.config(None), site.config(Some(&proxy)));
@@ -185,7 +185,7 @@ fn a_wire_between_worker_and_database_that_was_cut_and_mended_loses_nothing() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE, nats-server and moto_server"]
-fn an_object_store_that_was_away_is_gone_on_with() {
+fn an_object_store_outage_loses_nothing() {
     let server = S3Server::start();
     let mut site = Site::start();
     let proxy = Proxy::to(server.address());

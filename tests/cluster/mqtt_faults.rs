@@ -1,5 +1,5 @@
-//! Brokers that go away and services that are killed: every message that a broker has is a record in the end,
-//! once.
+//! Broker restarts and killed services: every message that a broker has accepted becomes one record in the
+//! end.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,7 +14,7 @@ use crate::mqtt::{feed, metric, topic, wait_for_records};
 use crate::program::Program;
 use crate::running::{Service, plain_asset, record};
 
-/// Rounds where nothing else is said.
+/// Default number of rounds.
 const ROUNDS: u32 = 4;
 
 fn rounds() -> u32 {
@@ -28,7 +28,7 @@ fn send(sender: &mut Sender, n: u32) {
 
 #[test]
 #[ignore = "needs mosquitto"]
-fn a_broker_restarted_in_between_loses_nothing() {
+fn a_broker_restart_loses_nothing() {
     let mut broker = Broker::start();
     let service = Service::start();
     service.plain_asset("pump");

@@ -1,4 +1,4 @@
-//! A resumable upload goes on at any node, whichever began it.
+//! A resumable upload continues on any node.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use crate::running::{mcap, plain_asset, record};
 
 const TUS: (&str, &str) = ("tus-resumable", "1.0.0");
 
-/// Begins an upload for the asset `pump` and returns its path.
+/// Starts an upload for the asset `pump` and returns its path.
 fn begin(client: &Client, length: usize) -> String {
     let length = length.to_string();
     // "pump" in base64
@@ -37,7 +37,7 @@ fn records(count: u32) -> Vec<Record> {
     (0..count).map(|n| record("1", n)).collect()
 }
 
-/// What one machine makes of the same recording, sent as a whole.
+/// Returns the results of one machine for the same recording, uploaded in one request.
 fn plain_upload(recording: &[u8]) -> Vec<Value> {
     let machine = OneMachine::start();
     let alone = machine.client();
@@ -60,7 +60,7 @@ fn compare(client: &Client, recording: &[u8], count: usize) {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn an_upload_goes_on_at_other_nodes_after_its_own_was_killed() {
+fn an_upload_resumes_on_another_node_after_its_own_was_killed() {
     let mut site = Site::start();
     let config = site.config(None);
     let (mut first, second) = (site.api(&config), site.api(&config));
@@ -114,7 +114,7 @@ fn an_upload_whose_reader_was_killed_is_read_by_another_node() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn two_nodes_that_get_the_same_bytes_at_the_same_time_keep_them_once() {
+fn two_nodes_that_receive_the_same_bytes_concurrently_store_them_once() {
     let mut site = Site::start();
     let config = site.config(None);
     let nodes = [site.api(&config), site.api(&config)];

@@ -1,4 +1,4 @@
-//! A disk that is full: nothing is lost, everything can be read, and it goes on when there is room.
+//! A full disk: nothing is lost, everything can be read, and writes resume when there is room.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::resumable_client::{begin, expect_read, offset, patch, pieces, recordi
 use crate::running::{Service, record};
 use flankwatch_test_support::needed;
 
-/// A small file system in memory, gone when dropped.
+/// A small file system in memory, unmounted on drop.
 struct SmallDisk {
     folder: PathBuf,
     _parent: tempfile::TempDir,
@@ -30,7 +30,7 @@ impl SmallDisk {
         &self.folder
     }
 
-    /// Fills what there is of room; removing the file that is returned makes it again.
+    /// Fills the disk; removing the returned file frees the space.
     fn fill(&self) -> PathBuf {
         let path = self.folder.join("filling");
         let mut file = std::fs::File::create(&path).unwrap();
@@ -56,7 +56,7 @@ fn raw_objects(folder: &Path) -> usize {
 
 #[test]
 #[ignore = "needs the right to mount a file system"]
-fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
+fn a_full_disk_is_answered_with_507_and_the_service_recovers() {
     let disk = needed(SmallDisk::mount(), "the right to mount a small file system");
     let ballast = disk.path().join("ballast");
     std::fs::write(&ballast, vec![1; 2 << 20]).unwrap();
@@ -115,7 +115,7 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
 
 #[test]
 #[ignore = "needs the right to mount a file system"]
-fn a_resumable_upload_that_a_full_disk_keeps_from_being_read_waits_for_room() {
+fn a_resumable_upload_waits_while_the_disk_is_full() {
     let disk = needed(SmallDisk::mount(), "the right to mount a small file system");
     let mut service = Service::start_at(disk.path());
     service.plain_asset("pump");

@@ -1,11 +1,11 @@
-//! Making, listing, changing and removing assets.
+//! Creating, listing, updating and deleting assets.
 
 use serde_json::json;
 
 use crate::running::{Service, plain_asset, record, samples, wav};
 
 #[test]
-fn an_asset_is_made_shown_changed_and_removed() {
+fn an_asset_is_created_read_updated_and_deleted() {
     let service = Service::start();
     let made = service.post_json("/v1/assets", &plain_asset("pump-1")).expect(201);
     assert_eq!(made.header("location"), "/v1/assets/pump-1");
@@ -35,7 +35,7 @@ fn an_asset_is_made_shown_changed_and_removed() {
 }
 
 #[test]
-fn a_description_in_toml_is_taken() {
+fn a_description_in_toml_is_accepted() {
     let service = Service::start();
     let toml = "id = \"fan\"\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10.0\n";
     let fan = service.post("/v1/assets", "application/toml", toml.as_bytes()).expect(201).json();
@@ -46,7 +46,7 @@ fn a_description_in_toml_is_taken() {
 }
 
 #[test]
-fn a_description_that_cannot_be_used_is_refused_with_its_field() {
+fn an_invalid_description_is_rejected_with_its_field() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["gear"]["teeth"] = json!([2, 62]);
@@ -64,7 +64,7 @@ fn a_description_that_cannot_be_used_is_refused_with_its_field() {
 }
 
 #[test]
-fn a_list_comes_in_pages_without_loss() {
+fn a_list_is_paged_without_loss() {
     let service = Service::start();
     for n in [3, 1, 5, 2, 4] {
         service.plain_asset(&format!("pump-{n}"));
@@ -85,7 +85,7 @@ fn a_list_comes_in_pages_without_loss() {
 }
 
 #[test]
-fn a_removed_asset_takes_its_records_and_only_its_own_raw_bytes_along() {
+fn deleting_an_asset_removes_its_records_and_only_its_own_raw_bytes() {
     let service = Service::start();
     service.plain_asset("one");
     service.plain_asset("two");
@@ -122,7 +122,7 @@ fn a_removed_asset_takes_its_records_and_only_its_own_raw_bytes_along() {
 }
 
 #[test]
-fn a_summary_tells_of_all_channels() {
+fn a_summary_covers_all_channels() {
     let service = Service::start();
     service.plain_asset("pump");
     for n in [2, 1] {
@@ -161,7 +161,7 @@ fn a_summary_tells_of_all_channels() {
 }
 
 #[test]
-fn a_change_can_be_conditional_on_the_description_that_was_seen() {
+fn an_update_can_be_conditional_on_the_etag() {
     let service = Service::start();
     service.plain_asset("pump");
     let seen = service.get("/v1/assets/pump").expect(200);

@@ -1,11 +1,11 @@
-//! Raw recordings outlive the loss of the database.
+//! Raw recordings survive the loss of the database.
 
 use std::path::Path;
 
 use crate::durability::{quarantined, raw_objects};
 use crate::running::{Service, record};
 
-/// Whether the database is not in the folder, where there is nothing to lose.
+/// Whether the database is outside the folder, so that it cannot be lost with it.
 fn is_elsewhere() -> bool {
     std::env::var("FLANKWATCH_TEST_DATABASE").is_ok()
 }
@@ -20,13 +20,13 @@ fn move_database(from: &Path, to: &Path) {
     }
 }
 
-/// Waits until the search for objects that nothing refers to is over.
+/// Waits until the scan for unreferenced objects is complete.
 fn wait_for_sweep() {
     std::thread::sleep(std::time::Duration::from_millis(1500));
 }
 
 #[test]
-fn a_lost_database_takes_no_raw_recording_with_it() {
+fn a_lost_database_leaves_raw_recordings_in_place() {
     if is_elsewhere() {
         return;
     }
@@ -55,7 +55,7 @@ fn a_lost_database_takes_no_raw_recording_with_it() {
 }
 
 #[test]
-fn an_older_database_takes_no_newer_raw_recording_away() {
+fn an_older_database_leaves_newer_raw_recordings_in_place() {
     if is_elsewhere() {
         return;
     }
@@ -89,7 +89,7 @@ fn an_older_database_takes_no_newer_raw_recording_away() {
 }
 
 #[test]
-fn the_raw_recordings_of_a_deleted_asset_are_in_quarantine_for_as_long_as_was_asked_for() {
+fn raw_recordings_of_a_deleted_asset_stay_in_quarantine_for_the_configured_time() {
     let mut service = Service::start();
     service.plain_asset("pump");
     let name = service.upload("pump", &record("1", 1))["raw"]["sha256"].as_str().unwrap().to_owned();

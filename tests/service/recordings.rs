@@ -14,7 +14,7 @@ fn wait_for_end(service: &Service, replay: &Value) -> Value {
 }
 
 #[test]
-fn an_mcap_is_taken_record_by_record_and_a_repeat_stores_nothing() {
+fn an_mcap_is_stored_record_by_record_and_a_repeat_stores_nothing() {
     let service = Service::start();
     service.plain_asset("one");
     service.plain_asset("two");
@@ -53,7 +53,7 @@ fn an_mcap_is_taken_record_by_record_and_a_repeat_stores_nothing() {
 }
 
 #[test]
-fn a_segment_of_an_mcap_gives_its_samples_back() {
+fn a_segment_of_an_mcap_returns_its_samples() {
     let service = Service::start();
     service.plain_asset("pump");
     let sent = record("x", 3);
@@ -69,7 +69,7 @@ fn a_segment_of_an_mcap_gives_its_samples_back() {
 }
 
 #[test]
-fn a_replay_feeds_a_recording_and_tells_how_far_it_is() {
+fn a_replay_sends_a_recording_and_reports_its_progress() {
     let service = Service::start();
     service.plain_asset("pump");
     let records: Vec<_> = (0..40).map(|n| record("1", n)).collect();
@@ -156,7 +156,7 @@ fn only_recordings_inside_the_folder_are_replayed() {
 }
 
 #[test]
-fn every_measuring_point_has_its_unit_however_its_records_come() {
+fn every_measuring_point_has_its_unit_in_every_format() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["sensor"] = json!({ "unit": "m/s2" });
