@@ -87,7 +87,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Evaluate the wear estimate on runs with known wear
     Evaluate(evaluate::EvaluateArgs),
-    /// Compute mesh stiffness and transmission error of a worn gear pair over one mesh period
+    /// Compute mesh stiffness and transmission error of a gear pair over one mesh period
     Model(model::ModelArgs),
     /// Reproduce the figures of the model's paper and check its statements
     Figures(figures::FiguresArgs),

@@ -12,7 +12,7 @@ fn the_dashboards_modules_type_check_against_the_api() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
     let tools = folder.join("node_modules/.bin");
     needed(tools.join("tsc").exists().then_some(()), "`npm install` in tests/browser");
-    // Where tsconfig.json looks for the types.
+    // Path of the types in tsconfig.json.
     let types = folder.join("node_modules/.api");
     std::fs::create_dir_all(&types).unwrap();
     let service = Service::start();

@@ -38,7 +38,7 @@ impl Broker {
         let folder = tempfile::tempdir().unwrap();
         let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port();
         let path = folder.path();
-        // Everything that a publisher was told is kept is on the disk when it stops.
+        // On a stop, the broker writes every acknowledged message to disk.
         let text = format!(
             "listener {port} 127.0.0.1\nuser root\npersistence true\npersistence_location {}/\nmax_queued_messages 0\n{}",
             path.display(),
@@ -151,7 +151,7 @@ impl Sender {
             }
             assert!(began.elapsed() < LONGEST, "the broker does not take {topic}");
             std::thread::sleep(Duration::from_millis(100));
-            // A connection of its own for each try, so that an answer is one to this try.
+            // A connection per attempt, so that an answer belongs to this attempt.
             *self = Self::connect(self.port);
         }
     }

@@ -51,7 +51,7 @@ fn an_api_node_killed_after_its_response_loses_nothing() {
     steady.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for _ in 0..rounds() {
         let mut killed = site.api(&config);
-        // Nobody works yet: what is acknowledged is in the queue alone.
+        // No worker is running: acknowledged records are in the queue only.
         uploads.during(&[&killed.client, &steady.client], || {
             a_moment(&mut random);
             killed.process.kill();
@@ -98,11 +98,11 @@ fn a_database_outage_loses_nothing() {
     let (direct, cut) = (site.config(None), site.config(Some(&proxy)));
     let (uploads, mut random) = (Uploads::default(), random());
     let (api, worker) = (site.api(&direct), site.worker(&cut));
-    // Like the worker it loses the database.
+    // The API node loses the database as well.
     let beside = site.api(&cut);
     api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for round in 0..rounds() {
-        // In turn a server that is down, and a plug that is pulled.
+        // Alternately a server that is down and a pulled cable.
         let wire = if round % 2 == 0 { Wire::Closed } else { Wire::Silent };
         uploads.during(&[&api.client], || {
             a_moment(&mut random);
@@ -134,8 +134,7 @@ fn a_database_server_restart_loses_nothing() {
     let (api, worker) = (site.api(&config), site.worker(&config));
     api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for round in 0..rounds() {
-        // In turn one that ends its connections, and one that falls over and has to recover what it had
-        // acknowledged.
+        // Alternately a fast shutdown and a crash, after which the server recovers.
         let stop = if round % 2 == 0 { Stop::Immediate } else { Stop::Fast };
         let server = site.postgres.as_mut().unwrap();
         uploads.during(&[&api.client], || {
@@ -169,8 +168,8 @@ fn a_broken_connection_between_worker_and_database_loses_nothing() {
     for _ in 0..rounds() {
         uploads.during(&[&api.client], || {
             a_moment(&mut random);
-            // Nothing comes through and no connection ends: what was sent arrives when the wire is mended, in
-            // the middle of transactions.
+            // Nothing is forwarded and no connection closes: data arrives after the repair, in the middle of
+            // transactions.
             proxy.set(Wire::Silent);
             let health = worker.wait_for_readiness(503);
             assert!(health["database"] != "ok", "{health}");

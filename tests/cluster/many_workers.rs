@@ -135,12 +135,12 @@ async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, Strin
     let filter = AlarmFilter { asset: Some(asset.clone()), ..AlarmFilter::default() };
     for alarm in store.alarms(&filter, Timestamp::UNIX_EPOCH, 100).await.unwrap() {
         let (history, _) = store.alarm_history(&alarm.id, 10_000).await.unwrap();
-        // Not its latest readings: those that changed nothing are kept with the states of the fold alone.
+        // Without the latest readings: those that changed nothing are only in the states of the fold.
         let held = &alarm.alarm;
         let stands = (held.standing(), held.severity(), held.raised_at(), held.value(), held.last());
         let announced: Vec<_> =
             history.iter().filter(|entry| entry.withdrawn_at.is_none()).map(|entry| &entry.change).collect();
-        // What records in another order raised for a time and was withdrawn is no part of what stands.
+        // Withdrawn changes, which another order of records raised temporarily, are not compared.
         if !announced.is_empty() {
             all.insert(format!("alarm {}", alarm.id), format!("{:?} {stands:?} {announced:?}", alarm.rule));
         }
@@ -202,12 +202,12 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
             }
             let mut workers = Vec::new();
             for n in 0..count {
-                // Each has a folder of its own for libraries: what one builds the others fetch.
+                // Each worker has its own library cache and fetches what another one has built.
                 workers.push(worker(&settings, &folder.path().join(format!("{n} of {count}"))).await);
             }
             for spec in &before {
                 workers[0].assets.create(spec).await.unwrap();
-                // Alarms that a record without its library raises are part of what is told.
+                // Alarms of records without their library are among the announced changes.
                 for worker in &workers {
                     simulated(worker, spec).await;
                 }
@@ -438,7 +438,7 @@ fn nodes_that_describe_assets_of_one_sensor_concurrently_stay_consistent() {
             nodes.push(worker(&settings, &folder.path().join(n.to_string())).await);
         }
         nodes[0].assets.create(&plain("first")).await.unwrap();
-        // More than one sensor may have.
+        // More assets than a sensor may have.
         let specs: Vec<AssetSpec> = (0..16).map(|n| listener(n, "first")).collect();
         let made = specs.iter().enumerate().map(|(n, spec)| nodes[n % 4].assets.create(spec));
         let made = futures_util::future::join_all(made).await;
@@ -449,7 +449,8 @@ fn nodes_that_describe_assets_of_one_sensor_concurrently_stay_consistent() {
         let there = nodes[0].store.assets_of_sensor(&plain("first").id).await.unwrap().len();
         assert_eq!(made.iter().filter(|made| made.is_ok()).count() + 1, there);
         assert_eq!(there, flankwatch::asset::MAX_ON_ONE_SENSOR, "{made:?}");
-        // One asset goes while another one is to hear through it: one of both is refused, and told why.
+        // An asset is deleted while another one is created on its sensor: one of the requests fails with the
+        // reason.
         for n in 100..110 {
             let of = format!("sensor{n}");
             let through = listener(n, &of);

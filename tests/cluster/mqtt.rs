@@ -13,10 +13,10 @@ use flankwatch_test_support::needed;
 
 /// Starts a feed from a broker; `more` has additional lines of the settings.
 pub(crate) fn feed(service: &Service, port: u16, root: &str, more: &str) -> MqttFeed {
-    // The broker need not remember it for long.
+    // A short session expiry.
     let text =
         format!("url = \"mqtt://127.0.0.1:{port}\"\nroot = \"{root}\"\nsession_expiry_s = 120\n{more}");
-    // A session of the test's own, unless it says whose it is.
+    // A unique client ID, unless the settings have one.
     let own = if more.contains("client_id") {
         String::new()
     } else {
@@ -29,7 +29,7 @@ fn start(service: &Service, table: &str) -> MqttFeed {
     let table: MqttTable = toml::from_str(table).unwrap();
     let settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
     let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
-    // The one that was started last; others may have been stopped before it, and the service may be full.
+    // The latest feed; earlier ones may have been stopped, and the service may be full.
     let began = std::time::Instant::now();
     loop {
         let ready = service.get("/readyz").json();
@@ -109,7 +109,7 @@ fn every_message_becomes_one_record() {
         let content_type = (n % 4 < 2).then(|| encoding.media_type());
         sender.send_as(&topic(&root, "pump", "input"), &block, content_type);
         if n % 5 == 0 {
-            // A device that does not know that its message has arrived.
+            // A device that sends again as it has no acknowledgement.
             sender.send_as(&topic(&root, "pump", "input"), &block, content_type);
         }
     }
@@ -117,7 +117,7 @@ fn every_message_becomes_one_record() {
     assert_eq!(times(&service, "pump").len(), 20);
     let segments = service.get("/v1/assets/pump/segments?limit=1").expect(200).json();
     assert_eq!(segments["items"][0]["channel"], "input", "the topic's point goes before the message's own");
-    // The same numbers as an upload of the same record has.
+    // The same values as for an upload of the same record.
     service.plain_asset("uploaded");
     let uploaded = service.upload("uploaded", &record("input", 19));
     let ours = service.get("/v1/assets/pump/indicators").expect(200).json();
@@ -211,7 +211,7 @@ fn invalid_messages_are_rejected_with_the_reason() {
     }
     wait_for_outcome(&service, "accepted", 1.0);
     assert_eq!(outcome(&service, "refused"), 10.0);
-    // They are acknowledged: nothing comes again over the same session.
+    // Rejected messages are acknowledged: none is sent again in the session.
     service.run(feed.stop(LONGEST));
     assert_eq!(times(&service, "pump").len(), 1);
 }
@@ -279,7 +279,7 @@ fn a_full_service_leaves_messages_at_the_broker() {
     for n in 0..40 {
         sender.send(&topic("flankwatch", "pump", "1"), &protobuf(&record("1", n)));
     }
-    // The queue is full, and says so.
+    // The queue is full, and the feed reports it.
     let health = service.get("/readyz").json();
     let began = std::time::Instant::now();
     let mut held = health;
@@ -315,8 +315,8 @@ fn dropped_messages_are_received_again() {
     let parts = service.service();
     let tickets: Vec<_> = std::iter::from_fn(|| parts.workers.admit().ok()).collect();
     let second = feed(&service, broker.port, "flankwatch", settings);
-    // Longer than a broker waits for a sign of life: what a session kept may come all at once, and the
-    // connection has to stand.
+    // Longer than the keep-alive: the session's messages may arrive all at once, and the connection must
+    // survive.
     std::thread::sleep(std::time::Duration::from_secs(10));
     let feeds = service.get("/readyz").json()["feeds"].clone();
     assert_eq!((&feeds[1]["is_connected"], &feeds[1]["held"]), (&true.into(), &4.into()), "{feeds}");

@@ -41,7 +41,7 @@ impl PostgresServer {
             user: number(&["-u", "postgres"]).unwrap(),
             group: number(&["-g", "postgres"]).unwrap(),
         });
-        // Made by the account, which may not look into folders of others.
+        // Created by the account, which cannot access other users' folders.
         let made = as_account(Path::new("mktemp"), account).args(["-d", "--tmpdir"]).output().unwrap();
         let folder = PathBuf::from(String::from_utf8(made.stdout).unwrap().trim());
         assert!(folder.is_dir(), "{}", String::from_utf8_lossy(&made.stderr));

@@ -56,7 +56,7 @@ fn a_record_that_cannot_be_stored_becomes_a_dead_letter_with_its_reason() {
     });
     assert!(reason.contains("cannot be read"), "{reason}");
     assert_eq!(&payload[..], b"no record");
-    // What comes after it is not held up.
+    // Later records are not blocked.
     let answer = api.client.upload("pump", &record("1", 1));
     assert_eq!(answer["state"], json!("queued"));
     api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
@@ -92,7 +92,7 @@ fn damage(objects: &Path) -> usize {
             continue;
         }
         let objects = std::fs::read_dir(folder.path()).unwrap().flatten().map(|object| object.path());
-        // Not the notes beside them.
+        // Skips the metadata files beside the objects.
         for object in objects.filter(|path| path.extension().is_none()) {
             std::fs::write(object, b"damaged").unwrap();
             damaged += 1;
@@ -115,9 +115,9 @@ fn a_dead_record_that_is_sent_again_is_stored() {
     let worker = site.worker(&config);
     let segment = answer["id"].as_str().unwrap();
     let reason = wait_for_dead_letter(&site, &worker, segment);
-    // On a busy machine the first attempt may have been taken back.
+    // On a busy machine the first delivery may have expired.
     assert!(reason.contains(" times"), "{reason}");
-    // The object is brought again with the record.
+    // The repeated upload stores the object again.
     for _ in 0..2 {
         assert_eq!(api.client.upload("pump", &record("1", 1))["id"], answer["id"]);
     }
@@ -158,8 +158,7 @@ fn records_wait_while_the_databases_disk_is_full_even_if_workers_die() {
         api.client.upload("pump", &record("1", n));
     }
     wait_until_held(&worker, 4);
-    // It gives them back when it is stopped, and leaves them when it is killed: the disk is at fault each
-    // time.
+    // A stopped worker returns its records and a killed one leaves them; each time the disk is the cause.
     worker.process.signal("TERM");
     let mut worker = site.worker(&config);
     wait_until_held(&worker, 4);
@@ -235,7 +234,7 @@ fn operators_inspect_the_queue_and_retry_or_drop_dead_letters() {
     let number = letters[0]["number"].to_string();
     assert!(command(&config, &["dead-letters", "show", &number]).contains("asset       pump"));
     assert!(command(&config, &["dead-letters", "list"]).lines().all(|line| line.chars().count() <= 80));
-    // The object of one is mended: its record is stored after all.
+    // One object is repaired, so that its record is stored after a retry.
     let mended = letters[0]["record"]["start_time"].as_str().unwrap();
     let n = (0..3).find(|n| record("1", *n).start_time().to_string() == mended).unwrap();
     api.client.upload("pump", &record("1", n));

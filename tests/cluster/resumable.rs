@@ -82,7 +82,7 @@ fn an_upload_resumes_on_another_node_after_its_own_was_killed() {
     compare(&second.client, &recording, 40);
     let kept = std::fs::read_dir(site.objects_folder().join("uploads")).unwrap().count();
     assert_eq!(kept, 0, "pieces of a finished upload");
-    // UploadMetadata up at one node it is gone at the other.
+    // Deleted on one node, the upload is gone on the other.
     let path = begin(&second.client, 10);
     assert_eq!(patch(&third.client, &path, 0, b"12345"), 204);
     assert_eq!(third.client.try_send_with("DELETE", &path, &[TUS], b"").unwrap().0, 204);
@@ -99,7 +99,7 @@ fn an_upload_whose_reader_was_killed_is_read_by_another_node() {
     let (mut first, second) = (site.api(&config), site.api(&config));
     let _worker = site.worker(&config);
     first.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
-    // Of more than one piece.
+    // More than one part.
     let recording = mcap(&records(600));
     assert!(recording.len() > 4 << 20);
     let path = begin(&first.client, recording.len());

@@ -67,7 +67,7 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     let (expected, alarms) = (alone.history("pump"), alone.alarms());
     assert!(!alarms.is_empty());
     for node in &nodes {
-        // Late records have the histories after them folded again in the background.
+        // Late records cause recomputations in the background.
         node.wait_for("/v1/assets/pump/wear/history?channel=1&max_points=100000", |rows| {
             rows["items"] == expected[0]
         });
@@ -92,7 +92,7 @@ fn every_node_shows_the_events_of_all_nodes_with_the_same_ids() {
     for (n, record) in all.iter().enumerate() {
         nodes[n % 2].upload("pump", record);
     }
-    // What comes last is an alarm's end.
+    // The last event clears an alarm.
     let mut received: Vec<Vec<(String, String, Value)>> = vec![Vec::new(), Vec::new()];
     for (stream, received) in streams.iter_mut().zip(&mut received) {
         while received.iter().filter(|(kind, ..)| kind == "wear").count() < all.len() {
@@ -105,7 +105,7 @@ fn every_node_shows_the_events_of_all_nodes_with_the_same_ids() {
         received[0].iter().filter(|(kind, ..)| kind == "alarm").map(|(.., data)| data.to_string()).collect();
     assert!(!alarms.is_empty());
     assert_eq!(alarms.iter().collect::<BTreeSet<_>>().len(), alarms.len(), "an alarm was told of twice");
-    // Another node, and one that is started only now, go on after what was seen last.
+    // Another node, and a newly started one, continue after the last event.
     let (_, id, _) = &received[0][2];
     cluster.start_node();
     for node in [&nodes[1], &cluster.client(2)] {
@@ -144,7 +144,7 @@ fn a_changed_description_is_applied_by_a_worker() {
         }
         client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 20);
     }
-    // Nobody is there who could hear it; who comes later does it.
+    // No worker is running; a later one applies the change.
     cluster.stop_worker();
     node.send_json("PUT", "/v1/assets/pump", &anew, 200);
     cluster.start_worker();

@@ -125,7 +125,7 @@ impl Uploads {
                     while !is_over.load(Ordering::Relaxed) {
                         let n = self.next.fetch_add(1, Ordering::Relaxed);
                         if n > first + UNHURRIED {
-                            // What takes long is not to be a test of many records.
+                            // Slow faults are tested with fewer records.
                             std::thread::sleep(Duration::from_millis(500));
                         }
                         match clients[n as usize % clients.len()].try_upload("pump", &record("1", n)) {
@@ -133,7 +133,7 @@ impl Uploads {
                                 let id = answer["id"].as_str().unwrap().to_owned();
                                 self.acknowledged.lock().unwrap().insert(n, id);
                             }
-                            // It cannot be taken now, or nobody answers.
+                            // The node rejects it for now, or does not respond.
                             Some((503, _)) | None => std::thread::sleep(Duration::from_millis(20)),
                             other => panic!("record {n}: {other:?}"),
                         }

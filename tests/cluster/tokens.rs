@@ -62,7 +62,7 @@ fn a_token_created_or_revoked_on_one_node_applies_on_all() {
     }
     let config_text = config.display().to_string();
     flankwatch(&["token", "revoke", id, "--config", &config_text]).expect_failure(&[id]);
-    // That none is left opens nothing, not even after a start.
+    // Revoking every token does not reopen the service, not even after a restart.
     token(&["revoke", second.split('_').nth(1).unwrap()], &config);
     wait_for_status(&nodes[0].client, Some(&second), 401);
     let [_, again] = nodes;

@@ -102,7 +102,7 @@ impl ForgetfulDisk {
                     Before::Nothing if path.is_dir() => fs::remove_dir_all(&path).unwrap(),
                     Before::Nothing => drop(fs::remove_file(&path)),
                     Before::File(bytes) if is_there => fs::write(&path, bytes).unwrap(),
-                    // Its folder is forgotten too.
+                    // The changes of its folder are lost too.
                     Before::File(_) => {}
                 }
             }
@@ -175,7 +175,7 @@ impl Disk for ForgetfulDisk {
                 Ok(())
             }
             Err((mut state, error)) => {
-                // A part of it may have been written, and of that any part may be zeros.
+                // A part may have been written, any part of which may be zeros.
                 let length = state.random.random_range(0..=bytes.len());
                 let mut part = bytes[..length].to_vec();
                 if state.random.random_bool(0.3) {

@@ -102,14 +102,14 @@ fn acknowledged_records_survive_kills_at_random_moments() {
                 });
             }
             std::thread::sleep(Duration::from_micros(random.random_range(20_000..400_000)));
-            // Killed first, so that requests are cut off; then the connections are told.
+            // Killed first, so that requests are cut off, then the senders are stopped.
             let mut killed = Command::new("kill");
             killed.args(["-9", &running.id().to_string()]);
             assert!(killed.status().unwrap().success());
             gone.store(true, Ordering::Relaxed);
         });
         running.kill();
-        // Before anything is put away: what the database names is there and whole.
+        // Before any cleanup, every object in the database exists and is intact.
         let output = verified(folder.path());
         let lacks = output.lines().find(|line| line.contains("missing") || line.contains("damaged"));
         assert!(lacks.is_none(), "round {round}: {output}");
@@ -120,7 +120,7 @@ fn acknowledged_records_survive_kills_at_random_moments() {
             let id = segment["id"].as_str().unwrap();
             assert_eq!(stored.get(id), Some(&1), "round {round}: record {n} was acknowledged");
         }
-        // Nothing but what was sent, and no raw object without its record for long.
+        // Only sent records are stored, and no raw object stays without its record.
         assert!(stored.len() <= next.load(Ordering::Relaxed) as usize);
         unacknowledged = stored.len() - known.len();
         drop(known);
@@ -151,8 +151,8 @@ fn acknowledged_records_survive_kills_at_random_moments() {
     }
     let began = Instant::now();
     loop {
-        // Records that came very late are folded in the background, and everything once more where the pair's
-        // variants are ready: for one asset before the other.
+        // Very late records are folded in the background, and everything again when the ensemble is complete,
+        // which is at different times for the two assets.
         let (killed, undisturbed) = (program.history("killed"), program.history("undisturbed"));
         if killed == undisturbed {
             break;

@@ -170,7 +170,7 @@ impl Life {
             let is_as_said = known.is_excluded.is_none_or(|is_excluded| is_excluded == segment.excluded);
             assert!(is_as_said, "record {n} is excluded: {}", segment.excluded);
         }
-        // From here on it is known.
+        // From here on the asset is acknowledged.
         *known = Known {
             presence: Presence::Present,
             id: Some(segment.id.clone()),
@@ -188,7 +188,7 @@ impl Life {
                 under_way.spawn(async move { (key, change, make(&service, key, change).await) });
             }
             while let Some(ended) = under_way.join_next().await {
-                // An answer that comes when the disk has stopped is one that nobody hears.
+                // A response after the disk has stopped does not count.
                 if self.disk.is_stopped() {
                     break;
                 }
@@ -205,7 +205,7 @@ impl Life {
         self.disk.forget(&self.folder, &to);
         let database = self.folder.join("flankwatch.db");
         let log = loop {
-            // Taken again where the log went into the database meanwhile.
+            // Copied again if a checkpoint ran meanwhile.
             let before = (fs::metadata(&database).unwrap().modified().unwrap(), head(&log_of(&self.folder)));
             fs::copy(&database, to.join("flankwatch.db")).unwrap();
             let log = log_of(&self.folder);
@@ -271,7 +271,7 @@ fn learn(known: &mut Known, change: Change, answer: Option<Option<SegmentId>>) {
         }
         (Change::Delete, Some(_)) => *known = Known::default(),
         (Change::Exclude(is_excluded), Some(_)) => known.is_excluded = Some(is_excluded),
-        // A repeat of what is there changes nothing.
+        // A repeat of a stored record changes nothing.
         (Change::Upload, None) if known.presence == Presence::Present => {}
         (Change::Upload | Change::Delete, None) => known.presence = Presence::Unknown,
         (Change::Exclude(_), None) => known.is_excluded = None,
@@ -355,7 +355,7 @@ fn every_schedule_keeps_acknowledged_data() {
     let schedules = variable("FLANKWATCH_FAULT_SCHEDULES").unwrap_or(SCHEDULES);
     let first = variable("FLANKWATCH_FAULT_SEED").unwrap_or(1);
     let next = AtomicU64::new(first);
-    // Where there is memory to be had as a disk, nothing waits for a real one.
+    // Uses a file system in memory, if there is one.
     let memory = Path::new("/dev/shm");
     let began = Instant::now();
     std::thread::scope(|scope| {

@@ -71,7 +71,7 @@ fn every_acknowledged_sample_is_stored_once_despite_kills_and_repeated_chunks() 
         assert!(next >= acknowledged, "{next} is before {acknowledged}, which was acknowledged");
         acknowledged = next;
         let mut sent = next;
-        // Some are acknowledged, some are on their way.
+        // Some chunks are acknowledged, some are in flight.
         for _ in 0..random.random_range(1..12) {
             let until = sent + random.random_range(1..3000);
             for (first, count) in shuffled(sent, until, &mut random) {
@@ -89,9 +89,9 @@ fn every_acknowledged_sample_is_stored_once_despite_kills_and_repeated_chunks() 
                 program = Program::start(folder.path());
                 half_open.clear();
             }
-            // The sender is gone without a word.
+            // The sender disconnects without closing the connection.
             1 => drop(socket),
-            // Nobody knows that it is gone: the next connection takes over.
+            // The service does not know that the sender is gone: the next connection takes over.
             _ => half_open.push(socket),
         }
     }
@@ -210,7 +210,7 @@ fn a_sender_resumes_when_its_server_is_back() {
     };
     kept(&program, 6000);
     program.kill();
-    // More than is kept in memory.
+    // More than fits in memory.
     pipe.write_all(&frames(6000, 534_000)).unwrap();
     let program = start_at(&data, &address);
     kept(&program, 540_000);

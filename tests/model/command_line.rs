@@ -141,7 +141,7 @@ fn a_simulated_run_is_estimated_and_printed_in_every_format() {
     assert!(records[..20].iter().all(|record| record["wear"]["median_um"].is_null()));
     assert_eq!(records[7]["wear_reason"], "collecting baseline, 8 of 20");
     let mut covered = 0;
-    // Wear that went on within the baseline is missing from the first answers after it.
+    // Wear that grew during the baseline is missing from the first estimates after it.
     for (index, record) in records.iter().enumerate().skip(20) {
         let (wear, truth) = (&record["wear"], record["reference_wear_um"].as_f64().unwrap());
         let um = |name: &str| wear[name].as_f64().unwrap();
@@ -191,7 +191,7 @@ fn a_simulated_run_is_estimated_and_printed_in_every_format() {
         assert_eq!(column("wear_reason", row, &header), record["wear_reason"].as_str().unwrap());
     }
     let html = fs::read_to_string(&report).unwrap();
-    // All of it is in the page, so that it can be kept and sent.
+    // The page is self-contained.
     assert!(html.contains("Wear depth") && html.contains("<polygon class=\"band\""));
     let html = html.replace(r#"<link rel="icon" href="data:,">"#, "");
     assert!(!html.contains("<script") && !html.contains("<link") && !html.contains("http"));

@@ -17,7 +17,7 @@ fn the_page_is_self_contained_and_its_numbers_match_the_reference() {
     for number in [7, 8, 11, 12, 13, 14, 15, 17, 18, 19, 20, 21, 22] {
         assert!(page.contains(&format!("<figure id=\"fig{number}\">")), "Fig. {number}");
     }
-    // Plotly's own code names hosts that it asks only for maps; the page itself asks for nothing.
+    // Plotly's code has host names that it contacts for maps only; the page itself loads nothing.
     let asks = page.contains("<script src") || page.contains("<link") || page.contains("<img src=\"http");
     assert!(!asks, "the page asks for something from elsewhere");
     let data: Value = serde_json::from_slice(&fs::read(data).unwrap()).unwrap();

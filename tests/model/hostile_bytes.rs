@@ -139,7 +139,7 @@ fn damaged(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
                 }
             }
             3 => {
-                // A length or a count that is beyond all measure, or none.
+                // An excessive length or count, or 0.
                 let value = *[0, 1, u32::MAX, i32::MAX as u32, 0x8000_0000].choose(random).unwrap();
                 let end = (at + 4).min(bytes.len());
                 bytes.splice(at..end, value.to_le_bytes());
@@ -154,7 +154,7 @@ fn damaged(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
                 bytes.drain(at..end);
             }
             _ => {
-                // The number that stands there or next.
+                // The number at or after this position.
                 let Some(start) = (at..bytes.len()).find(|&n| bytes[n].is_ascii_digit()) else {
                     continue;
                 };

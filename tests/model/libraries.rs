@@ -74,7 +74,7 @@ fn a_cancelled_build_resumes_and_gives_the_same_bits() {
     stopped_after(1);
     assert!(checkpoint_beside(&path).exists() && !path.exists());
     stopped_after(25);
-    // What was finished is not simulated again: it is there at once.
+    // Finished simulations are not repeated: they are done at once.
     let kept = fs::read_to_string(checkpoint_beside(&path)).unwrap();
     assert!(kept.lines().filter(|line| line.contains("\"torque\"")).count() >= 1);
     let least = AtomicUsize::new(usize::MAX);
@@ -119,7 +119,7 @@ fn curves_match_the_operating_point() {
         let (torque, speed) = (1950.0, 0.8 * 16.64);
         assert_eq!(library.feature_curves_at(&at(Some(torque), Some(speed))), alone.feature_curves());
 
-        // The nominal states are what a library without other points has.
+        // The nominal states equal those of a library without other points.
         let plain = build(&pair, &nominal, &BuildControl::silent()).unwrap();
         assert_eq!(library.states(), plain.states());
         assert_eq!(library.feature_curves(), plain.feature_curves());

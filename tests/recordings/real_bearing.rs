@@ -83,7 +83,7 @@ fn the_lines_of_a_failing_bearing_stand_out_before_failure() {
             BearingLine::ALL.iter().filter_map(ratio).collect()
         })
         .collect();
-    // Beside a line that stands out another one may be left without a background.
+    // Next to a strong line, another line may have no background.
     let of = |line: BearingLine| -> Vec<f64> {
         ratios.iter().map(|ratios| ratios.get(&line).copied().unwrap_or(0.0)).collect()
     };

@@ -183,8 +183,7 @@ fn the_mesh_line_is_found_on_every_channel_in_time_and_angle() {
             let (plain, tracked) = (indicators.get("omx").unwrap(), indicators.get("omx_tracked").unwrap());
             let angle = got.basis.shaft_angle.as_ref().unwrap();
             eprintln!("{name} {channel}: OMX {plain:.3}, tracked {tracked:.3}, {angle:?}");
-            // Some lines stand too little above what passes their filter for a phase to be followed; the
-            // answer says so.
+            // Some lines are too weak within their filter band to track a phase; the response says so.
             let followed = matches!(angle.source, AngleSource::MeshPhase { .. });
             assert!(followed || matches!(angle.source, AngleSource::ConstantSpeed), "{angle:?}");
             assert!(angle.turns > 190, "{angle:?}");

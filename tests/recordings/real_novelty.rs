@@ -108,7 +108,7 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
         let features = records.iter().map(|record| analyzer.analyze(record, &mesh).features);
         let answers = estimate(baseline, ensemble, features);
         assert!(answers.iter().all(|answer| answer.median_um.is_none()), "{name}: wear was claimed");
-        // One record is clipped, long after the bearing has become loud.
+        // One record is clipped, long after the bearing's level has risen.
         let accused = answers.iter().find(|answer| answer.status == WearStatus::SensorFault);
         assert!(accused.is_none(), "{name}: {}", accused.unwrap().reason);
         assert_eq!(answers.iter().filter(|answer| answer.reason.contains("is clipped")).count(), 1, "{name}");

@@ -76,7 +76,7 @@ fn the_interval_covers_the_truth_on_another_simulators_runs() {
         let found = late.clone().filter(|answer| flagged(answer)).count() as f64;
         assert!(found >= 0.95 * late.count() as f64, "{run}: {found}");
     }
-    // An inspection half-way narrows what is said of the records before it, and keeps the truth.
+    // An inspection half-way narrows the intervals of earlier records, which still cover the truth.
     let inspected = scores(&worn, &["--inspection-um", "5"]);
     let (mut told_um, mut looked_back_um) = (0.0, 0.0);
     for score in inspected["scores"].as_array().unwrap() {
@@ -168,7 +168,7 @@ fn a_detected_speed_is_correct_or_marked_as_doubtful() {
         let (mut right, mut doubted, mut wrong) = (0, 0, 0);
         for run in WEAR.map(|(run, ..)| run).into_iter().chain(FAULTS).chain([HEALTHY]) {
             for (n, speed_hz) in speeds_hz(run).into_iter().enumerate().step_by(5) {
-                // Evenly over the spread, in no order.
+                // Evenly distributed, in random order.
                 let factor = 1.0 + spread * (2.0 * (n as f64 * 0.618).fract() - 1.0);
                 let found = analyzer.analyze(&turned_faster(run, n, factor), &mesh).shaft_speed;
                 let is_right = |found: f64| (found / (factor * speed_hz) - 1.0).abs() < 0.003;

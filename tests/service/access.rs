@@ -139,7 +139,7 @@ fn an_unconfigured_host_name_is_rejected() {
     as_host("evil.example:8600", "/v1/assets").expect_problem(403, &["evil.example", "--host-name"]);
     as_host("wear.example", "/v1/assets").expect(200);
     as_host("localhost", "/v1/assets").expect(200);
-    // The pages show nothing by themselves.
+    // The static pages contain no data.
     as_host("evil.example:8600", "/").expect(200);
     let token = Tokens::of(service.folder()).create("a", Scope::Read);
     let authorization = format!("Bearer {token}");
@@ -170,7 +170,7 @@ fn a_client_without_a_request_is_disconnected_and_others_are_served() {
     for stream in &mut slow {
         stream.write_all(b"GET / HTTP/1.1\r\nhost:").unwrap();
     }
-    // Both places are taken until the slow ones are let go.
+    // Both slots are taken until the slow clients are disconnected.
     service.get("/healthz").expect(200);
     for stream in &mut slow {
         let mut answer = String::new();
@@ -251,7 +251,7 @@ fn a_request_head_that_is_too_large_is_rejected() {
     let service = Service::start_with(|config| config.http.header_bytes = 16 << 10);
     let address = service.url("").trim_start_matches("http://").to_string();
     let many: String = (0..200).map(|n| format!("x-{n}: 1\r\n")).collect();
-    // Somewhat too large: it fits into the last piece that is read.
+    // Slightly too large: it fits into the last chunk read.
     let long = format!("x: {}\r\n", "a".repeat(20 << 10));
     for (fields, status) in [
         (many.as_str(), "431 Request Header Fields Too Large"),

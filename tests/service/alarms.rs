@@ -122,7 +122,7 @@ fn an_alarm_is_raised_acknowledged_shelved_and_cleared() {
     }
     assert_eq!(service.get("/v1/alarms?state=shelved").expect(200).json()["items"][0]["id"], alarm["id"]);
     service.clock.advance(3601);
-    // Told although no record comes.
+    // The event is sent without a new record.
     let address = format!("/v1/alarms/{}", alarm["id"].as_str().unwrap());
     let shown = service.wait_for(&address, |alarm| {
         let last = alarm["history"].as_array().unwrap().last().unwrap().clone();
@@ -133,7 +133,7 @@ fn an_alarm_is_raised_acknowledged_shelved_and_cleared() {
     let back = only_alarm(&service, "pump");
     assert_eq!((&back["state"], &back["shelved_until"]), (&json!("acknowledged"), &Value::Null));
 
-    // Better, then over; nobody acknowledges what nobody raised again.
+    // The alarm eases, then clears.
     service.upload("pump", &loud(2, 2.2));
     service.upload("pump", &loud(3, 1.0));
     assert_eq!(only_alarm(&service, "pump")["state"], "normal");
@@ -216,7 +216,7 @@ fn alarms_are_the_same_after_late_records_restarts_and_recomputations() {
             acknowledge(&service, "in-order");
         }
     }
-    // Backwards up to the acknowledgement, and then the rest with one of each half left for the end.
+    // Records in reverse order up to the acknowledgement, then the rest with one record of each half last.
     for n in [9, 8, 7, 6, 5, 4, 3, 1, 0] {
         service.upload("late", &life[n]);
     }
@@ -270,7 +270,7 @@ fn changes_are_announced_exactly_once() {
         (&json!("unacknowledged"), &json!(minute(3)))
     );
     assert!(alarm["history"][0]["withdrawn_at"].is_string(), "{alarm}");
-    // Raised for certain, then late records that change nothing of it.
+    // The alarm is raised, then late records arrive that don't change it.
     service.upload("pump", &loud(10, 4.0));
     service.upload("pump", &loud(11, 4.0));
     service.upload("pump", &loud(5, 1.0));
@@ -296,7 +296,7 @@ fn a_removed_rule_leaves_its_history() {
     let alarm = whole(&service, "pump");
     assert_eq!((&alarm["state"], &alarm["severity"]), (&json!("normal"), &Value::Null));
     assert_eq!(alarm["history"].as_array().unwrap().len(), 1);
-    // Given again, it stands where the records say.
+    // Added again, the rule has the alarm that follows from the records.
     service.put_json("/v1/assets/pump", &watched("pump", &at_once())).expect(200);
     service.wait_for("/v1/alarms?asset=pump", |list| list["items"][0]["state"] == "unacknowledged");
     assert_eq!(whole(&service, "pump")["history"].as_array().unwrap().len(), 1);
@@ -382,7 +382,7 @@ fn channels_together_raise_an_alarm_that_none_raises_alone() {
         "acknowledged"
     );
 
-    // Only what has come since maintenance counts.
+    // Only records since the maintenance count.
     let done = json!({ "kind": "regime_changed", "by": "Ada", "time": minute(11) });
     service.post_json("/v1/assets/pump/maintenance", &done).expect(201);
     upload_four(&service, 11, 0.0);

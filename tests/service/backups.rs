@@ -62,7 +62,7 @@ fn a_backup_runs_beside_the_service_and_newer_recordings_are_imported_again() {
         program.upload("pump", n).unwrap();
     }
     let at_end = state(&program);
-    // Raised within a minute of the last record, and by a start.
+    // Raised within a minute of the last record, and at a start.
     program.kill();
     Program::start(&folder).kill();
 
@@ -73,7 +73,7 @@ fn a_backup_runs_beside_the_service_and_newer_recordings_are_imported_again() {
     assert_eq!(state(&restored), at_backup);
     restored.kill();
 
-    // The older database beside the newer recordings.
+    // The older database with newer recordings.
     on(&folder, &["restore", copy.to_str().unwrap()]).expect_failure(&["has a database already"]);
     remove_database(&folder);
     on(&folder, &["restore", copy.to_str().unwrap()]).expect_success();
@@ -96,7 +96,7 @@ fn a_backup_runs_beside_the_service_and_newer_recordings_are_imported_again() {
     assert_eq!(state(&whole), at_end);
     whole.kill();
 
-    // Everything from the recordings alone.
+    // Rebuilds everything from the recordings.
     assert!(
         on(&folder, &["rebuild", "--anew"])
             .expect_success()
@@ -107,7 +107,7 @@ fn a_backup_runs_beside_the_service_and_newer_recordings_are_imported_again() {
     let anew = Program::start(&folder);
     wait_until_known(&anew);
     assert_eq!(state(&anew), at_end);
-    // A running service has its folder to itself.
+    // A running service locks its folder.
     on(&folder, &["rebuild"]).expect_failure(&["in use"]);
     anew.kill();
 }
@@ -151,7 +151,7 @@ fn recordings_in_quarantine_are_listed_and_restored() {
     program.upload("pump", 1).unwrap();
     let deleted = program.send("DELETE", "/v1/assets/pump", &[], b"");
     assert_eq!(deleted.status(), 204);
-    // Described again: its records are wanted after all.
+    // Created again, so that its records can be restored.
     program.make(&plain_asset("pump"));
     program.kill();
     let name = quarantined(&folder).pop().unwrap();

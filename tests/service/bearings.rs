@@ -73,7 +73,7 @@ fn a_machine_without_a_mesh_is_assessed_by_novelty_bearings_and_velocity() {
     }
     let calm = service.upload("fan", &turning(9, 0.0));
     assert_eq!(calm["wear"]["status"], "no_mesh", "{}", calm["wear"]["reason"]);
-    // The shaft's own lines give its speed, and no teeth are invented.
+    // The shaft's lines give its speed, without assumed teeth.
     assert_eq!(calm["shaft_speed"]["source"], "shaft_lines");
     assert!((calm["shaft_speed"]["shaft_speed_hz"].as_f64().unwrap() - SHAFT_HZ).abs() < 0.05);
     assert_eq!(calm["shaft_speed"].get("mesh_frequency_hz"), None);

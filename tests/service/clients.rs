@@ -19,7 +19,7 @@ fn connect(service: &Service) -> TcpStream {
 fn follow(service: &Service, token: Option<&str>) -> (u16, BufReader<TcpStream>) {
     let mut stream = connect(service);
     let token = token.map_or_else(String::new, |token| format!("authorization: Bearer {token}\r\n"));
-    // A connection that is refused at once may be closed before the request is through.
+    // A rejected connection may be closed before the request is sent.
     let _ = write!(stream, "GET /v1/events HTTP/1.1\r\nhost: localhost\r\n{token}\r\n");
     let (mut reader, mut line) = (BufReader::new(stream), String::new());
     reader.read_line(&mut line).unwrap();
@@ -35,7 +35,7 @@ fn event_streams_of_one_client_leave_room_for_health_and_uploads() {
     assert_eq!((count(200), count(503)), (16, 64));
     service.get("/healthz").expect(200);
     service.upload("pump", &record("1", 1));
-    // Those that are open go on.
+    // Open streams continue.
     drop(streams);
 }
 

@@ -57,7 +57,7 @@ fn deleted_records_leave_no_trace_in_the_history() {
     }
     service.restart();
     wait_for_the_numbers_of(&service, "pump", "never-had-them");
-    // Sent again they are taken again.
+    // Sent again, they are stored again.
     for n in [3, 6, 7, 8] {
         service.upload("pump", &record("1", n));
         service.upload("never-had-them", &record("1", n));
@@ -125,7 +125,7 @@ fn a_start_time_far_ahead_is_rejected() {
     };
     send(24 * 60).expect(201);
     send(24 * 60 + 1).expect_problem(422, &["start_time", "2026-01-02T00:01:00Z", "start_time_ahead_s"]);
-    // Of a recording the other records are taken.
+    // The other records of the recording are stored.
     let recording = crate::running::mcap(&[record("1", 0), record("1", 5000)]);
     let answer = service.post("/v1/assets/pump/segments", "application/mcap", &recording).expect(201).json();
     assert_eq!((&answer["stored"], &answer["refused_count"]), (&json!(1), &json!(1)), "{answer}");
@@ -250,7 +250,7 @@ fn excluded_records_stay_stored_outside_the_history() {
     let list = service.get("/v1/assets/pump/segments").expect(200).json();
     let marked = list["items"].as_array().unwrap().iter().filter(|segment| segment["excluded"] == true);
     assert_eq!(marked.count(), 5);
-    // The latest one that counts speaks for the asset.
+    // The latest included record determines the asset's summary.
     assert_eq!(service.get("/v1/assets/pump/wear").expect(200).json()["segment_id"], segments[12]["id"]);
     // Sent again it stays excluded, records that come later are folded on, and so after a restart.
     assert_eq!(
@@ -269,7 +269,7 @@ fn excluded_records_stay_stored_outside_the_history() {
         service.upload(asset, &record("1", 10_000));
     }
     wait_for_counted(&service, "pump", "without");
-    // What is noted beside the raw recordings says so too.
+    // The metadata beside the raw recordings has it too.
     if std::env::var("FLANKWATCH_TEST_DATABASE").is_err() {
         service.stop();
         flankwatch(&["rebuild", "--anew", "--data-dir", service.folder().to_str().unwrap()]).expect_success();

@@ -19,12 +19,12 @@ fn with_copy() -> Option<(Service, TempDir)> {
     }
     let mut service = Service::start();
     service.plain_asset("pump");
-    // So many that the schema lies in the first half of the file.
+    // Enough records that the schema is in the first half of the file.
     for n in 0..120 {
         service.upload("pump", &record("1", n));
     }
     service.stop();
-    // What may still be in the log is in the copy.
+    // The copy includes what is still in the log.
     let copy = tempfile::tempdir().unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(flankwatch::store::back_up(service.folder(), copy.path())).unwrap();

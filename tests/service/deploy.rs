@@ -135,7 +135,7 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
     service.service().feeds.add("mqtt");
     let pages = ["/metrics", "/metrics/machines"];
     let page = pages.map(|path| String::from_utf8(service.get(path).expect(200).bytes).unwrap()).concat();
-    // What processes of a cluster show besides.
+    // Metrics of cluster processes.
     let page = page + &flankwatch::http::queue_metrics(&QueueOverview::default(), crate::running::minute(0));
     let mut measured: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for line in page.lines() {
@@ -154,7 +154,7 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
 #[test]
 fn alerts_and_dashboards_use_existing_metrics() {
     let measured = measured();
-    // What Prometheus adds by itself.
+    // Labels that Prometheus adds.
     let added = ["instance", "job"];
     let mut named = BTreeSet::new();
     for (of, expression) in expressions() {
@@ -163,7 +163,7 @@ fn alerts_and_dashboards_use_existing_metrics() {
         for (name, labels) in all {
             let known = measured.get(&name).unwrap_or_else(|| panic!("{of}: there is no metric {name}"));
             for label in labels {
-                // A metric without a line says nothing of its labels: wear needs an asset with a pair.
+                // A metric without samples shows no labels: wear needs an asset with a pair.
                 let is_known = known.contains(&label) || added.contains(&label.as_str()) || known.is_empty();
                 assert!(is_known, "{of}: {name} has no label {label}, it has {known:?}");
             }
@@ -328,7 +328,7 @@ fn refusal(settings: &Path, command: &str) -> String {
 #[cfg(feature = "cluster")]
 #[test]
 fn settings_of_brokers_and_clusters_are_valid() {
-    // Everything is understood, and what is not here is missed.
+    // All settings are valid; only the files they name are missing here.
     let error = refusal(&folder().join("systemd/mqtt.toml"), "serve");
     assert!(error.contains("/etc/flankwatch/broker-ca.pem"), "{error}");
     for path in ["compose/cluster.toml", "kubernetes/cluster.toml"].map(|path| folder().join(path)) {
@@ -376,7 +376,7 @@ fn every_file_parses() {
     for path in ending(&[".toml"]) {
         toml::from_str::<toml::Table>(&text(&path)).unwrap_or_else(|error| panic!("{path}: {error}"));
     }
-    // Each folder's meaning stands in README.md, and what compose mounts is there.
+    // README.md describes each folder, and the files that compose mounts exist.
     let readme = text("README.md");
     for entry in fs::read_dir(folder()).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();

@@ -134,7 +134,7 @@ fn the_quota_removes_the_oldest_raw_recordings_but_not_their_results() {
         segments.push(service.upload("pump", &record("1", n)));
     }
     let bytes = segments[0]["raw"]["bytes"].as_u64().unwrap();
-    // One may go between being listed and being looked at.
+    // A file may be removed between being listed and being read.
     let kept = |service: &Service| -> u64 {
         let found = raw_objects(service.folder());
         found.iter().filter_map(|path| path.metadata().ok()).map(|found| found.len()).sum()
@@ -205,7 +205,7 @@ fn a_stopping_service_finishes_uploads_and_accepts_no_new_ones() {
                     let sent = agent.post(&url).content_type("application/x-protobuf").send(&block[..]);
                     let Ok(mut response) = sent else { break };
                     assert_eq!(response.status().as_u16(), 201);
-                    // An answer that was begun comes whole.
+                    // A started response is completed.
                     let segment: Value =
                         serde_json::from_str(&response.body_mut().read_to_string().unwrap()).unwrap();
                     stored.lock().unwrap().push(segment["id"].as_str().unwrap().to_owned());

@@ -74,7 +74,7 @@ fn a_record_has_gear_indicators_and_the_source_of_its_shaft_angle() {
     assert_eq!(segment["preprocessing"], format!("{}+turns-1", flankwatch::signal::PREPROCESSING));
     assert_eq!(segment["shaft_angle"]["source"], "mesh_phase");
     assert!(segment["shaft_angle"]["angle_error_deg"].as_f64().unwrap() < 2.0);
-    // The amplitude put in, though the speed swings.
+    // The generated amplitude, despite the fluctuating speed.
     assert!((value(&segment, "omx_tracked") - 1.0).abs() < 0.03, "{segment}");
     for name in [
         "fm0",
@@ -130,7 +130,7 @@ fn pulses_accompany_the_records_of_a_stream() {
     socket.wait_for(9000);
     service.restart();
     let mut socket = open(&service);
-    // Among samples that have come: too late.
+    // Among samples already received: too late.
     socket.send_json(&json!({ "type": "tachometer", "from": 8500, "pulses": [1, 2, 3] }));
     socket.send(9000, begin_ns + 2_250_000_000, &frames(9000, 16_000));
     socket.wait_for(16_000);
@@ -209,7 +209,7 @@ fn run_means_do_not_depend_on_order_repeats_or_restarts() {
     }
     for n in [4, 2, 7, 7, 1, 6, 3, 2, 5] {
         service.upload("shuffled", &turning(n));
-        // Asked for in between, so that what is in memory has to follow.
+        // Requested in between, so that the state in memory must be updated.
         trend(&service, "shuffled");
     }
     for n in [2, 1, 3] {
@@ -298,7 +298,7 @@ fn tachometer_messages_of_a_recording_reach_its_records() {
         assert_eq!(records.len(), 3);
         for recorded in &records {
             assert_eq!(recorded.record.tachometer().unwrap().pulse_times_s.len(), 22, "{encoding}");
-            // What is kept of the block brings the pulses along.
+            // The stored block includes the pulses.
             let again =
                 flankwatch::recording::decode_block(&recorded.raw, recorded.encoding, &Default::default())
                     .unwrap();
@@ -360,7 +360,7 @@ fn the_command_line_prints_gear_indicators_in_every_format() {
     let html = std::fs::read_to_string(at("report.html")).unwrap();
     assert!(html.contains("NA4") && html.contains("tachometer ±"));
 
-    // The service says the same of the same records.
+    // The service gives the same values for the same records.
     let service = Service::start();
     service.plain_asset("pump");
     for (n, nb4) in (1..=4).zip(nb4) {

@@ -91,7 +91,7 @@ fn frames_show_the_sent_tones_and_are_the_same_for_all_viewers() {
     let watch = |seconds: f64| {
         let mut events = EventStream::open_path(&service.url(""), PATH, "");
         let mut seen = Vec::new();
-        // The first is there at once.
+        // The first frame is sent at once.
         events.next();
         let began = Instant::now();
         while began.elapsed().as_secs_f64() < seconds {
@@ -141,7 +141,7 @@ fn frames_show_the_sent_tones_and_are_the_same_for_all_viewers() {
 fn a_slow_viewer_loses_frames_and_blocks_nobody() {
     let service = Service::start();
     service.post_json("/v1/assets", &asset()).expect(201);
-    // Frames as large as they get, so that they do not all fit on their way.
+    // Frames of maximum size, so that they do not all fit into the socket buffers.
     let path =
         format!("/v1/assets/pump/stream?sample=f32&sample_rate_hz={RATE_HZ}&channels=64&first_index=0");
     let mut socket = StreamSocket::open(&service.url(&path), &[]).unwrap();
@@ -164,7 +164,7 @@ fn a_slow_viewer_loses_frames_and_blocks_nobody() {
     });
     let (mut sent, mut longest, mut reading, mut left) = (800, Duration::ZERO, None, 30);
     while left > 0 {
-        // Far more than fits on the way: it reads again.
+        // Far more than the socket buffers hold: the viewer reads again.
         if shown.load(Ordering::Relaxed) >= 80
             && let Some(mut slow) = slow.take()
         {
@@ -185,7 +185,7 @@ fn a_slow_viewer_loses_frames_and_blocks_nobody() {
     let (quick, late) = (quick.join().unwrap(), reading.unwrap().join().unwrap());
     assert!(late.len() < quick.len(), "{} frames of {}", late.len(), quick.len());
     assert!(late.is_sorted() && quick.is_sorted());
-    // It goes on with what is new, not with what it missed.
+    // The viewer continues with new frames, not with missed ones.
     assert!(late.windows(2).any(|pair| pair[1] - pair[0] > 2 * RATE_HZ), "{late:?}");
 }
 
@@ -199,7 +199,7 @@ fn a_view_ends_with_its_asset_and_needs_an_existing_stream() {
     service.get(&format!("{PATH}?name=../up")).expect_problem(404, &["../up"]);
     service.get(&format!("{PATH}?channel=in")).expect_problem(400, &["channel"]);
     let mut events = EventStream::open_path(&service.url(""), &format!("{PATH}?name=end"), "");
-    // Begun before there were samples.
+    // Opened before there were samples.
     socket.send(0, 0, &frames(0, 4000));
     assert_eq!(events.next().data["next"], 4000);
     service.delete("/v1/assets/pump").expect(204);

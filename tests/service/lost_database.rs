@@ -47,7 +47,7 @@ fn a_lost_database_leaves_raw_recordings_in_place() {
         assert_eq!(raw_objects(service.folder()).len(), 5);
         assert!(quarantined(service.folder()).is_empty());
     }
-    // The database that goes with them is known again.
+    // The matching database is accepted again.
     move_database(lost.path(), service.folder());
     service.launch();
     assert_eq!(service.get("/readyz").expect(200).json()["raw_recordings"], "ok");
@@ -71,7 +71,7 @@ fn an_older_database_leaves_newer_raw_recordings_in_place() {
     }
     service.launch();
     service.stop();
-    // Newer objects; here those that the older database cannot know are any.
+    // Objects that the older database does not have.
     let name = format!("ab{}", "1".repeat(62));
     std::fs::create_dir_all(service.folder().join("raw/ab")).unwrap();
     std::fs::write(service.folder().join("raw/ab").join(name), b"newer").unwrap();
@@ -80,7 +80,7 @@ fn an_older_database_leaves_newer_raw_recordings_in_place() {
     let ready = service.get("/readyz").expect(200).json();
     assert!(ready["raw_recordings"].as_str().unwrap().contains("older"), "{ready}");
     wait_for_sweep();
-    // Nor does a quota, or who deletes the asset.
+    // A quota or the deletion of the asset does not remove them either.
     service.upload("pump", &record("1", 7));
     service.delete("/v1/assets/pump").expect(204);
     wait_for_sweep();
@@ -97,7 +97,7 @@ fn raw_recordings_of_a_deleted_asset_stay_in_quarantine_for_the_configured_time(
     assert!(raw_objects(service.folder()).is_empty());
     assert_eq!(quarantined(service.folder()), [name]);
     service.stop();
-    // As if it had been there for 31 days.
+    // Makes the object 31 days old.
     let folder = service.folder().join("raw/quarantine");
     let path = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
     let long_ago = jiff::Timestamp::now() - jiff::SignedDuration::from_hours(31 * 24);

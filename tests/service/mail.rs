@@ -39,7 +39,7 @@ impl MailServer {
         std::thread::spawn(move || {
             let mut refused = false;
             for connection in listener.incoming() {
-                // A client that does not trust this server hangs up.
+                // A client that does not trust this server disconnects.
                 let _ = serve(connection.unwrap(), &speech, &sender, &mut refused);
             }
         });
@@ -182,7 +182,7 @@ fn mail_is_sent_over_tls_to_a_trusted_server_only() {
             let settings = table.resolve(|_| None).unwrap();
             service.run(async { Notifier::start(settings, &service.service()) })
         };
-        // Its certificate is no known authority's: nothing is said to it, least of all the password.
+        // The certificate has no known CA: nothing is sent, least of all the password.
         let notifier = sends_with("");
         service.upload("pump", &loud(0, 4.0));
         let shown = wait_for(&service, "all", |shown| !shown["error"].is_null());

@@ -211,7 +211,7 @@ fn failed_notifications_survive_a_restart_and_keep_their_id() {
     let shown = wait_for(&service, "all", |shown| !shown["error"].is_null());
     assert_eq!((&shown["waiting"], &shown["oldest_at"]), (&json!(1), &json!(minute(0))));
     assert!(shown["error"].as_str().unwrap().contains("status 503"), "{shown}");
-    // It does not overtake the one that waits.
+    // It is not sent before the waiting one.
     service.upload("pump", &loud(1, 1.0));
     stop(&service, first);
     service.restart();
@@ -268,7 +268,7 @@ fn a_shelved_alarm_is_notified_after_shelving_and_old_records_are_not() {
     act("shelve", &json!({ "by": "Ada", "until": minute(120) }));
     service.upload("pump", &loud(56, 4.0));
     act("comment", &json!({ "by": "Ada", "comment": "worse" }));
-    // Told of last, so nothing came of what happened while it was shelved.
+    // The last notification, so none was sent while the alarm was shelved.
     act("unshelve", &json!({ "by": "Ada" }));
     assert_eq!(receiver.next().summary(), json!(["alarm.worsened", 2, "warning", "danger"]));
     act("acknowledge", &json!({ "by": "Ada" }));
@@ -305,7 +305,7 @@ fn a_notification_is_leased_by_one_sender_at_a_time() {
     });
     let ids: BTreeSet<&str> = taken.iter().map(|pending| pending.notification.id.as_str()).collect();
     assert_eq!((taken.len(), ids.len()), (6, 6));
-    // One that was tried again meanwhile is no more the business of who tried it before.
+    // A sender whose lease has expired can no longer record an outcome.
     let first = &taken[0];
     let again = service.run(async {
         let failed = Attempt::Failed { error: "away".to_owned(), again_at: Timestamp::UNIX_EPOCH };

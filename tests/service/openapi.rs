@@ -24,7 +24,7 @@ fn every_field_parameter_and_operation_is_documented() {
     for (name, schema) in document["components"]["schemas"].as_object().unwrap() {
         let parts = schema["allOf"].as_array().into_iter().flatten().chain([schema]);
         for (field, property) in parts.filter_map(|part| part["properties"].as_object()).flatten() {
-            // That of an optional structure stands beside the reference to it.
+            // The description of an optional structure is next to its reference.
             let mut places = property["oneOf"].as_array().into_iter().flatten().chain([property]);
             if !places.any(|place| place["description"].as_str().is_some_and(|text| !text.is_empty())) {
                 silent.push(format!("{name}.{field}"));
@@ -131,7 +131,7 @@ fn schemathesis_finds_no_error_and_no_undocumented_response() {
     let folder = tempfile::tempdir().unwrap();
     // What exists is asked for too, not only made-up names.
     let hints = json!({ "asset": "gearbox-1", "segment": segment, "alarm": alarm });
-    // A preview answers with what is wrong; and the protocol of resumable uploads says 412 of a version.
+    // Previews respond with errors in the body, and resumable uploads answer an unsupported version with 412.
     let rejected = "negative_data_rejection.expected-statuses";
     let previews = ["preview", "csv-preview", "recording-preview"].map(|path| {
         format!("[[operations]]\ninclude-path = \"/v1/{path}\"\nchecks.{rejected} = [\"200\", \"4xx\"]\n")

@@ -39,7 +39,7 @@ impl System {
     #[track_caller]
     fn dpkg(&self, words: &[&str]) {
         let root = format!("--root={}", self.root.path().display());
-        // Its scripts run outside of the folder and are told of it.
+        // Its scripts run outside the folder and get its path.
         let options = [
             root.as_str(),
             "--force-not-root",

@@ -83,7 +83,7 @@ fn a_body_too_large_is_rejected_with_and_without_content_length() {
     service.post("/v1/assets/pump/segments", "audio/wav", &large).expect_problem(413, &["10000"]);
     service.post("/v1/assets/pump/segments", "application/mcap", &large).expect_problem(413, &["10000"]);
     service.post("/v1/assets", "application/json", &[b' '; 1001]).expect_problem(413, &["1000"]);
-    // In pieces of unknown total length.
+    // Chunked, without a content length.
     let mut large_mcap = mcap(&[record("1", 1)]);
     large_mcap.resize(large.len(), 0);
     for (media_type, large) in [("audio/wav", &large), ("application/mcap", &large_mcap)] {
@@ -110,7 +110,7 @@ fn in_pieces(service: &Service, media_type: &str, body: &[u8]) -> String {
         let mut chunk = format!("{:x}\r\n", piece.len()).into_bytes();
         chunk.extend_from_slice(piece);
         chunk.extend_from_slice(b"\r\n");
-        // The service may have answered and hung up.
+        // The service may have responded and closed the connection.
         if stream.write_all(&chunk).is_err() {
             break;
         }
@@ -127,7 +127,7 @@ fn a_full_queue_sends_retry_after() {
     service.plain_asset("pump");
     let block = encode_block(&record("1", 1), BlockEncoding::Json);
     let address = service.url("").trim_start_matches("http://").to_string();
-    // One upload takes the only place and does not end.
+    // One upload takes the only slot and does not end.
     let mut slow = TcpStream::connect(address).unwrap();
     let head = format!(
         "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: {}\r\n\r\n",
@@ -219,7 +219,7 @@ fn a_stalled_body_releases_its_slot() {
         let mut slow = TcpStream::connect(&address).unwrap();
         slow.write_all(head.as_bytes()).unwrap();
         while service.get("/readyz").status != 503 {}
-        // Whoever asks for what is stored does not wait for senders.
+        // Reads do not wait for senders.
         service.get(&format!("/v1/segments/{}/spectrum", stored["id"].as_str().unwrap())).expect(200);
         let mut reader = BufReader::new(slow.try_clone().unwrap());
         let done = std::sync::atomic::AtomicBool::new(!trickles);
@@ -269,7 +269,7 @@ fn gzip_of_zeros(bytes: usize) -> Vec<u8> {
 
 #[test]
 fn a_body_that_is_not_mcap_is_rejected_by_its_first_bytes() {
-    // Were it unpacked first, it would be too large.
+    // Decompressed first, it would be too large.
     let service = Service::start_with(|config| config.http.recording_bytes = 4 << 20);
     service.plain_asset("pump");
     let fields = [("content-type", "application/mcap"), ("content-encoding", "gzip")];
@@ -299,7 +299,7 @@ fn an_invalid_field_is_reported_with_value_and_expectation() {
         let path = format!("/v1/assets/pump/segments?{name}={value}");
         service.post(&path, "audio/wav", &wav(&[samples(1)])).expect_problem(422, &[name, "expected"]);
     }
-    // Nothing of how the program writes it down.
+    // No names of the implementation.
     let missing = service.send("POST", "/v1/uploads", &[("tus-resumable", "1.0.0")], b"");
     let problem = missing.expect_problem(400, &["upload-length", "missing"]);
     assert!(!problem.to_string().contains("Some(") && !problem.to_string().contains("None"), "{problem}");

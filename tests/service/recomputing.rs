@@ -63,7 +63,7 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
             assert_eq!(found, fresh);
         }
     }
-    // Nothing is done again after a restart, and new records go on as they should.
+    // A restart repeats nothing, and new records are processed.
     service.restart();
     for asset in ["pump", "fresh"] {
         service.upload(asset, &record("1", 12));
@@ -98,8 +98,7 @@ fn old_results_are_served_until_the_new_ones_are_complete() {
         }
         assert!(began.elapsed() < Duration::from_secs(100), "{list}");
     }
-    // Analysing again with nearly the same description gives nearly the same numbers; what matters is that
-    // they are all there.
+    // A nearly equal description gives nearly equal values; this checks that all exist.
     assert!(seen.contains(&old[0]));
     service.upload("pump", &record("1", 150));
     assert_eq!(history(&service, "pump")[0].as_array().unwrap().len(), 151);

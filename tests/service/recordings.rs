@@ -34,7 +34,7 @@ fn an_mcap_is_stored_record_by_record_and_a_repeat_stores_nothing() {
     let again = service.post(path, "application/mcap", &bytes).expect(201).json();
     assert_eq!((&again["stored"], &again["repeated"]), (&json!(0), &json!(24)));
     assert_eq!(service.get("/v1/assets/one").expect(200).json()["summary"]["segments"], 24);
-    // One by one over another way in: the same indicators.
+    // Uploaded one by one: the same indicators.
     for record in &records {
         service.upload("two", record);
     }
@@ -176,7 +176,7 @@ fn every_measuring_point_has_its_unit_in_every_format() {
     let names = "/v1/assets/pump/segments?channel_names=velocity,other&start_time=2026-01-01T00:00:00Z";
     service.post(names, "audio/wav", &both).expect(201);
     assert_eq!(units(), expected(&[("velocity", "mm/s"), ("other", "m/s2")]));
-    // What the sender says counts for all of them, and each stays in its own.
+    // The query applies to all records, and each stays in its channel.
     let named = |names: &str| {
         let path = format!(
             "/v1/assets/pump/segments?channel_names={names}&unit=g&temperature_c=62.5&start_time=2026-01-02T00:00:00Z"

@@ -99,7 +99,7 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
     let summary = wait_for_library(&service, "new", "ready");
     assert_eq!(summary["simulation"], Value::Null);
     wait_for_status(&service, "new", "awaiting_library", false);
-    // As if the library had been there from the start.
+    // The same as if the library had existed from the start.
     let mut after = asset.clone();
     after["id"] = json!("after");
     service.post_json("/v1/assets", &after).expect(201);
@@ -116,7 +116,7 @@ fn an_asset_whose_library_fails_stores_records_and_reports_the_reason() {
     let service = Service::start();
     let mut asset = asset_with_pair("pump", 22.0);
     let path = library_path(&service, &asset);
-    // Where the file should be there is a folder.
+    // A folder takes the file's place.
     fs::create_dir_all(&path).unwrap();
     service.post_json("/v1/assets", &asset).expect(201);
     service.upload("pump", &record("1", 0));
@@ -133,7 +133,7 @@ fn an_asset_whose_library_fails_stores_records_and_reports_the_reason() {
         service.get("/v1/assets/pump").expect(200).json()["summary"]["category"],
         "out_of_specification"
     );
-    // The same description again does not try again, another one does.
+    // The same description does not retry, another one does.
     fs::remove_dir(&path).unwrap();
     service.put_json("/v1/assets/pump", &asset).expect(200);
     let summary = &service.get("/v1/assets/pump").expect(200).json()["summary"];
@@ -226,7 +226,7 @@ fn a_library_does_not_wait_for_another_assets_ensemble() {
     wait_for_library(&service, "second", "ready");
     let first = simulation("first");
     assert_eq!(first["stage"], "members", "{first}");
-    // How far it is, and how long it still takes, is of all its turns.
+    // Progress and remaining time cover all operating points.
     let seen = service.wait_for("/v1/assets/first", |asset| {
         asset["summary"]["simulation"]["fraction"].as_f64().is_some_and(|fraction| fraction > 0.15)
     });

@@ -133,7 +133,7 @@ fn samples_around_an_alarm_are_kept_within_limits_and_over_a_restart() {
     send(&mut socket, 24_000, 39_000, 18_000);
     let all = [begun.as_slice(), &[(21_500, 2000), (23_500, 2000), (25_500, 2000), (27_500, 2000)]].concat();
     assert_eq!(records(&service, 8), all);
-    // The alarm is still there, and raises nothing anew; records go on by the interval.
+    // The alarm persists without a new one; records continue by the interval.
     send(&mut socket, 39_000, 43_000, 18_000);
     assert_eq!(records(&service, 9)[8], (40_000, 2000));
 }
@@ -168,7 +168,7 @@ fn a_campaign_keeps_everything_until_it_ends_and_is_exported() {
     assert_eq!((&campaign["is_running"], &campaign["records"]), (&json!(false), &json!(5)));
     assert_eq!(campaign["start_time"], "2026-01-01T00:00:03.5Z");
     assert_eq!(campaign["end_time"], "2026-01-01T00:00:12.5Z");
-    // Ended by somebody; what came until then is kept.
+    // Ended early; the samples until then are kept.
     service.post(&format!("{path}?seconds=1000"), "", b"").expect(200);
     let longer = service.post(&format!("{path}?seconds=2000"), "", b"").expect(200).json();
     assert_eq!((&longer["first"], &longer["end"]), (&json!(20_000), &json!(2_020_000)));
@@ -184,7 +184,7 @@ fn a_campaign_keeps_everything_until_it_ends_and_is_exported() {
         service.get(&format!("/v1/assets/pump/export?from={from}&to={to}&spectra=10000")).expect(200);
     let messages = mcap::MessageStream::new(&export.bytes).unwrap().map(Result::unwrap);
     assert_eq!(messages.filter(|message| message.channel.topic == "/pump/1/spectrum").count(), 2);
-    // With its samples it is a recording like any other.
+    // With its samples, the export is a normal recording.
     let whole = service
         .get(&format!("/v1/assets/pump/export?from={from}&to={to}&spectra=0&waveforms=true"))
         .expect(200);

@@ -137,7 +137,7 @@ fn a_gap_is_reported_with_its_length_and_no_record_spans_it() {
     socket.send(11_100, time_ns(11_100), &frames(11_100, 1000));
     socket.send(12_100, time_ns(12_100), &frames(12_100, 2000));
     assert_eq!(socket.wait_for(14_100), [[11_000, 100]]);
-    // And need not be waited for where the sender knows that they are lost.
+    // No wait is needed if the sender declares them lost.
     socket.send_json(&json!({ "type": "gap", "next": 15_000 }));
     assert_eq!(socket.wait_for(15_000), [[14_100, 900]]);
     socket.send(14_000, time_ns(14_000), &frames(14_000, 2000));
@@ -263,7 +263,7 @@ fn levels_are_stored_per_second_and_a_record_is_cut_on_demand() {
     assert_eq!(kept, json!({ "start_time": "2026-01-01T00:00:04.5Z", "samples": 3000 }));
     let found = records(&service, "in", 2);
     assert_eq!((&found[1]["start_time"], &found[1]["samples"]), (&kept["start_time"], &json!(3000)));
-    // As many as there are; it begins with the sample that the record of the policy begins with.
+    // As many samples as there are, from the same first sample as the interval's record.
     let all = service.post("/v1/assets/pump/stream/keep?seconds=10", "", b"").expect(200).json();
     assert_eq!(all, json!({ "start_time": "2026-01-01T00:00:00Z", "samples": 7500 }));
     let found = records(&service, "in", 3);
@@ -322,7 +322,7 @@ fn invalid_stream_data_is_rejected_with_the_reason() {
     first.send(0, time_ns(0), &frames(0, 10));
     first.wait_for(10);
     assert_eq!(refused("pump/stream?sample=f32&sample_rate_hz=1000"), 409);
-    // Half a frame closes the connection, after what came before it is kept.
+    // An incomplete frame closes the connection, after the frames before it are stored.
     first.send(10, time_ns(10), &frames(10, 10));
     first.send(20, time_ns(20), &[1, 2, 3]);
     let (code, reason) = loop {
@@ -335,7 +335,7 @@ fn invalid_stream_data_is_rejected_with_the_reason() {
     assert_eq!(second.next, Some(20));
     second.send_json(&json!({ "type": "dance" }));
     assert_eq!(second.receive().unwrap_err().0, 4400);
-    // The latest connection sends the stream: one before it may be half open.
+    // The latest connection owns the stream: an earlier one may be half-open.
     let mut third = open(&service, "");
     let mut fourth = open(&service, "");
     assert_eq!(third.receive().unwrap_err().0, 4409);

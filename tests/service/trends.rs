@@ -227,7 +227,7 @@ fn a_history_in_columns_equals_that_in_rows() {
     assert_eq!(blocks(&service), 1);
     service.restart();
     assert_eq!(both(&service), of_rows);
-    // A record before all others changes what every block holds.
+    // A record before all others changes every block.
     service.upload("pump", &Record::new("1", minute(-1), 4000.0, "m/s2", vec![1.0; 64]).unwrap());
     let with_late = both(&service);
     assert_ne!(with_late[0]["items"][0], of_rows[0]["items"][0]);

@@ -50,7 +50,7 @@ fn at_speed(record: Record, shaft_speed_hz: f64) -> Record {
 fn records_of_a_sensor_are_analysed_for_every_mesh() {
     let mut service = Service::start();
     service.plain_asset("first");
-    // Some before the second mesh is described, some after, one of them late, one twice.
+    // Some records before the second mesh is described, some after; one is late, one is sent twice.
     for n in 0..6 {
         service.upload("first", &at_speed(record("in", n), 10.0));
     }
@@ -79,7 +79,7 @@ fn records_of_a_sensor_are_analysed_for_every_mesh() {
         let items = list["items"].as_array().unwrap();
         items.iter().all(|item| item["state"] == "finished")
     });
-    // As if both had been there from the start.
+    // The same as if both had existed from the start.
     let (first, second_mesh) = (found(&service, "first"), found(&service, "second"));
     let fresh = Service::start();
     fresh.plain_asset("first");
@@ -89,7 +89,7 @@ fn records_of_a_sensor_are_analysed_for_every_mesh() {
     }
     assert_eq!(found(&fresh, "first"), first);
     assert_eq!(found(&fresh, "second"), second_mesh);
-    // What a process that ended in between left out is made up for at the next start.
+    // Work that a killed process left undone is completed at the next start.
     service.restart();
     assert_eq!(found(&service, "second"), second_mesh);
 }
@@ -211,7 +211,7 @@ fn the_wear_of_both_stages_is_tracked_with_one_sensor() {
             last = (median, truth);
             within += u32::from((low..=high).contains(&truth));
         }
-        // After the baseline nearly every record has a number, near the truth, and the interval is honest.
+        // After the baseline nearly every record has an estimate near the truth, with a correct coverage.
         assert!(estimated >= 40, "{id}: {estimated} of {RECORDS}: {history}");
         assert!(last.0 > 0.5 * last.1, "{id}: {} µm at {} µm", last.0, last.1);
         assert!(within * 10 >= estimated * 8, "{id}: {within} of {estimated}");
@@ -244,7 +244,7 @@ fn looks_back_from_an_inspection(service: &Service, run: &Run) {
         .filter(|row| row["median_um"].is_f64())
         .cloned()
         .collect();
-    // The described pair alone has nothing to learn of which pair the machine is like.
+    // With the described pair alone, there is no ensemble to weight.
     assert!(
         (width(items) / width(&estimated) - 1.0).abs() < 1e-3,
         "{} µm wide, {} as told",

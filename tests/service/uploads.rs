@@ -41,14 +41,14 @@ fn csv_is_accepted_with_its_own_rate_and_units() {
     let taken = service.post(&format!("{path}{query}"), "text/csv", ramp).expect(201).json();
     let [a, b] = &taken["segments"].as_array().unwrap()[..] else { panic!("{taken}") };
     assert_eq!([&a["channel"], &b["channel"]], ["a", "b"]);
-    // It is read as it was said whenever it is read again.
+    // The query's parameters apply whenever the file is read again.
     let kept =
         service.get(&format!("/v1/segments/{}/waveform", b["id"].as_str().unwrap())).expect(200).json();
     assert_eq!(b["samples"], 4, "{kept}");
     service.post(&format!("{path}&columns=2,x"), "text/csv", ramp).expect_problem(400, &["columns", "\"x\""]);
     service.post(&format!("{path}&columns=9"), "text/csv", ramp).expect_problem(422, &["columns is 9"]);
     service.post(&path, "text/csv", b"a\n1\n2\n").expect_problem(422, &["the sampling rate"]);
-    // The rate that was said beside the file is kept for reading it again.
+    // The rate of the query is stored for reading the file again.
     let bare = service
         .post(&format!("{path}&sample_rate_hz=1000&channel=a2&unit=m/s2"), "text/csv", b"1\n2.5\n")
         .expect(201)
@@ -149,7 +149,7 @@ fn an_upload_with_an_idempotency_key_happens_once() {
     let again = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201).json();
     assert_eq!(again, first);
     service.restart();
-    // Also where the segment is not what it was any more.
+    // Also if the segment has changed meanwhile.
     let mut changed = plain_asset("pump");
     changed["gear"]["teeth"] = serde_json::json!([37, 62]);
     service.put_json("/v1/assets/pump", &changed).expect(200);
@@ -192,7 +192,7 @@ fn a_matlab_file_is_accepted_with_its_variables_as_channels() {
         answer["segments"].as_array().unwrap().iter().map(|one| one["channel"].as_str().unwrap()).collect();
     assert_eq!(channels, ["X097_DE_time", "X097_FE_time"]);
     assert_eq!(answer["segments"][0]["sample_rate_hz"], 12_000.0);
-    // It is kept as it came, with all that is needed to read it again.
+    // The file is stored unchanged, with everything needed to read it again.
     let id = answer["segments"][1]["id"].as_str().unwrap();
     let raw = service.get(&format!("/v1/segments/{id}/raw")).expect(200);
     assert_eq!(raw.header("content-type"), matlab);

@@ -21,8 +21,8 @@ fn highest(values: &[f64]) -> usize {
     (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])).unwrap()
 }
 
-/// An asset with 12 records of a run to failure, 8 of them its baseline; `pair` for the library where wanted.
-/// Gives the last record's id.
+/// Creates an asset with 12 records of a run to failure, 8 of them its baseline; `pair` adds a gear pair, and
+/// so a library. Returns the last record's identifier.
 fn fed(service: &Service, with_library: bool) -> String {
     let pair = PairSpec::from_toml(PAIR).unwrap();
     let mut asset = json!({
@@ -118,7 +118,7 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
 
     assert_eq!(turn["gear"], 1);
 
-    // The driven gear makes 24 turns for 26 of the other one, and both have the mesh harmonics in their turn.
+    // The driven gear makes 24 revolutions for 26 of the driving gear, and both show the mesh harmonics.
     let driven = service.get(&format!("/v1/segments/{id}/turn?gear=2")).expect(200).json();
     assert_eq!(driven["gear"], 2);
     let expected = turns * 24.0 / 26.0;

@@ -9,7 +9,7 @@ use flankwatch_test_support::needed;
 /// Creates a certificate for localhost in `folder` with OpenSSL.
 pub(crate) fn certificate(folder: &Path) -> TlsFiles {
     let files = TlsFiles { certificate: folder.join("c.pem"), key: folder.join("k.pem") };
-    // Rustls takes no certificate of an authority for that of a server.
+    // Rustls rejects a CA certificate as a server certificate.
     let request = folder.join("request.cnf");
     let extensions = "basicConstraints = critical,CA:FALSE\nsubjectAltName = IP:127.0.0.1\n";
     let names =

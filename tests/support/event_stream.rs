@@ -54,11 +54,11 @@ impl EventStream {
         loop {
             let mut line = String::new();
             let read = self.0.read_line(&mut line).unwrap();
-            // The chunk of no length, or the connection's end.
+            // The last chunk, or the end of the connection.
             if read == 0 || line == "0\r\n" {
                 return None;
             }
-            // Lines with the lengths of chunks fall through.
+            // Lines with chunk lengths are ignored.
             if let Some(text) = line.strip_prefix("event: ") {
                 kind = text.trim().to_string();
             } else if let Some(text) = line.strip_prefix("id: ") {

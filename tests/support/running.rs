@@ -137,7 +137,7 @@ impl Service {
         config.http.grace = Duration::from_secs(30);
         // The clock stands still while records of later times come.
         config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
-        // What a test sees does not depend on when a build in the background ends.
+        // No ensemble in the background, so that results do not depend on timing.
         config.work.neighbours = EnsembleSettings::described_alone();
         #[cfg(feature = "cluster")]
         if let Some(database) = &self.database {

@@ -52,7 +52,7 @@ impl TestDatabase {
         SharedSettings {
             write_connections: 2,
             read_connections: 3,
-            // Nobody else stores here.
+            // No other process uses this folder.
             orphan_age: Duration::ZERO,
             ..SharedSettings::new(url, objects)
         }
