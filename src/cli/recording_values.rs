@@ -16,10 +16,10 @@ const MV_PER_V: f64 = 1e3;
 /// Options of the commands that read recordings.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct RecordingValues {
-    /// Factor to multiply the values with, of all formats but MCAP; integer full scale is 1 before
+    /// Factor for the values of WAV, FLAC, CSV, MATLAB and NumPy; full-scale WAV and FLAC integers are 1 before
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
     scale: Option<f64>,
-    /// Sensor sensitivity in mV/g, for values in volts (after --scale); converts records to g
+    /// Sensor sensitivity in mV/g: converts values in volts (after --scale) to g
     #[arg(long, value_name = "MV_PER_G")]
     sensitivity_mv_per_g: Option<f64>,
     /// Read the time of the first sample from the file name, by a pattern such as %Y%m%d_%H%M%S

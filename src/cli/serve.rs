@@ -44,7 +44,7 @@ pub(super) struct ServeArgs {
     /// Disable authentication: anyone who can reach the address has full access.
     #[arg(long)]
     pub insecure_no_tokens: bool,
-    /// Host name of a reverse proxy on this machine, needed where no token is required; repeatable.
+    /// Host name by which a reverse proxy on this machine exposes the service; required without tokens; repeatable.
     #[arg(long, value_name = "NAME")]
     pub host_name: Vec<String>,
     #[command(flatten)]
