@@ -142,7 +142,8 @@ pub(super) struct Resolved {
     mqtt: Option<MqttTable>,
 }
 
-/// The table `retention` of the settings file: how long raw recordings are kept. Derived data is never removed.
+/// The table `retention` of the settings file: quotas of raw recordings and the time that they stay in
+/// quarantine. Derived data is always kept.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RetentionTable {
