@@ -1,11 +1,11 @@
-//! API node and workers on one machine beside the single machine's mode:
+//! API node and workers on one machine compared with the standalone service:
 //! `cargo bench --features cluster --bench cluster`.
 //!
-//! `FLANKWATCH_TEST_DATABASE` and `FLANKWATCH_TEST_NATS` name a PostgreSQL and a NATS server with JetStream.
-//! Records wait in the queue before the workers start, so that nothing but the processor limits them; raw
-//! bytes are in a folder. What the servers themselves cost is read from `/proc` where they run here.
-//! `FLANKWATCH_BENCH_WORKERS` says how many workers (`1,2,4`), `FLANKWATCH_BENCH_AT_ONCE` how many records
-//! each has in work at once.
+//! Requires a PostgreSQL server at `FLANKWATCH_TEST_DATABASE` and a NATS server with JetStream at
+//! `FLANKWATCH_TEST_NATS`. The queue is filled before the workers start, so that only the CPU limits them; raw
+//! bytes are in a folder. The CPU time of the servers is read from `/proc` if they run on this machine.
+//! `FLANKWATCH_BENCH_WORKERS` sets the numbers of workers (`1,2,4`), `FLANKWATCH_BENCH_AT_ONCE` the records
+//! that each has in work at once.
 
 mod driven;
 
@@ -16,23 +16,22 @@ use std::time::{Duration, Instant};
 use driven::{Service, Uploads, folder, load};
 use sqlx::{Connection, PgConnection, Row};
 
-/// Records of 10 s in each measurement.
+/// Number of records of 10 s in each measurement.
 const RECORDS: usize = 400;
 
-/// Assets that they are of, so that workers seldom meet at one channel.
+/// Number of assets, so that workers seldom conflict on a channel.
 const ASSETS: usize = 16;
 
 fn main() {
-    let named = |name: &str| std::env::var(name).ok();
-    let (Some(database), Some(nats)) = (named("FLANKWATCH_TEST_DATABASE"), named("FLANKWATCH_TEST_NATS"))
-    else {
-        println!("left out: FLANKWATCH_TEST_DATABASE and FLANKWATCH_TEST_NATS name no servers");
+    let env = |name: &str| std::env::var(name).ok();
+    let (Some(database), Some(nats)) = (env("FLANKWATCH_TEST_DATABASE"), env("FLANKWATCH_TEST_NATS")) else {
+        println!("skipped: set FLANKWATCH_TEST_DATABASE and FLANKWATCH_TEST_NATS");
         return;
     };
     let alone = single_machine();
     println!("one machine: {alone:.1} records a second");
-    let asked = named("FLANKWATCH_BENCH_WORKERS").unwrap_or_else(|| "1,2,4".to_owned());
-    for workers in asked.split(',').filter_map(|count| count.parse().ok()) {
+    let counts = env("FLANKWATCH_BENCH_WORKERS").unwrap_or_else(|| "1,2,4".to_owned());
+    for workers in counts.split(',').filter_map(|count| count.parse().ok()) {
         let rate = queued(&database, &nats, workers);
         println!(
             "{workers} workers: {rate:.1} records a second, {:.2} of one machine on the same cores",
@@ -45,8 +44,7 @@ fn asset(n: usize) -> String {
     format!("pump-{}", n % ASSETS)
 }
 
-/// Records a second where one process takes them, analyses and stores them: the time of the service's own,
-/// once the pair is simulated.
+/// Returns the records per second that one process accepts, analyses and stores, once the pair is simulated.
 fn single_machine() -> f64 {
     let service = Service::start(&folder("alone"));
     (0..ASSETS).for_each(|n| service.make_asset(&asset(n)));
@@ -61,7 +59,7 @@ fn single_machine() -> f64 {
     RECORDS as f64 / seconds
 }
 
-/// Records a second that this many workers take from a full queue.
+/// Returns the records per second that workers process from a filled queue.
 fn queued(database: &str, nats: &str, workers: usize) -> f64 {
     let shared = folder("shared");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
@@ -78,7 +76,7 @@ fn queued(database: &str, nats: &str, workers: usize) -> f64 {
         )
     };
     {
-        // Simulates what records are compared with.
+        // Simulates the library.
         let first = worker(0);
         (0..ASSETS).for_each(|n| api.make_asset(&asset(n)));
         first.wait_until_idle();
@@ -88,12 +86,12 @@ fn queued(database: &str, nats: &str, workers: usize) -> f64 {
     let (seconds, _) = load(&api, 8, RECORDS, None, |n, stream| records.send(stream, &asset(n), 0, n));
     let (_, user, system) = api.used();
     println!(
-        "{workers} workers: the API node takes {:.0} records a second before, {:.1} ms of its processor time each",
+        "{workers} workers: the API node enqueues {:.0} records a second first, {:.1} ms of its processor time each",
         RECORDS as f64 / seconds,
         1e3 * (user + system - user_before - system_before) / RECORDS as f64
     );
     let all: Vec<Service> = (0..workers).map(|n| worker(n + 1)).collect();
-    // Starting, reading libraries and finding the queue are once for each worker.
+    // Excludes the start of the workers: reading libraries and connecting to the queue.
     let begin = schema.wait_for(&runtime, RECORDS / 8);
     let (before, servers_before) = (cost(&all), servers());
     let began = Instant::now();
@@ -119,12 +117,12 @@ async fn remove_streams(nats: &str, name: &str) {
     }
 }
 
-/// Processor seconds of processes so far.
+/// Returns the CPU seconds of processes.
 fn cost(services: &[Service]) -> f64 {
     services.iter().map(|service| service.used()).map(|(_, user, system)| user + system).sum()
 }
 
-/// Processor seconds of PostgreSQL and of the NATS server on this machine so far.
+/// Returns the CPU seconds of PostgreSQL and of the NATS server on this machine.
 fn servers() -> (f64, f64) {
     let mut seconds = (0.0, 0.0);
     for entry in fs::read_dir("/proc").into_iter().flatten().flatten() {
@@ -133,7 +131,7 @@ fn servers() -> (f64, f64) {
             continue;
         };
         let ticks: Vec<f64> = rest.split(' ').map(|field| field.parse().unwrap_or(0.0)).collect();
-        // Of ended backends their parent knows.
+        // Includes the children that have ended.
         let used: f64 = ticks.get(11..15).map_or(0.0, |ticks| ticks.iter().sum());
         match name {
             "postgres" => seconds.0 += used / 100.0,
@@ -158,7 +156,7 @@ fn config(shared: &Path, database: &str, nats: &str, name: &str) -> PathBuf {
     path
 }
 
-/// A schema of its own, which goes at the end.
+/// A temporary schema, dropped at the end.
 struct Schema {
     database: String,
     name: String,
@@ -176,7 +174,7 @@ impl Schema {
         sqlx::raw_sql(statement).execute(&mut connection).await.expect("a statement");
     }
 
-    /// Waits until so many records are stored; returns how many then are.
+    /// Waits until `records` are stored; returns the number stored by then.
     fn wait_for(&self, runtime: &tokio::runtime::Runtime, records: usize) -> usize {
         let statement = format!("SELECT COALESCE(SUM(segments), 0)::bigint FROM {}.channels", self.name);
         runtime.block_on(async {

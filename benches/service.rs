@@ -1,9 +1,9 @@
-//! The service under load, driven as the release binary:
+//! The service under load, as the release binary:
 //! `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet]`.
 //!
-//! Every figure stands beside a reference from the same run: writing and syncing the same bytes as plain
-//! files. The recording for the replay is made once by `flankwatch simulate` into `target/bench` (or is the
-//! file that `FLANKWATCH_BENCH_RUN` names).
+//! Every result is printed with a reference from the same run: writing and syncing the same bytes as plain
+//! files. The recording for the replay is the file of `FLANKWATCH_BENCH_RUN`, or is simulated once into
+//! `target/bench`.
 
 mod driven;
 
@@ -17,36 +17,36 @@ use std::time::{Duration, Instant};
 use driven::{SAMPLES, Service, Uploads, described, exchange, folder, load, record};
 use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, encode_block};
 
-/// After so long a history that is no longer added to is kept as columns, at the latest.
-const KEPT_AS_COLUMNS: Duration = Duration::from_secs(20);
+/// Time after which an unchanged history is stored as columns.
+const STORED_AS_COLUMNS: Duration = Duration::from_secs(20);
 
 /// Bytes of a record of 10 s.
 const RECORD_BYTES: usize = 4 * SAMPLES;
 
 fn main() {
-    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
-    let wanted = |name: &str| asked.is_empty() || asked.iter().any(|word| word == name);
-    if wanted("replay") {
+    let selected: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let is_selected = |name: &str| selected.is_empty() || selected.iter().any(|word| word == name);
+    if is_selected("replay") {
         replay();
     }
-    if wanted("uploads") {
+    if is_selected("uploads") {
         uploads();
     }
-    if wanted("new-asset") {
+    if is_selected("new-asset") {
         new_asset();
     }
-    if wanted("polling") {
+    if is_selected("polling") {
         polling();
     }
-    if wanted("growth") {
+    if is_selected("growth") {
         growth();
     }
-    if wanted("fleet") {
+    if is_selected("fleet") {
         fleet();
     }
 }
 
-/// Seconds to write and sync these bytes as plain files, one after the other.
+/// Returns the seconds to write and sync these bytes as plain files, one after the other.
 fn plain(folder: &Path, count: usize, bytes: &[u8]) -> f64 {
     let began = Instant::now();
     for n in 0..count {
@@ -65,7 +65,7 @@ fn quantile(sorted: &[f64], level: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * level) as usize]
 }
 
-/// Forgets the greatest resident memory of before.
+/// Resets the peak resident memory.
 fn reset_peak(service: &Service) {
     let _ = fs::write(format!("/proc/{}/clear_refs", service.child.id()), "5");
 }
@@ -134,7 +134,7 @@ fn uploads() {
     let records = Uploads::new();
     let upload = |n: usize, stream: &mut BufReader<TcpStream>| records.send(stream, "pump", n % 4, n);
     let reference = plain(&service.folder, 200, &vec![7; RECORD_BYTES]) / 200.0;
-    // In the order of time, as a machine's records come: what came before is never folded again.
+    // In time order, as a machine sends its records: no record causes a recomputation.
     const WARM_UP: usize = 40;
     load(&service, 8, WARM_UP, None, upload);
     let (_, user_before, system_before) = service.used();
@@ -160,8 +160,7 @@ fn uploads() {
     );
 }
 
-/// 20 uploads a second to an asset that was described a moment ago, while its library and the pairs around it
-/// are simulated.
+/// 20 uploads a second to a new asset, while its library and ensemble are simulated.
 fn new_asset() {
     const COUNT: usize = 600;
     let service = Service::start(&folder("new-asset"));
@@ -178,7 +177,7 @@ fn new_asset() {
     );
 }
 
-/// Puts this many short records into an asset, as MCAP files of 10 000.
+/// Uploads short records to an asset, as MCAP files of 10 000; returns the seconds.
 fn fill(service: &Service, asset: &str, records: i64) -> f64 {
     let began = Instant::now();
     for first in (0..records).step_by(10_000) {
@@ -193,7 +192,7 @@ fn fill(service: &Service, asset: &str, records: i64) -> f64 {
     began.elapsed().as_secs_f64()
 }
 
-/// What dashboards ask for, with an asset of many records.
+/// Requests of dashboards, with an asset of many records.
 fn polling() {
     let records: i64 =
         std::env::var("FLANKWATCH_BENCH_RECORDS").map_or(100_000, |text| text.parse().expect("a number"));
@@ -213,8 +212,8 @@ fn polling() {
         1e3 * quantile(&times, 0.5),
         1e3 * quantile(&times, 0.99)
     );
-    // Killed and started again, once the history is kept as columns.
-    std::thread::sleep(KEPT_AS_COLUMNS);
+    // Killed and restarted, once the history is stored as columns.
+    std::thread::sleep(STORED_AS_COLUMNS);
     let kept = service.folder.with_extension("kept");
     fs::rename(&service.folder, &kept).expect("the folder moves");
     drop(service);
@@ -231,12 +230,12 @@ fn polling() {
     );
 }
 
-/// Cost against the number of records: each step ten times as many.
+/// Cost by number of records, in steps of ten.
 fn growth() {
-    let most: i64 =
+    let max: i64 =
         std::env::var("FLANKWATCH_BENCH_RECORDS").map_or(100_000, |text| text.parse().expect("a number"));
     let mut records = 1000;
-    while records <= most {
+    while records <= max {
         let folder = folder(&format!("growth-{records}"));
         let service = Service::start(&folder);
         service.make_asset("pump");
@@ -250,7 +249,7 @@ fn growth() {
         service.post("/v1/assets/pump/segments", "application/x-protobuf", &body);
         let late = one.elapsed().as_secs_f64();
         let database = fs::metadata(folder.join("flankwatch.db")).map_or(0, |metadata| metadata.len());
-        // Killed and started again on the same folder.
+        // Killed and restarted on the same folder.
         let kept = folder.with_extension("kept");
         fs::rename(&folder, &kept).expect("the folder moves");
         drop(service);
@@ -271,13 +270,12 @@ fn growth() {
     }
 }
 
-/// Cost against the number of assets, each of the same gear pair and with one record: each step ten times as
-/// many.
+/// Cost by number of assets, in steps of ten; each has the same gear pair and one record.
 fn fleet() {
-    let most: usize =
+    let max: usize =
         std::env::var("FLANKWATCH_BENCH_ASSETS").map_or(10_000, |text| text.parse().expect("a number"));
     let mut assets = 100;
-    while assets <= most {
+    while assets <= max {
         let folder = folder(&format!("fleet-{assets}"));
         let service = Service::start(&folder);
         service.get("/v1/assets");
@@ -304,25 +302,25 @@ fn fleet() {
             let path = format!("/v1/assets/a{n:06}/segments");
             request(stream, "POST", &path, "application/x-protobuf", &body, 201);
         });
-        let ask = |service: &Service, times: usize, path: &str| {
+        let median_ms = |service: &Service, times: usize, path: &str| {
             let (_, times) = load(service, 1, times, None, |_, stream| {
                 request(stream, "GET", path, "text/plain", b"", 200)
             });
             1e3 * quantile(&times, 0.5)
         };
-        let page = ask(&service, 20, "/v1/assets?limit=100");
-        let wear = ask(&service, 200, "/v1/assets/a000050/wear");
-        let metrics = ask(&service, 5, "/metrics");
-        let machines = ask(&service, 3, "/metrics/machines");
-        let of_two = ask(&service, 3, "/metrics/machines?indicators=rms,kurtosis");
+        let page = median_ms(&service, 20, "/v1/assets?limit=100");
+        let wear = median_ms(&service, 200, "/v1/assets/a000050/wear");
+        let metrics = median_ms(&service, 5, "/metrics");
+        let machines = median_ms(&service, 3, "/metrics/machines");
+        let of_two = median_ms(&service, 3, "/metrics/machines?indicators=rms,kurtosis");
         let memory_mb = service.used().0;
-        // Killed and started again on the same folder.
+        // Killed and restarted on the same folder.
         let kept = folder.with_extension("kept");
         fs::rename(&folder, &kept).expect("the folder moves");
         drop(service);
         let began = Instant::now();
         let service = Service::start(&kept);
-        ask(&service, 1, "/v1/assets/a000050/wear");
+        median_ms(&service, 1, "/v1/assets/a000050/wear");
         let started = began.elapsed().as_secs_f64();
         println!(
             "fleet: {assets} assets: {:.2} ms to make each, {:.2} ms for a record of each, page of 100 {page:.1} ms, GET wear {wear:.2} ms, \

@@ -1,9 +1,8 @@
 //! Live streams into the release binary over loopback: `cargo bench --bench streams -- [seconds]`.
 //!
-//! 16 streams of 4 channels of 32-bit floats at 25.6 kHz, each of an asset of its own, of which 10 s each
-//! minute become records and are analysed. First as fast as sensors make them, for 60 s where nothing else is
-//! said; then as fast as the service takes them. `FLANKWATCH_BENCH_PROGRAM` names another binary than the one
-//! that is built.
+//! 16 streams of 4 channels of 32-bit floats at 25.6 kHz, each of its own asset; 10 s of each minute become
+//! records and are analysed. First in real time, for 60 s by default; then as fast as the service accepts them.
+//! `FLANKWATCH_BENCH_PROGRAM` selects another binary than the one built.
 
 #[expect(dead_code, reason = "other benches use more of it")]
 mod driven;
@@ -20,18 +19,17 @@ const STREAMS: usize = 16;
 const CHANNELS: usize = 4;
 const RATE_HZ: u64 = 25_600;
 
-/// Frames of one message: a tenth of a second.
+/// Frames per message: a tenth of a second.
 const FRAMES: u64 = RATE_HZ / 10;
 
-/// Bytes of a second of all streams, in 10⁶.
+/// Data rate of all streams in real time, in MB/s.
 const REAL_TIME_MB_PER_S: f64 = (STREAMS * CHANNELS * 4) as f64 * RATE_HZ as f64 / 1e6;
 
 /// 2026-01-01 in nanoseconds.
 const BEGIN_NS: u64 = 1_767_225_600_000_000_000;
 
 fn main() {
-    let asked: Vec<f64> = std::env::args().skip(1).filter_map(|word| word.parse().ok()).collect();
-    let seconds = asked.first().copied().unwrap_or(60.0);
+    let seconds = std::env::args().skip(1).find_map(|word| word.parse().ok()).unwrap_or(60.0);
     let service = Service::start(&folder("streams"));
     for n in 0..STREAMS {
         let asset = json!({
@@ -46,20 +44,20 @@ fn main() {
         "{STREAMS} streams of {CHANNELS} channels at {RATE_HZ} Hz, f32: {REAL_TIME_MB_PER_S:.2} MB/s in real time"
     );
     let mut senders: Vec<Sender> = (0..STREAMS).map(|n| Sender::open(&service, n)).collect();
-    run("as sensors make them", &service, &mut senders, seconds, true);
-    run("as fast as they are taken", &service, &mut senders, seconds / 2.0, false);
+    run("in real time", &service, &mut senders, seconds, true);
+    run("at full speed", &service, &mut senders, seconds / 2.0, false);
     for (n, sender) in senders.iter().enumerate() {
-        let stands = service.get(&format!("/v1/assets/asset-{n}/stream"));
-        assert_eq!(stands["next"], sender.kept, "every sample that was sent is kept");
-        assert_eq!(stands["gaps"], 0);
+        let state = service.get(&format!("/v1/assets/asset-{n}/stream"));
+        assert_eq!(state["next"], sender.acknowledged, "every sent sample is stored");
+        assert_eq!(state["gaps"], 0);
     }
 }
 
-/// One connection that sends a stream.
+/// A connection that sends a stream.
 struct Sender {
     socket: WebSocket<TcpStream>,
     sent: u64,
-    kept: u64,
+    acknowledged: u64,
     samples: Vec<u8>,
 }
 
@@ -72,15 +70,15 @@ impl Sender {
             service.address
         );
         let (socket, _) = tungstenite::client(url, stream).expect("a stream");
-        // A tenth of a second of noise, again and again.
+        // A tenth of a second of noise, repeated.
         let mut state = n as u32 ^ 0x9E37_79B9;
         let samples = (0..FRAMES as usize * CHANNELS).flat_map(|_| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (f32::from((state >> 16) as u16) / 32_768.0 - 1.0).to_le_bytes()
         });
         let samples = samples.collect();
-        let mut sender = Self { socket, sent: 0, kept: 0, samples };
-        sender.hear();
+        let mut sender = Self { socket, sent: 0, acknowledged: 0, samples };
+        sender.receive();
         sender
     }
 
@@ -91,22 +89,22 @@ impl Sender {
         self.sent += FRAMES;
     }
 
-    /// Takes one message of the service.
-    fn hear(&mut self) {
+    /// Receives one message of the service.
+    fn receive(&mut self) {
         let message = self.socket.read().expect("the service speaks");
         if let Message::Text(text) = message {
-            let told: Value = serde_json::from_str(text.as_str()).expect("JSON");
-            assert_ne!(told["type"], "gap", "nothing is lost: {told}");
-            self.kept = told["next"].as_u64().unwrap_or(self.kept);
+            let message: Value = serde_json::from_str(text.as_str()).expect("JSON");
+            assert_ne!(message["type"], "gap", "samples were lost: {message}");
+            self.acknowledged = message["next"].as_u64().unwrap_or(self.acknowledged);
         }
     }
 }
 
-/// Sends for so many seconds, and says what that costs.
+/// Sends for a number of seconds and prints the cost.
 fn run(what: &str, service: &Service, senders: &mut [Sender], seconds: f64, is_paced: bool) {
     let resident_before = resident_mb(service);
     let (_, user_before, system_before) = service.used();
-    let kept_before: u64 = senders.iter().map(|sender| sender.kept).sum();
+    let acknowledged_before: u64 = senders.iter().map(|sender| sender.acknowledged).sum();
     let (began, longest_us) = (Instant::now(), AtomicU64::new(0));
     std::thread::scope(|scope| {
         for sender in senders.iter_mut() {
@@ -118,27 +116,28 @@ fn run(what: &str, service: &Service, senders: &mut [Sender], seconds: f64, is_p
                         let due = Duration::from_secs_f64(f64::from(messages) / 10.0);
                         std::thread::sleep(due.saturating_sub(began.elapsed()));
                     }
-                    let asked_at = Instant::now();
+                    let sent_at = Instant::now();
                     sender.send();
-                    // As far ahead as a second of a sensor.
-                    while sender.kept + if is_paced { 0 } else { RATE_HZ } < sender.sent {
-                        sender.hear();
+                    // At most a second ahead of the acknowledgements, unless paced.
+                    while sender.acknowledged + if is_paced { 0 } else { RATE_HZ } < sender.sent {
+                        sender.receive();
                     }
-                    longest_us.fetch_max(asked_at.elapsed().as_micros() as u64, Ordering::Relaxed);
+                    longest_us.fetch_max(sent_at.elapsed().as_micros() as u64, Ordering::Relaxed);
                 }
-                while sender.kept < sender.sent {
-                    sender.hear();
+                while sender.acknowledged < sender.sent {
+                    sender.receive();
                 }
             });
         }
     });
     let took = began.elapsed().as_secs_f64();
-    let kept: u64 = senders.iter().map(|sender| sender.kept).sum::<u64>() - kept_before;
-    let mb_per_s = kept as f64 * (CHANNELS * 4) as f64 / 1e6 / took;
+    let acknowledged: u64 =
+        senders.iter().map(|sender| sender.acknowledged).sum::<u64>() - acknowledged_before;
+    let mb_per_s = acknowledged as f64 * (CHANNELS * 4) as f64 / 1e6 / took;
     let (_, user, system) = service.used();
     println!(
         "{what}: {took:.1} s, {mb_per_s:.2} MB/s, {:.2} times real time; {:.2} s of CPU a second ({:.2} of the \
-         system); resident {resident_before:.0} MB before, {:.0} MB after; longest wait for an answer {:.0} ms",
+         system); resident {resident_before:.0} MB before, {:.0} MB after; longest wait for a response {:.0} ms",
         mb_per_s / REAL_TIME_MB_PER_S,
         (user + system - user_before - system_before) / took,
         (system - system_before) / took,
@@ -147,7 +146,7 @@ fn run(what: &str, service: &Service, senders: &mut [Sender], seconds: f64, is_p
     );
 }
 
-/// Resident memory now.
+/// Returns the resident memory in MB.
 fn resident_mb(service: &Service) -> f64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", service.child.id())).unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));

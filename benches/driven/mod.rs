@@ -1,4 +1,4 @@
-//! The release binary driven over HTTP: what the benches of the service share.
+//! Shared code of the service benches: the release binary, driven over HTTP.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -34,9 +34,9 @@ impl Service {
         Self::start_as(&["serve", "--listen", "127.0.0.1:0"], folder)
     }
 
-    /// With these arguments and a folder; what it says first is where it listens.
+    /// Starts with these arguments and a folder; the first line of output has the address.
     pub(crate) fn start_as(arguments: &[&str], folder: &Path) -> Self {
-        // Another version, to compare with.
+        // Another version, for comparison.
         let program = std::env::var_os("FLANKWATCH_BENCH_PROGRAM").unwrap_or_else(|| BINARY.into());
         let mut child = Command::new(program)
             .args(arguments)
@@ -58,15 +58,15 @@ impl Service {
     }
 
     pub(crate) fn get(&self, path: &str) -> Value {
-        whole(self.agent.get(format!("http://{}{path}", self.address)).call())
+        read_json(self.agent.get(format!("http://{}{path}", self.address)).call())
     }
 
     pub(crate) fn post(&self, path: &str, media_type: &str, body: &[u8]) -> Value {
         let url = format!("http://{}{path}", self.address);
-        whole(self.agent.post(url).content_type(media_type).send(body))
+        read_json(self.agent.post(url).content_type(media_type).send(body))
     }
 
-    /// Describes a gear pair's asset and waits until its records can be compared.
+    /// Creates an asset with a gear pair and waits for its library.
     pub(crate) fn make_asset(&self, id: &str) {
         self.post("/v1/assets", "application/json", described(id).to_string().as_bytes());
         while self.get(&format!("/v1/assets/{id}"))["summary"]["library_state"] != "ready" {
@@ -75,7 +75,7 @@ impl Service {
         self.wait_until_idle();
     }
 
-    /// Variants of a pair are simulated in the background, once for each pair: not what is measured here.
+    /// Waits for the ensemble, which is simulated once per pair in the background and is not measured here.
     pub(crate) fn wait_until_idle(&self) {
         let mut before = f64::NEG_INFINITY;
         while self.used().1 > before + 0.02 {
@@ -84,7 +84,7 @@ impl Service {
         }
     }
 
-    /// Greatest resident memory in MB, and user and system time in seconds, so far.
+    /// Returns the peak resident memory in MB, and the user and system time in seconds.
     pub(crate) fn used(&self) -> (f64, f64, f64) {
         let proc = format!("/proc/{}", self.child.id());
         let status = fs::read_to_string(format!("{proc}/status")).unwrap_or_default();
@@ -99,8 +99,8 @@ impl Service {
     }
 }
 
-/// What was answered, read to its end.
-fn whole(answer: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> Value {
+/// Reads a response to its end.
+fn read_json(answer: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> Value {
     let mut response = answer.expect("an answer");
     let body = response.body_mut().with_config().limit(1 << 30);
     serde_json::from_slice(&body.read_to_vec().expect("a whole answer")).expect("JSON")
@@ -114,7 +114,7 @@ impl Drop for Service {
     }
 }
 
-/// The description of a gear pair's asset.
+/// Returns the description of an asset with a gear pair.
 pub(crate) fn described(id: &str) -> Value {
     let pair: toml::Value =
         toml::from_str(include_str!("../../fixtures/pairs/shen2022.toml")).expect("the fixture is TOML");
@@ -144,7 +144,7 @@ pub(crate) fn record(n: i64, samples: usize) -> Record {
     Record::new("1", start, RATE_HZ, "m/s2", samples.collect()).expect("finite samples")
 }
 
-/// Sends a request over a connection that stays open and returns the status once the answer is whole.
+/// Sends a request on a persistent connection and returns the status after the whole response.
 pub(crate) fn exchange(stream: &mut BufReader<TcpStream>, head: &str, body: &[u8]) -> u16 {
     stream.get_mut().write_all(head.as_bytes()).expect("a connection");
     stream.get_mut().write_all(body).expect("a connection");
@@ -174,8 +174,8 @@ pub(crate) fn connect(service: &Service) -> BufReader<TcpStream> {
     BufReader::new(stream)
 }
 
-/// Runs requests over connections side by side, each due at its time where there is a rate. Returns the
-/// seconds it took in all and each request's seconds from when it was due, sorted.
+/// Runs requests over concurrent connections, at a rate if given. Returns the total seconds and the sorted
+/// latencies, each from the time when the request was due.
 pub(crate) fn load(
     service: &Service,
     connections: usize,
@@ -211,14 +211,14 @@ pub(crate) fn load(
     (seconds, times)
 }
 
-/// Record after record of 10 s: the same samples under another time and so another hash.
+/// Records of 10 s with the same samples, each with another time and so another hash.
 pub(crate) struct Uploads {
     body: Vec<u8>,
 }
 
 impl Uploads {
     pub(crate) fn new() -> Self {
-        // Without a time and a channel of its own, so that those of the address count.
+        // Without time and channel, so that those of the query apply.
         let block = WaveformBlock {
             sample_rate_hz: RATE_HZ,
             unit: "m/s2".to_owned(),
@@ -228,12 +228,12 @@ impl Uploads {
         Self { body: block.encode_to_vec() }
     }
 
-    /// Sends the `n`th record, to an asset and on a channel.
+    /// Sends record `n` to an asset, on a channel.
     pub(crate) fn send(&self, stream: &mut BufReader<TcpStream>, asset: &str, channel: usize, n: usize) {
         let start = "2026-01-01T00:00:00Z".parse::<Timestamp>().expect("a time")
             + SignedDuration::from_secs(60 * n as i64);
         let mut body = self.body.clone();
-        // What is appended is a field that no reader knows.
+        // Appends a field that no reader knows.
         body.extend_from_slice(&[0xfd, 0x7f]);
         body.extend_from_slice(&(n as u32).to_le_bytes());
         let head = format!(

@@ -1,4 +1,4 @@
-//! `flankwatch backup` and `flankwatch restore`: a data folder copied, and put back.
+//! `flankwatch backup` and `flankwatch restore`: copies of a data folder.
 
 use std::path::PathBuf;
 
@@ -9,23 +9,23 @@ use super::output::print;
 use super::store_place::{StorePlace, runtime};
 use crate::store::{Copied, back_up, put_back};
 
-/// What is done instead where the store is a cluster's.
+/// Advice where the store belongs to a cluster.
 const INSTEAD: &str = "back up PostgreSQL and the bucket with their own tools";
 
-/// Copy a data folder, also while a service works on it; into an earlier backup only what is new is copied.
+/// Arguments of `flankwatch backup`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct BackupArgs {
-    /// Folder to copy into.
+    /// Folder to write the backup to.
     #[arg(value_name = "TO")]
     to: PathBuf,
     #[command(flatten)]
     place: StorePlace,
 }
 
-/// Put a backup into a data folder that has no database.
+/// Arguments of `flankwatch restore`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct RestoreArgs {
-    /// The backup.
+    /// Folder of the backup.
     #[arg(value_name = "FROM")]
     from: PathBuf,
     #[command(flatten)]
@@ -45,7 +45,7 @@ pub(super) fn restore(args: &RestoreArgs) -> Result<(), CliError> {
 fn report(copied: &Copied) -> Result<(), CliError> {
     let mut text = String::new();
     for failed in &copied.failed {
-        text += &format!("not copied: {failed}\n");
+        text += &format!("failed to copy: {failed}\n");
     }
     text += &format!("{} raw recordings, {} of them new\n", copied.objects, copied.new);
     if copied.streams > 0 {

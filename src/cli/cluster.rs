@@ -1,4 +1,4 @@
-//! `flankwatch cluster`: how a cluster is.
+//! `flankwatch cluster`: status of a cluster.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::CliError;
 
-/// Look at a cluster.
+/// Arguments of `flankwatch cluster`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ClusterArgs {
     #[command(subcommand)]
@@ -17,26 +17,26 @@ pub(super) struct ClusterArgs {
 
 #[derive(Debug, Clone, Subcommand)]
 enum Action {
-    /// What waits in the queue, which workers answer, and how many records could not be stored
+    /// Show the queue, the workers that respond, and the number of dead letters
     Status,
 }
 
-/// The cluster that a command works on, and how it prints.
+/// The cluster that a command works on, and its output format.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ClusterPlace {
     /// Settings file (TOML) with the table `cluster`.
     #[arg(long, value_name = "FILE", global = true)]
     config: Option<PathBuf>,
-    /// How to print.
+    /// Output format.
     #[arg(long, value_enum, global = true, default_value_t = Format::Table)]
     pub(super) format: Format,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Format {
-    /// Aligned columns for people
+    /// Aligned columns
     Table,
-    /// One object
+    /// One JSON object
     Json,
 }
 
@@ -48,9 +48,9 @@ pub(super) fn run(args: &ClusterArgs) -> Result<(), CliError> {
 
 #[cfg(not(feature = "nats"))]
 impl ClusterPlace {
-    /// Says that this program knows no clusters.
+    /// Returns the error that this program was built without clusters.
     pub(super) fn refuse(&self, command: &'static str) -> Result<(), CliError> {
-        // The file is not looked at.
+        // The settings file is not read.
         let _ = &self.config;
         Err(super::serve::ServeError::WithoutFeature { what: command, feature: "cluster" }.into())
     }
@@ -67,7 +67,7 @@ mod with_cluster {
     use crate::service::QueueOverview;
 
     impl ClusterPlace {
-        /// Does something with the cluster.
+        /// Connects to the cluster and runs `work` with it.
         pub(in super::super) fn with<T>(
             &self,
             work: impl AsyncFnOnce(Cluster) -> Result<T, ClusterError>,
@@ -75,7 +75,7 @@ mod with_cluster {
             let serve = ServeArgs { config: self.config.clone(), ..ServeArgs::default() };
             let settings = serve.resolve()?.cluster.ok_or(ServeError::NoClusterTable)?;
             let runtime = super::super::store_place::runtime()?;
-            let done = runtime.block_on(async { work(Cluster::look_at(settings.nats).await?).await });
+            let done = runtime.block_on(async { work(Cluster::connect(settings.nats).await?).await });
             Ok(done.map_err(ServeError::from)?)
         }
     }
@@ -118,7 +118,7 @@ mod with_cluster {
         text
     }
 
-    /// Seconds in the two greatest units that people count in.
+    /// Formats seconds in their two largest units.
     fn duration(seconds: i64) -> String {
         match seconds {
             0..60 => format!("{seconds} s"),
@@ -134,7 +134,7 @@ mod with_cluster {
         use crate::service::WorkerOverview;
 
         #[test]
-        fn a_status_fits_a_terminal() {
+        fn the_status_fits_80_columns() {
             let now: Timestamp = "2026-01-02T00:00:00Z".parse().unwrap();
             let overview = QueueOverview {
                 records: 12,

@@ -1,4 +1,4 @@
-//! `flankwatch completions` and `flankwatch manual`: what a shell and `man` know of the commands.
+//! `flankwatch completions` and `flankwatch manual`: shell completions and manual pages.
 
 use std::path::PathBuf;
 
@@ -8,17 +8,17 @@ use clap_complete::Shell;
 use super::CliError;
 use super::output::print;
 
-/// Print a script that completes the commands and their options in a shell
+/// Arguments of `flankwatch completions`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct CompletionsArgs {
-    /// The shell.
+    /// Shell to complete in.
     shell: Shell,
 }
 
-/// Write the manual pages, one for each command
+/// Arguments of `flankwatch manual`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ManualArgs {
-    /// Folder to write into; made where it is missing.
+    /// Folder to write to, created if missing.
     #[arg(value_name = "DIR")]
     folder: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! `flankwatch convert`: other recordings into MCAP or WAV.
+//! `flankwatch convert`: converts CSV or WAV recordings to MCAP or WAV.
 
 mod source;
 
@@ -20,80 +20,81 @@ use source::Source;
 /// Arguments of `flankwatch convert`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ConvertArgs {
-    /// The recording: CSV (one channel a column) or WAV
+    /// Recording to read: CSV (one channel per column) or WAV
     #[arg(value_name = "IN")]
     pub input: PathBuf,
-    /// The file to write: .mcap, or .wav with 32-bit floating-point samples
+    /// File to write: .mcap, or .wav with 32-bit floating-point samples
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
-    /// Sampling rate in hertz; needed for CSV that does not say it, replaces the header's for WAV
+    /// Sampling rate in Hz; required for CSV without one, overrides that of a WAV header
     #[arg(long, value_name = "HZ")]
     pub rate: Option<f64>,
-    /// Unit of the samples, for example m/s2 or g; needed for columns of CSV whose header does not say it
+    /// Unit of the samples, such as m/s2 or g; required for CSV columns without one
     #[arg(long)]
     pub unit: Option<String>,
-    /// Asset that the recording belongs to, the first part of its MCAP topics
+    /// Asset that the recording belongs to: the first part of its MCAP topics
     #[arg(long, value_name = "ID", default_value = "gearbox")]
     pub asset: String,
-    /// Channels to take, in this order: the header's names, or 1,2,…; all where not given
+    /// Channels to convert, in this order, by header name or number from 1 [default: all]
     #[arg(long, value_delimiter = ',', value_name = "A,B")]
     pub channels: Vec<String>,
-    /// Time of the first sample, RFC 3339, where the recording does not say it
+    /// Time of the first sample (RFC 3339), for recordings without one
     #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
     pub start_time: Timestamp,
-    /// Rotational frequency of the driving shaft in hertz
+    /// Rotational frequency of the driving shaft in Hz
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     pub shaft_speed_hz: Option<f64>,
-    /// Torque on the driving shaft in newton metres
+    /// Torque on the driving shaft in N·m
     #[arg(long, value_name = "NM", allow_negative_numbers = true)]
     pub torque_nm: Option<f64>,
-    /// Length of the MCAP records in seconds; without it up to 2 minutes are one record, more is cut into
-    /// records of 10 s. A rest of less than half a record is left out
+    /// Length of the MCAP records in seconds [default: one record up to 2 minutes, above that 10]
+    ///
+    /// A remainder below half a record is dropped.
     #[arg(long, value_name = "S")]
     pub record_seconds: Option<f64>,
-    /// Replace OUT where it exists
+    /// Replace OUT if it exists
     #[arg(long)]
     pub force: bool,
 }
 
-/// Why a recording was not converted. OUT is then as it was.
+/// Errors of a conversion. An existing OUT is unchanged.
 #[derive(Debug, Error)]
 pub enum ConvertError {
-    /// An argument that cannot be used.
+    /// An argument is invalid.
     #[error("{argument} is {value}, expected {expected}")]
     Argument {
-        /// Which one.
+        /// Name of the argument.
         argument: &'static str,
-        /// Its value.
+        /// Value of the argument.
         value: String,
-        /// What would have been right.
+        /// Description of a valid value.
         expected: &'static str,
     },
-    /// The asset's name.
+    /// The asset identifier is invalid.
     #[error("--asset: {0}")]
     Asset(#[from] AssetError),
     /// The file to write exists.
     #[error("{0:?} exists, expected a new file (or --force to replace it)")]
     Exists(PathBuf),
-    /// The input cannot be read or its samples are no record.
+    /// The input cannot be read, or its samples are not a valid record.
     #[error("{path:?}: {source}")]
     Input {
-        /// The input.
+        /// The input file.
         path: PathBuf,
-        /// Why not.
+        /// The underlying error.
         source: RecordingError,
     },
     /// The output cannot be written.
     #[error("{path:?}: {source}")]
     Output {
-        /// The output.
+        /// The output file.
         path: PathBuf,
-        /// Why not.
+        /// The underlying error.
         source: RecordingError,
     },
 }
 
-/// Converts one recording, in bounded memory. The output appears under its name only when it is whole.
+/// Converts one recording, in bounded memory. The output appears under its name only when it is complete.
 pub(super) fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
     let target = Target::of(&args.output)?;
     if args.output.exists() && !args.force {
@@ -111,7 +112,7 @@ pub(super) fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
     Ok(())
 }
 
-/// What the output's extension asks for.
+/// The output format, by the extension of OUT.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Target {
     Mcap,
@@ -129,7 +130,7 @@ impl Target {
     }
 }
 
-/// Writes one message a record and channel; says what was written.
+/// Writes one message per record and channel; returns a summary.
 fn write_mcap(
     args: &ConvertArgs,
     asset: &AssetId,
@@ -175,11 +176,11 @@ fn write_mcap(
     inner.flush().map_err(|error| output(error.into()))?;
     let note = plan
         .default_seconds
-        .map_or(String::new(), |seconds| format!(" of {seconds} s (--record-seconds changes it)"));
+        .map_or(String::new(), |seconds| format!(" of {seconds} s (change with --record-seconds)"));
     Ok(format!("{records} records{note}, channels {}", source.channels.join(", ")))
 }
 
-/// Writes all chosen channels side by side; says what was written.
+/// Writes the selected channels, interleaved; returns a summary.
 fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<String, ConvertError> {
     let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
     let input = |source: RecordingError| ConvertError::Input { path: args.input.clone(), source };
@@ -205,7 +206,7 @@ fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<Str
     Ok(format!("{frames} samples, channels {}", source.channels.join(", ")))
 }
 
-/// The output under a temporary name beside its own; removed again unless it is completed.
+/// The output under a temporary name in the same folder; removed on drop unless it is completed.
 struct Partial {
     path: PathBuf,
     file: File,
@@ -225,7 +226,7 @@ impl Partial {
         Ok(Self { path, file, complete: false })
     }
 
-    /// Gives it its name, once it is on the disk.
+    /// Syncs the file and renames it to the output.
     fn complete(mut self, output: &Path) -> Result<(), ConvertError> {
         self.file.sync_all().map_err(|error| failed(output, error))?;
         fs::rename(&self.path, output).map_err(|error| failed(output, error))?;

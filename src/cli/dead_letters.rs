@@ -1,11 +1,11 @@
-//! `flankwatch dead-letters`: records of a cluster that could not be stored.
+//! `flankwatch dead-letters`: records that a cluster failed to store.
 
 use clap::{Args, Subcommand};
 
 use super::CliError;
 use super::cluster::ClusterPlace;
 
-/// List, show, retry and drop records of a cluster that could not be stored.
+/// Arguments of `flankwatch dead-letters`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct DeadLettersArgs {
     #[command(subcommand)]
@@ -16,25 +16,26 @@ pub(super) struct DeadLettersArgs {
 
 #[derive(Debug, Clone, Subcommand)]
 enum Action {
-    /// List them: number, since when, asset, reason
+    /// List dead letters: number, time, asset, reason
     List,
-    /// Everything that is known of one
+    /// Show one dead letter in full
     Show {
-        /// Its number, as listed.
+        /// Number of the dead letter, as listed.
         number: u64,
     },
-    /// Put records back into the queue: workers try them again
-    Retry(Which),
-    /// Take dead letters away for good; raw recordings that nothing else refers to go into quarantine
-    Drop(Which),
+    /// Put records back into the queue, so that workers try them again
+    Retry(Selection),
+    /// Delete dead letters; raw recordings that nothing else refers to move to quarantine
+    Drop(Selection),
 }
 
+/// The dead letters that a command works on.
 #[derive(Debug, Clone, Args)]
-struct Which {
-    /// Their numbers, as listed.
+struct Selection {
+    /// Numbers of the dead letters, as listed.
     #[arg(required_unless_present = "all", conflicts_with = "all")]
     numbers: Vec<u64>,
-    /// All of them.
+    /// Select all dead letters.
     #[arg(long)]
     all: bool,
 }
@@ -53,11 +54,11 @@ mod with_cluster {
 
     use super::super::cluster::Format;
     use super::super::output::print;
-    use super::{Action, CliError, DeadLettersArgs, Which};
+    use super::{Action, CliError, DeadLettersArgs, Selection};
     use crate::cluster::{Cluster, ClusterError, DeadLetter};
 
-    /// Characters of a line where the terminal's width is not known.
-    const USUAL_WIDTH: usize = 80;
+    /// Width of a line in characters where `COLUMNS` is not set.
+    const DEFAULT_WIDTH: usize = 80;
 
     pub(in super::super) fn run(args: &DeadLettersArgs) -> Result<(), CliError> {
         let format = args.place.format;
@@ -76,29 +77,32 @@ mod with_cluster {
                     Format::Json => print(&format!("{:#}\n", json!(letter))),
                 }
             }
-            Action::Retry(which) => {
-                let done =
-                    each(args, which, async |cluster, number| cluster.retry_dead_letter(number).await)?;
-                said(format, "retried", &done)
+            Action::Retry(selection) => {
+                let done = for_each(args, selection, async |cluster, number| {
+                    cluster.retry_dead_letter(number).await
+                })?;
+                report(format, "retried", &done)
             }
-            Action::Drop(which) => {
-                let done = each(args, which, async |cluster, number| cluster.drop_dead_letter(number).await)?;
-                said(format, "dropped", &done)
+            Action::Drop(selection) => {
+                let done = for_each(args, selection, async |cluster, number| {
+                    cluster.drop_dead_letter(number).await
+                })?;
+                report(format, "dropped", &done)
             }
         }
     }
 
-    /// Does something with each of the letters that are meant; returns their numbers.
-    fn each(
+    /// Calls `work` with each selected dead letter; returns their numbers.
+    fn for_each(
         args: &DeadLettersArgs,
-        which: &Which,
+        selection: &Selection,
         work: impl AsyncFn(&Cluster, u64) -> Result<(), ClusterError>,
     ) -> Result<Vec<u64>, CliError> {
         args.place.with(async |cluster| {
-            let numbers = if which.all {
+            let numbers = if selection.all {
                 cluster.dead_letters().await?.iter().map(|letter| letter.number).collect()
             } else {
-                which.numbers.clone()
+                selection.numbers.clone()
             };
             for number in &numbers {
                 work(&cluster, *number).await?;
@@ -107,16 +111,16 @@ mod with_cluster {
         })
     }
 
-    fn said(format: Format, what: &str, numbers: &[u64]) -> Result<(), CliError> {
+    fn report(format: Format, done: &str, numbers: &[u64]) -> Result<(), CliError> {
         match format {
-            Format::Table => print(&format!("{} dead letters {what}\n", numbers.len())),
-            Format::Json => print(&format!("{:#}\n", json!({ what: numbers }))),
+            Format::Table => print(&format!("{} dead letters {done}\n", numbers.len())),
+            Format::Json => print(&format!("{:#}\n", json!({ done: numbers }))),
         }
     }
 
     fn width() -> usize {
-        let said = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
-        said.unwrap_or(USUAL_WIDTH)
+        let columns = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
+        columns.unwrap_or(DEFAULT_WIDTH)
     }
 
     fn table(letters: &[DeadLetter], width: usize) -> String {
@@ -130,20 +134,20 @@ mod with_cluster {
                 "{:>8}  {:20.0}  {:longest$}  {}",
                 letter.number,
                 letter.put_at,
-                cut(&asset(letter), longest),
+                truncate(&asset(letter), longest),
                 letter.reason
             );
-            text += &format!("{}\n", cut(&line, width));
+            text += &format!("{}\n", truncate(&line, width));
         }
         text
     }
 
-    /// A text of at most `most` characters, which says where something is left out.
-    fn cut(text: &str, most: usize) -> String {
-        if text.chars().count() <= most {
+    /// Truncates a text to `max` characters, the last of which is then an ellipsis.
+    fn truncate(text: &str, max: usize) -> String {
+        if text.chars().count() <= max {
             return text.to_owned();
         }
-        text.chars().take(most.saturating_sub(1)).chain(['…']).collect()
+        text.chars().take(max.saturating_sub(1)).chain(['…']).collect()
     }
 
     fn description(letter: &DeadLetter) -> String {
@@ -152,7 +156,7 @@ mod with_cluster {
             letter.number, letter.put_at, letter.reason, letter.message_bytes
         );
         match &letter.record {
-            None => text += "record      its message cannot be read\n",
+            None => text += "record      unreadable message\n",
             Some(record) => {
                 text += &format!(
                     "segment     {}\nasset       {}\nchannel     {}\nstart time  {}\nreceived    {}\nraw object  {} ({} bytes, {})\n",
@@ -175,7 +179,7 @@ mod with_cluster {
         use super::*;
 
         #[test]
-        fn a_list_fits_a_terminal() {
+        fn the_list_fits_80_columns() {
             let letter = DeadLetter {
                 number: 17,
                 reason: "segment ab of pump: raw object cd is damaged: its bytes hash to ef (tried 5 times)"

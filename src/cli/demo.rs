@@ -1,4 +1,4 @@
-//! `flankwatch demo`: the service with a sample gearbox that wears before the visitor's eyes.
+//! `flankwatch demo`: the service with a simulated gearbox that wears while the user watches.
 
 mod live;
 
@@ -13,7 +13,7 @@ use clap::Args;
 use jiff::{SignedDuration, Timestamp};
 use tokio::sync::watch;
 
-use super::serve::asked_to_stop;
+use super::serve::shutdown_signal;
 use super::{CliError, output, pair_file};
 use crate::asset::{
     AssetId, AssetSpec, BaselineSpec, GearSpec, Location, SensorSpec, StreamSpec, WearLimits,
@@ -27,36 +27,35 @@ use crate::service::{Clock, RecordFormat, Service, ServiceError, SystemClock, Up
 use crate::signal::{EnvelopeSearch, Record};
 use crate::simulation::{Run, RunPlan};
 
-/// The sample asset.
+/// Identifier of the demonstration asset.
 const ASSET: &str = "demo-gearbox";
 
-/// Seconds between the starts of two records.
+/// Seconds from the start of one record to the start of the next.
 const INTERVAL_S: f64 = 60.0;
 
-/// Wear depth at the end: past the warning limit and short of the danger limit, so that an alarm and a
-/// forecast are there to be seen.
+/// Wear depth of the last record: above the warning limit and below the danger limit, so that the run shows
+/// both an alarm and a forecast.
 const MAX_WEAR_UM: f64 = 190.0;
 
-/// Standard error of the inspection half-way, as of a replica under a microscope.
+/// Standard error of the inspection half-way: typical of a replica measured under a microscope.
 const INSPECTION_ERROR_UM: f64 = 5.0;
 
 /// Arguments of `flankwatch demo`.
 #[derive(Args)]
 pub(super) struct DemoArgs {
-    /// Address to listen on, port 0 for a free one; 127.0.0.1:8600 or, where that is taken, a free one where
-    /// not given
+    /// Address to listen on; port 0 picks a free port [default: 127.0.0.1:8600, or a free port if it is in use]
     #[arg(long, value_name = "ADDR")]
     listen: Option<SocketAddr>,
-    /// Keep the demonstration's data in this folder instead of a temporary one
+    /// Folder to keep the demonstration's data in [default: a temporary folder]
     #[arg(long, value_name = "DIR")]
     data_dir: Option<PathBuf>,
-    /// Records of the run
+    /// Number of records in the run
     #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(30..=10_000))]
     records: u32,
-    /// Records replayed a second
+    /// Records replayed per second
     #[arg(long, default_value_t = 5.0)]
     speed: f64,
-    /// Seed of the run
+    /// Random seed of the run
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -86,22 +85,22 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
 
 async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliError> {
     let clock: Arc<dyn Clock> = Arc::new(SystemClock);
-    let service = start_anywhere(args.listen, data_dir, clock.clone()).await?;
+    let service = start_on_free_port(args.listen, data_dir, clock.clone()).await?;
     output::print(&format!(
-        "dashboard: http://{}/#/assets/{ASSET}\na gearbox wears towards its danger limit for about {:.0} s, and its teeth are inspected half-way; Ctrl-C ends\n",
+        "dashboard: http://{}/#/assets/{ASSET}\nreplaying a run towards the danger limit for about {:.0} s, with an inspection half-way; press Ctrl-C to stop\n",
         service.address(),
         f64::from(args.records) / args.speed,
     ))?;
-    let (heard, latest) = watch::channel(None);
+    let (latest_sender, latest) = watch::channel(None);
     let live = tokio::spawn(live::send(service.service().clone(), sample_id()?, latest));
     let replay = tokio::select! {
-        stopped = asked_to_stop() => stopped.map(|()| true).map_err(|source| CliError::Io { path: "signals".into(), source }),
-        replayed = replay(service.service(), args, clock.now(), &heard) => replayed.map(|()| false),
+        stopped = shutdown_signal() => stopped.map(|()| true).map_err(|source| CliError::Io { path: "signals".into(), source }),
+        replayed = replay(service.service(), args, clock.now(), &latest_sender) => replayed.map(|()| false),
     };
     let outcome = match replay {
         Ok(false) => {
-            output::print("the run is over; the dashboard stays until Ctrl-C\n")?;
-            asked_to_stop().await.map_err(|source| CliError::Io { path: "signals".into(), source })
+            output::print("run complete; the dashboard stays available until Ctrl-C\n")?;
+            shutdown_signal().await.map_err(|source| CliError::Io { path: "signals".into(), source })
         }
         Ok(true) => Ok(()),
         Err(error) => Err(error),
@@ -111,20 +110,20 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
     outcome
 }
 
-/// Listens where asked; where nothing was asked and the usual port is taken, on a free one.
-async fn start_anywhere(
+/// Starts the service on the given address, or on the default port, or on a free port if that is in use.
+async fn start_on_free_port(
     listen: Option<SocketAddr>,
     data_dir: PathBuf,
     clock: Arc<dyn Clock>,
 ) -> Result<RunningService, CliError> {
-    let usual = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
+    let default = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
     let config = |address| {
         let mut config = ServiceConfig::new(address, &data_dir);
-        // The story lasts a minute, and all members would take that long.
+        // The run takes about a minute, and simulating the whole ensemble would take as long.
         config.work.neighbours = EnsembleSettings::default().first();
         config
     };
-    match start(config(listen.unwrap_or(usual)), clock.clone()).await {
+    match start(config(listen.unwrap_or(default)), clock.clone()).await {
         Err(StartError::Listen { source, .. })
             if listen.is_none() && source.kind() == ErrorKind::AddrInUse =>
         {
@@ -134,12 +133,12 @@ async fn start_anywhere(
     }
 }
 
-/// Makes the sample asset and feeds it with a simulated run that ends about now.
+/// Creates the demonstration asset and sends it a simulated run that ends about now.
 async fn replay(
     service: &Arc<Service>,
     args: &DemoArgs,
     now: Timestamp,
-    heard: &watch::Sender<Option<Arc<Record>>>,
+    latest: &watch::Sender<Option<Arc<Record>>>,
 ) -> Result<(), CliError> {
     let mut pair = pair_file::read(None)?;
     pair.dynamics.contact = ContactRule::Loaded;
@@ -170,11 +169,11 @@ async fn replay(
         envelope_band: EnvelopeSearch::default(),
         gear_indicators: true,
         bands: Vec::new(),
-        // Its records are those of the story.
+        // Only the simulated run becomes records, not the live stream.
         stream: StreamSpec { interval_s: 0.0, ..StreamSpec::default() },
     };
     match service.assets.create(&asset).await {
-        // With a kept data folder the asset may be there from the last time.
+        // With --data-dir the asset may exist from an earlier run.
         Ok(_) | Err(ServiceError::Store(crate::store::StoreError::AssetExists(_))) => {}
         Err(error) => return Err(error.into()),
     }
@@ -199,16 +198,16 @@ async fn replay(
         due.tick().await;
         let run = run.clone();
         let simulated = service.workers.run("simulate a record", move || run.record(index)).await??;
-        let given =
+        let metadata =
             UploadMetadata { reference_wear_um: Some(simulated.wear_um), ..UploadMetadata::default() };
         let bytes = encode_block(&simulated.record, BlockEncoding::Protobuf).into();
         if index == args.records / 2 {
             let inspected = inspection(simulated.record.start_time(), simulated.wear_um);
             service.maintenance.add(&id, inspected).await?;
         }
-        heard.send_replace(Some(Arc::new(simulated.record)));
+        latest.send_replace(Some(Arc::new(simulated.record)));
         let ticket = service.workers.admit()?;
-        service.pipeline.accept(&id, RecordFormat::Protobuf, bytes, given, ticket).await?;
+        service.pipeline.accept(&id, RecordFormat::Protobuf, bytes, metadata, ticket).await?;
     }
     Ok(())
 }
@@ -217,7 +216,7 @@ fn sample_id() -> Result<AssetId, CliError> {
     AssetId::new(ASSET).map_err(|error| CliError::Argument(error.to_string()))
 }
 
-/// The wear as somebody reads it off the teeth, to a whole micrometre.
+/// Returns an inspection with the wear rounded to a whole micrometre, as read under a microscope.
 fn inspection(time: Timestamp, wear_um: f64) -> MaintenanceEvent {
     MaintenanceEvent {
         time,

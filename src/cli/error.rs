@@ -1,4 +1,4 @@
-//! What can go wrong in a command.
+//! Errors of the commands.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,13 +13,13 @@ pub enum CliError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// An argument cannot be used.
+    /// An argument is invalid.
     #[error("{0}")]
     Argument(String),
-    /// A pair file or wear table cannot be used.
+    /// A pair file or wear table is invalid.
     #[error("{path}: {source}")]
     Pair {
         /// The file.
@@ -27,7 +27,7 @@ pub enum CliError {
         /// What is wrong with it.
         source: crate::gear::GearError,
     },
-    /// An asset file cannot be used.
+    /// An asset file is invalid.
     #[error("{path}: {source}")]
     Asset {
         /// The file.
@@ -43,15 +43,15 @@ pub enum CliError {
         /// What is wrong with it.
         source: crate::recording::RecordingError,
     },
-    /// Some of several files could not be analysed; each was reported when it happened.
-    #[error("{failed} of {all} files could not be read to their end")]
+    /// Some files could not be analysed; each error was printed when it occurred.
+    #[error("failed to read {failed} of {all} files completely")]
     SomeFailed {
-        /// How many failed.
+        /// Number of files that failed.
         failed: usize,
-        /// How many there were.
+        /// Number of files given.
         all: usize,
     },
-    /// The gear model refused.
+    /// The gear model rejected its input.
     #[error(transparent)]
     Gear(#[from] crate::gear::GearError),
     /// A library could not be built or read.
@@ -66,48 +66,48 @@ pub enum CliError {
     /// A run could not be simulated.
     #[error(transparent)]
     Simulation(#[from] crate::simulation::SimulationError),
-    /// The service could not start or go on.
+    /// The service could not start or stopped with an error.
     #[error(transparent)]
     Serve(#[from] super::serve::ServeError),
-    /// The demonstration's service could not start or go on.
+    /// The demonstration's service could not start or stopped with an error.
     #[error(transparent)]
     Service(#[from] crate::http::StartError),
-    /// The demonstration's records could not be taken.
+    /// The demonstration's records could not be ingested.
     #[error(transparent)]
     Ingest(#[from] crate::service::ServiceError),
-    /// Tokens could not be read or kept.
+    /// Tokens could not be read or stored.
     #[error(transparent)]
     Tokens(#[from] crate::http::TokenError),
     /// A store could not be opened, read or copied.
     #[error(transparent)]
     Store(#[from] crate::store::StoreError),
-    /// Something is not as it should be; each was told when it was found.
-    #[error("{0} things are not as they should be")]
+    /// Problems were found; each was printed when it was found.
+    #[error("{0} problems found")]
     Findings(u64),
-    /// A server could not be reached or refused.
+    /// A server could not be reached or rejected the request.
     #[error("{url}: {reason}")]
     Server {
         /// The address.
         url: String,
-        /// What happened.
+        /// The connection error, or the server's answer.
         reason: String,
     },
 }
 
 impl CliError {
-    /// For `map_err` on file operations.
+    /// Returns a closure for `map_err` on file operations.
     pub(super) fn io(path: &Path) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { path, source }
     }
 
-    /// For `map_err` on pair files and wear tables.
+    /// Returns a closure for `map_err` on pair files and wear tables.
     pub(super) fn pair(path: &Path) -> impl FnOnce(crate::gear::GearError) -> Self {
         let path = path.to_owned();
         move |source| Self::Pair { path, source }
     }
 
-    /// For `map_err` on recordings.
+    /// Returns a closure for `map_err` on recordings.
     pub(super) fn recording(path: &Path) -> impl FnOnce(crate::recording::RecordingError) -> Self {
         let path = path.to_owned();
         move |source| Self::Recording { path, source }

@@ -1,5 +1,4 @@
-//! `flankwatch evaluate`: what the wear estimate is worth, on simulated runs to failure whose true wear is
-//! known.
+//! `flankwatch evaluate`: scores the wear estimate on simulated runs to failure with known wear.
 
 use std::path::PathBuf;
 
@@ -15,19 +14,19 @@ use super::{CliError, output, pair_file};
 use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, RunOptions, Score, evaluate};
 use crate::library::{EnsembleSettings, VARIANTS};
 
-/// Which cases are run.
+/// Groups of cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Cases {
     /// Wear and faults
     All,
-    /// Wear of the library's own physics and of others
+    /// Wear, by the library's physics and by other physics
     Wear,
-    /// Faults that are not wear, and what is healthy
+    /// Faults other than wear, and healthy machines
     Faults,
 }
 
 impl Cases {
-    fn hold(self, case: &Case) -> bool {
+    fn contains(self, case: &Case) -> bool {
         match self {
             Self::All => true,
             Self::Wear => case.aim.group() == CaseGroup::Wear,
@@ -39,56 +38,59 @@ impl Cases {
 /// Arguments of `flankwatch evaluate`.
 #[derive(Debug, Args)]
 pub(super) struct EvaluateArgs {
-    /// Runs of each case
+    /// Number of runs per case
     #[arg(long, default_value_t = EvaluationSettings::default().runs)]
     runs: usize,
-    /// Seed of paths, noise and operating points
+    /// Random seed of transmission paths, noise and operating points
     #[arg(long, default_value_t = EvaluationSettings::default().seed)]
     seed: u64,
-    /// Records of each run
+    /// Number of records per run
     #[arg(long, default_value_t = EvaluationSettings::default().records)]
     records: usize,
-    /// Wear states that the runs of a case are drawn from
+    /// Number of simulated wear states that the runs of a case are drawn from
     #[arg(long, default_value_t = EvaluationSettings::default().states)]
     states: usize,
-    /// Which cases are run
+    /// Group of cases to run
     #[arg(long, value_enum, default_value_t = Cases::All)]
     cases: Cases,
-    /// Only cases whose name holds this text
-    #[arg(long)]
+    /// Run only cases whose name contains this text
+    #[arg(long, value_name = "TEXT")]
     case: Option<String>,
-    /// Pairs like the described one that the estimate is made with; 0 for the described pair alone
+    /// Number of varied gear pairs (ensemble members) to estimate with; 0 uses only the described pair
     #[arg(long, default_value_t = EnsembleSettings::default().members)]
     members: usize,
-    /// The gear pair; the pair of Shen et al. 2022 where not given
-    #[arg(long)]
+    /// Gear pair file (TOML) [default: the pair of Shen et al. 2022]
+    #[arg(long, value_name = "FILE")]
     pair: Option<PathBuf>,
-    /// Score recorded runs in place of simulated ones: folders with WAV files in the order of their names,
-    /// one a record, and a truth.csv with a column wear_um; channels are scored one by one and together
+    /// Score recorded runs instead of simulated ones: folders of WAV files with a truth.csv
+    ///
+    /// Each WAV file is a record, in order of file names; truth.csv has a column wear_um with one row per file.
+    /// Channels are scored individually and together.
     #[arg(long, num_args = 1.., value_name = "FOLDER")]
     recorded: Vec<PathBuf>,
-    /// Score the estimate on runs of this many members of the ensemble in place of simulated ones, each with
-    /// all others
+    /// Score runs of this many ensemble members, each estimated with all other members
     #[arg(long, value_name = "MEMBERS", conflicts_with = "recorded")]
     leave_one_out: Option<usize>,
-    /// With --recorded: leave this many records in the middle of each run out
-    #[arg(long, default_value_t = 0, requires = "recorded")]
+    /// With --recorded: skip this many records in the middle of each run
+    #[arg(long, value_name = "RECORDS", default_value_t = 0, requires = "recorded")]
     gap: usize,
-    /// With --recorded: tell the estimator the true depth half-way, as an inspection with this error in µm
-    #[arg(long, requires = "recorded")]
+    /// With --recorded: add an inspection half-way, with the true depth and this standard error in µm
+    #[arg(long, value_name = "UM", requires = "recorded")]
     inspection_um: Option<f64>,
-    /// With --recorded: score these answers in place of the estimator's: JSON, by run a list of median, 5 %
-    /// and 95 % quantile in µm, or null, one a record
-    #[arg(long, requires = "recorded")]
+    /// With --recorded: score the estimates in this JSON file instead of the estimator's
+    ///
+    /// An object with a list for each run. The list has an element per record: [median, 5 % quantile, 95 %
+    /// quantile] in µm, or null.
+    #[arg(long, value_name = "FILE", requires = "recorded")]
     answers: Option<PathBuf>,
     /// With --recorded: print JSON
     #[arg(long, requires = "recorded")]
     json: bool,
-    /// Write tables and plots to this HTML file, which needs no other
-    #[arg(long)]
+    /// Write tables and plots to this self-contained HTML file
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Folder of the service's data; libraries are kept in its `libraries`
-    #[arg(long, default_value = "flankwatch-data")]
+    /// Data folder; libraries are cached in its folder `libraries`
+    #[arg(long, value_name = "DIR", default_value = "flankwatch-data")]
     data_dir: PathBuf,
 }
 
@@ -127,15 +129,14 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
     }
     let settings =
         EvaluationSettings { runs: args.runs, records: args.records, states: args.states, seed: args.seed };
-    let wanted =
-        |case: &Case| args.cases.hold(case) && args.case.as_ref().is_none_or(|text| case.name.contains(text));
     let all = Case::all(&pair);
-    let cases: Vec<Case> = all.iter().filter(|case| wanted(case)).cloned().collect();
+    let in_group = all.iter().filter(|case| args.cases.contains(case));
+    let is_selected = |case: &&Case| args.case.as_ref().is_none_or(|text| case.name.contains(text));
+    let cases: Vec<Case> = in_group.clone().filter(is_selected).cloned().collect();
     if cases.is_empty() {
-        let names: Vec<&str> =
-            all.iter().filter(|case| args.cases.hold(case)).map(|case| case.name.as_str()).collect();
+        let names: Vec<&str> = in_group.map(|case| case.name.as_str()).collect();
         return Err(CliError::Argument(format!(
-            "--case is {:?}, which no case's name holds, expected a part of one of: {}",
+            "--case is {:?}, which matches no case, expected a part of one of: {}",
             args.case.as_deref().unwrap_or_default(),
             names.join(", ")
         )));
@@ -151,7 +152,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    output::print(&beside(&scores))?;
+    output::print(&single_indicators(&scores))?;
     if let Some(path) = &args.out {
         output::write_file(path, page(&scores, &settings).as_bytes())?;
     }
@@ -176,9 +177,9 @@ fn header() -> String {
 }
 
 fn row(score: &Score) -> String {
-    let told = score.estimates > 0;
+    let has_estimates = score.estimates > 0;
     let number = |value: f64, digits: usize| {
-        if told { format!("{value:.digits$}") } else { "-".to_owned() }
+        if has_estimates { format!("{value:.digits$}") } else { "-".to_owned() }
     };
     let named = score.named.as_ref();
     let named =
@@ -200,8 +201,8 @@ fn row(score: &Score) -> String {
     )
 }
 
-/// What single indicators make of the same runs.
-fn beside(scores: &[Score]) -> String {
+/// Formats the results of single indicators on the same runs.
+fn single_indicators(scores: &[Score]) -> String {
     let mut text = format!(
         "\n{:<24} {:>8} {:>8} {:>8} {:>8}   {:<26} {}\n",
         "rank correlation of",
@@ -248,7 +249,7 @@ fn page(scores: &[Score], settings: &EvaluationSettings) -> String {
     let axis = |title: &str| Axis::new().title(Title::with_text(title)).range(vec![0.0, 1.0]);
     plot.set_layout(
         Layout::new()
-            .title(Title::with_text("Calibration: how often the central interval holds the truth"))
+            .title(Title::with_text("Calibration: coverage of central intervals"))
             .height(560)
             .x_axis(axis("nominal coverage"))
             .y_axis(axis("actual coverage")),
@@ -268,14 +269,14 @@ fn page(scores: &[Score], settings: &EvaluationSettings) -> String {
     );
     let mut table = header();
     scores.iter().for_each(|score| table += &row(score));
-    table += &beside(scores);
+    table += &single_indicators(scores);
     let script = Plot::offline_js_sources();
     format!(
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>flankwatch evaluation</title>{script}</head><body>\
-         <h1>Wear estimation on simulated runs</h1><p>{} runs a case of {} records, seed {}. Errors and widths in µm of greatest wear depth; \
-         covered: part of the records whose 90 % interval holds the truth; flagged: part of the records without a fault that were flagged; found: \
-         part of the runs flagged within 10 records of a fault; named: what the fault's flagged records were called most often; crossing: part of the prognoses from half of life on whose 90 % interval holds \
-         the crossing of 80 % of the library's depth.</p><pre>{table}</pre>{}{}</body></html>",
+         <h1>Wear estimation on simulated runs</h1><p>{} runs per case of {} records, seed {}. Errors and widths are of the maximum wear depth, in µm. \
+         Covered: fraction of records whose 90 % interval contains the true depth. Flagged: fraction of fault-free records that were flagged. Found: \
+         fraction of runs flagged within 10 records of a fault. Named: most frequent name of the fault's flagged records. Crossing: fraction of the \
+         prognoses from half of life on whose 90 % interval contains the time of 80 % of the library's depth.</p><pre>{table}</pre>{}{}</body></html>",
         settings.runs,
         settings.records,
         settings.seed,

@@ -1,4 +1,4 @@
-//! Ctrl-C during long work: asked once, the work stops in good order; asked twice, the process ends.
+//! Ctrl-C during long work: the first one stops the work cleanly, the second one ends the process.
 
 use std::io;
 use std::sync::Arc;
@@ -10,8 +10,7 @@ use tokio::time::timeout;
 /// Exit code of a process that Ctrl-C ended.
 const INTERRUPTED: i32 = 130;
 
-/// A flag that becomes true with the first Ctrl-C. Where Ctrl-C cannot be caught it ends the process, as
-/// ever.
+/// Returns a flag that the first Ctrl-C sets. Where Ctrl-C cannot be caught, it ends the process as usual.
 pub(super) fn interrupted() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     if let Err(error) = listen(Arc::clone(&flag)) {
@@ -23,7 +22,7 @@ pub(super) fn interrupted() -> Arc<AtomicBool> {
 fn listen(flag: Arc<AtomicBool>) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let mut pressed = Box::pin(tokio::signal::ctrl_c());
-    // What is asked once listens: from here on Ctrl-C no longer ends the process.
+    // Polling once installs the handler: from here on Ctrl-C no longer ends the process.
     let _ = runtime.block_on(async { timeout(Duration::ZERO, pressed.as_mut()).await });
     let wait = move || {
         runtime.block_on(async {

@@ -1,4 +1,4 @@
-//! `flankwatch library`: build, list and show libraries of simulated wear states.
+//! `flankwatch library`: builds, lists and shows libraries of simulated wear states.
 
 use std::path::PathBuf;
 
@@ -21,52 +21,51 @@ pub(super) struct LibraryArgs {
 
 #[derive(Subcommand)]
 enum LibraryCommand {
-    /// Simulate the wear states of a gear pair, or load them if nothing has changed. Ctrl-C keeps what is
-    /// done for the next time
+    /// Simulate the wear states of a gear pair, or load them from the cache
+    ///
+    /// After Ctrl-C the same command resumes the build.
     Build(BuildArgs),
-    /// The libraries that are kept
+    /// List the cached libraries
     List(LibraryCacheArgs),
-    /// One library's states
+    /// Show the wear states of a library
     Show(ShowArgs),
 }
 
 #[derive(Args)]
 struct LibraryCacheArgs {
-    /// Folder of the service's data; libraries are kept in its `libraries`
-    #[arg(long, default_value = "flankwatch-data")]
+    /// Data folder; libraries are cached in its folder `libraries`
+    #[arg(long, value_name = "DIR", default_value = "flankwatch-data")]
     data_dir: PathBuf,
 }
 
 #[derive(Args)]
 struct BuildArgs {
-    /// The gear pair; the pair of Shen et al. 2022 where not given
-    #[arg(long)]
+    /// Gear pair file (TOML) [default: the pair of Shen et al. 2022]
+    #[arg(long, value_name = "FILE")]
     pair: Option<PathBuf>,
     /// Number of wear states
     #[arg(long, default_value_t = 50)]
     states: usize,
-    /// Greatest wear depth of the last state in µm; 245 at module 6 mm, in proportion to the module, where
-    /// not given
-    #[arg(long)]
+    /// Maximum wear depth of the last state in µm [default: 245 at module 6 mm, proportional to the module]
+    #[arg(long, value_name = "UM")]
     max_wear_um: Option<f64>,
     /// Length of each simulated record in seconds
-    #[arg(long, default_value_t = 2.0)]
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
     seconds: f64,
-    /// Sampling rate of each simulated record in hertz
-    #[arg(long, default_value_t = 20_000.0)]
+    /// Sampling rate of each simulated record in Hz
+    #[arg(long, value_name = "HZ", default_value_t = 20_000.0)]
     rate: f64,
-    /// Torques to simulate as parts of the pair's own, for example 0.5,0.75,1,1.25,1.5: rising, with 1 among
-    /// them
+    /// Torques to simulate, as multiples of the pair's torque: ascending, including 1, such as 0.5,1,1.5
     #[arg(long, value_delimiter = ',', default_value = "1")]
     torques: Vec<f64>,
-    /// Speeds to simulate as parts of the pair's own, in the same way
+    /// Speeds to simulate, as multiples of the pair's speed: ascending, including 1
     #[arg(long, value_delimiter = ',', default_value = "1")]
     speeds: Vec<f64>,
-    /// Which tooth pairs carry the load
-    #[arg(long)]
+    /// Rule for which tooth pairs carry load [default: that of the pair file]
+    #[arg(long, value_name = "RULE")]
     contact: Option<ContactRule>,
-    /// Keep the library in this file instead of the data folder
-    #[arg(long)]
+    /// Write the library to this file instead of the data folder
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
     cache: LibraryCacheArgs,
@@ -74,7 +73,7 @@ struct BuildArgs {
 
 #[derive(Args)]
 struct ShowArgs {
-    /// The library's name, as `list` shows it, or a library file
+    /// Name of a library, as listed, or a library file
     library: String,
     #[command(flatten)]
     cache: LibraryCacheArgs,
@@ -117,18 +116,18 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     let id = library::library_id(&pair, &grid);
     let built = match &args.out {
         None => args.cache.cache().get_or_build(&pair, &grid, &control).map(|_| ()),
-        Some(path) => match not_reusable(path, &id) {
+        Some(path) => match rebuild_reason(path, &id) {
             None => Ok(()),
             Some(reason) => {
                 if path.exists() {
-                    tracing::warn!(file = %path.display(), reason, "building the library again");
+                    tracing::warn!(file = %path.display(), reason, "rebuilding the library");
                 }
                 build_into(path, &pair, &grid, &control).map(|_| ())
             }
         },
     };
     if let Err(LibraryError::Cancelled) = &built {
-        bar.abandon_with_message("stopped; the same command goes on from here");
+        bar.abandon_with_message("interrupted; run the same command to resume");
     }
     built?;
     bar.finish_and_clear();
@@ -136,15 +135,15 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     output::print(&format!("library {id} in {}\n", place.display()))
 }
 
-/// Why the file cannot stand for the library with this name; `None` if it can.
-fn not_reusable(path: &std::path::Path, id: &str) -> Option<String> {
+/// Returns why the file is not the library with this name; `None` if it is.
+fn rebuild_reason(path: &std::path::Path, id: &str) -> Option<String> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
         Err(error) => return Some(error.to_string()),
     };
     match decode(&bytes) {
         Ok(library) if library.id() == id => None,
-        Ok(library) => Some(format!("it was made from other inputs ({})", library.id())),
+        Ok(library) => Some(format!("it was built from other inputs ({})", library.id())),
         Err(error) => Some(error.to_string()),
     }
 }
@@ -228,7 +227,7 @@ fn table(library: &Library) -> String {
     text
 }
 
-/// A progress bar on standard error, drawn only on a terminal.
+/// Creates a progress bar on standard error, drawn only on a terminal.
 pub(super) fn progress_bar(length: u64, unit: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(&format!(
         "{{bar:32}} {{pos}}/{{len}} {unit} {{elapsed}}, {{eta}} left {{msg}}"

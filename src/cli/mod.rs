@@ -1,4 +1,4 @@
-//! The commands: each module reads its arguments, calls the rooms, and prints.
+//! The command-line interface: each module parses one command's arguments, runs it and prints the result.
 
 mod analyze;
 mod backup;
@@ -57,75 +57,86 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Serve with a sample gearbox and a simulated run towards its danger limit, replayed fast
+    /// Run the service with a demonstration gearbox that wears towards its danger limit
     Demo(demo::DemoArgs),
     /// Run the service: HTTP API and dashboard
     Serve(serve::ServeArgs),
-    /// Analyse what the API nodes of a cluster take
+    /// Run a cluster worker, which analyses the records that the API nodes accept
+    ///
+    /// Any number of workers share the queue.
     Work(work::WorkArgs),
-    /// How a cluster is: its queue and its workers
+    /// Show the status of a cluster: its queue and its workers
     Cluster(cluster::ClusterArgs),
-    /// Records of a cluster that could not be stored
+    /// List, show, retry or drop records that a cluster failed to store
     DeadLetters(dead_letters::DeadLettersArgs),
-    /// Indicators and wear of recordings, without a server
+    /// Compute indicators and wear of recordings, without a server
     Analyze(analyze::AnalyzeArgs),
     /// Send recordings to a server
     Replay(replay::ReplayArgs),
-    /// Send samples to a server while they are measured, from a pipe or a growing file
+    /// Stream samples to a server as they are measured, from a pipe or a growing file
     Stream(stream::StreamArgs),
-    /// Delete records of an asset on a server; raw recordings go into quarantine
+    /// Delete records from a server; their raw recordings move to quarantine
     Delete(records::RecordsArgs),
-    /// Take records of an asset on a server out of its histories; they stay stored
+    /// Exclude records on a server from the asset's history, without deleting them
     Exclude(records::RecordsArgs),
-    /// Have excluded records of an asset on a server count again
+    /// Include excluded records in the asset's history again
     Include(records::RecordsArgs),
-    /// Make the records of a range the healthy baseline of an asset on a server
+    /// Set the records of a time range as the healthy baseline of an asset on a server
     Baseline(records::BaselineArgs),
-    /// Simulate a run to failure with the true wear known
+    /// Simulate a run to failure with known wear
     Simulate(simulate::SimulateArgs),
-    /// What the wear estimate is worth on simulated runs whose true wear is known
+    /// Evaluate the wear estimate on runs with known wear
     Evaluate(evaluate::EvaluateArgs),
-    /// Mesh stiffness and transmission error of a worn pair over one mesh period
+    /// Compute mesh stiffness and transmission error of a gear pair over one mesh period
     Model(model::ModelArgs),
-    /// The figures of the model's paper from this model, with its statements checked
+    /// Reproduce the figures of the model's paper and check its statements
     Figures(figures::FiguresArgs),
     /// Build, list and show libraries of simulated wear states
     Library(library::LibraryArgs),
-    /// Turn other recordings into MCAP or WAV
+    /// Convert CSV or WAV recordings to MCAP or WAV
     Convert(convert::ConvertArgs),
-    /// Make, list and revoke the tokens of a service
+    /// Create, list and revoke the API tokens of a service
+    ///
+    /// A running service applies a change at once, the nodes of a cluster within 2 s.
     Token(token::TokenArgs),
-    /// Compare the database with the raw recordings
+    /// Check the database against the raw recordings, also while the service is running
+    ///
+    /// Exits with an error if problems are found.
     Verify(verify::VerifyArgs),
-    /// Copy a data folder while the service works on it
+    /// Back up a data folder, also while the service is running
+    ///
+    /// A backup into an earlier one copies only what is new.
     Backup(backup::BackupArgs),
-    /// Put a backup into a data folder
+    /// Restore a backup into a data folder that has no database
     Restore(backup::RestoreArgs),
-    /// Make the database again from the raw recordings
+    /// Rebuild the database from the raw recordings
+    ///
+    /// Imports every raw recording that the database lacks and recomputes derived data. The service must not be
+    /// running.
     Rebuild(rebuild::RebuildArgs),
-    /// Raw recordings that nothing refers to, before they are removed
+    /// List or restore unreferenced raw recordings before they are removed
     Quarantine(quarantine::QuarantineArgs),
-    /// Print a script that completes commands and options in a shell
+    /// Print a shell completion script
     Completions(completions::CompletionsArgs),
     /// Write the manual pages
     #[command(hide = true)]
     Manual(completions::ManualArgs),
 }
 
-/// What is logged: levels by module as `FLANKWATCH_LOG` says (`info,flankwatch::store=debug`).
-fn logged() -> Targets {
-    let asked = std::env::var("FLANKWATCH_LOG").ok().filter(|text| !text.is_empty());
-    let usual =
+/// Returns the log levels by module from `FLANKWATCH_LOG` (`info,flankwatch::store=debug`), or the defaults.
+fn log_filter() -> Targets {
+    let from_env = std::env::var("FLANKWATCH_LOG").ok().filter(|text| !text.is_empty());
+    let default =
         || Targets::new().with_default(LevelFilter::WARN).with_target("flankwatch", LevelFilter::INFO);
-    asked.and_then(|text| text.parse().ok()).unwrap_or_else(usual)
+    from_env.and_then(|text| text.parse().ok()).unwrap_or_else(default)
 }
 
-/// Runs the command line of this process.
+/// Parses this process's command line and runs the command.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    let lines =
+    let layer =
         tracing_subscriber::fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
-    tracing_subscriber::registry().with(lines).with(logged()).init();
+    tracing_subscriber::registry().with(layer).with(log_filter()).init();
     let outcome = match &cli.command {
         Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve::run(args).map_err(CliError::from),

@@ -1,4 +1,4 @@
-//! `flankwatch model`: one mesh period of a gear pair.
+//! `flankwatch model`: mesh stiffness and transmission error over one mesh period of a gear pair.
 
 use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Write};
@@ -13,39 +13,40 @@ use crate::gear::{ArchardWear, ContactRule, FlankWear, MeshCycle};
 /// Arguments of `flankwatch model`.
 #[derive(Debug, Args)]
 pub(super) struct ModelArgs {
-    /// Pair file; the pair of Shen et al. 2022 where not given
-    #[arg(long)]
+    /// Gear pair file (TOML) [default: the pair of Shen et al. 2022]
+    #[arg(long, value_name = "FILE")]
     pair: Option<PathBuf>,
-    /// Greatest wear depth in mm, in the pair's wear shape
-    #[arg(long, conflicts_with = "profile")]
+    /// Maximum wear depth in mm, distributed in the pair's wear shape
+    #[arg(long, value_name = "MM", conflicts_with = "profile")]
     wear_mm: Option<f64>,
-    /// Wear after this many turns of the driving gear by Archard's law, with the pair's wear coefficient and
-    /// hardness
+    /// Wear after this many turns of the driving gear, by Archard's law
+    ///
+    /// Uses the pair's wear coefficient and hardness.
     #[arg(long, conflicts_with_all = ["profile", "wear_mm"])]
     turns: Option<f64>,
-    /// Wear table: CSV of gear,radius_mm,depth_um
-    #[arg(long)]
+    /// Wear table: CSV file with the columns gear,radius_mm,depth_um
+    #[arg(long, value_name = "FILE")]
     profile: Option<PathBuf>,
-    /// Which pairs of teeth carry; as in the pair file where not given
-    #[arg(long)]
+    /// Rule for which tooth pairs carry load [default: that of the pair file]
+    #[arg(long, value_name = "RULE")]
     contact: Option<ContactRule>,
-    /// Torque on the driving gear in N·m; as in the pair file where not given
-    #[arg(long)]
+    /// Torque on the driving gear in N·m [default: that of the pair file]
+    #[arg(long, value_name = "NM")]
     torque_nm: Option<f64>,
-    /// Points of the mesh period
+    /// Number of points in the mesh period
     #[arg(long, default_value_t = 1000)]
     points: usize,
-    /// How to print the points
+    /// Output format
     #[arg(long, default_value = "csv")]
     format: Format,
 }
 
-/// Forms of the output.
+/// Output formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Format {
-    /// A header and one line a point
+    /// A header and one line per point
     Csv,
-    /// One array with an object a point
+    /// One JSON array with an object per point
     Json,
 }
 
@@ -59,8 +60,8 @@ struct Row {
     pairs_in_contact: u32,
 }
 
-/// Prints one mesh period, `points` evenly spaced angles from the nominal start of contact on, the period's
-/// end excluded. A reader that closes the output early is no error.
+/// Prints one mesh period: `points` evenly spaced angles starting at the nominal start of contact, without the
+/// period's end. A closed pipe is not an error.
 pub(super) fn run(args: &ModelArgs) -> Result<(), CliError> {
     let cycle = cycle(args)?;
     match write(&cycle, args.format, BufWriter::new(io::stdout().lock())) {
@@ -107,7 +108,7 @@ fn write(cycle: &MeshCycle, format: Format, mut out: impl Write) -> io::Result<(
         Format::Csv => {
             let mut csv = csv::Writer::from_writer(&mut out);
             for row in rows(cycle) {
-                csv.serialize(row).map_err(unwrapped)?;
+                csv.serialize(row).map_err(into_io_error)?;
             }
             csv.flush()?;
         }
@@ -119,8 +120,8 @@ fn write(cycle: &MeshCycle, format: Format, mut out: impl Write) -> io::Result<(
     out.flush()
 }
 
-/// The system's own error, so that a reader that has gone away is recognised.
-fn unwrapped(error: csv::Error) -> io::Error {
+/// Unwraps the system's error, so that a closed pipe is recognised.
+fn into_io_error(error: csv::Error) -> io::Error {
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error,
         other => io::Error::other(format!("{other:?}")),
@@ -149,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn csv_has_the_stated_columns_from_the_nominal_start_of_contact_on() {
+    fn csv_has_the_documented_columns_and_starts_at_the_nominal_start_of_contact() {
         let text = printed(&[], Format::Csv).unwrap();
         let mut lines = text.lines();
         assert_eq!(lines.next(), Some("phi1_rad,phi2_rad,stiffness_n_per_m,uste_rad,pairs_in_contact"));

@@ -10,15 +10,16 @@ use crate::mqtt::{MqttCredentials, MqttError, MqttSettings, MqttTable};
 /// Records from an MQTT broker.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct MqttArgs {
-    /// Broker whose messages are taken as records, mqtt://HOST[:1883] or mqtts://HOST[:8883]; the table mqtt
-    /// of the settings file says more.
+    /// MQTT broker to receive records from: mqtt://HOST[:1883] or mqtts://HOST[:8883].
+    ///
+    /// The table `mqtt` of the settings file has further options.
     #[arg(long = "mqtt", value_name = "URL")]
     url: Option<String>,
 }
 
 #[cfg(not(feature = "mqtt"))]
 impl MqttArgs {
-    /// Says that this program knows no brokers.
+    /// Returns an error if a broker is given, as this program was built without MQTT.
     pub(super) fn refuse(&self) -> Result<(), ServeError> {
         match &self.url {
             None => Ok(()),
@@ -29,8 +30,8 @@ impl MqttArgs {
 
 #[cfg(feature = "mqtt")]
 impl MqttArgs {
-    /// The settings that follow with the settings file's table; none where neither names a broker.
-    /// `max_bytes` is the largest record taken.
+    /// Merges the option with the settings file's table; `None` where neither names a broker.
+    /// `max_bytes` is the largest record accepted.
     pub(super) fn resolve(
         &self,
         table: Option<MqttTable>,
@@ -41,11 +42,11 @@ impl MqttArgs {
         }
         let mut table = table.unwrap_or_default();
         table.url = self.url.clone().or(table.url);
-        let said = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
+        let env = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
         let credentials = MqttCredentials {
-            client_id: said("FLANKWATCH_MQTT_CLIENT_ID"),
-            username: said("FLANKWATCH_MQTT_USERNAME"),
-            password: said("FLANKWATCH_MQTT_PASSWORD"),
+            client_id: env("FLANKWATCH_MQTT_CLIENT_ID"),
+            username: env("FLANKWATCH_MQTT_USERNAME"),
+            password: env("FLANKWATCH_MQTT_PASSWORD"),
         };
         table.resolve(credentials, max_bytes).map(Some)
     }

@@ -1,4 +1,4 @@
-//! A process of a cluster put together: an API node, or a worker.
+//! Assembly of a cluster process: an API node or a worker.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -12,13 +12,13 @@ use crate::store::{SharedSettings, Store, StoreError, StoreSettings};
 
 use super::serve::ServeError;
 
-/// Opens the shared store; a database that is away is waited for.
+/// Opens the shared store; retries while the database is unavailable.
 async fn open(settings: SharedSettings) -> Result<Store, StoreError> {
     let settings = StoreSettings::Shared(settings);
     loop {
         match Store::open(&settings).await {
             Err(error) if error.is_unavailable() => {
-                tracing::warn!(%error, "failed to open the store: trying again");
+                tracing::warn!(%error, "failed to open the store, retrying");
                 tokio::time::sleep(Duration::from_secs(2)).await;
             }
             opened => return opened,
@@ -48,8 +48,8 @@ pub(super) async fn start_api(
     Ok(running)
 }
 
-/// A worker with what it tells and its health.
-pub(super) struct Working {
+/// A running worker process: worker, event publisher, notifier and health server.
+pub(super) struct WorkerProcess {
     worker: RunningWorker,
     service: Arc<Service>,
     publishing: tokio::task::JoinHandle<()>,
@@ -57,13 +57,13 @@ pub(super) struct Working {
     health: Option<HealthServer>,
 }
 
-/// Starts a worker; `config` says where its folder is and how much it takes on.
+/// Starts a worker; `config` has its data folder and its limits.
 pub(super) async fn start_worker(
     config: ServiceConfig,
     settings: ClusterSettings,
     notifications: NotificationSettings,
     health: Option<SocketAddr>,
-) -> Result<Working, ServeError> {
+) -> Result<WorkerProcess, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
     let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
     store.notify(config.recipients);
@@ -83,28 +83,30 @@ pub(super) async fn start_worker(
     let publishing = cluster.publish_events(&service);
     let worker = cluster.start_worker(service.clone(), settings.worker);
     let notifier = Notifier::start(notifications, &service);
-    Ok(Working { worker, service, publishing, notifier, health })
+    Ok(WorkerProcess { worker, service, publishing, notifier, health })
 }
 
-impl Working {
-    /// Where the health is told.
+impl WorkerProcess {
+    /// Address of the health server, if any.
     pub(super) fn health(&self) -> Option<SocketAddr> {
         self.health.as_ref().map(HealthServer::address)
     }
 
-    /// Ends what was begun, within the time of grace.
+    /// Finishes the records in work and stops, within the grace period.
     pub(super) async fn stop(self, grace: Duration) {
         let end = async {
             self.worker.stop().await;
             self.notifier.stop(grace).await;
             let store = self.service.store.clone();
             drop(self.service);
-            // What others do with the path of records may still hold it.
+            // Other tasks may still hold the service; the publisher ends when the last of them drops it.
             let _ = tokio::time::timeout(Duration::from_secs(1), self.publishing).await;
             store.close().await;
         };
         if tokio::time::timeout(grace, end).await.is_err() {
-            tracing::warn!("failed to end all records within the time of grace: other workers take them");
+            tracing::warn!(
+                "failed to finish all records within the grace period: other workers take them over"
+            );
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Writing results so that a reader never finds half a file.
+//! Output to standard output and to files; files are replaced atomically.
 
 use std::fs;
 use std::io::{self, Write};
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::CliError;
 
-/// Prints to standard output; a reader that has gone away is no error.
+/// Prints to standard output; a closed pipe is not an error.
 pub(super) fn print(text: &str) -> Result<(), CliError> {
     match io::stdout().lock().write_all(text.as_bytes()) {
         Err(source) if source.kind() != io::ErrorKind::BrokenPipe => {
@@ -16,7 +16,7 @@ pub(super) fn print(text: &str) -> Result<(), CliError> {
     }
 }
 
-/// Writes a whole file under a temporary name, then renames it.
+/// Writes a file under a temporary name, then renames it.
 pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     let temporary = path.with_extension("part");
     fs::write(&temporary, bytes).and_then(|()| fs::rename(&temporary, path)).map_err(CliError::io(path))

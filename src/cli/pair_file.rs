@@ -1,4 +1,4 @@
-//! Pair files named on the command line.
+//! Gear pair files given on the command line.
 
 use std::fs;
 use std::path::Path;
@@ -9,7 +9,7 @@ use crate::gear::PairSpec;
 /// The pair of the paper's Table 1, built in so that every command works without a file.
 const SHEN2022: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 
-/// The pair in a file, or the paper's where no file is named.
+/// Reads the pair in a file, or the paper's pair where no file is given.
 pub(super) fn read(path: Option<&Path>) -> Result<PairSpec, CliError> {
     let Some(path) = path else {
         return Ok(PairSpec::from_toml(SHEN2022)?);

@@ -1,4 +1,4 @@
-//! `flankwatch quarantine`: raw recordings that nothing refers to, before they are removed.
+//! `flankwatch quarantine`: lists and restores unreferenced raw recordings before they are removed.
 
 use clap::{Args, Subcommand};
 
@@ -7,7 +7,7 @@ use super::output::print;
 use super::store_place::{StorePlace, runtime};
 use crate::store::Store;
 
-/// List raw recordings in quarantine, and put them back.
+/// Arguments of `flankwatch quarantine`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct QuarantineArgs {
     #[command(subcommand)]
@@ -18,15 +18,17 @@ pub(super) struct QuarantineArgs {
 
 #[derive(Debug, Clone, Subcommand)]
 enum Action {
-    /// List what is in quarantine: since when, bytes, name
+    /// List the raw recordings in quarantine: time, bytes, name
     List,
-    /// Put raw recordings back; `flankwatch rebuild` then takes them in, before the next start puts them here
-    /// again
+    /// Move raw recordings out of quarantine
+    ///
+    /// Run `flankwatch rebuild` afterwards, before the service starts: a start moves unreferenced recordings to
+    /// quarantine again.
     Restore {
-        /// Their names, or how they begin.
+        /// Names of the raw recordings, or prefixes of names.
         #[arg(required_unless_present = "all")]
         names: Vec<String>,
-        /// All of them.
+        /// Restore all raw recordings in quarantine.
         #[arg(long)]
         all: bool,
     },
@@ -52,12 +54,12 @@ pub(super) fn run(args: &QuarantineArgs) -> Result<(), CliError> {
                 names.iter().find(|name| !quarantined.iter().any(|one| one.name.starts_with(*name)))
             {
                 return Err(CliError::Argument(format!(
-                    "{name} is not in quarantine, expected a name that is listed"
+                    "{name} is not in quarantine, expected a name or prefix as listed"
                 )));
             }
-            let wanted =
+            let selected =
                 quarantined.iter().filter(|one| *all || names.iter().any(|name| one.name.starts_with(name)));
-            for one in wanted {
+            for one in selected {
                 objects.release(one)?;
                 text += &format!("{}\n", one.name);
             }

@@ -1,4 +1,4 @@
-//! `flankwatch rebuild`: the database made again from the raw recordings.
+//! `flankwatch rebuild`: rebuilds the database from the raw recordings.
 
 use std::fs;
 use std::path::Path;
@@ -14,16 +14,15 @@ use super::store_place::{StorePlace, runtime};
 use crate::service::{Role, Service, ServiceFolders, SystemClock};
 use crate::store::{Store, StoreSettings};
 
-/// Take in every raw recording that the database does not have, and compute what is derived from it. The
-/// service must not run.
+/// Arguments of `flankwatch rebuild`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct RebuildArgs {
     #[command(flatten)]
     place: StorePlace,
-    /// Move the database aside first and make all of it anew
+    /// Move the database aside first and rebuild it from scratch
     #[arg(long)]
     anew: bool,
-    /// Also take in records that were deleted and whose raw recordings are there
+    /// Also import deleted records whose raw recordings still exist
     #[arg(long)]
     with_deleted: bool,
 }
@@ -37,7 +36,7 @@ pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
             #[cfg(feature = "postgres")]
             StoreSettings::Shared(_) => {
                 return Err(CliError::Argument(
-                    "--anew is for a data folder: give a cluster an empty database".to_owned(),
+                    "--anew is for data folders only: give a cluster an empty database instead".to_owned(),
                 ));
             }
         }
@@ -58,21 +57,21 @@ pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
             Arc::new(SystemClock),
             Role::Standalone,
         )?;
-        let told = |done: usize, all: usize| {
+        let progress = |done: usize, all: usize| {
             if done.is_multiple_of(1000) {
-                tracing::info!(done, all, "records taken in");
+                tracing::info!(done, all, "importing records");
             }
         };
-        let rebuilt = service.rebuild(args.with_deleted, told).await;
+        let rebuilt = service.rebuild(args.with_deleted, progress).await;
         store.close().await;
         Ok::<_, CliError>(rebuilt?)
     })?;
     let mut text = String::new();
     for failure in &rebuilt.failures {
-        text += &format!("not taken in: {failure}\n");
+        text += &format!("failed to import: {failure}\n");
     }
     text += &format!(
-        "{} assets and {} records taken in; {} records were there, {} had been deleted, {} have no raw recording any more, {} no asset\n",
+        "imported {} assets and {} records; skipped {} existing, {} deleted, {} without a raw recording, {} without an asset\n",
         rebuilt.assets,
         rebuilt.records,
         rebuilt.known,
@@ -87,7 +86,7 @@ pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
     }
 }
 
-/// Moves the database away, so that a new one is made; a service must not work on it.
+/// Renames the database files, so that a new database is created; fails while a service uses them.
 fn set_aside(folder: &Path) -> Result<(), CliError> {
     let lock = folder.join("lock");
     let file = fs::File::create(&lock).map_err(CliError::io(&lock))?;

@@ -1,5 +1,4 @@
-//! Recorded runs with the truth beside them: what the estimator, or somebody else's answers, are worth on
-//! them.
+//! Scores of the estimator, or of another estimator's answers, on recorded runs with known wear.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,10 +17,10 @@ use crate::library::Ensemble;
 use crate::recording::{RecordDefaults, RecordingFile};
 use crate::signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes};
 
-/// Records in the baseline.
+/// Number of records in the baseline.
 const BASELINE: u32 = 20;
 
-/// How far from nominal the speed may be.
+/// Greatest relative deviation of the speed from nominal.
 const SPEED_TOLERANCE: f64 = 0.05;
 
 #[derive(Deserialize)]
@@ -29,17 +28,17 @@ struct Truth {
     wear_um: f64,
 }
 
-/// Somebody else's answers: by run, one a record.
+/// Another estimator's answers by run, one per record: median, 5 % and 95 % quantile in µm.
 type Answers = BTreeMap<String, Vec<Option<[f64; 3]>>>;
 
-/// The answers to a run, or to all channels of one.
-struct Followed {
+/// The estimates of a run, or of all its channels together.
+struct EstimatedRun {
     name: String,
     answers: Vec<Answer>,
     in_hindsight: Option<HindsightScore>,
 }
 
-/// Scores runs and prints a table, or JSON. Channels are scored one by one and together.
+/// Scores runs and prints a table or JSON. Channels are scored individually and together.
 pub(super) fn run(
     folders: &[PathBuf],
     pair: &PairSpec,
@@ -51,23 +50,23 @@ pub(super) fn run(
     let machines: Vec<Vec<RecordedRun>> =
         folders.iter().map(|folder| read(folder, pair)).collect::<Result<_, _>>()?;
     let runs: Vec<&RecordedRun> = machines.iter().flatten().collect();
-    let given: Option<Answers> = answers.map(read_answers).transpose()?;
-    let mut followed: Vec<Followed> = Vec::new();
-    match &given {
-        Some(given) => {
+    let imported: Option<Answers> = answers.map(read_answers).transpose()?;
+    let mut estimated: Vec<EstimatedRun> = Vec::new();
+    match &imported {
+        Some(imported) => {
             for run in &runs {
-                let name = run.name.clone();
-                followed.push(Followed { name, answers: foreign(run, given)?, in_hindsight: None });
+                let (name, answers) = (run.name.clone(), imported_answers(run, imported)?);
+                estimated.push(EstimatedRun { name, answers, in_hindsight: None });
             }
         }
         None => {
             let ensemble = ensemble()?;
             let machine = |(channels, folder): (&Vec<RecordedRun>, &PathBuf)| {
                 let (of_channels, together) = follow_together(channels, &ensemble, BASELINE, trial);
-                let mut followed: Vec<Followed> = channels
+                let mut estimated: Vec<EstimatedRun> = channels
                     .iter()
                     .zip(of_channels)
-                    .map(|(run, answers)| Followed {
+                    .map(|(run, answers)| EstimatedRun {
                         name: run.name.clone(),
                         answers,
                         in_hindsight: look_back(run, &ensemble, BASELINE, trial),
@@ -75,23 +74,23 @@ pub(super) fn run(
                     .collect();
                 if channels.len() > 1 {
                     let name = format!("{}, together", folder_name(folder));
-                    followed.push(Followed { name, answers: together, in_hindsight: None });
+                    estimated.push(EstimatedRun { name, answers: together, in_hindsight: None });
                 }
-                followed
+                estimated
             };
-            followed = machines.par_iter().zip(folders).flat_map_iter(machine).collect();
+            estimated = machines.par_iter().zip(folders).flat_map_iter(machine).collect();
         }
     }
-    let score = |Followed { name, answers, in_hindsight }: &Followed| {
+    let score = |EstimatedRun { name, answers, in_hindsight }: &EstimatedRun| {
         let records = answers.last().map_or(0, |answer| answer.record + 1);
         let inspected_at = trial.inspection_um.map(|_| records / 2);
         let score = score_run(name, answers, BASELINE as usize, inspected_at);
         RunScore { in_hindsight: in_hindsight.clone(), ..score }
     };
-    let scores: Vec<RunScore> = followed.iter().map(score).collect();
+    let scores: Vec<RunScore> = estimated.iter().map(score).collect();
     let single = single_indicators(&runs, BASELINE as usize);
     if json {
-        let answers: BTreeMap<_, _> = followed.into_iter().map(|run| (run.name, run.answers)).collect();
+        let answers: BTreeMap<_, _> = estimated.into_iter().map(|run| (run.name, run.answers)).collect();
         let all = serde_json::json!({ "scores": scores, "single_indicators": single, "answers": answers });
         output::print(&format!("{all}\n"))?;
         return Ok(());
@@ -101,15 +100,15 @@ pub(super) fn run(
     for RunScore { run, in_hindsight, .. } in &scores {
         if let Some(HindsightScore { error_um, width_um, coverage }) = in_hindsight {
             output::print(&format!(
-                "{run:<24} before the inspection, as told and looked back at: error {:.1} {:.1}, width {:.1} {:.1}, covered {:.3} {:.3}\n",
+                "{run:<24} before the inspection, filtered and smoothed: error {:.1} {:.1}, width {:.1} {:.1}, covered {:.3} {:.3}\n",
                 error_um[0], error_um[1], width_um[0], width_um[1], coverage[0], coverage[1]
             ))?;
         }
     }
-    output::print(&beside(&single))
+    output::print(&indicator_table(&single))
 }
 
-/// Scores the estimate on runs of `count` members of an ensemble, each with the ensemble that lacks it.
+/// Scores the estimate on runs of `count` ensemble members, each estimated without the member itself.
 pub(super) fn run_members(ensemble: &Ensemble, count: usize, trial: RunOptions) -> Result<(), CliError> {
     output::print(&header())?;
     let runs = leave_one_out(ensemble, count);
@@ -132,8 +131,8 @@ pub(super) fn run_members(ensemble: &Ensemble, count: usize, trial: RunOptions) 
     ))
 }
 
-/// What single indicators make of the same runs.
-fn beside(scores: &[SingleIndicators]) -> String {
+/// Formats the results of single indicators on the same runs.
+fn indicator_table(scores: &[SingleIndicators]) -> String {
     let mut text = format!(
         "\n{:<24} {:>20} {:>26} {:>10}\n",
         "single indicators", "rms doubled, at µm", "regression on OMX, error", "its rank"
@@ -199,7 +198,7 @@ fn folder_name(folder: &Path) -> String {
         .map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
-/// A folder's records in the order of their names, with the truth: a run for each channel.
+/// Reads a folder's records, in order of file names, with their true wear; returns a run for each channel.
 fn read(folder: &Path, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", folder.display()));
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
@@ -217,7 +216,7 @@ fn read(folder: &Path, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
         .map_err(|error| failed(format!("truth.csv: {error}, expected a column wear_um")))?;
     if files.len() != truth.len() {
         return Err(failed(format!(
-            "{} WAV files and {} lines of truth.csv, expected as many",
+            "{} WAV files and {} rows in truth.csv, expected equal numbers",
             files.len(),
             truth.len()
         )));
@@ -235,7 +234,7 @@ fn read(folder: &Path, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
     for (path, record) in files.iter().zip(records) {
         if record.len() != count {
             let (name, has) = (path.display(), record.len());
-            return Err(failed(format!("{name} has {has} channels, expected {count} as the first file has")));
+            return Err(failed(format!("{name} has {has} channels, expected {count} as in the first file")));
         }
         channels.iter_mut().zip(record).for_each(|(channel, observation)| channel.push(observation));
     }
@@ -247,7 +246,7 @@ fn read(folder: &Path, pair: &PairSpec) -> Result<Vec<RecordedRun>, CliError> {
     Ok(channels.map(|(channel, records)| RecordedRun { name: name(channel), records }).collect())
 }
 
-/// A file's record of each channel.
+/// Analyses the first record of each channel of a file.
 fn analyse(
     analyzer: &mut Analyzer,
     path: &Path,
@@ -268,7 +267,7 @@ fn analyse(
     let (mut observations, mut start) = (Vec::new(), None);
     for recorded in file {
         let record = recorded.map_err(|error| failed(error.to_string()))?.record;
-        // Of a long file only the first record of each channel counts.
+        // A long file has several records per channel: only the first one is used.
         if *start.get_or_insert(record.start_time()) != record.start_time() {
             break;
         }
@@ -288,13 +287,14 @@ fn analyse(
 fn read_answers(path: &Path) -> Result<Answers, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
-    serde_json::from_str(&text)
-        .map_err(|error| failed(format!("{error}, expected lists of [median, p05, p95] or null by run")))
+    serde_json::from_str(&text).map_err(|error| {
+        failed(format!("{error}, expected a list of [median, p05, p95] or null for each run"))
+    })
 }
 
-/// Somebody else's answers to a run.
-fn foreign(run: &RecordedRun, given: &Answers) -> Result<Vec<Answer>, CliError> {
-    let answers = given.get(&run.name).filter(|answers| answers.len() == run.records.len());
+/// Pairs another estimator's answers with the records of a run.
+fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>, CliError> {
+    let answers = imported.get(&run.name).filter(|answers| answers.len() == run.records.len());
     let answers = answers.ok_or_else(|| {
         let expected = run.records.len();
         CliError::Argument(format!("--answers has no list of {expected} answers for the run {:?}", run.name))

@@ -1,18 +1,18 @@
-//! Recordings named on the command line: files, folders with files in them, and patterns such as `day-*.wav`.
+//! Recordings given on the command line: files, folders of files, and patterns such as `day-*.wav`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::CliError;
 
-/// How the names of recordings end.
-const ENDINGS: [&str; 7] = [".wav", ".flac", ".mcap", ".csv", ".csv.gz", ".mat", ".npy"];
+/// File name extensions of recordings.
+const EXTENSIONS: [&str; 7] = [".wav", ".flac", ".mcap", ".csv", ".csv.gz", ".mat", ".npy"];
 
-/// The files in their order; a folder stands for the recordings in it, and a pattern that the shell has left as it
-/// is for what it matches, in the order of their names.
-pub(super) fn recording_files(named: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
+/// Expands folders to the recordings in them, and patterns that the shell did not expand to the files that match;
+/// both in order of file names.
+pub(super) fn recording_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     let mut files = Vec::new();
-    for path in named {
+    for path in paths {
         if !path.exists() && is_pattern(path) {
             files.extend(matching(path)?);
             continue;
@@ -30,9 +30,9 @@ pub(super) fn recording_files(named: &[PathBuf]) -> Result<Vec<PathBuf>, CliErro
             }
         }
         if found.is_empty() {
-            let endings = ENDINGS.join(", ");
+            let extensions = EXTENSIONS.join(", ");
             return Err(CliError::Argument(format!(
-                "no recording in {}, expected files that end in {endings}",
+                "no recording in {}, expected files with the extension {extensions}",
                 path.display()
             )));
         }
@@ -48,20 +48,20 @@ fn is_pattern(path: &Path) -> bool {
 
 fn matching(pattern: &Path) -> Result<Vec<PathBuf>, CliError> {
     let name = pattern.to_string_lossy();
-    let wrong = |what: String| CliError::Argument(format!("{name}: {what}"));
-    let paths = glob::glob(&name).map_err(|error| wrong(error.to_string()))?;
+    let invalid = |reason: String| CliError::Argument(format!("{name}: {reason}"));
+    let paths = glob::glob(&name).map_err(|error| invalid(error.to_string()))?;
     let found: Result<Vec<PathBuf>, _> =
         paths.filter(|path| !matches!(path, Ok(path) if path.is_dir())).collect();
-    let found = found.map_err(|error| wrong(error.to_string()))?;
+    let found = found.map_err(|error| invalid(error.to_string()))?;
     if found.is_empty() {
-        return Err(wrong("no file matches this pattern".to_owned()));
+        return Err(invalid("no file matches this pattern".to_owned()));
     }
     Ok(found)
 }
 
 fn is_recording(file: &Path) -> bool {
     let name = file.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-    ENDINGS.iter().any(|ending| name.ends_with(ending))
+    EXTENSIONS.iter().any(|extension| name.ends_with(extension))
 }
 
 #[cfg(test)]
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_stands_for_its_recordings() {
+    fn folders_and_patterns_expand_to_recordings() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         for name in ["b.CSV", "a.csv.gz", "c.wav", "notes.txt"] {
@@ -79,9 +79,9 @@ mod tests {
         let found = recording_files(&[path("x.bin"), folder.path().to_owned()]).unwrap();
         assert_eq!(found, [path("x.bin"), path("a.csv.gz"), path("b.CSV"), path("c.wav")]);
         assert_eq!(recording_files(&[path("*.[cC]*")]).unwrap(), [path("a.csv.gz"), path("b.CSV")]);
-        for (pattern, said) in [("*.flac", "no file matches"), ("[", "pattern")] {
+        for (pattern, expected) in [("*.flac", "no file matches"), ("[", "pattern")] {
             let error = recording_files(&[path(pattern)]).unwrap_err().to_string();
-            assert!(error.contains(said) && error.contains(pattern), "{error}");
+            assert!(error.contains(expected) && error.contains(pattern), "{error}");
         }
         let error = recording_files(&[path("empty")]).unwrap_err().to_string();
         assert!(error.contains("no recording in") && error.contains(".csv.gz"), "{error}");

@@ -1,4 +1,4 @@
-//! What recordings do not say themselves: what their values are worth, and when they began.
+//! Options for what a recording lacks: the scale of its values and its start time.
 
 use std::path::Path;
 
@@ -16,21 +16,21 @@ const MV_PER_V: f64 = 1e3;
 /// Options of the commands that read recordings.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct RecordingValues {
-    /// What each value of WAV, FLAC, CSV, a MATLAB file or a NumPy array is multiplied with; a full-scale
-    /// integer of WAV or FLAC is 1 before
+    /// Factor for the values of WAV, FLAC, CSV, MATLAB and NumPy; full-scale WAV and FLAC integers are 1 before
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
     scale: Option<f64>,
-    /// Sensitivity of the sensor, where the values (after --scale) are volts; records are in g then
+    /// Sensor sensitivity in mV/g: converts values in volts (after --scale) to g
     #[arg(long, value_name = "MV_PER_G")]
     sensitivity_mv_per_g: Option<f64>,
-    /// Time of the first sample by the file's name, wherever this stands in it: %Y%m%d_%H%M%S, for example;
-    /// UTC unless %z says more
+    /// Read the time of the first sample from the file name, by a pattern such as %Y%m%d_%H%M%S
+    ///
+    /// The time may stand anywhere in the name. It is UTC unless the pattern has %z.
     #[arg(long, value_name = "PATTERN")]
     time_from_name: Option<String>,
 }
 
 impl RecordingValues {
-    /// Puts what the options say in place of what holds otherwise.
+    /// Overrides the defaults with the options; `path` is the file whose name may have the time.
     pub(super) fn apply(&self, path: &Path, defaults: &mut RecordDefaults) -> Result<(), CliError> {
         let scale = self.scale.unwrap_or(1.0);
         check("--scale", scale, scale != 0.0, "a finite number other than 0")?;
@@ -57,10 +57,10 @@ fn check(option: &str, value: f64, is_usable: bool, expected: &str) -> Result<()
     Err(CliError::Argument(format!("{option} is {value}, expected {expected}")))
 }
 
-/// The first time in a file's name that the pattern fits.
+/// Finds the first time in a file name that matches the pattern.
 fn time_in_name(path: &Path, pattern: &str) -> Result<Timestamp, CliError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    // A sign before a year separates it from what stands before.
+    // A sign before a year is a separator, not part of the year.
     let is_sign = |at: usize| pattern.starts_with('%') && name[at..].starts_with(['-', '+']);
     let found = name.char_indices().filter(|(at, _)| !is_sign(*at)).find_map(|(at, _)| {
         let (time, _) = BrokenDownTime::parse_prefix(pattern, &name[at..]).ok()?;
@@ -113,7 +113,7 @@ mod tests {
         values.apply(Path::new("a.wav"), &mut defaults).unwrap();
         // Full scale is 5 V, and 0.1 V is 1 g.
         assert_eq!((defaults.scale, defaults.unit.as_deref()), (Some(50.0), Some("g")));
-        for (wrong, option) in [
+        for (invalid, option) in [
             (RecordingValues { scale: Some(0.0), ..RecordingValues::default() }, "--scale"),
             (RecordingValues { scale: Some(f64::NAN), ..RecordingValues::default() }, "--scale"),
             (
@@ -121,7 +121,7 @@ mod tests {
                 "--sensitivity",
             ),
         ] {
-            let error = wrong.apply(Path::new("a.wav"), &mut defaults).unwrap_err().to_string();
+            let error = invalid.apply(Path::new("a.wav"), &mut defaults).unwrap_err().to_string();
             assert!(error.contains(option), "{error}");
         }
     }

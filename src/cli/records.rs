@@ -1,5 +1,4 @@
-//! `flankwatch delete`, `exclude`, `include`, `baseline`: records of an asset that a server is to forget, to
-//! leave out, to count again, or to take for healthy.
+//! `flankwatch delete`, `exclude`, `include` and `baseline`: corrections of an asset's records on a server.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,62 +7,62 @@ use clap::Args;
 use jiff::Timestamp;
 use ureq::tls::TlsConfig;
 
-use super::replay::trusted;
+use super::replay::root_certificates;
 use super::{CliError, output};
 use crate::asset::AssetId;
 
-/// Records of an asset, in a range of time or one by its identifier.
+/// Arguments that select records of an asset: a time range or one segment.
 #[derive(Args)]
 #[command(group(clap::ArgGroup::new("which").required(true).multiple(true).args(["segment", "from", "to"])))]
 pub(super) struct RecordsArgs {
-    /// The asset
-    #[arg(long, required_unless_present = "segment")]
+    /// Identifier of the asset
+    #[arg(long, value_name = "ID", required_unless_present = "segment")]
     asset: Option<String>,
-    /// One record, by the identifier of its segment
+    /// One record, by its segment identifier
     #[arg(long, conflicts_with_all = ["asset", "channel", "from", "to"])]
     segment: Option<String>,
     /// Only records of this channel
     #[arg(long)]
     channel: Option<String>,
-    /// Only records that start at this time or later
-    #[arg(long)]
+    /// Only records that start at or after this time
+    #[arg(long, value_name = "TIME")]
     from: Option<Timestamp>,
     /// Only records that start before this time
-    #[arg(long)]
+    #[arg(long, value_name = "TIME")]
     to: Option<Timestamp>,
     #[command(flatten)]
     server: ServerArgs,
 }
 
-/// The records of a range that are the healthy baseline.
+/// Arguments of `flankwatch baseline`.
 #[derive(Args)]
 pub(super) struct BaselineArgs {
-    /// The asset
-    #[arg(long)]
+    /// Identifier of the asset
+    #[arg(long, value_name = "ID")]
     asset: String,
-    /// The first record starts at this time or later
-    #[arg(long)]
+    /// Start of the range: records that start at or after this time
+    #[arg(long, value_name = "TIME")]
     from: Timestamp,
-    /// The last record starts before this time
-    #[arg(long)]
+    /// End of the range: records that start before this time
+    #[arg(long, value_name = "TIME")]
     to: Timestamp,
-    /// Who has chosen it
-    #[arg(long, default_value = "")]
+    /// Name of the person who chose the baseline
+    #[arg(long, value_name = "NAME", default_value = "")]
     by: String,
     #[command(flatten)]
     server: ServerArgs,
 }
 
-/// Which server, and how it is spoken to.
+/// Address and credentials of a server.
 #[derive(Args)]
 struct ServerArgs {
-    /// The server
+    /// URL of the server
     #[arg(long, default_value = "http://127.0.0.1:8600")]
     url: String,
-    /// Certificates (PEM) that the server's certificate rests on, in place of the public ones
+    /// CA certificates (PEM) to verify the server with [default: the public CAs]
     #[arg(long, value_name = "FILE")]
     ca: Option<PathBuf>,
-    /// Token to show to the server, to delete with the scope admin [default: the variable FLANKWATCH_TOKEN]
+    /// API token; deleting requires the scope admin [default: the environment variable FLANKWATCH_TOKEN]
     #[arg(long)]
     token: Option<String>,
 }
@@ -73,7 +72,7 @@ impl ServerArgs {
         Ok(ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(600)))
-            .tls_config(TlsConfig::builder().root_certs(trusted(self.ca.as_deref())?).build())
+            .tls_config(TlsConfig::builder().root_certs(root_certificates(self.ca.as_deref())?).build())
             .build()
             .into())
     }
@@ -82,7 +81,7 @@ impl ServerArgs {
         format!("{}/v1/{path}", self.url.trim_end_matches('/'))
     }
 
-    /// A request with the token.
+    /// Adds the token to a request.
     fn authorized<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
         match self.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()) {
             Some(token) => request.header("authorization", format!("Bearer {token}")),
@@ -91,13 +90,13 @@ impl ServerArgs {
     }
 }
 
-/// The body of an answer that says that all went well.
-fn answer(
+/// Returns the body of a successful response.
+fn success_body(
     url: &str,
-    asked: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
+    result: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
 ) -> Result<String, CliError> {
     let failed = |reason: String| CliError::Server { url: url.to_owned(), reason };
-    let mut response = asked.map_err(|error| failed(error.to_string()))?;
+    let mut response = result.map_err(|error| failed(error.to_string()))?;
     let (status, body) = (response.status(), response.body_mut().read_to_string().unwrap_or_default());
     if !status.is_success() {
         return Err(failed(format!("the server answered {}: {body}", status.as_u16())));
@@ -116,21 +115,21 @@ pub(super) fn choose_baseline(args: &BaselineArgs) -> Result<(), CliError> {
         "time": args.from, "until": args.to, "kind": "baseline_chosen", "by": args.by,
     });
     let request = args.server.authorized(agent.post(&url)).content_type("application/json");
-    answer(&url, request.send(event.to_string()))?;
+    success_body(&url, request.send(event.to_string()))?;
     output::print(&format!(
-        "the records from {} to {} are the baseline; the history is folded again\n",
+        "the records from {} to {} are now the baseline; the server is recomputing the history\n",
         args.from, args.to
     ))
 }
 
-/// What becomes of the records.
+/// A change of the selected records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Change {
-    /// They go.
+    /// Deletes the records.
     Delete,
-    /// They stay, and take no part in the histories.
+    /// Keeps the records but excludes them from the history.
     Exclude,
-    /// They take part in them again.
+    /// Includes the records in the history again.
     Include,
 }
 
@@ -150,12 +149,12 @@ pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
             args.server.address(&format!("assets/{asset}/segments"))
         }
     };
-    let asked = match change {
+    let result = match change {
         Change::Delete => args.complete(agent.delete(&url)).call(),
         Change::Exclude => args.complete(agent.post(format!("{url}/exclude"))).send_empty(),
         Change::Include => args.complete(agent.post(format!("{url}/include"))).send_empty(),
     };
-    let body = answer(&url, asked)?;
+    let body = success_body(&url, result)?;
     let answer: Option<serde_json::Value> = serde_json::from_str(&body).ok();
     let (name, done) = match change {
         Change::Delete => ("deleted", "deleted"),
@@ -168,7 +167,7 @@ pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
 }
 
 impl RecordsArgs {
-    /// A request with the range and the token.
+    /// Adds the range and the token to a request.
     fn complete<B>(&self, mut request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
         for (name, value) in [
             ("channel", self.channel.clone()),

@@ -1,4 +1,4 @@
-//! `flankwatch replay`: send recordings to a server, record by record.
+//! `flankwatch replay`: sends recordings to a server, record by record.
 
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -17,60 +17,62 @@ use crate::asset::AssetId;
 use crate::recording::{BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, encode_block};
 use crate::service::Pace;
 
-/// Tries for one record while the server is busy or away.
-const TRIES: u32 = 8;
+/// Maximum attempts to send a record while the server is busy or unreachable.
+const MAX_ATTEMPTS: u32 = 8;
 
-/// Longest wait between two tries where the server does not say how long to wait.
+/// Maximum wait between two attempts where the server sends no `Retry-After`.
 const MAX_WAIT: Duration = Duration::from_secs(30);
 
-/// Longest wait that the server is given.
-const MAX_ASKED_WAIT: Duration = Duration::from_secs(600);
+/// Maximum wait by `Retry-After`.
+const MAX_RETRY_AFTER: Duration = Duration::from_secs(600);
 
 /// Arguments of `flankwatch replay`.
 #[derive(Args)]
 pub(super) struct ReplayArgs {
-    /// MCAP, WAV, FLAC, CSV (.csv.gz too), MATLAB (.mat, v5) or NumPy (.npy) recordings in time order, or
-    /// folders of them and patterns such as `day-*.wav`, which are taken in the order of names
+    /// Recordings in time order, folders or patterns such as `day-*.wav`
+    ///
+    /// Reads WAV, FLAC, MCAP, CSV (also .csv.gz), MATLAB (.mat, v5) and NumPy (.npy). The files of folders and
+    /// patterns are read in order of their names.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// The asset that they belong to
-    #[arg(long)]
+    /// Identifier of the asset that the recordings belong to
+    #[arg(long, value_name = "ID")]
     asset: String,
-    /// The server
+    /// URL of the server
     #[arg(long, default_value = "http://127.0.0.1:8600")]
     url: String,
-    /// Certificates (PEM) that the server's certificate rests on, in place of the public ones
+    /// CA certificates (PEM) to verify the server with [default: the public CAs]
     #[arg(long, value_name = "FILE")]
     ca: Option<PathBuf>,
-    /// Token to show to the server [default: the variable FLANKWATCH_TOKEN]
+    /// API token [default: the environment variable FLANKWATCH_TOKEN]
     #[arg(long)]
     token: Option<String>,
-    /// How fast: realtime, max, or a factor such as 10x
+    /// Replay speed: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
-    /// Sampling rate in hertz of CSV and MATLAB files that do not say it, and of NumPy arrays
+    /// Sampling rate in Hz of NumPy arrays, and of CSV and MATLAB files without one
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     #[command(flatten)]
     values: RecordingValues,
-    /// Cut WAV and CSV recordings into records of this length in seconds; a rest of less than half of it is
-    /// left out
-    #[arg(long)]
+    /// Split WAV and CSV recordings into records of this length in seconds; a remainder below half of it is
+    /// dropped
+    #[arg(long, value_name = "S")]
     record_seconds: Option<f64>,
-    /// Time of the first sample of the first recording that does not say; later ones follow on it
-    #[arg(long, default_value = "1970-01-01T00:00:00Z")]
+    /// Time of the first sample, for recordings without one; later recordings follow on
+    #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
     start_time: Timestamp,
 }
 
-/// Runs the command. Sending a record again is harmless, so a replay that was stopped is resumed by starting
-/// it again.
+/// Runs the command. The server ignores records that it has already, so an interrupted replay is resumed by
+/// running it again.
 pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     let asset = AssetId::new(args.asset.clone()).map_err(|error| CliError::Argument(error.to_string()))?;
     let mut sender = Sender {
         agent: ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(120)))
-            .tls_config(TlsConfig::builder().root_certs(trusted(args.ca.as_deref())?).build())
+            .tls_config(TlsConfig::builder().root_certs(root_certificates(args.ca.as_deref())?).build())
             .build()
             .into(),
         url: format!("{}/v1/assets/{asset}/segments", args.url.trim_end_matches('/')),
@@ -91,8 +93,8 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     output::print(&format!("{} records sent to {}\n", sender.sent, sender.url))
 }
 
-/// The certificates of a file, or those that browsers trust.
-pub(super) fn trusted(file: Option<&Path>) -> Result<RootCerts, CliError> {
+/// Returns the CA certificates of a file, or the public ones.
+pub(super) fn root_certificates(file: Option<&Path>) -> Result<RootCerts, CliError> {
     let Some(file) = file else {
         return Ok(RootCerts::WebPki);
     };
@@ -140,7 +142,7 @@ impl Sender {
             let end = recorded.record.start_time()
                 + jiff::SignedDuration::from_secs_f64(recorded.record.duration_s());
             *next_start = (*next_start).max(end);
-            self.wait_for_its_time(recorded.record.start_time());
+            self.wait_until_due(recorded.record.start_time());
             self.send(&recorded)?;
             bar.set_position(before + file.bytes_read());
             bar.set_message(format!("{} records", self.sent));
@@ -148,7 +150,8 @@ impl Sender {
         Ok(())
     }
 
-    fn wait_for_its_time(&mut self, start_time: Timestamp) {
+    /// Waits until the record is due at the replay's pace.
+    fn wait_until_due(&mut self, start_time: Timestamp) {
         let Pace::Times(factor) = self.pace else { return };
         let (first_time, began) = *self.first.get_or_insert_with(|| (start_time, Instant::now()));
         let due = start_time.duration_since(first_time).as_secs_f64().max(0.0) / factor;
@@ -159,10 +162,10 @@ impl Sender {
         let body = encode_block(&recorded.record, BlockEncoding::Protobuf);
         let mut wait = Duration::from_millis(250);
         let failed = |reason: String| CliError::Server { url: self.url.clone(), reason };
-        let mut tries = 0;
+        let mut attempts = 0;
         loop {
-            tries += 1;
-            let mut asked = None;
+            attempts += 1;
+            let mut retry_after = None;
             let mut request = self.agent.post(&self.url).content_type("application/x-protobuf");
             if let Some(token) = &self.token {
                 request = request.header("authorization", format!("Bearer {token}"));
@@ -177,26 +180,24 @@ impl Sender {
                 }
                 Ok(mut response) => {
                     let status = response.status().as_u16();
-                    let after = response
-                        .headers()
-                        .get("retry-after")
-                        .and_then(|value| value.to_str().ok()?.parse().ok());
+                    let header = response.headers().get("retry-after");
+                    let seconds = header.and_then(|value| value.to_str().ok()?.parse().ok());
                     let detail = response.body_mut().read_to_string().unwrap_or_default();
                     if !matches!(status, 429 | 502 | 503 | 504) {
                         return Err(failed(format!("the server answered {status}: {detail}")));
                     }
-                    asked = after.map(Duration::from_secs);
+                    retry_after = seconds.map(Duration::from_secs);
                     format!("the server answered {status}: {detail}")
                 }
                 Err(error) => error.to_string(),
             };
-            if tries == TRIES {
+            if attempts == MAX_ATTEMPTS {
                 return Err(failed(format!(
-                    "{reason} ({TRIES} tries, {} records sent before; start again to go on)",
+                    "{reason} (gave up after {MAX_ATTEMPTS} attempts with {} records sent; run again to resume)",
                     self.sent
                 )));
             }
-            thread::sleep(asked.map_or(wait, |asked| asked.min(MAX_ASKED_WAIT)));
+            thread::sleep(retry_after.map_or(wait, |after| after.min(MAX_RETRY_AFTER)));
             wait = (wait * 2).min(MAX_WAIT);
         }
     }

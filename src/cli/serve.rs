@@ -1,4 +1,4 @@
-//! `flankwatch serve`: the service.
+//! `flankwatch serve`: runs the service.
 
 use std::fs;
 use std::io::Write;
@@ -20,96 +20,95 @@ use crate::mqtt::{MqttError, MqttFeed, MqttTable};
 use crate::notifications::{NotificationError, NotificationSettings, NotificationsTable, Notifier};
 use crate::service::{RawQuotas, SystemClock};
 
-/// Run the service: the API and the dashboard.
+/// Arguments of `flankwatch serve`.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ServeArgs {
-    /// Settings file (TOML); options given here go before it.
+    /// Settings file (TOML); command-line options override it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Address to listen on, port 0 for a free one [default: 127.0.0.1:8600].
+    /// Address to listen on; port 0 picks a free port [default: 127.0.0.1:8600].
     #[arg(long, value_name = "ADDR")]
     pub listen: Option<SocketAddr>,
-    /// Where everything is kept [default: ./flankwatch-data].
+    /// Data folder: database, raw recordings, libraries [default: ./flankwatch-data].
     #[arg(long, value_name = "DIR")]
     pub data_dir: Option<PathBuf>,
-    /// Recordings that may be replayed [default: recordings in the data folder].
+    /// Folder of the recordings that the API may replay [default: recordings in the data folder].
     #[arg(long, value_name = "DIR")]
     pub replay_dir: Option<PathBuf>,
-    /// Certificate (PEM) to speak TLS with; goes with --tls-key.
+    /// TLS certificate (PEM); requires --tls-key.
     #[arg(long, value_name = "FILE", requires = "tls_key")]
     pub tls_certificate: Option<PathBuf>,
-    /// Private key (PEM) of the certificate.
+    /// Private key (PEM) of the TLS certificate.
     #[arg(long, value_name = "FILE", requires = "tls_certificate")]
     pub tls_key: Option<PathBuf>,
-    /// Ask nobody for a token: everyone who reaches the address may do everything.
+    /// Disable authentication: anyone who can reach the address has full access.
     #[arg(long)]
     pub insecure_no_tokens: bool,
-    /// A name by which others reach the service through another server on this machine; may be given more
-    /// than once. Needed where nobody is asked for a token.
+    /// Host name by which a reverse proxy on this machine exposes the service; required without tokens; repeatable.
     #[arg(long, value_name = "NAME")]
     pub host_name: Vec<String>,
     #[command(flatten)]
     pub mqtt: super::mqtt::MqttArgs,
 }
 
-/// Why the service does not run.
+/// Errors that keep the service from starting or running.
 #[derive(Debug, Error)]
 pub enum ServeError {
     /// The settings file cannot be read.
-    #[error("cannot read the settings file {path}: {source}", path = path.display())]
+    #[error("failed to read the settings file {path}: {source}", path = path.display())]
     ConfigFile {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// The settings file says something that is not understood.
+    /// The settings file is invalid.
     #[error("settings file {path}: {source}", path = path.display())]
     Config {
         /// The file.
         path: PathBuf,
-        /// What is not understood, and where.
+        /// The parser's error, with the position.
         source: Box<toml::de::Error>,
     },
-    /// Half of what TLS needs.
-    #[error("settings file: {0} is missing, expected both tls_certificate and tls_key or none of them")]
+    /// Only one of the certificate and its key is set.
+    #[error("settings file: {0} is missing, expected both tls_certificate and tls_key or neither")]
     Tls(&'static str),
-    /// The process cannot run a server at all.
-    #[error("cannot start: {0}")]
+    /// The process could not start the runtime, write its output or wait for signals.
+    #[error("failed to start: {0}")]
     Process(#[from] std::io::Error),
     /// The service could not be started, or stopped by itself.
     #[error(transparent)]
     Service(#[from] StartError),
-    /// The program has not what something needs.
+    /// The program was built without a required feature.
     #[error(
-        "{what} needs a program with the feature `{feature}`, and this one was built without it: cargo build --release --features {feature}"
+        "{what} requires the feature `{feature}`, and this program was built without it: cargo build --release --features {feature}"
     )]
     WithoutFeature {
-        /// What was asked for.
+        /// The option, table or command.
         what: &'static str,
         /// The feature.
         feature: &'static str,
     },
-    /// The settings file says nothing of a cluster.
+    /// The settings file has no table `cluster`.
     #[cfg(feature = "nats")]
     #[error(
         "settings file: the table cluster is missing, expected cluster.database, cluster.nats and cluster.objects"
     )]
     NoClusterTable,
-    /// The process cannot be a part of the cluster.
+    /// The process could not join the cluster.
     #[cfg(feature = "postgres")]
     #[error(transparent)]
     Cluster(#[from] crate::cluster::ClusterError),
-    /// Nobody can be notified as the settings say.
+    /// The notification settings are invalid.
     #[error(transparent)]
     Notifications(#[from] NotificationError),
-    /// Records cannot come over MQTT as the settings say.
+    /// The MQTT settings are invalid.
     #[cfg(feature = "mqtt")]
     #[error(transparent)]
     Mqtt(#[from] MqttError),
 }
 
-/// The settings file as it is written.
+/// The settings file.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct ConfigFile {
@@ -133,7 +132,7 @@ struct ConfigFile {
     cluster: Option<toml::Table>,
 }
 
-/// What `serve` starts.
+/// The settings after options, file and defaults are merged.
 pub(super) struct Resolved {
     pub(super) service: ServiceConfig,
     notifications: NotificationsTable,
@@ -143,8 +142,8 @@ pub(super) struct Resolved {
     mqtt: Option<MqttTable>,
 }
 
-/// The table `retention` of the settings file: raw recordings that are kept; what is derived from them always
-/// is.
+/// The table `retention` of the settings file: quotas of raw recordings and the time that they stay in
+/// quarantine. Derived data is always kept.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RetentionTable {
@@ -180,7 +179,7 @@ struct LimitsTable {
 }
 
 impl ServeArgs {
-    /// The settings that follow from the options and the settings file.
+    /// Merges the options with the settings file and the defaults, in this precedence.
     pub(super) fn resolve(&self) -> Result<Resolved, ServeError> {
         let file = match &self.config {
             Some(path) => ConfigFile::read(path)?,
@@ -231,12 +230,12 @@ impl ServeArgs {
 }
 
 impl Resolved {
-    /// Takes the settings of notifications out, with the secrets of the environment, and has the service keep
-    /// notifications for those whom they name.
+    /// Takes the notification settings, resolves their secrets from the environment and passes the recipients to
+    /// the service, which queues notifications for them.
     pub(super) fn notifications(&mut self) -> Result<NotificationSettings, NotificationError> {
-        let said = |name: &str| std::env::var(format!("FLANKWATCH_SECRET_{name}")).ok();
+        let secret = |name: &str| std::env::var(format!("FLANKWATCH_SECRET_{name}")).ok();
         let settings = std::mem::take(&mut self.notifications)
-            .resolve(|name| said(name).filter(|value| !value.is_empty()))?;
+            .resolve(|name| secret(name).filter(|value| !value.is_empty()))?;
         self.service.recipients = settings.recipients();
         Ok(settings)
     }
@@ -267,7 +266,7 @@ impl LimitsTable {
         set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
         set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
         set(&mut config.http.connections, self.connections.map(|n| n.max(1)));
-        // Less than this the HTTP library does not take.
+        // The HTTP library's minimum.
         set(&mut config.http.header_bytes, self.header_bytes.map(|n| n.max(8192)));
         set(&mut config.http.header_timeout, self.header_timeout_s.map(Duration::from_secs));
         set(&mut config.http.write_timeout, self.write_timeout_s.map(Duration::from_secs));
@@ -302,7 +301,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
         let service = match resolved.cluster {
             Some(cluster) => tokio::select! {
                 started = super::node::start_api(resolved.service, cluster) => started?,
-                asked = asked_to_stop() => return Ok(asked?),
+                stopped = shutdown_signal() => return Ok(stopped?),
             },
             None => start(resolved.service, Arc::new(SystemClock)).await?,
         };
@@ -314,7 +313,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
         let mut out = std::io::stdout();
         writeln!(out, "listening on {}", service.url())?;
         out.flush()?;
-        asked_to_stop().await?;
+        shutdown_signal().await?;
         tracing::info!("stopping");
         #[cfg(feature = "mqtt")]
         if let Some(mqtt) = mqtt {
@@ -324,13 +323,13 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
         service.stop().await?;
         Ok(())
     });
-    // A recording that is being read ends by itself; nothing that matters waits for it.
+    // Don't wait for a recording that is still being read: it can be read again.
     runtime.shutdown_timeout(Duration::from_secs(1));
     ended
 }
 
-/// Waits for Ctrl-C, or for SIGTERM where there is such a thing.
-pub(super) async fn asked_to_stop() -> std::io::Result<()> {
+/// Waits for Ctrl-C or, on Unix, SIGTERM.
+pub(super) async fn shutdown_signal() -> std::io::Result<()> {
     #[cfg(unix)]
     {
         let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
@@ -348,7 +347,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_option_goes_before_the_settings_file() {
+    fn options_override_the_settings_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flankwatch.toml");
         fs::write(
@@ -369,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_key_is_refused_with_its_name() {
+    fn an_unknown_key_is_rejected_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flankwatch.toml");
         fs::write(&path, "[limits]\nrecord_byte = 1\n").unwrap();

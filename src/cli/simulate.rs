@@ -1,4 +1,4 @@
-//! `flankwatch simulate`: a synthetic run to failure with the true wear known.
+//! `flankwatch simulate`: simulates a run to failure with known wear.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -16,54 +16,53 @@ use crate::recording::{McapCompression, McapOptions, McapWriter, WavWriter};
 use crate::signal::Record;
 use crate::simulation::{Run, RunPlan, SimulatedRecord};
 
-/// Records simulated side by side before they are written in order.
+/// Number of records simulated in parallel before they are written in order.
 const BATCH: u32 = 8;
 
 /// Arguments of `flankwatch simulate`.
 #[derive(Args)]
 pub(super) struct SimulateArgs {
-    /// An MCAP file (`RUN.mcap`), or a folder of WAV files, one a record (`RUN.wav`)
+    /// Output: an MCAP file (`RUN.mcap`), or a folder with a WAV file per record (`RUN.wav`)
     #[arg(long)]
     out: PathBuf,
-    /// The gear pair; the pair of Shen et al. 2022 where not given
-    #[arg(long)]
+    /// Gear pair file (TOML) [default: the pair of Shen et al. 2022]
+    #[arg(long, value_name = "FILE")]
     pair: Option<PathBuf>,
     /// Number of records
     #[arg(long, default_value_t = 300)]
     records: u32,
     /// Length of each record in seconds
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
     seconds: f64,
-    /// Sampling rate in hertz
-    #[arg(long, default_value_t = 20_000.0)]
+    /// Sampling rate in Hz
+    #[arg(long, value_name = "HZ", default_value_t = 20_000.0)]
     rate: f64,
-    /// Seed of the transmission path, the noise and the operating points
+    /// Random seed of the transmission path, the noise and the operating points
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Greatest wear depth of the last record in µm; 245 at module 6 mm, in proportion to the module, where
-    /// not given
-    #[arg(long)]
+    /// Maximum wear depth of the last record in µm [default: 245 at module 6 mm, proportional to the module]
+    #[arg(long, value_name = "UM")]
     max_wear_um: Option<f64>,
-    /// Wear grows with time to this power
-    #[arg(long, default_value_t = 1.5)]
+    /// Exponent of wear growth: wear is proportional to time to this power
+    #[arg(long, value_name = "POWER", default_value_t = 1.5)]
     wear_exponent: f64,
-    /// Ratio of the healthy vibration to the sensor noise in dB
-    #[arg(long, default_value_t = 10.0)]
+    /// Signal-to-noise ratio of the healthy vibration to the sensor noise in dB
+    #[arg(long, value_name = "DB", default_value_t = 10.0)]
     snr_db: f64,
-    /// The speed of each record lies within this fraction of nominal
-    #[arg(long, default_value_t = 0.005)]
+    /// Maximum deviation of each record's speed, as a fraction of nominal
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.005)]
     speed_variation: f64,
-    /// The torque of each record lies within this fraction of nominal
-    #[arg(long, default_value_t = 0.02)]
+    /// Maximum deviation of each record's torque, as a fraction of nominal
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.02)]
     torque_variation: f64,
     /// Time of the first sample
-    #[arg(long, default_value = "2026-01-01T00:00:00Z")]
+    #[arg(long, value_name = "TIME", default_value = "2026-01-01T00:00:00Z")]
     start_time: Timestamp,
-    /// Seconds from one record's start to the next one's
-    #[arg(long, default_value_t = 60.0)]
+    /// Time between the starts of two records in seconds
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
     interval: f64,
-    /// Asset in the MCAP topics
-    #[arg(long, default_value = "simulated")]
+    /// Asset identifier in the MCAP topics
+    #[arg(long, value_name = "ID", default_value = "simulated")]
     asset: String,
 }
 
@@ -100,10 +99,10 @@ pub(super) fn run(args: &SimulateArgs) -> Result<(), CliError> {
     output::print(&format!("{} records of {} s in {}\n", args.records, args.seconds, args.out.display()))
 }
 
-/// Simulates every record in parallel batches and hands them on in order.
+/// Simulates the records in parallel batches and passes them to `write` in order.
 fn for_each_record(
     run: &Run,
-    mut take: impl FnMut(u32, SimulatedRecord) -> Result<(), CliError>,
+    mut write: impl FnMut(u32, SimulatedRecord) -> Result<(), CliError>,
 ) -> Result<(), CliError> {
     let records = run.plan().records;
     for first in (0..records).step_by(BATCH as usize) {
@@ -112,7 +111,7 @@ fn for_each_record(
             .map(|index| (index, run.record(index)))
             .collect();
         for (index, record) in batch {
-            take(index, record?)?;
+            write(index, record?)?;
         }
     }
     Ok(())
@@ -121,8 +120,8 @@ fn for_each_record(
 fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {
     let temporary = args.out.with_extension("mcap.part");
     let file = File::create(&temporary).map_err(CliError::io(&temporary))?;
-    // The noise of a vibration does not compress: zstd takes 7 % off, and twice as long to read back as the
-    // SHA-256 of what it gives.
+    // Vibration noise does not compress: zstd saves 7 %, and decompressing takes twice as long as hashing the
+    // result with SHA-256.
     let options = McapOptions { compression: McapCompression::None };
     let mut writer =
         McapWriter::new(BufWriter::new(file), options).map_err(CliError::recording(&args.out))?;
@@ -132,7 +131,7 @@ fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), C
     }
     writer.metadata("reference_wear", truth).map_err(CliError::recording(&args.out))?;
     let pair = toml::to_string(&run.plan().pair)
-        .map_err(|error| CliError::Argument(format!("the gear pair cannot be written: {error}")))?;
+        .map_err(|error| CliError::Argument(format!("failed to write the gear pair: {error}")))?;
     writer
         .metadata("gear_pair", BTreeMap::from([("toml".to_owned(), pair)]))
         .map_err(CliError::recording(&args.out))?;

@@ -1,4 +1,4 @@
-//! Where a service keeps everything, as the commands on its store are told.
+//! Options that select the store a command works on.
 
 use std::path::PathBuf;
 
@@ -11,16 +11,16 @@ use crate::store::StoreSettings;
 /// The store that a command works on.
 #[derive(Debug, Clone, Args)]
 pub(super) struct StorePlace {
-    /// The service's settings file (TOML); with the table `cluster` the store is that of the cluster.
+    /// Settings file of the service (TOML); with the table `cluster`, the cluster's store is used.
     #[arg(long, value_name = "FILE", global = true)]
     config: Option<PathBuf>,
-    /// The service's data folder [default: ./flankwatch-data].
+    /// Data folder of the service [default: ./flankwatch-data].
     #[arg(long, value_name = "DIR", global = true)]
     data_dir: Option<PathBuf>,
 }
 
 impl StorePlace {
-    /// The settings of the service, and where its store is.
+    /// Returns the settings of the service and of its store.
     pub(super) fn resolve(&self) -> Result<(Resolved, StoreSettings), CliError> {
         let serve = ServeArgs {
             config: self.config.clone(),
@@ -37,22 +37,23 @@ impl StorePlace {
         Ok((resolved, settings))
     }
 
-    /// The data folder.
+    /// Returns the data folder.
     ///
-    /// Error: the store is that of a cluster; `instead` says what is done there.
-    #[cfg_attr(not(feature = "postgres"), expect(unused_variables, reason = "there are no others"))]
+    /// # Errors
+    /// The store belongs to a cluster; the message gives the advice `instead`.
+    #[cfg_attr(not(feature = "postgres"), expect(unused_variables, reason = "every store is a folder"))]
     pub(super) fn folder(&self, instead: &str) -> Result<PathBuf, CliError> {
         match self.resolve()?.1 {
             StoreSettings::Folder(folder) => Ok(folder),
             #[cfg(feature = "postgres")]
             StoreSettings::Shared(_) => Err(CliError::Argument(format!(
-                "the store is a cluster's, expected a data folder: {instead}"
+                "the store belongs to a cluster, expected a data folder: {instead}"
             ))),
         }
     }
 }
 
-/// A runtime for a command that works on a store.
+/// Creates a runtime for a command that works on a store.
 pub(super) fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
     let built = tokio::runtime::Builder::new_multi_thread().enable_all().build();
     Ok(built.map_err(super::serve::ServeError::from)?)

@@ -1,4 +1,4 @@
-//! `flankwatch token`: who may use a service.
+//! `flankwatch token`: creates, lists and revokes API tokens.
 
 use clap::{Args, Subcommand};
 use jiff::Timestamp;
@@ -9,8 +9,7 @@ use super::store_place::{StorePlace, runtime};
 use crate::http::{Scope, Token, Tokens};
 use crate::store::StoreSettings;
 
-/// Make, list and revoke the tokens of a service; a running one sees the change at once, those of a cluster
-/// within 2 s.
+/// Arguments of `flankwatch token`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct TokenArgs {
     #[command(subcommand)]
@@ -21,19 +20,19 @@ pub(super) struct TokenArgs {
 
 #[derive(Debug, Clone, Subcommand)]
 enum Action {
-    /// Make a token and print it; it is kept hashed and cannot be printed again
+    /// Create a token and print it; only its hash is stored, so it cannot be printed again
     Create {
-        /// What it is for.
+        /// Name that says what the token is for.
         name: String,
-        /// read: look; write: also send records and acknowledge; admin: also make and delete assets.
+        /// read: view; write: also send records and acknowledge alarms; admin: also create and delete assets.
         #[arg(long, default_value = "read")]
         scope: Scope,
     },
-    /// List the tokens without their secrets
+    /// List the tokens, without their secrets
     List,
-    /// Take a token back
+    /// Revoke a token
     Revoke {
-        /// Its identifier, as listed.
+        /// Identifier of the token, as listed.
         id: String,
     },
 }
@@ -51,13 +50,13 @@ pub(super) fn run(args: &TokenArgs) -> Result<(), CliError> {
                 let token = tokens.create(name, *scope, Timestamp::now()).await?;
                 print(&format!("{token}\n"))
             }
-            Action::List => print(&listed(&tokens.list().await?.unwrap_or_default())),
+            Action::List => print(&table(&tokens.list().await?.unwrap_or_default())),
             Action::Revoke { id } => Ok(tokens.revoke(id, Timestamp::now()).await?),
         }
     })
 }
 
-fn listed(tokens: &[Token]) -> String {
+fn table(tokens: &[Token]) -> String {
     let line = |token: &Token| {
         format!("{}  {:5}  {:.0}  {}\n", token.id, token.scope.name(), token.created_at, token.name)
     };

@@ -1,4 +1,4 @@
-//! `flankwatch verify`: whether everything is there and whole.
+//! `flankwatch verify`: checks the database against the raw recordings.
 
 use clap::Args;
 
@@ -7,13 +7,12 @@ use super::output::print;
 use super::store_place::{StorePlace, runtime};
 use crate::store::Store;
 
-/// Compare the database with the raw recordings, also while a service works on them. Fails where something is
-/// wrong.
+/// Arguments of `flankwatch verify`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct VerifyArgs {
     #[command(flatten)]
     place: StorePlace,
-    /// Look only whether raw recordings are there, and not at their bytes
+    /// Check only that raw recordings exist, not their hashes
     #[arg(long)]
     without_hashes: bool,
 }

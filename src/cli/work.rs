@@ -1,4 +1,4 @@
-//! `flankwatch work`: a worker of a cluster.
+//! `flankwatch work`: runs a cluster worker.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -7,16 +7,16 @@ use clap::Args;
 
 use super::serve::ServeError;
 
-/// Analyse what the API nodes of a cluster take; any number of workers share the work.
+/// Arguments of `flankwatch work`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct WorkArgs {
     /// Settings file (TOML) with the table `cluster`, the same as for the API nodes.
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
-    /// Cache of libraries and files under way [default: ./flankwatch-data].
+    /// Folder for the library cache and temporary files [default: ./flankwatch-data].
     #[arg(long, value_name = "DIR")]
     pub data_dir: Option<PathBuf>,
-    /// Address at which /healthz, /readyz and /metrics are answered; nowhere where not given.
+    /// Address to serve /healthz, /readyz and /metrics on [default: not served].
     #[arg(long, value_name = "ADDR")]
     pub health: Option<SocketAddr>,
 }
@@ -33,7 +33,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), ServeError> {
     use std::time::Duration;
 
     use super::node;
-    use super::serve::{ServeArgs, asked_to_stop};
+    use super::serve::{ServeArgs, shutdown_signal};
 
     let serve = ServeArgs {
         config: Some(args.config.clone()),
@@ -48,7 +48,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), ServeError> {
     let ended = runtime.block_on(async {
         let started = tokio::select! {
             started = node::start_worker(resolved.service, settings, notifications, args.health) => started?,
-            asked = asked_to_stop() => return Ok(asked?),
+            stopped = shutdown_signal() => return Ok(stopped?),
         };
         let mut out = std::io::stdout();
         match started.health() {
@@ -56,7 +56,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), ServeError> {
             None => writeln!(out, "working")?,
         }
         out.flush()?;
-        asked_to_stop().await?;
+        shutdown_signal().await?;
         tracing::info!("stopping");
         started.stop(grace).await;
         Ok(())

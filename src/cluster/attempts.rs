@@ -1,8 +1,8 @@
-//! Deliveries that say nothing against a record: the worker came back from them with an error of something
-//! else. Only those from which no worker came back count towards the limit.
+//! Deliveries that do not count against a record: the worker survived them and reported an error. Only
+//! deliveries that no worker survived count towards the limit.
 //!
-//! JetStream counts every delivery. What is excused is kept in a stream beside the queue, one message for
-//! each record that met an error.
+//! JetStream counts every delivery. The excused ones are counted in a separate stream, with one message for each
+//! record that had an error.
 
 use async_nats::jetstream::Message;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
@@ -11,25 +11,25 @@ use serde::{Deserialize, Serialize};
 use super::ClusterError;
 use super::connection::Connection;
 
-/// Longest error that is kept, in characters.
+/// Maximum length of a stored error, in characters.
 const MAX_ERROR: usize = 1000;
 
-/// What is known of a record's earlier deliveries.
+/// Earlier deliveries of a record.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub(super) struct Attempts {
-    /// Deliveries that a worker came back from.
+    /// Number of deliveries that a worker survived.
     pub(super) excused: i64,
-    /// The last of them.
+    /// Delivery number of the last excused one.
     latest: i64,
-    /// The last error; empty where there was none.
+    /// The last error; empty without one.
     pub(super) last_error: String,
 }
 
 impl Attempts {
-    /// What is known of the record in a message.
+    /// Reads the attempts of the record in a message.
     pub(super) async fn of(connection: &Connection, message: &Message) -> Result<Self, ClusterError> {
-        let failed = ClusterError::jetstream("read what is known of a record");
+        let failed = ClusterError::jetstream("read the attempts of a record");
         let Some(subject) = subject(connection, message) else {
             return Ok(Self::default());
         };
@@ -44,7 +44,7 @@ impl Attempts {
         }
     }
 
-    /// Excuses the present delivery of a record, and keeps why.
+    /// Excuses the current delivery of a record and stores its error.
     pub(super) async fn excuse(
         connection: &Connection,
         message: &Message,
@@ -53,38 +53,38 @@ impl Attempts {
         let Some(subject) = subject(connection, message) else {
             return Ok(());
         };
-        let (known, delivery) =
+        let (earlier, delivery) =
             (Self::of(connection, message).await?, message.info().map_or(1, |info| info.delivered));
-        let known = Self {
-            excused: known.excused + i64::from(known.latest < delivery),
+        let attempts = Self {
+            excused: earlier.excused + i64::from(earlier.latest < delivery),
             latest: delivery,
             last_error: error.chars().take(MAX_ERROR).collect(),
         };
         let failed =
-            |error: async_nats::Error| ClusterError::jetstream("keep what is known of a record")(error);
-        let payload = serde_json::to_vec(&known).map_err(|error| failed(error.into()))?;
+            |error: async_nats::Error| ClusterError::jetstream("store the attempts of a record")(error);
+        let payload = serde_json::to_vec(&attempts).map_err(|error| failed(error.into()))?;
         let sent = connection.jetstream.publish(subject, payload.into()).await;
         sent.map_err(|error| failed(error.into()))?.await.map_err(|error| failed(error.into()))?;
         Ok(())
     }
 
-    /// Forgets a record that is done. What stays where this fails goes with its age.
-    pub(super) async fn forget(connection: &Connection, message: &Message) {
+    /// Removes the attempts of a completed record. On failure they expire by age.
+    pub(super) async fn remove(connection: &Connection, message: &Message) {
         let Some(subject) = subject(connection, message) else {
             return;
         };
-        let forgotten = async {
+        let removed = async {
             let stream = connection.jetstream.get_stream_no_info(connection.attempts_stream()).await?;
             stream.purge().filter(subject).await?;
             Ok::<_, async_nats::Error>(())
         };
-        if let Err(error) = forgotten.await {
-            tracing::debug!(%error, "failed to forget what was known of a record");
+        if let Err(error) = removed.await {
+            tracing::debug!(%error, "failed to remove the attempts of a record");
         }
     }
 }
 
-/// Where what is known of a message of the queue is kept: under its place there.
+/// Returns the subject of a record's attempts, which has the sequence number of its message in the queue.
 fn subject(connection: &Connection, message: &Message) -> Option<String> {
     let info = message.info().ok()?;
     Some(format!("{}.{}", connection.attempts_subject(), info.stream_sequence))

@@ -12,24 +12,23 @@ use super::{ClusterError, NatsCredentials, NatsSettings};
 /// The consumer that all workers share.
 pub(super) const CONSUMER: &str = "workers";
 
-/// How long JetStream has for an answer.
+/// Timeout of JetStream requests.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Messages of one process that wait for JetStream's acknowledgement at once.
+/// Maximum number of unacknowledged messages of one process.
 const MAX_UNACKNOWLEDGED: usize = 1024;
 
-/// How long JetStream remembers a record's name: the same one handed over again meanwhile is not queued
-/// twice.
-const REMEMBERED: Duration = Duration::from_secs(600);
+/// Time in which JetStream detects duplicates: a record enqueued again within it is not queued twice.
+const DUPLICATE_WINDOW: Duration = Duration::from_secs(600);
 
-/// How long is kept what is known of a record's deliveries, where nobody takes it away.
-const ATTEMPTS_KEPT: Duration = Duration::from_secs(30 * 24 * 3600);
+/// Time after which the attempts of a record expire.
+const ATTEMPTS_MAX_AGE: Duration = Duration::from_secs(30 * 24 * 3600);
 
 impl NatsSettings {
     async fn options(&self) -> Result<ConnectOptions, ClusterError> {
         let mut options = ConnectOptions::new()
             .name(format!("flankwatch {}", env!("CARGO_PKG_VERSION")))
-            // A server that is away is waited for; what is asked meanwhile fails by its own time limit.
+            // Wait for a server that is down; requests meanwhile fail by their own timeout.
             .retry_on_initial_connect()
             .max_reconnects(None)
             .reconnect_delay_callback(|attempts| Duration::from_millis(100 << attempts.min(5)))
@@ -59,7 +58,7 @@ impl NatsSettings {
     }
 }
 
-/// A connection to NATS with the names of what is there; a clone is another handle to the same one.
+/// A connection to NATS and the names of the cluster's streams. Clones share the connection.
 #[derive(Clone)]
 pub(super) struct Connection {
     pub(super) client: Client,
@@ -68,8 +67,7 @@ pub(super) struct Connection {
 }
 
 impl Connection {
-    /// Connects, and makes the streams where they are missing. Where no server answers, they are made when
-    /// one does.
+    /// Connects to NATS. Where no server answers, the client keeps trying in the background.
     pub(super) async fn open(settings: NatsSettings) -> Result<Self, ClusterError> {
         let connected = settings.options().await?.connect(settings.urls.clone()).await;
         let client =
@@ -81,7 +79,7 @@ impl Connection {
         Ok(Self { client, jetstream, settings })
     }
 
-    /// Waits for the connection; where there is none soon, that is said.
+    /// Waits for the connection; fails if there is none within [`ANSWER_TIMEOUT`].
     pub(super) async fn wait_until_connected(&self) -> Result<(), ClusterError> {
         let connected = async {
             while self.fault().is_some() {
@@ -91,11 +89,11 @@ impl Connection {
         let waited = tokio::time::timeout(ANSWER_TIMEOUT, connected).await;
         waited.map_err(|_| {
             let urls = self.settings.urls.join(", ");
-            ClusterError::jetstream("be reached")(format!("no server answers at {urls}").into())
+            ClusterError::jetstream("connect")(format!("no server answers at {urls}").into())
         })
     }
 
-    /// Makes what is missing on the server and brings its limits up to the settings.
+    /// Creates missing streams and updates the limits of existing ones to the settings.
     pub(super) async fn prepare(&self) -> Result<(), ClusterError> {
         let settings = &self.settings;
         let common = StreamConfig {
@@ -107,18 +105,18 @@ impl Connection {
             name: self.work_stream(),
             subjects: vec![self.work_subject()],
             retention: RetentionPolicy::WorkQueue,
-            // What is full refuses: nothing that was acknowledged makes room for something new.
+            // A full queue rejects new records: acknowledged records are never dropped for them.
             discard: DiscardPolicy::New,
             max_messages: settings.max_records,
             max_bytes: settings.max_bytes,
-            duplicate_window: REMEMBERED,
+            duplicate_window: DUPLICATE_WINDOW,
             ..common.clone()
         };
         let dead = StreamConfig {
             name: self.dead_stream(),
             subjects: vec![self.dead_subject()],
             retention: RetentionPolicy::Limits,
-            duplicate_window: REMEMBERED,
+            duplicate_window: DUPLICATE_WINDOW,
             ..common.clone()
         };
         let events = StreamConfig {
@@ -136,22 +134,22 @@ impl Connection {
             discard: DiscardPolicy::Old,
             max_messages: settings.max_records,
             max_messages_per_subject: 1,
-            max_age: ATTEMPTS_KEPT,
+            max_age: ATTEMPTS_MAX_AGE,
             ..common
         };
         for stream in [work, dead, events, attempts] {
-            let made = self.jetstream.create_or_update_stream(stream).await;
-            made.map_err(|error| ClusterError::jetstream("make a stream")(error.into()))?;
+            let created = self.jetstream.create_or_update_stream(stream).await;
+            created.map_err(|error| ClusterError::jetstream("create a stream")(error.into()))?;
         }
         Ok(())
     }
 
-    /// Why nothing can be asked of NATS now; none where it is connected.
+    /// Returns why NATS is unavailable; `None` while it is connected.
     pub(super) fn fault(&self) -> Option<&'static str> {
         (self.client.connection_state() != State::Connected).then_some("not connected")
     }
 
-    /// Writes something small to JetStream, kept as a record is: where its disk is full, this fails too.
+    /// Writes a small message to JetStream's file storage, which fails where the disk is full.
     pub(super) async fn check_writable(&self) -> Result<(), ClusterError> {
         let failed = || ClusterError::jetstream("write");
         let sent = self.jetstream.publish(format!("{}.probe", self.attempts_subject()), "".into()).await;
@@ -159,9 +157,9 @@ impl Connection {
         Ok(())
     }
 
-    /// The queue's stream as it is.
+    /// Returns the current state of the queue's stream.
     pub(super) async fn work_state(&self) -> Result<jetstream::stream::State, ClusterError> {
-        let failed = ClusterError::jetstream("look at the queue");
+        let failed = ClusterError::jetstream("read the state of the queue");
         match self.jetstream.get_stream(self.work_stream()).await {
             Ok(stream) => Ok(stream.cached_info().state.clone()),
             Err(error) => Err(failed(error.into())),
@@ -204,7 +202,7 @@ impl Connection {
         format!("{}.events", self.settings.name)
     }
 
-    /// Where workers are asked for.
+    /// Subject on which workers respond with their status.
     pub(super) fn workers_subject(&self) -> String {
         format!("{}.workers", self.settings.name)
     }

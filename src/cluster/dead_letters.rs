@@ -1,4 +1,4 @@
-//! Records that could not be stored, with the reason: kept until somebody puts them back or takes them away.
+//! Dead letters: records that could not be stored, kept with the reason until they are retried or dropped.
 
 use async_nats::header::{HeaderMap, NATS_MESSAGE_ID};
 use async_nats::jetstream::Message;
@@ -11,53 +11,54 @@ use super::connection::Connection;
 use super::{ClusterError, message};
 use crate::service::QueuedRecord;
 
-/// Why a record is a dead letter.
+/// Header with the reason why a record is a dead letter.
 const REASON: &str = "Flankwatch-Reason";
 
-/// Keeps a message that will not be worked on again; it is safe once this returns.
+/// Stores a message as a dead letter; it is durable once this returns.
 pub(super) async fn put(
     connection: &Connection,
     message: &Message,
     reason: &str,
 ) -> Result<(), ClusterError> {
-    tracing::error!(reason, "put a record among the dead letters");
+    tracing::error!(reason, "moving a record to the dead letters");
     let mut headers = HeaderMap::new();
     headers.insert(REASON, one_line(reason));
-    // Its place in the queue is its name: a worker that dies before it acknowledges puts it here once.
+    // Deduplicates by the sequence number in the queue: a worker that dies before it acknowledges stores one
+    // dead letter only.
     if let Ok(info) = message.info() {
         headers.insert(NATS_MESSAGE_ID, info.stream_sequence.to_string());
     }
-    let failed = |error: async_nats::Error| ClusterError::jetstream("keep a dead letter")(error);
+    let failed = |error: async_nats::Error| ClusterError::jetstream("store a dead letter")(error);
     let sent = connection
         .jetstream
         .publish_with_headers(connection.dead_subject(), headers, message.payload.clone())
         .await;
-    let kept = sent.map_err(|error| failed(error.into()))?.await;
-    kept.map_err(|error| failed(error.into()))?;
+    let acknowledged = sent.map_err(|error| failed(error.into()))?.await;
+    acknowledged.map_err(|error| failed(error.into()))?;
     Ok(())
 }
 
-/// A header's value ends with its line.
+/// Replaces control characters, which a header value cannot have, and truncates to 1000 characters.
 fn one_line(reason: &str) -> String {
     reason.chars().map(|c| if c.is_control() { ' ' } else { c }).take(1000).collect()
 }
 
-/// A record that could not be stored, as it is kept.
+/// A record that could not be stored.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DeadLetter {
-    /// Its number among the dead letters, never given out again.
+    /// Number of the dead letter, never reused.
     pub number: u64,
-    /// Why it could not be stored: the last error.
+    /// The last error.
     pub reason: String,
-    /// When it was put there, by the clock of the queue's server.
+    /// Time when it became a dead letter, by the NATS server's clock.
     pub put_at: Timestamp,
-    /// Bytes of its message.
+    /// Size of the message in bytes.
     pub message_bytes: usize,
-    /// The record; none where its message cannot be read.
+    /// The record; `None` where the message cannot be read.
     pub record: Option<QueuedRecord>,
 }
 
-/// All dead letters in the order in which they were put there.
+/// Lists all dead letters, oldest first.
 pub(super) async fn list(connection: &Connection) -> Result<Vec<DeadLetter>, ClusterError> {
     let (stream, subject) = (stream(connection).await?, connection.dead_subject());
     let mut letters = Vec::new();
@@ -66,7 +67,7 @@ pub(super) async fn list(connection: &Connection) -> Result<Vec<DeadLetter>, Clu
         match stream.get_first_raw_message_by_subject(&subject, next).await {
             Ok(found) => {
                 next = found.sequence + 1;
-                letters.push(letter_of(&found));
+                letters.push(dead_letter(&found));
             }
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => return Ok(letters),
             Err(error) => return Err(ClusterError::jetstream("read the dead letters")(error.into())),
@@ -74,27 +75,27 @@ pub(super) async fn list(connection: &Connection) -> Result<Vec<DeadLetter>, Clu
     }
 }
 
-/// Puts a dead letter's record back into the queue, and takes the letter away once the queue has it.
+/// Puts a dead letter's record back into the queue; removes the dead letter once the record is queued.
 pub(super) async fn retry(connection: &Connection, number: u64) -> Result<(), ClusterError> {
     let failed = || ClusterError::jetstream("put a dead letter back into the queue");
     let stream = stream(connection).await?;
     let letter = message(&stream, number).await?;
-    // Under no name: the queue may remember the record's as one that it had.
+    // Without a message ID: the queue may still reject the record's own as a duplicate.
     let sent = connection.jetstream.publish(connection.work_subject(), letter.payload).await;
     sent.map_err(|error| failed()(error.into()))?.await.map_err(|error| failed()(error.into()))?;
     delete(&stream, number).await
 }
 
-/// Takes a dead letter away for good.
-pub(super) async fn drop_letter(connection: &Connection, number: u64) -> Result<(), ClusterError> {
+/// Deletes a dead letter.
+pub(super) async fn remove(connection: &Connection, number: u64) -> Result<(), ClusterError> {
     let stream = stream(connection).await?;
     message(&stream, number).await?;
     delete(&stream, number).await
 }
 
-/// One dead letter.
-pub(super) async fn letter(connection: &Connection, number: u64) -> Result<DeadLetter, ClusterError> {
-    Ok(letter_of(&message(&stream(connection).await?, number).await?))
+/// Returns one dead letter.
+pub(super) async fn get(connection: &Connection, number: u64) -> Result<DeadLetter, ClusterError> {
+    Ok(dead_letter(&message(&stream(connection).await?, number).await?))
 }
 
 async fn stream(connection: &Connection) -> Result<Stream, ClusterError> {
@@ -108,7 +109,7 @@ async fn message(stream: &Stream, number: u64) -> Result<StreamMessage, ClusterE
         Err(error) if error.kind() == RawMessageErrorKind::NoMessageFound => Err(ClusterError::Setting {
             field: "dead letter".to_owned(),
             value: number.to_string(),
-            expected: "a number that `flankwatch dead-letters list` shows".to_owned(),
+            expected: "a number listed by `flankwatch dead-letters list`".to_owned(),
         }),
         Err(error) => Err(ClusterError::jetstream("read a dead letter")(error.into())),
     }
@@ -119,7 +120,7 @@ async fn delete(stream: &Stream, number: u64) -> Result<(), ClusterError> {
     deleted.map(|_| ()).map_err(|error| ClusterError::jetstream("remove a dead letter")(error.into()))
 }
 
-fn letter_of(message: &StreamMessage) -> DeadLetter {
+fn dead_letter(message: &StreamMessage) -> DeadLetter {
     DeadLetter {
         number: message.sequence,
         reason: message.headers.get(REASON).map(ToString::to_string).unwrap_or_default(),

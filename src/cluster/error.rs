@@ -1,4 +1,4 @@
-//! What can go wrong between the processes of a cluster.
+//! Errors of a cluster's processes.
 
 use std::path::PathBuf;
 
@@ -7,67 +7,67 @@ use thiserror::Error;
 use crate::service::ServiceError;
 use crate::store::StoreError;
 
-/// Why a process cannot be a part of a cluster.
+/// Errors of a cluster's processes.
 #[derive(Debug, Error)]
 pub enum ClusterError {
-    /// A setting cannot be used.
+    /// A setting is invalid.
     #[error("{field} is {value}, expected {expected}")]
     Setting {
-        /// Which setting.
+        /// Name of the setting.
         field: String,
-        /// Its value.
+        /// Value of the setting.
         value: String,
-        /// What would have been right.
+        /// Description of a valid value.
         expected: String,
     },
-    /// The program cannot use what a setting asks for.
-    #[error("{field} needs a program with the feature `{feature}`, and this one was built without it")]
+    /// A setting requires a feature that the program was built without.
+    #[error("{field} requires the feature `{feature}`, and this program was built without it")]
     WithoutFeature {
-        /// Which setting.
+        /// Name of the setting.
         field: &'static str,
         /// The feature.
         feature: &'static str,
     },
-    /// A file with credentials cannot be read.
-    #[error("cannot read {path}: {source}", path = path.display())]
+    /// A credentials file cannot be read.
+    #[error("failed to read {path}: {source}", path = path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// No NATS server can be reached, or it refuses.
+    /// No NATS server can be reached, or it rejects the connection.
     #[cfg(feature = "nats")]
-    #[error("cannot connect to NATS at {urls}: {source}")]
+    #[error("failed to connect to NATS at {urls}: {source}")]
     Connect {
-        /// Where it was tried.
+        /// Addresses of the servers.
         urls: String,
-        /// Why not.
+        /// The client's error.
         source: async_nats::ConnectError,
     },
-    /// JetStream refused or failed.
+    /// A JetStream request failed.
     #[cfg(feature = "nats")]
-    #[error("NATS cannot {action}: {source}")]
+    #[error("NATS: failed to {action}: {source}")]
     JetStream {
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// Why not.
+        /// The client's error.
         source: async_nats::Error,
     },
     /// A message of the queue cannot be read.
     #[error("the message cannot be read: {0}")]
     Message(String),
-    /// The store cannot be used.
+    /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The path of records cannot be started.
+    /// The service could not be started, or failed.
     #[error(transparent)]
     Ingest(#[from] ServiceError),
 }
 
 #[cfg(feature = "nats")]
 impl ClusterError {
-    /// An error of JetStream while `action` was tried.
+    /// Returns a closure for `map_err` on JetStream requests; `action` completes "failed to …".
     pub(super) fn jetstream(action: &'static str) -> impl FnOnce(async_nats::Error) -> Self {
         move |source| Self::JetStream { action, source }
     }

@@ -1,8 +1,7 @@
-//! Live events, published by every process and shown by every API node: a stream of JetStream gives them one
-//! order.
+//! Live events: every process publishes them and every API node shows them; a JetStream stream orders them.
 //!
-//! A process that cannot reach NATS keeps its events, up to a bound; beyond it the oldest are lost, and an
-//! event says so.
+//! A process that cannot reach NATS buffers its events. When the buffer is full, the oldest are dropped and an
+//! event reports the loss.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -18,26 +17,26 @@ use super::ClusterError;
 use super::connection::Connection;
 use crate::service::{LiveEvent, NumberedEvent};
 
-/// Events that wait for NATS.
+/// Maximum number of events buffered while NATS is unavailable.
 const MAX_WAITING: usize = 4096;
 
-/// Events sent before the first of them is acknowledged.
-const SENT_AT_ONCE: usize = 256;
+/// Number of events sent before their acknowledgements are awaited.
+const BATCH: usize = 256;
 
-/// How long what happened before is waited for at the start.
+/// Timeout for reading earlier events at the start.
 const BACKLOG_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// What all processes publish, from now on and shortly before.
+/// The events of all processes, with a backlog of recent ones.
 pub struct Subscription {
-    /// Identifies this order of events.
+    /// Identifies the sequence of event numbers; changes when the stream is created anew.
     pub run: String,
-    /// What happened before.
+    /// Earlier events.
     pub backlog: Vec<NumberedEvent>,
-    /// What happens from then on.
+    /// Events after the backlog.
     pub receiver: mpsc::Receiver<NumberedEvent>,
 }
 
-/// Publishes what this process announces, until nobody announces any more.
+/// Publishes this process's events until its last sender is dropped.
 pub(super) async fn publish(connection: Connection, mut announced: Receiver<LiveEvent>) {
     let mut waiting: VecDeque<LiveEvent> = VecDeque::new();
     let mut lost = 0;
@@ -50,7 +49,7 @@ pub(super) async fn publish(connection: Connection, mut announced: Receiver<Live
                 Err(RecvError::Closed) => is_over = true,
             }
         }
-        // What came meanwhile goes with it.
+        // Adds the events that arrived meanwhile.
         while let Ok(event) = announced.try_recv() {
             waiting.push_back(event);
         }
@@ -62,7 +61,7 @@ pub(super) async fn publish(connection: Connection, mut announced: Receiver<Live
             waiting.push_front(LiveEvent::Lost(std::mem::take(&mut lost)));
         }
         if let Err(error) = send(&connection, &mut waiting).await {
-            tracing::debug!(%error, waiting = waiting.len(), "failed to publish events: trying again");
+            tracing::debug!(%error, waiting = waiting.len(), "failed to publish events, retrying");
             if is_over {
                 return;
             }
@@ -71,7 +70,7 @@ pub(super) async fn publish(connection: Connection, mut announced: Receiver<Live
     }
 }
 
-/// Sends what waits; what is not acknowledged stays.
+/// Sends the waiting events; those that are not acknowledged stay.
 async fn send(connection: &Connection, waiting: &mut VecDeque<LiveEvent>) -> Result<(), ClusterError> {
     let failed = || ClusterError::jetstream("publish events");
     while !waiting.is_empty() {
@@ -79,10 +78,10 @@ async fn send(connection: &Connection, waiting: &mut VecDeque<LiveEvent>) -> Res
             return Err(failed()(fault.into()));
         }
         let mut sent = Vec::new();
-        for event in waiting.iter().take(SENT_AT_ONCE) {
+        for event in waiting.iter().take(BATCH) {
             let payload = serde_json::to_vec(event).map_err(|error| failed()(error.into()))?;
-            let told = connection.jetstream.publish(connection.events_subject(), payload.into()).await;
-            sent.push(told.map_err(|error| failed()(error.into()))?);
+            let published = connection.jetstream.publish(connection.events_subject(), payload.into()).await;
+            sent.push(published.map_err(|error| failed()(error.into()))?);
         }
         for acknowledgement in sent {
             acknowledgement.await.map_err(|error| failed()(error.into()))?;
@@ -92,12 +91,12 @@ async fn send(connection: &Connection, waiting: &mut VecDeque<LiveEvent>) -> Res
     Ok(())
 }
 
-/// Subscribes to what all processes publish. Where NATS does not answer now, events come when it does.
+/// Subscribes to the events of all processes. Where NATS does not answer, events arrive once it does.
 pub(super) async fn subscribe(connection: Connection) -> Subscription {
     let (sender, receiver) = mpsc::channel(1024);
-    let first = tokio::time::timeout(BACKLOG_TIMEOUT, begin(&connection)).await;
-    let (run, backlog, begun) = match first {
-        Ok(Ok(begun)) => begun,
+    let read = tokio::time::timeout(BACKLOG_TIMEOUT, read_backlog(&connection)).await;
+    let (run, backlog, messages) = match read {
+        Ok(Ok(read)) => read,
         Ok(Err(error)) => {
             tracing::warn!(%error, "failed to read earlier events");
             (String::from("0"), Vec::new(), None)
@@ -108,51 +107,54 @@ pub(super) async fn subscribe(connection: Connection) -> Subscription {
         }
     };
     let after = backlog.last().map_or(0, |event| event.number);
-    tokio::spawn(go_on(connection, begun, after, sender));
+    tokio::spawn(forward(connection, messages, after, sender));
     Subscription { run, backlog, receiver }
 }
 
-type Begun = (String, Vec<NumberedEvent>, Option<pull::Ordered>);
+/// The run, the backlog and the messages after it.
+type Backlog = (String, Vec<NumberedEvent>, Option<pull::Ordered>);
 
-async fn begin(connection: &Connection) -> Result<Begun, ClusterError> {
+async fn read_backlog(connection: &Connection) -> Result<Backlog, ClusterError> {
     let mut stream = events(connection).await?;
-    let info =
-        stream.info().await.map_err(|error| ClusterError::jetstream("look at the events")(error.into()))?;
-    let (run, last, held) =
+    let info = stream
+        .info()
+        .await
+        .map_err(|error| ClusterError::jetstream("read the state of the events")(error.into()))?;
+    let (run, last, stored) =
         (format!("{:x}", info.created.unix_timestamp_nanos()), info.state.last_sequence, info.state.messages);
-    let mut told = follow(&stream, 0).await?;
+    let mut messages = follow(&stream, 0).await?;
     let mut backlog = Vec::new();
-    while held > 0 && backlog.last().is_none_or(|event: &NumberedEvent| event.number < last) {
-        match told.next().await {
+    while stored > 0 && backlog.last().is_none_or(|event: &NumberedEvent| event.number < last) {
+        match messages.next().await {
             Some(Ok(message)) => backlog.extend(read(&message)),
             Some(Err(error)) => return Err(ClusterError::jetstream("read the events")(error.into())),
             None => break,
         }
     }
-    Ok((run, backlog, Some(told)))
+    Ok((run, backlog, Some(messages)))
 }
 
-async fn go_on(
+/// Forwards events after number `after` to `sender` until it is closed; subscribes again after errors.
+async fn forward(
     connection: Connection,
-    begun: Option<pull::Ordered>,
+    mut messages: Option<pull::Ordered>,
     mut after: u64,
     sender: mpsc::Sender<NumberedEvent>,
 ) {
-    let mut told = begun;
     loop {
-        let Some(following) = &mut told else {
-            let again = async { follow(&events(&connection).await?, after).await };
-            match again.await {
-                Ok(following) => told = Some(following),
+        let Some(current) = &mut messages else {
+            let subscribed = async { follow(&events(&connection).await?, after).await };
+            match subscribed.await {
+                Ok(new) => messages = Some(new),
                 Err(error) => {
-                    tracing::debug!(%error, "failed to subscribe to events: trying again");
+                    tracing::debug!(%error, "failed to subscribe to events, retrying");
                     tokio::time::sleep(Duration::from_secs(1)).await;
                 }
             }
             continue;
         };
         let next = tokio::select! {
-            next = following.next() => next,
+            next = current.next() => next,
             () = sender.closed() => return,
         };
         match next {
@@ -164,10 +166,10 @@ async fn go_on(
                 }
             }
             Some(Err(error)) => {
-                tracing::debug!(%error, "failed to read events: subscribing again");
-                told = None;
+                tracing::debug!(%error, "failed to read events, subscribing again");
+                messages = None;
             }
-            None => told = None,
+            None => messages = None,
         }
     }
 }
@@ -194,7 +196,7 @@ async fn follow(stream: &Stream, after: u64) -> Result<pull::Ordered, ClusterErr
     consumer.messages().await.map_err(|error| failed(error.into()))
 }
 
-/// An event of the stream; none where a node of another version sent it.
+/// Reads an event of the stream; `None` where a node of another version sent it.
 fn read(message: &async_nats::jetstream::Message) -> Option<NumberedEvent> {
     let number = message.info().ok()?.stream_sequence;
     let event = serde_json::from_slice(&message.payload)

@@ -1,4 +1,4 @@
-//! A process in a cluster: a node or a worker.
+//! A process of a cluster: an API node, a worker, or a command.
 
 use std::sync::Arc;
 
@@ -12,62 +12,64 @@ use super::{ClusterError, DeadLetter, NatsSettings, WorkerLimits};
 use super::{dead_letters, events, overview, worker};
 use crate::service::{QueueOverview, Service, WorkQueue};
 
-/// A process's place in a cluster.
+/// A process's connection to a cluster.
 pub struct Cluster {
     connection: Connection,
 }
 
-/// A worker at work.
+/// A running worker.
 pub struct RunningWorker {
     stop: watch::Sender<bool>,
     task: JoinHandle<()>,
 }
 
 impl Cluster {
-    /// Connects to NATS and makes what is missing there.
+    /// Connects to NATS and creates missing streams.
     ///
-    /// Errors: credentials that cannot be read; a server that refuses.
+    /// # Errors
+    /// The credentials cannot be read, or a server rejects the connection.
     pub async fn join(settings: NatsSettings) -> Result<Self, ClusterError> {
         let connection = Connection::open(settings).await?;
         if let Err(error) = connection.prepare().await {
-            // Workers and uploads make it when NATS is back.
-            tracing::warn!(%error, "failed to make the cluster's streams: trying again when NATS is back");
+            // Workers and uploads create the streams once NATS is available.
+            tracing::warn!(%error, "failed to create the cluster's streams, retrying when NATS is available");
         }
         Ok(Self { connection })
     }
 
-    /// Connects to NATS to look at a cluster; nothing is made there.
+    /// Connects to NATS to inspect a cluster; creates nothing.
     ///
-    /// Errors: credentials that cannot be read; a server that refuses.
-    pub async fn look_at(settings: NatsSettings) -> Result<Self, ClusterError> {
+    /// # Errors
+    /// The credentials cannot be read, a server rejects the connection, or none answers.
+    pub async fn connect(settings: NatsSettings) -> Result<Self, ClusterError> {
         let connection = Connection::open(settings).await?;
         connection.wait_until_connected().await?;
         Ok(Self { connection })
     }
 
-    /// The queue of an API node.
+    /// Returns the queue of an API node.
     pub fn queue_of_node(&self) -> Arc<dyn WorkQueue> {
         Arc::new(Queue::new(self.connection.clone(), true))
     }
 
-    /// The queue of a worker.
+    /// Returns the queue of a worker.
     pub fn queue_of_worker(&self) -> Arc<dyn WorkQueue> {
         Arc::new(Queue::new(self.connection.clone(), false))
     }
 
-    /// What waits in the queue, and which workers answer.
+    /// Queries the queue and the workers that respond.
     pub async fn overview(&self) -> Result<QueueOverview, ClusterError> {
-        overview::look(&self.connection).await
+        overview::query(&self.connection).await
     }
 
-    /// The records that could not be stored.
+    /// Lists the dead letters, oldest first.
     pub async fn dead_letters(&self) -> Result<Vec<DeadLetter>, ClusterError> {
         dead_letters::list(&self.connection).await
     }
 
-    /// One of the records that could not be stored.
+    /// Returns one dead letter.
     pub async fn dead_letter(&self, number: u64) -> Result<DeadLetter, ClusterError> {
-        dead_letters::letter(&self.connection, number).await
+        dead_letters::get(&self.connection, number).await
     }
 
     /// Puts the record of a dead letter back into the queue.
@@ -75,12 +77,12 @@ impl Cluster {
         dead_letters::retry(&self.connection, number).await
     }
 
-    /// Takes a dead letter away; its raw bytes go where nothing else refers to them.
+    /// Deletes a dead letter; its raw recording moves to quarantine unless something else refers to it.
     pub async fn drop_dead_letter(&self, number: u64) -> Result<(), ClusterError> {
-        dead_letters::drop_letter(&self.connection, number).await
+        dead_letters::remove(&self.connection, number).await
     }
 
-    /// Publishes to all nodes what a process announces, until it ends.
+    /// Publishes a process's events to all nodes, until the process ends.
     pub fn publish_events(&self, service: &Service) -> JoinHandle<()> {
         tokio::spawn(events::publish(self.connection.clone(), service.events.follow()))
     }
@@ -90,7 +92,7 @@ impl Cluster {
         events::subscribe(self.connection.clone()).await
     }
 
-    /// Begins to work on the records of the queue.
+    /// Starts a worker on the records of the queue.
     pub fn start_worker(&self, service: Arc<Service>, limits: WorkerLimits) -> RunningWorker {
         let (stop, stopped) = watch::channel(false);
         let worker = worker::Worker::new(self.connection.clone(), service, limits, stopped);
@@ -99,7 +101,7 @@ impl Cluster {
 }
 
 impl RunningWorker {
-    /// Takes no more records, and waits until those that were begun are committed and acknowledged.
+    /// Stops taking records and waits until those in work are committed and acknowledged.
     pub async fn stop(self) {
         self.stop.send_replace(true);
         if let Err(error) = self.task.await {

@@ -1,4 +1,4 @@
-//! A queued record as the message of `proto/flankwatch/v1/work.proto`, and back.
+//! Encodes queued records as messages of `proto/flankwatch/v1/work.proto` and decodes them.
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -9,14 +9,15 @@ use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::service::QueuedRecord;
 use crate::signal::OperatingPoint;
 
-#[expect(unreachable_pub, reason = "generated from the schema, which says what each field is")]
+#[expect(unreachable_pub, reason = "generated from the schema, which documents each field")]
 mod generated {
     include!("message/work.rs");
 }
 
-/// The message of a record.
+/// Encodes a record.
 ///
-/// Error: a time outside of what 64-bit nanoseconds hold.
+/// # Errors
+/// A time is out of range for 64-bit nanoseconds.
 pub(super) fn encode(record: &QueuedRecord) -> Result<Bytes, ClusterError> {
     let message = generated::QueuedRecord {
         segment_id: record.id.0.clone(),
@@ -38,19 +39,18 @@ pub(super) fn encode(record: &QueuedRecord) -> Result<Bytes, ClusterError> {
     Ok(message.encode_to_vec().into())
 }
 
-/// The record of a message.
+/// Decodes a record.
 ///
-/// Error: [`ClusterError::Message`] with the field at fault.
+/// # Errors
+/// [`ClusterError::Message`] with the invalid field.
 pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
     let message =
         generated::QueuedRecord::decode(bytes).map_err(|error| ClusterError::Message(error.to_string()))?;
     let is_hash =
         message.raw_sha256.len() == 64 && message.raw_sha256.bytes().all(|byte| byte.is_ascii_hexdigit());
     if !is_hash {
-        let found = &message.raw_sha256;
-        return Err(ClusterError::Message(format!(
-            "raw_sha256 is {found:?}, expected 64 hexadecimal digits"
-        )));
+        let hash = &message.raw_sha256;
+        return Err(ClusterError::Message(format!("raw_sha256 is {hash:?}, expected 64 hexadecimal digits")));
     }
     let asset =
         AssetId::new(message.asset).map_err(|error| ClusterError::Message(format!("asset: {error}")))?;
@@ -87,7 +87,7 @@ fn to_ns(field: &str, time: Timestamp) -> Result<i64, ClusterError> {
 }
 
 fn from_ns(ns: i64) -> Timestamp {
-    // Every 64-bit number of nanoseconds is a time.
+    // Every 64-bit number of nanoseconds is in the range of `Timestamp`.
     Timestamp::from_nanosecond(ns.into()).unwrap_or_default()
 }
 
@@ -121,21 +121,21 @@ mod tests {
     }
 
     #[test]
-    fn a_record_comes_back_as_it_was() {
+    fn a_record_survives_a_round_trip() {
         let bytes = encode(&record()).unwrap();
         assert_eq!(decode(&bytes).unwrap(), record());
         assert!(bytes.len() < 200, "{} bytes", bytes.len());
     }
 
     #[test]
-    fn what_is_no_message_is_refused_with_the_field() {
+    fn an_invalid_message_is_rejected_with_the_field() {
         assert!(decode(b"\xff\xff").is_err());
-        let mut wrong = record();
-        wrong.raw.sha256 = "../../etc/passwd".into();
-        let error = decode(&encode(&wrong).unwrap()).unwrap_err().to_string();
+        let mut invalid = record();
+        invalid.raw.sha256 = "../../etc/passwd".into();
+        let error = decode(&encode(&invalid).unwrap()).unwrap_err().to_string();
         assert!(error.contains("raw_sha256"), "{error}");
-        let mut far = record();
-        far.start_time = "2300-01-01T00:00:00Z".parse().unwrap();
-        assert!(encode(&far).unwrap_err().to_string().contains("start_time"));
+        let mut out_of_range = record();
+        out_of_range.start_time = "2300-01-01T00:00:00Z".parse().unwrap();
+        assert!(encode(&out_of_range).unwrap_err().to_string().contains("start_time"));
     }
 }

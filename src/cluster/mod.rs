@@ -1,15 +1,14 @@
-//! One service on several machines: API nodes that keep nothing, workers, and NATS JetStream between them.
+//! One service on several machines: stateless API nodes, workers, and NATS JetStream between them.
 //!
 //! ```text
 //! API node ─ raw bytes ─▶ object store
 //!          └ message ───▶ JetStream ─▶ worker ─ analyse, fold, commit ─▶ PostgreSQL
-//!          ◀─ events ──── JetStream ◀─ announce ──┘
+//!          ◀─ events ──── JetStream ◀─ publish ───┘
 //! ```
 //!
-//! The settings need the feature `postgres`, everything else needs `nats`.
+//! The settings require the feature `postgres`, everything else requires `nats`.
 //!
-//! What is done with a record is the code of [`service`](crate::service); here is only what joins the
-//! processes.
+//! [`service`](crate::service) processes the records; this module connects the processes.
 
 #[cfg(feature = "nats")]
 mod attempts;
@@ -21,7 +20,7 @@ mod error;
 #[cfg(feature = "nats")]
 mod events;
 #[cfg(feature = "nats")]
-mod fault;
+mod failure_cause;
 #[cfg(feature = "nats")]
 mod member;
 #[cfg(feature = "nats")]

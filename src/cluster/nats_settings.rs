@@ -1,4 +1,4 @@
-//! What the settings file says of NATS and of workers.
+//! The tables `cluster.nats` and `cluster.worker` of the settings file.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -6,52 +6,52 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::ClusterError;
-use super::settings::{at_least, wrong};
+use super::settings::{at_least, invalid};
 
-/// Where NATS is and who asks.
+/// Settings of the connection to NATS and of the cluster's streams.
 #[derive(Clone)]
 pub struct NatsSettings {
     /// Addresses of the servers, `nats://host:4222` or `tls://host:4222`.
     pub urls: Vec<String>,
-    /// What the names of all streams and subjects of this cluster begin with.
+    /// Prefix of the names of all streams and subjects of this cluster.
     pub name: String,
-    /// How the process says who it is.
+    /// Credentials of the process.
     pub credentials: NatsCredentials,
     /// Certificates (PEM) to trust besides those of the system.
     pub ca: Option<PathBuf>,
-    /// On how many servers each stream is kept.
+    /// Number of servers that store each stream.
     pub replicas: usize,
-    /// Records that may wait; beyond it further ones are refused until some are done.
+    /// Maximum number of records in the queue; further ones are rejected while it is full.
     pub max_records: i64,
-    /// Bytes of messages that may wait.
+    /// Maximum size of the messages in the queue in bytes.
     pub max_bytes: i64,
-    /// Events that are kept for clients that lost their connection.
+    /// Number of events stored for clients that lost their connection.
     pub events_kept: i64,
-    /// How long a record is worked on without a sign of life before another worker gets it.
+    /// Time without progress of a worker after which its record is redelivered to another worker.
     pub ack_wait: Duration,
 }
 
-/// How a process says to NATS who it is.
+/// Credentials for NATS.
 #[derive(Clone, Default)]
 pub enum NatsCredentials {
-    /// Not at all.
+    /// No credentials.
     #[default]
     None,
-    /// By a name and a password.
+    /// User name and password.
     Password {
-        /// The name.
+        /// The user name.
         user: String,
         /// The password.
         password: String,
     },
-    /// By a token.
+    /// A token.
     Token(String),
-    /// By a file with a JWT and a key.
+    /// A file with a JWT and a key.
     File(PathBuf),
 }
 
 impl NatsSettings {
-    /// The defaults for one server and a cluster's name.
+    /// Returns the defaults for one server and a cluster's name.
     pub fn new(url: impl Into<String>, name: impl Into<String>) -> Self {
         Self {
             urls: vec![url.into()],
@@ -67,12 +67,12 @@ impl NatsSettings {
     }
 }
 
-/// What one worker does.
+/// Limits of a worker.
 #[derive(Debug, Clone)]
 pub struct WorkerLimits {
-    /// Records worked on at once.
+    /// Maximum number of records in work at once.
     pub at_once: usize,
-    /// A record that was given out so often without a worker coming back from it goes to the dead letters.
+    /// Number of deliveries that no worker survived after which a record moves to the dead letters.
     pub max_deliveries: u32,
 }
 
@@ -112,12 +112,12 @@ impl NatsTable {
     ) -> Result<NatsSettings, ClusterError> {
         let expected = "addresses nats://host:4222 or tls://host:4222";
         if self.urls.is_empty() {
-            return Err(wrong("cluster.nats.urls", "missing", expected));
+            return Err(invalid("cluster.nats.urls", "missing", expected));
         }
         if let Some(url) =
             self.urls.iter().find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
         {
-            return Err(wrong("cluster.nats.urls", url, expected));
+            return Err(invalid("cluster.nats.urls", url, expected));
         }
         let mut settings = NatsSettings::new(String::new(), name);
         settings.urls = self.urls;
@@ -128,29 +128,29 @@ impl NatsTable {
             (None, Some(user), Some(password), None) => NatsCredentials::Password { user, password },
             (None, None, None, Some(token)) => NatsCredentials::Token(token),
             (None, Some(user), None, None) => {
-                let expected = "a password with it in FLANKWATCH_NATS_PASSWORD";
-                return Err(wrong("cluster.nats.user", user, expected));
+                let expected = "the user's password in FLANKWATCH_NATS_PASSWORD";
+                return Err(invalid("cluster.nats.user", user, expected));
             }
             _ => {
                 let expected =
                     "one of credentials_file, user with FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN";
-                return Err(wrong("cluster.nats", "several credentials", expected));
+                return Err(invalid("cluster.nats", "given several credentials", expected));
             }
         };
         if let Some(replicas) = self.replicas {
             if !(1..=5).contains(&replicas) {
-                return Err(wrong("cluster.nats.replicas", replicas, "1 to 5"));
+                return Err(invalid("cluster.nats.replicas", replicas, "1 to 5"));
             }
             settings.replicas = replicas;
         }
         let count = |field, given: u64| {
-            i64::try_from(at_least(field, given, 1)?).map_err(|_| wrong(field, given, "less than 2^63"))
+            i64::try_from(at_least(field, given, 1)?).map_err(|_| invalid(field, given, "less than 2^63"))
         };
-        if let Some(most) = self.max_records {
-            settings.max_records = count("cluster.nats.max_records", most)?;
+        if let Some(max_records) = self.max_records {
+            settings.max_records = count("cluster.nats.max_records", max_records)?;
         }
-        if let Some(most) = self.max_bytes {
-            settings.max_bytes = count("cluster.nats.max_bytes", most)?;
+        if let Some(max_bytes) = self.max_bytes {
+            settings.max_bytes = count("cluster.nats.max_bytes", max_bytes)?;
         }
         if let Some(kept) = self.events_kept {
             settings.events_kept = count("cluster.nats.events_kept", kept)?;
@@ -168,8 +168,8 @@ impl WorkerTable {
         if let Some(at_once) = self.at_once {
             limits.at_once = at_least("cluster.worker.at_once", at_once, 1)?;
         }
-        if let Some(most) = self.max_deliveries {
-            limits.max_deliveries = at_least("cluster.worker.max_deliveries", most, 1)?;
+        if let Some(max_deliveries) = self.max_deliveries {
+            limits.max_deliveries = at_least("cluster.worker.max_deliveries", max_deliveries, 1)?;
         }
         Ok(limits)
     }

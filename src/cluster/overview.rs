@@ -1,4 +1,4 @@
-//! What waits in the queue, and which workers answer when they are asked.
+//! Overview of a cluster: the records in the queue and the workers that respond.
 
 use std::time::Duration;
 
@@ -11,19 +11,19 @@ use super::ClusterError;
 use super::connection::{CONSUMER, Connection};
 use crate::service::{QueueOverview, WorkerOverview};
 
-/// How long workers have to answer.
-const WORKERS_ANSWER: Duration = Duration::from_millis(300);
+/// Time in which workers must respond.
+const WORKER_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// Looks at the queue and asks for workers.
-pub(super) async fn look(connection: &Connection) -> Result<QueueOverview, ClusterError> {
+/// Queries the queue, the dead letters and the workers.
+pub(super) async fn query(connection: &Connection) -> Result<QueueOverview, ClusterError> {
     let (queue, dead_letters, workers) =
         tokio::join!(queue(connection), dead_letters(connection), workers(connection));
     Ok(QueueOverview { dead_letters: dead_letters?, workers: workers?, ..queue? })
 }
 
-/// What waits, by what the stream holds and how far its consumer is.
+/// Computes the queue's numbers from the states of its stream and its consumer.
 async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
-    let failed = || ClusterError::jetstream("look at the queue");
+    let failed = || ClusterError::jetstream("read the state of the queue");
     let stream = match connection.jetstream.get_stream(connection.work_stream()).await {
         Ok(stream) => stream,
         Err(error) => return Err(failed()(error.into())),
@@ -35,11 +35,11 @@ async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
             info.ack_floor.stream_sequence,
             info.num_ack_pending as u64,
         ),
-        // No worker has ever asked.
+        // No worker has ever connected.
         Err(error) if error.kind() == ConsumerInfoErrorKind::NotFound => (state.messages, 0, 0),
         Err(error) => return Err(failed()(error.into())),
     };
-    // Messages up to the floor are acknowledged: what is still there of them is given to nobody.
+    // Messages up to the floor are acknowledged: those still stored are never delivered again.
     let leftovers =
         if floor > 0 && state.first_sequence <= floor { state.messages.saturating_sub(known) } else { 0 };
     let records = state.messages.saturating_sub(leftovers);
@@ -49,7 +49,7 @@ async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
         let from = state.first_sequence.max(floor + 1);
         match stream.get_first_raw_message_by_subject(&connection.work_subject(), from).await {
             Ok(oldest) => Timestamp::from_nanosecond(oldest.time.unix_timestamp_nanos()).ok(),
-            // It was done meanwhile.
+            // It was completed meanwhile.
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => None,
             Err(error) => return Err(failed()(error.into())),
         }
@@ -60,47 +60,46 @@ async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
 async fn dead_letters(connection: &Connection) -> Result<u64, ClusterError> {
     match connection.jetstream.get_stream(connection.dead_stream()).await {
         Ok(stream) => Ok(stream.cached_info().state.messages),
-        Err(error) => Err(ClusterError::jetstream("look at the dead letters")(error.into())),
+        Err(error) => Err(ClusterError::jetstream("read the state of the dead letters")(error.into())),
     }
 }
 
-/// Those that answer in time.
+/// Collects the workers that respond in time.
 async fn workers(connection: &Connection) -> Result<Vec<WorkerOverview>, ClusterError> {
-    let failed = || ClusterError::jetstream("ask for workers");
+    let failed = || ClusterError::jetstream("query the workers");
     let client = &connection.client;
     let inbox = client.new_inbox();
     let mut answers = client.subscribe(inbox.clone()).await.map_err(|error| failed()(error.into()))?;
-    let asked = client.publish_with_reply(connection.workers_subject(), inbox, "".into()).await;
-    asked.map_err(|error| failed()(error.into()))?;
+    let published = client.publish_with_reply(connection.workers_subject(), inbox, "".into()).await;
+    published.map_err(|error| failed()(error.into()))?;
     let mut workers = Vec::new();
     let collect = async {
         while let Some(answer) = answers.next().await {
             match serde_json::from_slice(&answer.payload) {
                 Ok(worker) => workers.push(worker),
-                // The server says that nobody listens.
+                // The server's notice that there are no responders.
                 Err(_) if answer.payload.is_empty() => return,
-                Err(error) => tracing::debug!(%error, "failed to read what a worker says of itself"),
+                Err(error) => tracing::debug!(%error, "failed to read the response of a worker"),
             }
         }
     };
-    // Who has not answered by then counts as gone.
-    let _ = tokio::time::timeout(WORKERS_ANSWER, collect).await;
+    // Workers that have not responded by then are missing from the overview.
+    let _ = tokio::time::timeout(WORKER_TIMEOUT, collect).await;
     workers.sort_by(|one: &WorkerOverview, other| one.name.cmp(&other.name));
     Ok(workers)
 }
 
-/// Answers for a worker whenever somebody asks; never returns.
-pub(super) async fn answer(connection: Connection, tell: impl Fn() -> WorkerOverview) {
+/// Responds to status queries with the worker's overview; never returns.
+pub(super) async fn respond(connection: Connection, overview: impl Fn() -> WorkerOverview) {
     loop {
         match connection.client.subscribe(connection.workers_subject()).await {
-            Err(error) => tracing::warn!(%error, "failed to listen for who asks for workers: trying again"),
-            Ok(mut asked) => {
-                while let Some(question) = asked.next().await {
-                    let Some(to) = question.reply else { continue };
-                    // A name and numbers always serialise into memory.
-                    let answer = serde_json::to_vec(&tell()).expect("plain fields are JSON");
-                    if let Err(error) = connection.client.publish(to, answer.into()).await {
-                        tracing::debug!(%error, "failed to answer who asks for workers");
+            Err(error) => tracing::warn!(%error, "failed to subscribe to status queries, retrying"),
+            Ok(mut queries) => {
+                while let Some(query) = queries.next().await {
+                    let Some(to) = query.reply else { continue };
+                    let response = serde_json::to_vec(&overview()).expect("a name and numbers serialise");
+                    if let Err(error) = connection.client.publish(to, response.into()).await {
+                        tracing::debug!(%error, "failed to respond to a status query");
                     }
                 }
             }
@@ -109,9 +108,9 @@ pub(super) async fn answer(connection: Connection, tell: impl Fn() -> WorkerOver
     }
 }
 
-/// A name for a worker that no other one has: the machine's, where it is known, and a number by chance.
+/// Returns a unique name for a worker: the host name, if known, and a random number.
 pub(super) fn worker_name() -> String {
-    let machine = std::env::var("HOSTNAME").ok().filter(|name| !name.is_empty());
+    let host = std::env::var("HOSTNAME").ok().filter(|name| !name.is_empty());
     let number = getrandom::u32().unwrap_or_default();
-    format!("{}-{number:08x}", machine.as_deref().unwrap_or("worker"))
+    format!("{}-{number:08x}", host.as_deref().unwrap_or("worker"))
 }

@@ -17,32 +17,32 @@ use crate::service::{PartHealth, QueueOverview, QueuedRecord, ServiceError, Work
 
 const FULL: ServiceError = ServiceError::Busy { what: "the workers' queue is full", retry_after_s: 5 };
 
-const AWAY: ServiceError =
+const UNREACHABLE: ServiceError =
     ServiceError::Busy { what: "the workers' queue cannot be reached", retry_after_s: 2 };
 
-/// How long the queue's server has to say that it works.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
+/// Timeout of the health check.
+const HEALTH_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// What a message takes of the queue at most, as it usually is.
+/// Upper bound of the usual size of a message in the queue.
 const MESSAGE_BYTES: u64 = 512;
 
-/// The queue, and the notices of changed assets.
+/// The queue, and the notifications of changed assets.
 pub struct Queue {
     connection: Connection,
-    /// Where records are only taken out, a full queue is no fault.
-    fills: bool,
+    /// Whether this process enqueues records: only then is a full queue a fault.
+    is_producer: bool,
 }
 
 impl Queue {
-    pub(super) fn new(connection: Connection, fills: bool) -> Self {
-        Self { connection, fills }
+    pub(super) fn new(connection: Connection, is_producer: bool) -> Self {
+        Self { connection, is_producer }
     }
 
     async fn publish(&self, record: &QueuedRecord) -> Result<PublishAckFuture, ServiceError> {
         let payload = message::encode(record).map_err(|error| ServiceError::Field {
             field: "record",
             value: error.to_string(),
-            expected: "one that a message can hold",
+            expected: "one that fits into a message",
         })?;
         let message = PublishMessage::build().payload(payload).message_id(message_id(record));
         let sent = self.connection.jetstream.send_publish(self.connection.work_subject(), message).await;
@@ -50,8 +50,8 @@ impl Queue {
     }
 }
 
-/// The name under which JetStream knows a record; that of an asset made again under an old name is another,
-/// and so is that of a record that was put among the dead letters since.
+/// Returns the ID by which JetStream detects a duplicate of a record. It differs for an asset created again under
+/// the same name, and for a record that has become a dead letter since.
 fn message_id(record: &QueuedRecord) -> String {
     let mut hash = Sha256::new();
     hash.update(record.id.0.as_bytes());
@@ -63,21 +63,20 @@ fn message_id(record: &QueuedRecord) -> String {
 }
 
 fn busy(error: &PublishError) -> ServiceError {
-    // JetStream says only in words that a stream is full.
+    // A full stream has no error kind of its own, only a message.
     if error.kind() == PublishErrorKind::Other && error.to_string().contains("maximum") {
         return FULL;
     }
     tracing::warn!(%error, "failed to enqueue a record");
-    AWAY
+    UNREACHABLE
 }
 
 impl WorkQueue for Queue {
     fn enqueue<'a>(&'a self, records: &'a [QueuedRecord]) -> BoxFuture<'a, Result<(), ServiceError>> {
         Box::pin(async move {
-            // What is sent while there is no connection would be kept back and sent later, long after the
-            // answer.
+            // Without a connection the client would buffer the records and send them long after the response.
             if self.connection.fault().is_some() {
-                return Err(AWAY);
+                return Err(UNREACHABLE);
             }
             let mut acknowledgements = Vec::with_capacity(records.len());
             for record in records {
@@ -91,8 +90,8 @@ impl WorkQueue for Queue {
                     Err(error) => {
                         if error.kind() == PublishErrorKind::StreamNotFound {
                             self.connection.prepare().await.map_err(|error| {
-                                tracing::error!(%error, "failed to make the missing queue");
-                                AWAY
+                                tracing::error!(%error, "failed to create the missing queue");
+                                UNREACHABLE
                             })?;
                         }
                         return Err(busy(&error));
@@ -112,8 +111,8 @@ impl WorkQueue for Queue {
                 (connection.dead_stream(), connection.dead_subject()),
             ] {
                 let found = objects_of(connection, stream, &subject).await.map_err(|error| {
-                    tracing::warn!(%error, "failed to look through the queue");
-                    AWAY
+                    tracing::warn!(%error, "failed to scan the queue");
+                    UNREACHABLE
                 })?;
                 objects.extend(found);
             }
@@ -133,9 +132,9 @@ impl WorkQueue for Queue {
 
     fn overview(&self) -> BoxFuture<'_, Result<QueueOverview, ServiceError>> {
         Box::pin(async {
-            overview::look(&self.connection).await.map_err(|error| {
-                tracing::debug!(%error, "failed to look at the queue");
-                AWAY
+            overview::query(&self.connection).await.map_err(|error| {
+                tracing::debug!(%error, "failed to query the queue");
+                UNREACHABLE
             })
         })
     }
@@ -145,8 +144,8 @@ impl WorkQueue for Queue {
             let fault = match self.connection.fault() {
                 Some(fault) => Some(fault.to_owned()),
                 None => {
-                    let looked = tokio::time::timeout(ANSWER_TIMEOUT, self.full_or_away()).await;
-                    looked.unwrap_or_else(|_| Some("does not answer".to_owned()))
+                    let checked = tokio::time::timeout(HEALTH_TIMEOUT, self.queue_fault()).await;
+                    checked.unwrap_or_else(|_| Some("does not answer".to_owned()))
                 }
             };
             vec![PartHealth { part: "queue_server", fault }]
@@ -154,13 +153,13 @@ impl WorkQueue for Queue {
     }
 }
 
-/// The raw objects of the records in a stream.
+/// Returns the raw objects of the records in a stream.
 async fn objects_of(
     connection: &Connection,
     stream: String,
     subject: &str,
 ) -> Result<HashSet<String>, ClusterError> {
-    let failed = ClusterError::jetstream("look through a stream");
+    let failed = ClusterError::jetstream("scan a stream");
     let stream = match connection.jetstream.get_stream(stream).await {
         Ok(stream) => stream,
         Err(error) => return Err(failed(error.into())),
@@ -181,18 +180,19 @@ async fn objects_of(
 }
 
 impl Queue {
-    async fn full_or_away(&self) -> Option<String> {
+    /// Returns why the queue cannot take records; `None` if it can.
+    async fn queue_fault(&self) -> Option<String> {
         match self.connection.work_state().await {
-            // Where the stream is missing, making it says why it cannot be made.
+            // The stream may be missing: creating it gives the reason where that fails.
             Err(_) => self.connection.prepare().await.err().map(|error| error.to_string()),
             Ok(state) => {
                 let settings = self.connection.settings();
-                let (most, most_bytes) = (settings.max_records, settings.max_bytes);
-                if self.fills && state.messages >= most.unsigned_abs() {
-                    return Some(format!("full: {} of {most} records wait", state.messages));
+                let (max_records, max_bytes) = (settings.max_records, settings.max_bytes);
+                if self.is_producer && state.messages >= max_records.unsigned_abs() {
+                    return Some(format!("full: {} of {max_records} records", state.messages));
                 }
-                if self.fills && state.bytes.saturating_add(MESSAGE_BYTES) > most_bytes.unsigned_abs() {
-                    return Some(format!("full: {} of {most_bytes} bytes of messages wait", state.bytes));
+                if self.is_producer && state.bytes.saturating_add(MESSAGE_BYTES) > max_bytes.unsigned_abs() {
+                    return Some(format!("full: {} of {max_bytes} bytes of messages", state.bytes));
                 }
                 let written = self.connection.check_writable().await;
                 written.err().map(|error| error.to_string())

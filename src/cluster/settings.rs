@@ -9,10 +9,10 @@ use super::nats_settings::{NatsTable, WorkerTable};
 use super::{ClusterError, NatsSettings, WorkerLimits};
 use crate::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 
-/// Longest name of a cluster, in bytes: it begins the names of streams.
+/// Maximum length of a cluster's name in bytes; the name is the prefix of stream names.
 const MAX_NAME: usize = 64;
 
-/// The table as it is written.
+/// The table `cluster`.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ClusterTable {
@@ -44,47 +44,48 @@ struct ObjectsTable {
     orphan_age_s: Option<u64>,
 }
 
-/// What is better not written into a file.
+/// Secrets of the environment, for those who do not write them into a file.
 #[derive(Clone, Default)]
 pub struct ClusterSecrets {
-    /// Address of the database with name and password; goes before the file's.
+    /// Address of the database with name and password; overrides that of the file.
     pub database_url: Option<String>,
-    /// Password of the user of NATS.
+    /// Password of the NATS user.
     pub nats_password: Option<String>,
     /// Token for NATS.
     pub nats_token: Option<String>,
-    /// Key of the object store.
+    /// Access key ID of the object store.
     pub s3_access_key_id: Option<String>,
-    /// Its secret.
+    /// Secret access key of the object store.
     pub s3_secret_access_key: Option<String>,
 }
 
-/// What a process of a cluster needs to know.
+/// Settings of a cluster's process.
 #[derive(Clone)]
 pub struct ClusterSettings {
     /// The store that all processes share.
     pub store: SharedSettings,
-    /// NATS.
+    /// The connection to NATS and the streams.
     pub nats: NatsSettings,
-    /// What a worker takes on.
+    /// Limits of a worker.
     pub worker: WorkerLimits,
 }
 
 impl ClusterTable {
-    /// The settings that follow.
+    /// Resolves the table with the secrets of the environment.
     ///
-    /// Error: [`ClusterError::Setting`] with the field, its value and what was expected.
+    /// # Errors
+    /// [`ClusterError::Setting`] with the field, its value and what was expected.
     pub fn resolve(self, secrets: ClusterSecrets) -> Result<ClusterSettings, ClusterError> {
         let name = self.name.unwrap_or_else(|| "flankwatch".to_owned());
-        let is_usable =
+        let is_valid =
             |name: &str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
-        if name.is_empty() || name.len() > MAX_NAME || !is_usable(&name) {
-            return Err(wrong("cluster.name", name, "1 to 64 characters of a-z, A-Z, 0-9, - and _"));
+        if name.is_empty() || name.len() > MAX_NAME || !is_valid(&name) {
+            return Err(invalid("cluster.name", name, "1 to 64 characters of a-z, A-Z, 0-9, - and _"));
         }
         let objects = self.objects.resolve(&secrets)?;
         let mut store = self.database.resolve(secrets.database_url, objects)?;
         if let Some(age) = self.objects.orphan_age_s {
-            // Younger ones may be those of records that wait in the queue.
+            // Younger objects may belong to records in the queue.
             store.orphan_age = Duration::from_secs(at_least("cluster.objects.orphan_age_s", age, 3600)?);
         }
         let nats = self.nats.resolve(name, secrets.nats_password, secrets.nats_token)?;
@@ -100,12 +101,12 @@ impl DatabaseTable {
     ) -> Result<SharedSettings, ClusterError> {
         let missing = "postgres://user:password@host/name, here or in FLANKWATCH_DATABASE_URL";
         let url = secret_url.or(self.url);
-        let url = url.ok_or_else(|| wrong("cluster.database.url", "missing", missing))?;
+        let url = url.ok_or_else(|| invalid("cluster.database.url", "missing", missing))?;
         let is_postgres = url.starts_with("postgres://") || url.starts_with("postgresql://");
         if !is_postgres {
-            // What stands where a password may be is not repeated.
+            // Only the scheme is repeated: the rest may contain a password.
             let scheme = url.split("://").next().unwrap_or_default();
-            return Err(wrong(
+            return Err(invalid(
                 "cluster.database.url",
                 format!("{scheme}://…"),
                 "postgres://user:password@host/name",
@@ -134,14 +135,14 @@ impl ObjectsTable {
             }
             (None, None) => None,
             (Some(_), None) => {
-                return Err(wrong(
+                return Err(invalid(
                     "FLANKWATCH_S3_SECRET_ACCESS_KEY",
                     "missing",
                     "the secret of FLANKWATCH_S3_ACCESS_KEY_ID",
                 ));
             }
             (None, Some(_)) => {
-                return Err(wrong(
+                return Err(invalid(
                     "FLANKWATCH_S3_ACCESS_KEY_ID",
                     "missing",
                     "the key of FLANKWATCH_S3_SECRET_ACCESS_KEY",
@@ -157,10 +158,14 @@ impl ObjectsTable {
                 prefix: self.prefix.clone().unwrap_or_default(),
             }),
             (None, Some(folder)) => Ok(ObjectsSettings::Folder(folder.clone())),
-            (None, None) => {
-                Err(wrong("cluster.objects", "missing", "a bucket, or a folder that every process reaches"))
+            (None, None) => Err(invalid(
+                "cluster.objects",
+                "missing",
+                "a bucket, or a folder that every process can access",
+            )),
+            (Some(_), Some(_)) => {
+                Err(invalid("cluster.objects", "a bucket and a folder", "only one of them"))
             }
-            (Some(_), Some(_)) => Err(wrong("cluster.objects", "a bucket and a folder", "one of both")),
         }
     }
 }
@@ -175,18 +180,19 @@ fn in_bucket(_: BucketSettings) -> Result<ObjectsSettings, ClusterError> {
     Err(ClusterError::WithoutFeature { field: "cluster.objects.bucket", feature: "s3" })
 }
 
+/// Returns the value if it is at least `min`.
 pub(super) fn at_least<T: PartialOrd + std::fmt::Display>(
     field: &str,
     value: T,
-    least: T,
+    min: T,
 ) -> Result<T, ClusterError> {
-    if value < least {
-        return Err(wrong(field, value, &format!("at least {least}")));
+    if value < min {
+        return Err(invalid(field, value, &format!("at least {min}")));
     }
     Ok(value)
 }
 
-pub(super) fn wrong(field: &str, value: impl ToString, expected: &str) -> ClusterError {
+pub(super) fn invalid(field: &str, value: impl ToString, expected: &str) -> ClusterError {
     ClusterError::Setting { field: field.to_owned(), value: value.to_string(), expected: expected.to_owned() }
 }
 
@@ -218,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_table_is_taken() {
+    fn a_complete_table_is_resolved() {
         let settings = resolve(WHOLE, with_password()).unwrap();
         assert_eq!((settings.nats.urls.len(), settings.nats.replicas, settings.worker.at_once), (2, 3, 3));
         assert_eq!(settings.nats.name, "flankwatch");
@@ -228,14 +234,14 @@ mod tests {
     }
 
     #[test]
-    fn the_environment_goes_before_the_file() {
+    fn the_environment_overrides_the_file() {
         let secrets =
             ClusterSecrets { database_url: Some("postgres://x:y@elsewhere/z".into()), ..with_password() };
         assert_eq!(resolve(WHOLE, secrets).unwrap().store.database_url, "postgres://x:y@elsewhere/z");
     }
 
     #[test]
-    fn what_cannot_be_used_is_named_with_its_value_and_no_secret() {
+    fn errors_name_the_setting_and_its_value_but_no_secret() {
         let without = |line: &str| WHOLE.replace(line, "");
         for (text, words) in [
             (

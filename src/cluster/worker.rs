@@ -1,4 +1,4 @@
-//! A worker: takes records from the queue, has them analysed and stored, and only then acknowledges them.
+//! A worker: takes records from the queue, analyses and stores them, and acknowledges them after the commit.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,48 +12,48 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use super::attempts::Attempts;
 use super::connection::{CONSUMER, Connection};
 use super::dead_letters;
-use super::fault::Fault;
+use super::failure_cause::FailureCause;
 use super::{ClusterError, WorkerLimits, message, overview};
 use crate::asset::AssetId;
 use crate::service::{Accepted, QueuedRecord, Service, ServiceError, WorkerOverview};
 
-/// How long one question for records waits for some.
-const ASKED_FOR: Duration = Duration::from_secs(2);
+/// Time that one request for records waits for records.
+const PULL_EXPIRY: Duration = Duration::from_secs(2);
 
-/// Waits between two tries of a record that something away holds up.
+/// First and longest wait between two attempts to store a record.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
 const MAX_WAIT: Duration = Duration::from_secs(5);
 
-/// When a record that could not be dealt with is given out again.
-const TRIED_AGAIN: Duration = Duration::from_secs(10);
+/// Delay before a record that could not be handled is redelivered.
+const REDELIVERY_DELAY: Duration = Duration::from_secs(10);
 
-/// When a record that a stopping worker held is given out again: not to that worker, whose last question for
-/// records may still stand.
-const AFTER_STOP: Duration = Duration::from_secs(1);
+/// Delay before a record of a stopping worker is redelivered: long enough that it does not go to the same
+/// worker, whose last request for records may still be open.
+const DELAY_AFTER_STOP: Duration = Duration::from_secs(1);
 
-/// How often a record is tried that may be at fault itself.
-const DOUBTFUL_TRIES: u32 = 5;
+/// Maximum attempts for a record that may itself be the cause of the failure.
+const MAX_UNCERTAIN_ATTEMPTS: u32 = 5;
 
-/// A worker's parts; a clone is another handle to the same ones.
+/// A worker. Clones share its state.
 #[derive(Clone)]
 pub(super) struct Worker {
     connection: Connection,
     service: Arc<Service>,
     limits: WorkerLimits,
     stop: watch::Receiver<bool>,
-    /// Records that it works on.
+    /// Number of records in work.
     in_work: Arc<AtomicU64>,
 }
 
-/// What became of a record.
+/// Outcome of a delivery.
 #[derive(Debug)]
 enum Outcome {
-    /// It is stored, or its asset is gone.
-    Stored,
-    /// It can never be stored, for this reason.
-    GivenUp(String),
-    /// It could not be stored now: another delivery follows, after this wait.
-    GivenBack(Duration),
+    /// The record is stored, or its asset was removed.
+    Done,
+    /// The record can never be stored, for this reason.
+    DeadLetter(String),
+    /// The record could not be stored now: it is redelivered after this delay.
+    Redeliver(Duration),
 }
 
 impl Worker {
@@ -63,47 +63,47 @@ impl Worker {
         mut limits: WorkerLimits,
         stop: watch::Receiver<bool>,
     ) -> Self {
-        // More than that would be refused, and held.
+        // The service would reject more than that, and the worker would hold them.
         limits.at_once = limits.at_once.min(service.workers.queue().1).max(1);
         Self { connection, service, limits, stop, in_work: Arc::default() }
     }
 
-    /// Works until it is told to stop, and then ends what it has begun.
+    /// Processes records until it is stopped, then finishes those in work.
     pub(super) async fn run(self) {
         while let Err(error) = self.service.resume().await {
-            tracing::warn!(%error, "failed to resume: trying again");
+            tracing::warn!(%error, "failed to resume, retrying");
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
         let changes = tokio::spawn(self.clone().follow_changes());
-        let turns = Arc::new(Semaphore::new(self.limits.at_once));
-        let answers = tokio::spawn(self.answer());
+        let slots = Arc::new(Semaphore::new(self.limits.at_once));
+        let responder = tokio::spawn(self.respond());
         let mut stop = self.stop.clone();
         while !*stop.borrow() {
-            let worked = tokio::select! {
+            let result = tokio::select! {
                 _ = stop.wait_for(|stop| *stop) => break,
-                worked = self.work(&turns) => worked,
+                result = self.consume(&slots) => result,
             };
-            if let Err(error) = worked {
-                tracing::warn!(%error, "failed to take records from the queue: trying again");
+            if let Err(error) = result {
+                tracing::warn!(%error, "failed to take records from the queue, retrying");
                 tokio::select! {
                     _ = stop.wait_for(|stop| *stop) => break,
                     () = tokio::time::sleep(Duration::from_secs(1)) => {}
                 }
             }
         }
-        // All turns are back when everything that was begun is done.
+        // All slots are free once no record is in work.
         let all = u32::try_from(self.limits.at_once).unwrap_or(u32::MAX);
-        let _ = turns.acquire_many(all).await;
+        let _ = slots.acquire_many(all).await;
         changes.abort();
-        answers.abort();
+        responder.abort();
     }
 
-    /// Tells of this worker whoever asks.
-    fn answer(&self) -> impl Future<Output = ()> + use<> {
+    /// Responds to status queries.
+    fn respond(&self) -> impl Future<Output = ()> + use<> {
         let (service, in_work, at_once) =
             (Arc::clone(&self.service), Arc::clone(&self.in_work), self.limits.at_once);
         let name = overview::worker_name();
-        overview::answer(self.connection.clone(), move || WorkerOverview {
+        overview::respond(self.connection.clone(), move || WorkerOverview {
             name: name.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             in_work: in_work.load(Ordering::Relaxed),
@@ -112,8 +112,8 @@ impl Worker {
         })
     }
 
-    /// Takes records until something fails.
-    async fn work(&self, turns: &Arc<Semaphore>) -> Result<(), ClusterError> {
+    /// Takes records from the queue until a request fails; each one is processed in a task of its own.
+    async fn consume(&self, slots: &Arc<Semaphore>) -> Result<(), ClusterError> {
         let failed = ClusterError::jetstream;
         self.connection.prepare().await?;
         let stream = self.connection.jetstream.get_stream(self.connection.work_stream()).await;
@@ -122,82 +122,83 @@ impl Worker {
             durable_name: Some(CONSUMER.to_owned()),
             ack_policy: AckPolicy::Explicit,
             ack_wait: self.connection.settings().ack_wait,
-            // How often is too often is judged by the worker, which keeps the record.
+            // Unlimited: the worker counts deliveries and moves the record to the dead letters.
             max_deliver: -1,
             max_ack_pending: -1,
             ..pull::Config::default()
         };
         let consumer: PullConsumer = match stream.create_consumer(config).await {
             Ok(consumer) => consumer,
-            Err(error) => return Err(failed("make the consumer")(error.into())),
+            Err(error) => return Err(failed("create the consumer")(error.into())),
         };
         loop {
-            let first = Arc::clone(turns).acquire_owned().await;
+            let first = Arc::clone(slots).acquire_owned().await;
             let Ok(first) = first else { return Ok(()) };
             let mut free = vec![first];
-            while let Ok(more) = Arc::clone(turns).try_acquire_owned() {
+            while let Ok(more) = Arc::clone(slots).try_acquire_owned() {
                 free.push(more);
             }
-            let asked = consumer.batch().max_messages(free.len()).expires(ASKED_FOR).messages().await;
-            let mut messages = asked.map_err(|error| failed("ask for records")(error.into()))?;
+            let batch = consumer.batch().max_messages(free.len()).expires(PULL_EXPIRY).messages().await;
+            let mut messages = batch.map_err(|error| failed("request records")(error.into()))?;
             while let Some(message) = messages.next().await {
                 let message = message.map_err(failed("take a record"))?;
-                let Some(turn) = free.pop() else {
-                    // More than were asked for; it comes again.
+                let Some(slot) = free.pop() else {
+                    // More than requested: it is redelivered.
                     continue;
                 };
                 let worker = self.clone();
                 tokio::spawn(async move {
                     let in_work = Arc::clone(&worker.in_work);
                     in_work.fetch_add(1, Ordering::Relaxed);
-                    worker.treat(message, turn).await;
+                    worker.handle(message, slot).await;
                     in_work.fetch_sub(1, Ordering::Relaxed);
                 });
             }
         }
     }
 
-    async fn treat(self, message: Message, turn: OwnedSemaphorePermit) {
-        let _turn = turn;
-        // A record that was never given out before, and met no error, is not noted anywhere.
-        let mut is_noted = deliveries(&message) > 1;
-        let treated = tokio::select! {
-            treated = self.store(&message, &mut is_noted) => treated,
+    /// Stores the record of a message and acknowledges the message; holds the slot meanwhile.
+    async fn handle(self, message: Message, slot: OwnedSemaphorePermit) {
+        let _slot = slot;
+        // There are no attempts to remove for a record that is delivered for the first time and has no error.
+        let mut has_attempts = deliveries(&message) > 1;
+        let outcome = tokio::select! {
+            outcome = self.store(&message, &mut has_attempts) => outcome,
             () = keep_alive(&message, self.connection.settings().ack_wait / 3) => return,
         };
-        let kind = match treated {
-            Outcome::Stored => AckKind::Ack,
-            Outcome::GivenUp(reason) => match self.give_up(&message, &reason).await {
+        let kind = match outcome {
+            Outcome::Done => AckKind::Ack,
+            Outcome::DeadLetter(reason) => match self.put_dead_letter(&message, &reason).await {
                 Ok(()) => AckKind::Ack,
                 Err(error) => {
-                    tracing::warn!(%error, reason, "failed to put a record among the dead letters: trying again later");
+                    tracing::warn!(%error, reason, "failed to move a record to the dead letters, retrying later");
                     self.excuse(&message, &reason).await;
-                    AckKind::Nak(Some(TRIED_AGAIN))
+                    AckKind::Nak(Some(REDELIVERY_DELAY))
                 }
             },
-            Outcome::GivenBack(wait) => AckKind::Nak(Some(wait)),
+            Outcome::Redeliver(delay) => AckKind::Nak(Some(delay)),
         };
         let is_done = matches!(kind, AckKind::Ack);
-        // Where the acknowledgement is lost the record comes again, and is found stored.
+        // If the acknowledgement is lost, the record is redelivered and found to be stored already.
         if let Err(error) = message.double_ack_with(kind).await {
             tracing::debug!(%error, "failed to confirm an acknowledgement");
-        } else if is_done && is_noted {
-            Attempts::forget(&self.connection, &message).await;
+        } else if is_done && has_attempts {
+            Attempts::remove(&self.connection, &message).await;
         }
     }
 
-    /// Notes that this delivery says nothing against the record. Where that cannot be noted it counts as one
-    /// from which no worker came back.
+    /// Excuses this delivery, so that it does not count against the record. On failure it counts as one that no
+    /// worker survived.
     async fn excuse(&self, message: &Message, error: &str) {
         if let Err(error) = Attempts::excuse(&self.connection, message, error).await {
-            tracing::warn!(%error, "failed to note the error of a record");
+            tracing::warn!(%error, "failed to store the error of a record");
         }
     }
 
-    /// Puts a message among the dead letters, so that its record, sent again, is not taken for the one that
-    /// lies there.
-    async fn give_up(&self, message: &Message, reason: &str) -> Result<(), ClusterError> {
-        // Before it lies there: who sees it there may send its record again at once.
+    /// Moves a message to the dead letters and counts it in the store, so that the same record sent again is not
+    /// rejected as a duplicate.
+    async fn put_dead_letter(&self, message: &Message, reason: &str) -> Result<(), ClusterError> {
+        // Counted first: once the dead letter is visible, its record may be sent again at once.
         if let (Ok(record), Ok(info)) = (message::decode(&message.payload), message.info()) {
             let letter = i64::try_from(info.stream_sequence).unwrap_or(i64::MAX);
             self.service.store.count_dead_letter(&record.id, letter, self.service.now()).await?;
@@ -205,78 +206,79 @@ impl Worker {
         dead_letters::put(&self.connection, message, reason).await
     }
 
-    /// Has the record of a message stored; holds it as long as something else is away.
-    /// `is_noted` becomes true where an error was noted with it.
-    async fn store(&self, message: &Message, is_noted: &mut bool) -> Outcome {
+    /// Stores the record of a message; retries for as long as the cause of the failure is external. Sets
+    /// `has_attempts` where it stored an error.
+    async fn store(&self, message: &Message, has_attempts: &mut bool) -> Outcome {
         let record = match message::decode(&message.payload) {
             Ok(record) => record,
-            Err(error) => return Outcome::GivenUp(error.to_string()),
+            Err(error) => return Outcome::DeadLetter(error.to_string()),
         };
         match self.crashed_too_often(message).await {
             Ok(None) => {}
             Ok(Some(reason)) => {
-                return Outcome::GivenUp(format!("segment {} of {}: {reason}", record.id, record.asset_id));
+                return Outcome::DeadLetter(format!(
+                    "segment {} of {}: {reason}",
+                    record.id, record.asset_id
+                ));
             }
             Err(error) => {
-                tracing::warn!(%error, "failed to count the deliveries of a record: giving it back to the queue");
-                return Outcome::GivenBack(TRIED_AGAIN);
+                tracing::warn!(%error, "failed to count the deliveries of a record, returning it to the queue");
+                return Outcome::Redeliver(REDELIVERY_DELAY);
             }
         }
-        let (mut wait, mut doubted, mut is_excused) = (FIRST_WAIT, 0, false);
+        let (mut wait, mut uncertain, mut is_excused) = (FIRST_WAIT, 0, false);
         let mut stop = self.stop.clone();
         loop {
             let error = match self.store_once(&record).await {
-                Ok(Some(_)) => return Outcome::Stored,
+                Ok(Some(_)) => return Outcome::Done,
                 Ok(None) => {
                     tracing::info!(segment = %record.id, asset = %record.asset_id, "dropped a record whose asset was removed");
-                    return Outcome::Stored;
+                    return Outcome::Done;
                 }
                 Err(error) => error,
             };
             let reason = format!("segment {} of {}: {error}", record.id, record.asset_id);
-            match Fault::from(&error) {
-                Fault::Own => return Outcome::GivenUp(reason),
-                Fault::Doubtful => {
-                    doubted += 1;
-                    if doubted == DOUBTFUL_TRIES {
-                        return Outcome::GivenUp(format!("{reason} (tried {doubted} times)"));
+            match FailureCause::from(&error) {
+                FailureCause::Record => return Outcome::DeadLetter(reason),
+                FailureCause::Uncertain => {
+                    uncertain += 1;
+                    if uncertain == MAX_UNCERTAIN_ATTEMPTS {
+                        return Outcome::DeadLetter(format!("{reason} (tried {uncertain} times)"));
                     }
                 }
-                Fault::Elsewhere => {}
+                FailureCause::External => {}
             }
             if !is_excused {
-                (is_excused, *is_noted) = (true, true);
-                // Before anybody can learn of it and end this worker.
+                (is_excused, *has_attempts) = (true, true);
+                // Before the log line, after which somebody may kill this worker.
                 self.excuse(message, &reason).await;
-                tracing::warn!(segment = %record.id, %error, "failed to store a record: holding it");
+                tracing::warn!(segment = %record.id, %error, "failed to store a record, retrying");
             }
             tokio::select! {
-                _ = stop.wait_for(|stop| *stop) => return Outcome::GivenBack(AFTER_STOP),
+                _ = stop.wait_for(|stop| *stop) => return Outcome::Redeliver(DELAY_AFTER_STOP),
                 () = tokio::time::sleep(wait) => {}
             }
             wait = (2 * wait).min(MAX_WAIT);
         }
     }
 
-    /// Why a record is not tried again: it was given out too often without a worker coming back from it.
+    /// Returns the reason if too many deliveries of a record ended without a worker that survived them.
     async fn crashed_too_often(&self, message: &Message) -> Result<Option<String>, ClusterError> {
-        let (before, most) = (deliveries(message) - 1, i64::from(self.limits.max_deliveries));
-        if before < most {
+        let (before, max) = (deliveries(message) - 1, i64::from(self.limits.max_deliveries));
+        if before < max {
             return Ok(None);
         }
-        let known = Attempts::of(&self.connection, message).await?;
-        let crashes = before - known.excused;
-        if crashes < most {
+        let attempts = Attempts::of(&self.connection, message).await?;
+        let crashes = before - attempts.excused;
+        if crashes < max {
             return Ok(None);
         }
-        let last = if known.last_error.is_empty() {
+        let last = if attempts.last_error.is_empty() {
             String::new()
         } else {
-            format!("; its last error: {}", known.last_error)
+            format!("; last error: {}", attempts.last_error)
         };
-        Ok(Some(format!(
-            "given out {crashes} times and never finished: it may be what ends its workers{last}"
-        )))
+        Ok(Some(format!("delivered {crashes} times and never finished: it may crash its workers{last}")))
     }
 
     async fn store_once(&self, record: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
@@ -285,15 +287,14 @@ impl Worker {
         self.service.pipeline.process(record, ticket).await
     }
 
-    /// Looks at assets that somebody changed. What is not heard here is found by looking at what is left to
-    /// be done from time to time.
+    /// Refreshes assets when they change. Missed notifications are made up for by the periodic upkeep.
     async fn follow_changes(self) {
         loop {
             match self.connection.client.subscribe(self.connection.changes_subject()).await {
-                Err(error) => tracing::warn!(%error, "failed to subscribe to changes: trying again"),
-                Ok(mut heard) => {
-                    while let Some(changed) = heard.next().await {
-                        let name = String::from_utf8_lossy(&changed.payload).into_owned();
+                Err(error) => tracing::warn!(%error, "failed to subscribe to changes, retrying"),
+                Ok(mut changes) => {
+                    while let Some(change) = changes.next().await {
+                        let name = String::from_utf8_lossy(&change.payload).into_owned();
                         let Ok(asset) = AssetId::new(name) else { continue };
                         if let Err(error) = self.service.assets.refresh(&asset).await {
                             tracing::warn!(%asset, %error, "failed to refresh an asset");
@@ -306,17 +307,17 @@ impl Worker {
     }
 }
 
-/// How often a message was given out, this time included.
+/// Returns the number of deliveries of a message, including this one.
 fn deliveries(message: &Message) -> i64 {
     message.info().map_or(1, |info| info.delivered)
 }
 
-/// Says again and again that a message is worked on; never returns.
-async fn keep_alive(message: &Message, every: Duration) {
+/// Reports progress of a message at an interval, so that it is not redelivered; never returns.
+async fn keep_alive(message: &Message, interval: Duration) {
     loop {
-        tokio::time::sleep(every).await;
+        tokio::time::sleep(interval).await;
         if let Err(error) = message.ack_with(AckKind::Progress).await {
-            tracing::debug!(%error, "failed to extend the time of a record");
+            tracing::debug!(%error, "failed to report progress of a record");
         }
     }
 }

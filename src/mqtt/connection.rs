@@ -1,4 +1,4 @@
-//! The connection to the broker: made, kept, made again.
+//! The connection to the broker, with reconnects.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,52 +10,53 @@ use rumqttc::v5::{AsyncClient, Event, EventLoop};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
 
-use super::delivery::{Delivered, deliver};
+use super::delivery::{DeliveryOutcome, deliver};
 use super::error::MqttError;
 use super::message::Message;
-use super::pending_refusals::PendingRefusals;
-use super::refusal::Refusal;
+use super::pending_rejections::PendingRejections;
+use super::rejection::Rejection;
 use super::settings::MqttSettings;
 use super::topic;
 use crate::service::{Feed, FeedCount, Service};
 
-/// Waits before the next connection: the first and the longest.
+/// First and longest wait before a reconnect.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
 const MAX_WAIT: Duration = Duration::from_secs(30);
 
-/// What may be on the way to the client library: an acknowledgement and a refusal of every message that a
-/// broker can send unacknowledged. Giving it one never waits, because the library may wait for us meanwhile.
+/// Capacity of the client library's request queue: an acknowledgement and a rejection for every message that a
+/// broker can send unacknowledged. Adding a request must never wait, as the library may be waiting for us.
 const MAX_REQUESTS: usize = 2 * u16::MAX as usize + 8;
 
-/// How often a service that stops looks whether the broker has all refusals.
-const LOOK_AGAIN: Duration = Duration::from_millis(10);
+/// Interval at which a stopping service checks whether the broker has all rejections.
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(10);
 
-/// Records that come from a broker for as long as this is kept.
+/// A feed of records from a broker, which runs in the background until it is stopped or dropped.
 pub struct MqttFeed {
     feed: Arc<Feed>,
     stop: watch::Sender<bool>,
     task: JoinHandle<()>,
 }
 
-/// Why a connection ended.
+/// How a connection ended.
 enum End {
     /// The service stops.
     Stopped,
-    /// It is lost, or could not be made.
+    /// It was lost, or could not be established.
     Lost(String),
 }
 
 impl MqttFeed {
-    /// Begins to take records in the background; connecting may take as long as it needs.
+    /// Starts to connect and to take records, in the background.
     ///
-    /// Errors: a file that the settings name cannot be used.
+    /// # Errors
+    /// A file of the settings cannot be read or is invalid.
     pub fn start(settings: MqttSettings, service: Arc<Service>) -> Result<Self, MqttError> {
         settings.options()?;
         if let Some(share) = &settings.share {
             tracing::warn!(
                 share,
-                "mqtt.share is set: Mosquitto 2.0.11 loses what a shared subscription has waiting when the broker is started again; \
-                 leave it out where the broker is not known to keep it"
+                "mqtt.share is set: when Mosquitto 2.0.11 restarts, it loses the queued messages of a shared subscription; \
+                 omit it unless the broker is known to keep them"
             );
         }
         let feed = service.feeds.add("mqtt");
@@ -64,16 +65,16 @@ impl MqttFeed {
         Ok(Self { feed, stop, task })
     }
 
-    /// Takes no more messages, ends within `grace` what was begun, and says goodbye to the broker, which
+    /// Stops taking messages, finishes those in work within `grace`, and disconnects from the broker, which
     /// keeps the rest.
     pub async fn stop(mut self, grace: Duration) {
-        // An error says that the task has ended by itself.
+        // An error means that the task has ended already.
         let _ = self.stop.send(true);
         if !self.feed.is_connected() {
             self.task.abort();
         }
         if tokio::time::timeout(grace, &mut self.task).await.is_err() {
-            tracing::warn!("failed to end all messages within the time of grace: the broker keeps them");
+            tracing::warn!("failed to finish all messages within the grace period: the broker keeps them");
             self.task.abort();
         }
         self.feed.lost("stopped".to_owned());
@@ -92,7 +93,7 @@ async fn keep_connected(
         let before = connections;
         let end = match settings.options() {
             Ok(options) => {
-                // Made anew each time: what was under way on the connection before, the broker sends again.
+                // A new client for each connection: the broker sends unacknowledged messages again.
                 let (client, events) = AsyncClient::new(options, MAX_REQUESTS);
                 let connection = Connection::new(&settings, &service, &feed, client, stop.clone());
                 connection.run(events, &mut connections).await
@@ -106,17 +107,18 @@ async fn keep_connected(
         tracing::warn!(broker = settings.broker(), reason, "failed to connect to the MQTT broker");
         feed.lost(reason);
         tokio::select! {
-            () = tokio::time::sleep(spread(wait)) => {}
+            () = tokio::time::sleep(jitter(wait)) => {}
             _ = stop.wait_for(|stop| *stop) => return,
         }
         wait = (2 * wait).min(MAX_WAIT);
     }
 }
 
-/// Half of the wait to all of it by chance, so that not all nodes come back to a restarted broker at once.
-fn spread(wait: Duration) -> Duration {
-    let chance = getrandom::u32().unwrap_or(u32::MAX);
-    wait.mul_f64(0.5 + 0.5 * f64::from(chance) / f64::from(u32::MAX))
+/// Returns a random time between half of the wait and all of it, so that nodes don't reconnect to a restarted
+/// broker all at once.
+fn jitter(wait: Duration) -> Duration {
+    let random = getrandom::u32().unwrap_or(u32::MAX);
+    wait.mul_f64(0.5 + 0.5 * f64::from(random) / f64::from(u32::MAX))
 }
 
 struct Connection<'a> {
@@ -125,12 +127,12 @@ struct Connection<'a> {
     feed: &'a Arc<Feed>,
     client: AsyncClient,
     stop: watch::Receiver<bool>,
-    /// One for each message that is held in memory.
-    places: Arc<Semaphore>,
-    /// Messages came for which there was no place: they come again over the next connection.
-    has_left_behind: bool,
-    refusals: Arc<PendingRefusals>,
-    /// Ends with the connection: nobody could acknowledge for them any more.
+    /// One permit for each message in memory.
+    slots: Arc<Semaphore>,
+    /// Whether messages were dropped for lack of a slot: the broker sends them again over the next connection.
+    has_dropped: bool,
+    rejections: Arc<PendingRejections>,
+    /// Aborted with the connection, without which they could not acknowledge.
     deliveries: JoinSet<()>,
 }
 
@@ -148,19 +150,18 @@ impl<'a> Connection<'a> {
             feed,
             client,
             stop,
-            places: Arc::new(Semaphore::new(settings.in_flight.into())),
-            has_left_behind: false,
-            refusals: Arc::default(),
+            slots: Arc::new(Semaphore::new(settings.in_flight.into())),
+            has_dropped: false,
+            rejections: Arc::default(),
             deliveries: JoinSet::new(),
         }
     }
 
-    /// Works until the connection is lost or the service stops. `connections` counts those that could be
-    /// used.
+    /// Runs until the connection is lost or the service stops. `connections` counts successful subscriptions.
     async fn run(mut self, mut events: EventLoop, connections: &mut u64) -> End {
-        self.say_goodbye_when_stopped();
+        self.disconnect_when_stopped();
         loop {
-            // Never left half-way: a packet that is being written would be lost.
+            // Not cancelled by a `select!`: a partly written packet would be lost.
             let event = match events.poll().await {
                 Ok(event) => event,
                 Err(error) => return End::Lost(error.to_string()),
@@ -168,7 +169,7 @@ impl<'a> Connection<'a> {
             match event {
                 Event::Incoming(Packet::ConnAck(answer)) => {
                     if answer.session_present {
-                        // What the session kept comes before the answer to the subscription.
+                        // The session's messages arrive before the acknowledgement of the subscription.
                         self.feed.connected();
                     }
                     if let Err(error) = self.subscribe().await {
@@ -183,7 +184,7 @@ impl<'a> Connection<'a> {
                     {
                         let filter = topic::filter(self.settings);
                         return End::Lost(format!(
-                            "the broker refused the subscription to {filter} with QoS 1: {code:?}"
+                            "the broker rejected the subscription to {filter} with QoS 1: {code:?}"
                         ));
                     }
                     *connections += 1;
@@ -194,30 +195,29 @@ impl<'a> Connection<'a> {
                     self.feed.connected();
                 }
                 Event::Incoming(Packet::Publish(publish)) => self.receive(publish).await,
-                Event::Outgoing(Outgoing::Publish(packet_id)) => self.refusals.sent(packet_id),
+                Event::Outgoing(Outgoing::Publish(packet_id)) => self.rejections.sent(packet_id),
                 Event::Incoming(Packet::PubAck(answer)) => {
-                    if let Some((publish, untaken)) = self.refusals.answered(&answer) {
-                        if let Some(reason) = untaken {
+                    if let Some((publish, error)) = self.rejections.acknowledged(&answer) {
+                        if let Some(reason) = error {
                             let topic = String::from_utf8_lossy(&publish.topic);
-                            tracing::error!(%topic, ?reason, "the broker rejected the refusal of a message");
+                            tracing::error!(%topic, ?reason, "failed to publish the rejection of a message");
                         }
                         acknowledge(&self.client, &publish);
                     }
                 }
                 Event::Outgoing(Outgoing::Disconnect) if *self.stop.borrow() => return End::Stopped,
                 Event::Outgoing(Outgoing::Disconnect) => {
-                    return End::Lost("messages that found no place are asked for again".to_owned());
+                    return End::Lost("reconnecting to receive dropped messages again".to_owned());
                 }
                 _ => {}
             }
-            if self.has_left_behind && self.places.available_permits() == usize::from(self.settings.in_flight)
-            {
-                // What was taken is acknowledged first. An error says that this was asked for before.
+            if self.has_dropped && self.slots.available_permits() == usize::from(self.settings.in_flight) {
+                // All other messages are acknowledged. An error means that a disconnect is already pending.
                 let _ = self.client.try_disconnect();
             }
             while let Some(ended) = self.deliveries.try_join_next() {
                 if ended.is_err() {
-                    return End::Lost("a message could not be dealt with: a fault of the program".to_owned());
+                    return End::Lost("a message handler panicked".to_owned());
                 }
             }
         }
@@ -225,16 +225,16 @@ impl<'a> Connection<'a> {
 
     async fn subscribe(&self) -> Result<(), String> {
         let mut filter = Filter::new(topic::filter(self.settings), QoS::AtLeastOnce);
-        // A kept message was seen when the subscription was made.
+        // A retained message was received when the subscription was first made.
         filter.retain_forward_rule = RetainForwardRule::OnNewSubscribe;
         self.client.subscribe_many([filter]).await.map_err(|error| error.to_string())
     }
 
-    /// Deals with a message beside the others.
+    /// Handles a message in a task of its own.
     ///
-    /// Where all places are taken it waits for one, and nothing further is read meanwhile. Only a broker that
-    /// sends more than it was told to lets it wait: messages at QoS 0, or what a session kept (seen with
-    /// Mosquitto 2.0.11). The connection would not outlive a long wait, so the message is left behind then.
+    /// Where no slot is free it waits for one, and no further packet is read meanwhile. That happens only if the
+    /// broker exceeds the receive maximum: with messages at QoS 0, or with those of a session (seen with Mosquitto
+    /// 2.0.11). The connection would not survive a long wait, so the message is dropped after a timeout.
     async fn receive(&mut self, publish: Publish) {
         if *self.stop.borrow() {
             return;
@@ -243,51 +243,51 @@ impl<'a> Connection<'a> {
         if publish.dup {
             self.feed.count(FeedCount::Repeated);
         }
-        let Some(place) = self.place().await else {
-            self.has_left_behind |= publish.qos == QoS::AtLeastOnce;
+        let Some(slot) = self.acquire_slot().await else {
+            self.has_dropped |= publish.qos == QoS::AtLeastOnce;
             return;
         };
         let (service, feed, client) = (self.service.clone(), Arc::clone(self.feed), self.client.clone());
-        let (refusals, stop) = (Arc::clone(&self.refusals), self.stop.clone());
+        let (rejections, stop) = (Arc::clone(&self.rejections), self.stop.clone());
         let message = Message::read(self.settings, &publish);
         self.deliveries.spawn(async move {
-            let delivered = match &message {
+            let outcome = match &message {
                 Ok(message) => deliver(&service, &feed, message, stop).await,
-                Err(refusal) => Delivered::Refused(refusal.clone()),
+                Err(rejection) => DeliveryOutcome::Rejected(rejection.clone()),
             };
-            match delivered {
-                Delivered::Safe => {
+            match outcome {
+                DeliveryOutcome::Stored => {
                     feed.count(FeedCount::Accepted);
                     acknowledge(&client, &publish);
                 }
-                Delivered::Refused(refusal) => {
+                DeliveryOutcome::Rejected(rejection) => {
                     feed.count(FeedCount::Refused);
-                    refuse(&service, &client, &refusals, refusal, publish).await;
+                    reject(&service, &client, &rejections, rejection, publish).await;
                 }
-                Delivered::LeftBehind => {}
+                DeliveryOutcome::Stopped => {}
             }
-            drop(place);
+            drop(slot);
         });
     }
 
-    async fn place(&self) -> Option<OwnedSemaphorePermit> {
-        let places = Arc::clone(&self.places);
-        if self.has_left_behind {
-            return places.try_acquire_owned().ok();
+    async fn acquire_slot(&self) -> Option<OwnedSemaphorePermit> {
+        let slots = Arc::clone(&self.slots);
+        if self.has_dropped {
+            return slots.try_acquire_owned().ok();
         }
         let wait = self.settings.keep_alive / 2;
-        tokio::time::timeout(wait, places.acquire_owned()).await.ok()?.ok()
+        tokio::time::timeout(wait, slots.acquire_owned()).await.ok()?.ok()
     }
 
-    fn say_goodbye_when_stopped(&mut self) {
+    fn disconnect_when_stopped(&mut self) {
         let (mut stop, client) = (self.stop.clone(), self.client.clone());
-        let (places, refusals) = (Arc::clone(&self.places), Arc::clone(&self.refusals));
+        let (slots, rejections) = (Arc::clone(&self.slots), Arc::clone(&self.rejections));
         let all = u32::from(self.settings.in_flight);
         self.deliveries.spawn(async move {
-            // An error says that nobody is left who could ask for it.
-            if stop.wait_for(|stop| *stop).await.is_ok() && places.acquire_many(all).await.is_ok() {
-                while !refusals.is_empty() {
-                    tokio::time::sleep(LOOK_AGAIN).await;
+            // An error means that the feed was dropped without a stop.
+            if stop.wait_for(|stop| *stop).await.is_ok() && slots.acquire_many(all).await.is_ok() {
+                while !rejections.is_empty() {
+                    tokio::time::sleep(STOP_POLL_INTERVAL).await;
                 }
                 let _ = client.try_disconnect();
             }
@@ -295,29 +295,29 @@ impl<'a> Connection<'a> {
     }
 }
 
-/// Tells the sender that its message cannot be used.
-async fn refuse(
+/// Publishes the rejection of a message for its sender.
+async fn reject(
     service: &Arc<Service>,
     client: &AsyncClient,
-    refusals: &PendingRefusals,
-    refusal: Refusal,
+    rejections: &PendingRejections,
+    rejection: Rejection,
     mut publish: Publish,
 ) {
     let topic = String::from_utf8_lossy(&publish.topic).into_owned();
-    tracing::warn!(topic, reason = refusal.detail(), "refused a message");
+    tracing::warn!(topic, reason = rejection.detail(), "rejected a message");
     let payload = std::mem::take(&mut publish.payload);
     let (received_at, of) = (service.now(), topic.clone());
-    // The payload's hash takes its time.
-    let letter = tokio::task::spawn_blocking(move || refusal.letter(&of, received_at, &payload));
-    if let Ok(letter) = letter.await
-        && let Err(error) = refusals.send(client, topic::rejected(&topic), letter, publish)
+    // Hashing the payload may block.
+    let json = tokio::task::spawn_blocking(move || rejection.to_json(&of, received_at, &payload));
+    if let Ok(json) = json.await
+        && let Err(error) = rejections.send(client, topic::rejected(&topic), json, publish)
     {
-        // Most often the connection is gone. Not acknowledged, the message comes again.
-        tracing::debug!(%error, topic, "failed to send the refusal of a message");
+        // Usually the connection is lost. The message is not acknowledged, so the broker sends it again.
+        tracing::debug!(%error, topic, "failed to send the rejection of a message");
     }
 }
 
-/// Acknowledges a message. An error says that the connection is gone: the broker sends the message again.
+/// Acknowledges a message. An error means that the connection is lost: the broker sends the message again.
 fn acknowledge(client: &AsyncClient, publish: &Publish) {
     let _ = client.try_ack(publish);
 }

@@ -1,4 +1,4 @@
-//! One message from its receipt to its end: stored, or never to be used.
+//! Delivery of one message to the service.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -6,79 +6,79 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use super::message::{Message, NO_TIME};
-use super::refusal::{Refusal, Verdict};
+use super::rejection::{FailureAction, Rejection};
 use crate::service::{Feed, Service, ServiceError};
 
-/// Waits before a message that could not be taken is tried again: the first and the longest.
+/// First and longest wait between two attempts.
 const FIRST_WAIT: Duration = Duration::from_millis(20);
 const MAX_WAIT: Duration = Duration::from_secs(5);
 
-/// How often a message is tried that the program fails on.
-const TRIES_AFTER_FAULT: u32 = 3;
+/// Maximum attempts for a message that causes internal errors.
+const MAX_INTERNAL_ERRORS: u32 = 3;
 
-/// How a message ended.
+/// Outcome of a message.
 #[derive(Debug)]
-pub(super) enum Delivered {
-    /// Its record is safe.
-    Safe,
-    /// It can never be used.
-    Refused(Refusal),
-    /// The service stops before it could be taken: the broker keeps it.
-    LeftBehind,
+pub(super) enum DeliveryOutcome {
+    /// The record is durable.
+    Stored,
+    /// The message can never be used.
+    Rejected(Rejection),
+    /// The service stopped first: the broker keeps the message.
+    Stopped,
 }
 
-/// Takes a message, however long that needs.
+/// Stores the record of a message; retries until it succeeds, is rejected, or the service stops.
 pub(super) async fn deliver(
     service: &Arc<Service>,
     feed: &Arc<Feed>,
     message: &Message,
     mut stop: watch::Receiver<bool>,
-) -> Delivered {
-    let (mut wait, mut faults, mut holding) = (FIRST_WAIT, 0, None);
+) -> DeliveryOutcome {
+    let (mut wait, mut internal_errors, mut holding) = (FIRST_WAIT, 0, None);
     loop {
-        let reason = match take(service, message).await {
-            Ok(()) => return Delivered::Safe,
-            Err(Verdict::Never(refusal)) => return Delivered::Refused(refusal),
-            Err(Verdict::Fault(refusal)) => {
-                faults += 1;
-                if faults == TRIES_AFTER_FAULT {
-                    return Delivered::Refused(refusal);
+        let reason = match store(service, message).await {
+            Ok(()) => return DeliveryOutcome::Stored,
+            Err(FailureAction::Reject(rejection)) => return DeliveryOutcome::Rejected(rejection),
+            Err(FailureAction::RetryThenReject(rejection)) => {
+                internal_errors += 1;
+                if internal_errors == MAX_INTERNAL_ERRORS {
+                    return DeliveryOutcome::Rejected(rejection);
                 }
-                refusal.detail().to_owned()
+                rejection.detail().to_owned()
             }
-            Err(Verdict::Later(reason)) => reason,
+            Err(FailureAction::Retry(reason)) => reason,
         };
         if holding.is_none() {
-            tracing::debug!(reason, asset = %message.address.asset, "failed to store a message: trying again");
+            tracing::debug!(reason, asset = %message.address.asset, "failed to store a message, retrying");
         }
-        // The new one first: the trouble is not over in between.
+        // Renewed before the old one is dropped, so that the feed shows the trouble without a gap.
         let renewed = feed.hold(reason);
         holding.replace(renewed);
         tokio::select! {
             () = tokio::time::sleep(wait) => {}
-            _ = stop.wait_for(|stop| *stop) => return Delivered::LeftBehind,
+            _ = stop.wait_for(|stop| *stop) => return DeliveryOutcome::Stopped,
         }
         wait = (2 * wait).min(MAX_WAIT);
     }
 }
 
-/// The same path that an upload takes.
-async fn take(service: &Arc<Service>, message: &Message) -> Result<(), Verdict> {
+/// Passes a message to the service, as an upload is.
+async fn store(service: &Arc<Service>, message: &Message) -> Result<(), FailureAction> {
     let mut ticket = service.workers.admit()?;
     ticket.grow(message.payload.len())?;
-    let given = message.given();
-    let taken = service.pipeline.accept(
+    let metadata = message.metadata();
+    let accepted = service.pipeline.accept(
         &message.address.asset,
         message.format,
         message.payload.clone(),
-        given,
+        metadata,
         ticket,
     );
-    match taken.await {
+    match accepted.await {
         Ok(_) => Ok(()),
         Err(ServiceError::Field { field: "start_time", value, .. }) if value == NO_TIME.to_string() => {
-            let expected = "the time of the first sample: only by it is a message that comes twice known";
-            Err(Verdict::Never(Refusal::field(422, "start_time", "missing", expected)))
+            let expected = "the time of the first sample, by which repeated messages are recognised";
+            Err(FailureAction::Reject(Rejection::field(422, "start_time", "missing", expected)))
         }
         Err(error) => Err(error.into()),
     }

@@ -1,44 +1,44 @@
-//! Why there can be no connection to a broker.
+//! Errors of the MQTT settings.
 
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-/// Why MQTT cannot be spoken as the settings say.
+/// Errors of the MQTT settings and of the files they name.
 #[derive(Debug, Error)]
 pub enum MqttError {
-    /// A setting cannot be used.
+    /// A setting is invalid.
     #[error("mqtt.{field} is {value}, expected {expected}")]
     Setting {
-        /// Which setting.
+        /// Name of the setting.
         field: &'static str,
-        /// Its value.
+        /// Value of the setting.
         value: String,
-        /// What would have been right.
+        /// Description of a valid value.
         expected: &'static str,
     },
     /// A file cannot be read.
-    #[error("mqtt.{field}: cannot read {path}: {source}", path = path.display())]
+    #[error("mqtt.{field}: failed to read {path}: {source}", path = path.display())]
     File {
-        /// Which setting names it.
+        /// Setting that names the file.
         field: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// Certificates or a key cannot be used.
+    /// Certificates or a key are invalid.
     #[error("mqtt.{field}: cannot use {path} for TLS: {reason}", path = path.display())]
     Tls {
-        /// Which setting names it.
+        /// Setting that names the file.
         field: &'static str,
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The underlying error.
         reason: String,
     },
     /// The system has no certificate authorities.
-    #[error("no certificate authority is known to the system ({0}), expected some or mqtt.ca_file")]
+    #[error("the system has no certificate authorities ({0}), expected some or mqtt.ca_file")]
     NoAuthorities(String),
 }
 

@@ -1,19 +1,19 @@
-//! One message to what the path of records takes.
+//! An MQTT message as a record upload.
 
 use bytes::Bytes;
 use jiff::Timestamp;
 use rumqttc::v5::mqttbytes::v5::Publish;
 
-use super::refusal::Refusal;
+use super::rejection::Rejection;
 use super::settings::MqttSettings;
 use super::topic::{self, Address};
 use crate::service::{RecordFormat, UploadMetadata};
 
-/// Stands for the time of a message that says none: no record can have it, so that one without a time is
-/// refused. The time of receipt will not do, because the same message sent again would be another record.
+/// Default start time, which is invalid for a record, so that a message without a time is rejected. The time of
+/// receipt cannot be used, as the same message sent again would become another record.
 pub(super) const NO_TIME: Timestamp = Timestamp::MIN;
 
-/// A message that can be decoded.
+/// A message with a valid topic, size and format.
 #[derive(Debug, Clone)]
 pub(super) struct Message {
     pub(super) address: Address,
@@ -22,19 +22,19 @@ pub(super) struct Message {
 }
 
 impl Message {
-    /// Checks everything but the record itself.
-    pub(super) fn read(settings: &MqttSettings, publish: &Publish) -> Result<Self, Refusal> {
+    /// Checks topic, size and content type of a message, but not its record.
+    pub(super) fn read(settings: &MqttSettings, publish: &Publish) -> Result<Self, Rejection> {
         let Ok(topic) = std::str::from_utf8(&publish.topic) else {
-            return Err(Refusal::field(400, "topic", &publish.topic.escape_ascii().to_string(), "UTF-8"));
+            return Err(Rejection::field(400, "topic", &publish.topic.escape_ascii().to_string(), "UTF-8"));
         };
         let address = topic::read(&settings.root, topic)?;
-        let most = settings.message_bytes;
-        if publish.payload.len() > most {
+        let max_bytes = settings.message_bytes;
+        if publish.payload.len() > max_bytes {
             let detail = format!(
-                "the message has {} bytes, expected at most {most}: cut it into shorter records",
+                "the message has {} bytes, expected at most {max_bytes}: send shorter records",
                 publish.payload.len()
             );
-            return Err(Refusal::new(413, detail));
+            return Err(Rejection::new(413, detail));
         }
         let content_type =
             publish.properties.as_ref().and_then(|properties| properties.content_type.as_deref());
@@ -45,8 +45,8 @@ impl Message {
         })
     }
 
-    /// What is said of the record beside its bytes.
-    pub(super) fn given(&self) -> UploadMetadata {
+    /// Returns the metadata of the upload.
+    pub(super) fn metadata(&self) -> UploadMetadata {
         UploadMetadata {
             start_time: Some(NO_TIME),
             channel: Some(self.address.point.clone()),
@@ -56,9 +56,9 @@ impl Message {
     }
 }
 
-/// How the payload is written. Without a content type its first character tells: no field of a
+/// Returns the format of the payload. Without a content type it is detected by the first byte: no field of a
 /// `WaveformBlock` in protobuf begins with white space or a brace.
-fn format(content_type: Option<&str>, payload: &[u8]) -> Result<RecordFormat, Refusal> {
+fn format(content_type: Option<&str>, payload: &[u8]) -> Result<RecordFormat, Rejection> {
     let Some(content_type) = content_type.filter(|content_type| !content_type.is_empty()) else {
         let is_json = matches!(payload.first(), Some(b'{' | b' ' | b'\t' | b'\r' | b'\n'));
         return Ok(if is_json { RecordFormat::Json } else { RecordFormat::Protobuf });
@@ -66,7 +66,7 @@ fn format(content_type: Option<&str>, payload: &[u8]) -> Result<RecordFormat, Re
     let media_type = content_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     match RecordFormat::from_media_type(&media_type) {
         Some(format @ (RecordFormat::Protobuf | RecordFormat::Json)) => Ok(format),
-        _ => Err(Refusal::field(
+        _ => Err(Rejection::field(
             415,
             "content type",
             content_type,
@@ -82,7 +82,7 @@ mod tests {
     use crate::signal::Record;
 
     #[test]
-    fn encodings_are_told_apart() {
+    fn encodings_are_detected() {
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 100.0, "g", vec![1.0, 2.0]).unwrap();
         let protobuf = encode_block(&record, BlockEncoding::Protobuf);
         let json = encode_block(&record, BlockEncoding::Json);
@@ -96,7 +96,7 @@ mod tests {
             assert_eq!(format(None, payload).unwrap(), expected);
             assert_eq!(format(Some(""), payload).unwrap(), expected);
         }
-        // What the sender says goes before what it looks like.
+        // The content type overrides the detection.
         assert_eq!(format(Some("Application/JSON; charset=utf-8"), &protobuf).unwrap(), RecordFormat::Json);
         for other in ["audio/wav", "text/plain", "application/octet-stream"] {
             assert!(format(Some(other), &json).unwrap_err().detail().contains(other));

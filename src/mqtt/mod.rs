@@ -1,19 +1,19 @@
-//! Records over MQTT 5: `flankwatch/{asset}/{point}/waveform`, a `WaveformBlock` each.
+//! Records over MQTT 5: a `WaveformBlock` per message, on `flankwatch/{asset}/{point}/waveform`.
 //!
-//! A message is acknowledged (QoS 1) when its record is as safe as an upload that was answered with 201.
-//! Until then the broker keeps it in the persistent session and sends it again after a lost connection; the
-//! same record twice is one segment. Messages that can never be used are answered with a problem on
-//! `flankwatch/{asset}/{point}/rejected`, and acknowledged when the broker has that.
+//! A message is acknowledged (QoS 1) when its record is as durable as an upload answered with 201. Until then the
+//! broker keeps it in the persistent session and sends it again after a lost connection; a record sent twice is
+//! one segment. A message that can never be used is rejected: a problem is published on
+//! `flankwatch/{asset}/{point}/rejected`, and the message is acknowledged once the broker has the problem.
 //!
-//! No more than [`MqttSettings::in_flight`] messages are unacknowledged at once (MQTT's receive maximum), so
-//! that a full service holds no more than these: the rest waits at the broker.
+//! At most [`MqttSettings::in_flight`] messages are unacknowledged at once (MQTT's receive maximum). A busy
+//! service holds no more than these in memory; the rest stays at the broker.
 
 mod connection;
 mod delivery;
 mod error;
 mod message;
-mod pending_refusals;
-mod refusal;
+mod pending_rejections;
+mod rejection;
 mod settings;
 mod tls;
 mod topic;

@@ -1,4 +1,4 @@
-//! The table `[mqtt]` of the settings file, and what follows from it.
+//! The table `[mqtt]` of the settings file.
 
 use std::fs;
 use std::path::PathBuf;
@@ -13,58 +13,57 @@ use serde::Deserialize;
 use super::error::MqttError;
 use super::tls::TlsFiles;
 
-/// Longest packet that MQTT knows: one that is too large as a record is still to be read, so that its sender
-/// is told.
+/// Maximum packet size of MQTT: a message that is too large for a record must still be read, so that its sender
+/// gets a rejection.
 const MAX_PACKET_BYTES: u32 = 268_435_455 + 5;
 
-/// How long a connection may take to be made.
+/// Timeout for establishing a connection.
 const CONNECTION_TIMEOUT_S: u64 = 10;
 
-/// The table `mqtt` of the settings file as it is written.
+/// The table `mqtt` of the settings file.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MqttTable {
     /// `mqtt://host[:1883]` or `mqtts://host[:8883]`.
     pub url: Option<String>,
-    /// Name of the persistent session; no two nodes may have the same.
+    /// Client identifier, which names the persistent session; unique among the nodes.
     pub client_id: Option<String>,
-    /// User at the broker.
+    /// User name at the broker.
     pub username: Option<String>,
     /// File with the user's password.
     pub password_file: Option<PathBuf>,
-    /// Certificate authorities (PEM) that the broker's certificate must rest on; the system's where not
-    /// given.
+    /// CA certificates (PEM) to verify the broker with; default: those of the system.
     pub ca_file: Option<PathBuf>,
-    /// Certificate (PEM) to show to the broker; goes with `key`.
+    /// Client certificate (PEM); requires `key`.
     pub certificate: Option<PathBuf>,
     /// Private key (PEM) of the certificate.
     pub key: Option<PathBuf>,
     /// First levels of the topics.
     pub root: Option<String>,
-    /// Name of a shared subscription: its nodes share the messages.
+    /// Name of a shared subscription, whose messages are distributed among the nodes.
     pub share: Option<String>,
-    /// Messages that are unacknowledged at once.
+    /// Maximum number of unacknowledged messages.
     pub in_flight: Option<u16>,
-    /// Bytes of a message.
+    /// Maximum size of a message in bytes.
     pub message_bytes: Option<usize>,
-    /// How long the broker keeps messages while the service is away, in seconds.
+    /// Time for which the broker keeps messages of a disconnected service, in seconds.
     pub session_expiry_s: Option<u32>,
-    /// How long the connection may be silent, in seconds.
+    /// MQTT keep-alive interval in seconds.
     pub keep_alive_s: Option<u16>,
 }
 
-/// What the environment says; it goes before the settings file.
+/// Credentials of the environment; they override the settings file.
 #[derive(Debug, Clone, Default)]
 pub struct MqttCredentials {
-    /// Name of the persistent session.
+    /// Client identifier, which names the persistent session.
     pub client_id: Option<String>,
-    /// User at the broker.
+    /// User name at the broker.
     pub username: Option<String>,
     /// The user's password.
     pub password: Option<String>,
 }
 
-/// How records come over MQTT.
+/// Settings of a feed from an MQTT broker.
 #[derive(Clone)]
 pub struct MqttSettings {
     host: String,
@@ -74,9 +73,9 @@ pub struct MqttSettings {
     tls: Option<TlsFiles>,
     pub(super) root: String,
     pub(super) share: Option<String>,
-    /// Messages that are unacknowledged at once.
+    /// Maximum number of unacknowledged messages.
     pub in_flight: u16,
-    /// Bytes of a message; larger ones are refused.
+    /// Maximum size of a message in bytes; larger ones are rejected.
     pub message_bytes: usize,
     session_expiry_s: u32,
     pub(super) keep_alive: Duration,
@@ -90,30 +89,32 @@ struct Login {
 
 #[derive(Clone)]
 enum Password {
-    Given(String),
-    InFile(PathBuf),
+    Text(String),
+    File(PathBuf),
 }
 
 impl MqttTable {
-    /// The settings that follow. `max_bytes` is the largest record that the service takes.
+    /// Resolves the table with the credentials of the environment. `max_bytes` is the largest record that the
+    /// service accepts.
     ///
-    /// Errors name the setting, its value and what was expected.
+    /// # Errors
+    /// [`MqttError::Setting`] with the setting, its value and what was expected.
     pub fn resolve(self, credentials: MqttCredentials, max_bytes: usize) -> Result<MqttSettings, MqttError> {
         let url = self.url.unwrap_or_default();
-        let (is_tls, host, port) = address(&url)?;
+        let (is_tls, host, port) = parse_url(&url)?;
         let tls = match (self.certificate, self.key) {
             (None, None) => TlsFiles::default(),
             (Some(certificate), Some(key)) => {
                 TlsFiles { client: Some((certificate, key)), ..TlsFiles::default() }
             }
             (Some(_), None) => {
-                return Err(MqttError::setting("key", "missing", "both certificate and key or none of them"));
+                return Err(MqttError::setting("key", "missing", "both certificate and key or neither"));
             }
             (None, Some(_)) => {
                 return Err(MqttError::setting(
                     "certificate",
                     "missing",
-                    "both certificate and key or none of them",
+                    "both certificate and key or neither",
                 ));
             }
         };
@@ -127,7 +128,7 @@ impl MqttTable {
             (None, None) => "flankwatch".to_owned(),
             (None, Some(_)) => {
                 let expected =
-                    "a name of its own for each node that shares the subscription, the same after a restart";
+                    "a unique name for each node of the shared subscription, the same after a restart";
                 return Err(MqttError::setting("client_id", "missing", expected));
             }
         };
@@ -166,10 +167,11 @@ impl MqttSettings {
             return Err(MqttError::setting("message_bytes", self.message_bytes, expected));
         }
         if self.session_expiry_s == 0 {
-            let expected = "at least 1: without a session nothing is kept while the service is away";
+            let expected =
+                "at least 1: without a session the broker keeps no messages while the service is down";
             return Err(MqttError::setting("session_expiry_s", 0, expected));
         }
-        // What the client library takes.
+        // The client library's minimum.
         if self.keep_alive.as_secs() < 5 {
             return Err(MqttError::setting("keep_alive_s", self.keep_alive.as_secs(), "at least 5"));
         }
@@ -179,13 +181,13 @@ impl MqttSettings {
         Ok(())
     }
 
-    /// The broker's address, for messages.
+    /// Returns the broker's address, for log lines.
     pub(super) fn broker(&self) -> String {
         format!("{}:{}", self.host, self.port)
     }
 
-    /// How to connect. Reads password and certificates anew, so that a changed file holds from the next
-    /// connection on.
+    /// Returns the client library's options. Reads password and certificates each time, so that a changed file
+    /// takes effect with the next connection.
     pub(super) fn options(&self) -> Result<MqttOptions, MqttError> {
         let mut options = MqttOptions::new(&self.client_id, &self.host, self.port);
         let mut properties = ConnectProperties::new();
@@ -215,8 +217,8 @@ impl MqttSettings {
 impl Password {
     fn read(&self) -> Result<String, MqttError> {
         match self {
-            Self::Given(password) => Ok(password.clone()),
-            Self::InFile(path) => {
+            Self::Text(password) => Ok(password.clone()),
+            Self::File(path) => {
                 let text = fs::read_to_string(path).map_err(|source| MqttError::File {
                     field: "password_file",
                     path: path.clone(),
@@ -230,10 +232,10 @@ impl Password {
 
 fn login(
     username: Option<String>,
-    given: Option<String>,
+    password: Option<String>,
     file: Option<PathBuf>,
 ) -> Result<Option<Login>, MqttError> {
-    let password = given.map(Password::Given).or(file.map(Password::InFile));
+    let password = password.map(Password::Text).or(file.map(Password::File));
     match (username, password) {
         (None, None) => Ok(None),
         (Some(username), Some(password)) => Ok(Some(Login { username, password })),
@@ -242,27 +244,27 @@ fn login(
     }
 }
 
-/// Whether it is TLS, the host, and the port.
-fn address(url: &str) -> Result<(bool, String, u16), MqttError> {
+/// Parses a URL into whether it uses TLS, the host and the port.
+fn parse_url(url: &str) -> Result<(bool, String, u16), MqttError> {
     const EXPECTED: &str = "mqtt://host[:port] or mqtts://host[:port]";
-    let unusable = |value: &str| MqttError::setting("url", value, EXPECTED);
+    let invalid = |value: &str| MqttError::setting("url", value, EXPECTED);
     if url.is_empty() {
-        return Err(unusable("missing"));
+        return Err(invalid("missing"));
     }
-    let uri: Uri = url.parse().map_err(|_| unusable(url))?;
-    let authority = uri.authority().ok_or_else(|| unusable(url))?;
+    let uri: Uri = url.parse().map_err(|_| invalid(url))?;
+    let authority = uri.authority().ok_or_else(|| invalid(url))?;
     if authority.as_str().contains('@') {
-        // Not repeated in the message: it may hold a password.
-        let expected = "no user in it: FLANKWATCH_MQTT_USERNAME and FLANKWATCH_MQTT_PASSWORD, or username and password_file";
-        return Err(MqttError::setting("url", "one with a user", expected));
+        // The URL is not repeated in the message: it may contain a password.
+        let expected = "no user in it: set FLANKWATCH_MQTT_USERNAME and FLANKWATCH_MQTT_PASSWORD, or username and password_file";
+        return Err(MqttError::setting("url", "a URL with a user", expected));
     }
     let is_tls = match uri.scheme_str() {
         Some("mqtt") => false,
         Some("mqtts") => true,
-        _ => return Err(unusable(url)),
+        _ => return Err(invalid(url)),
     };
     if uri.host().is_none_or(str::is_empty) || !matches!(uri.path(), "" | "/") || uri.query().is_some() {
-        return Err(unusable(url));
+        return Err(invalid(url));
     }
     let port = authority.port_u16().unwrap_or(if is_tls { 8883 } else { 1883 });
     Ok((is_tls, authority.host().to_owned(), port))
@@ -278,16 +280,16 @@ mod tests {
     }
 
     #[test]
-    fn an_address_is_enough() {
+    fn the_url_is_sufficient() {
         let settings = resolve(r#"url = "mqtt://broker""#).unwrap();
         assert_eq!((settings.broker().as_str(), settings.root.as_str()), ("broker:1883", "flankwatch"));
-        assert_eq!(settings.message_bytes, 1 << 20, "no more than the service takes");
+        assert_eq!(settings.message_bytes, 1 << 20, "at most the service's limit");
         assert_eq!(resolve(r#"url = "mqtts://broker""#).unwrap().broker(), "broker:8883");
         assert_eq!(resolve(r#"url = "mqtts://10.0.0.1:99/""#).unwrap().broker(), "10.0.0.1:99");
     }
 
     #[test]
-    fn the_environment_goes_before_the_file() {
+    fn the_environment_overrides_the_file() {
         let table: MqttTable =
             toml::from_str("url = \"mqtt://b\"\nusername = \"file\"\nclient_id = \"file\"").unwrap();
         let credentials = MqttCredentials {
@@ -302,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_named() {
+    fn errors_name_the_setting_but_no_secret() {
         for (text, words) in [
             ("", "mqtt.url is missing"),
             (r#"url = "http://broker""#, "mqtts://host"),

@@ -1,4 +1,4 @@
-//! Whom the service trusts as its broker, and what it shows to it.
+//! TLS configuration of the connection to the broker.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -12,20 +12,20 @@ use super::error::MqttError;
 /// Certificates and keys as PEM files.
 #[derive(Debug, Clone, Default)]
 pub(super) struct TlsFiles {
-    /// Whom to trust; the system's authorities where not given.
+    /// CA certificates to verify the broker with; default: those of the system.
     pub(super) ca_file: Option<PathBuf>,
-    /// Certificate to show, and its key.
+    /// Client certificate and its key.
     pub(super) client: Option<(PathBuf, PathBuf)>,
 }
 
 impl TlsFiles {
-    /// What the files say, as it is now.
+    /// Reads the files.
     pub(super) fn config(&self) -> Result<ClientConfig, MqttError> {
         let provider = Arc::new(rustls::crypto::ring::default_provider());
-        let place = self.ca_file.clone().unwrap_or_default();
+        let ca_file = self.ca_file.clone().unwrap_or_default();
         let builder = ClientConfig::builder_with_provider(provider)
             .with_safe_default_protocol_versions()
-            .map_err(|error| MqttError::tls("ca_file", &place, error))?
+            .map_err(|error| MqttError::tls("ca_file", &ca_file, error))?
             .with_root_certificates(self.authorities()?);
         let config = match &self.client {
             None => builder.with_no_client_auth(),

@@ -1,4 +1,4 @@
-//! Why nobody can be notified.
+//! Errors of notifications.
 
 use std::path::PathBuf;
 
@@ -7,51 +7,51 @@ use thiserror::Error;
 use crate::service::ServiceError;
 use crate::store::StoreError;
 
-/// Why a notification cannot be sent, or never could be as the settings say.
+/// Errors of the notification settings and of sending a notification.
 #[derive(Debug, Error)]
 pub enum NotificationError {
-    /// A setting cannot be used.
+    /// A setting is invalid.
     #[error("notifications.{field} is {value}, expected {expected}")]
     Setting {
-        /// Which setting.
+        /// Name of the setting.
         field: String,
-        /// Its value.
+        /// Value of the setting.
         value: String,
-        /// What would have been right.
+        /// Description of a valid value.
         expected: String,
     },
-    /// A file that a setting names cannot be read.
-    #[error("notifications.{field}: cannot read {path}: {source}", path = path.display())]
+    /// A file of the settings cannot be read.
+    #[error("notifications.{field}: failed to read {path}: {source}", path = path.display())]
     File {
-        /// Which setting.
+        /// Name of the setting.
         field: String,
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// The receiver of a webhook could not be reached, or did not answer.
-    #[error("no answer: {0}")]
+    /// The receiver of a webhook could not be reached or did not respond.
+    #[error("the webhook request failed: {0}")]
     Request(#[from] Box<ureq::Error>),
-    /// The receiver of a webhook did not take it.
-    #[error("answered with status {0}, expected 200 to 299")]
+    /// The receiver of a webhook rejected it.
+    #[error("the webhook was answered with status {0}, expected 200 to 299")]
     Status(u16),
-    /// A mail cannot be written.
-    #[error("cannot write the mail: {0}")]
+    /// An e-mail cannot be composed.
+    #[error("failed to compose the e-mail: {0}")]
     Mail(#[from] lettre::error::Error),
-    /// The mail server could not be reached, or did not take the mail.
-    #[error("the mail server: {0}")]
+    /// The mail server could not be reached or rejected the e-mail.
+    #[error("the mail server failed: {0}")]
     Smtp(#[from] lettre::transport::smtp::Error),
     /// The mail server took too long.
-    #[error("the mail server did not take the mail within {0} s")]
-    Slow(u64),
-    /// What is to be told cannot be written as JSON.
-    #[error("cannot write the body: {0}")]
+    #[error("the mail server did not accept the e-mail within {0} s")]
+    Timeout(u64),
+    /// The body of a webhook cannot be serialised.
+    #[error("failed to serialise the body: {0}")]
     Body(#[from] serde_json::Error),
-    /// The store cannot say whom it is about.
+    /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// A thread was lost.
+    /// A blocking task failed.
     #[error(transparent)]
     Service(#[from] ServiceError),
 }

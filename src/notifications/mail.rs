@@ -1,4 +1,4 @@
-//! An e-mail over SMTP.
+//! E-mails over SMTP.
 
 use std::time::Duration;
 
@@ -12,24 +12,24 @@ use super::error::NotificationError;
 use super::message::Message;
 use super::secret::Secret;
 
-/// How the way to a mail server is kept secret.
+/// Encryption of the connection to a mail server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encryption {
     /// TLS from the first byte.
     Tls,
-    /// TLS that is asked for on a plain connection, and insisted on.
+    /// STARTTLS on a plain connection, required.
     StartTls,
-    /// None at all.
+    /// No encryption.
     None,
 }
 
-/// A mail server, and who writes to whom over it.
+/// A mail server with the sender and the recipients.
 #[derive(Clone)]
 pub(super) struct Mail {
     pub(super) host: String,
     pub(super) port: u16,
     pub(super) encryption: Encryption,
-    /// Whom to trust (PEM); the public authorities where not given.
+    /// CA certificates to verify the server with; default: the public CAs.
     pub(super) authorities: Option<Vec<Certificate>>,
     pub(super) login: Option<(String, Secret)>,
     pub(super) from: Mailbox,
@@ -40,16 +40,17 @@ pub(super) struct Mail {
 impl Mail {
     /// Sends a message.
     pub(super) async fn send(&self, message: &Message) -> Result<(), NotificationError> {
-        let written = self.write(message)?;
+        let mail = self.compose(message)?;
         let transport = self.transport()?;
-        match tokio::time::timeout(self.timeout, transport.send(written)).await {
+        match tokio::time::timeout(self.timeout, transport.send(mail)).await {
             Ok(sent) => sent.map(|_| ()).map_err(NotificationError::from),
-            Err(_) => Err(NotificationError::Slow(self.timeout.as_secs())),
+            Err(_) => Err(NotificationError::Timeout(self.timeout.as_secs())),
         }
     }
 
-    /// The mail. Repeats have the same identifier, by which mail servers and readers know them.
-    fn write(&self, message: &Message) -> Result<lettre::Message, NotificationError> {
+    /// Composes the e-mail. Its Message-ID is the same when it is sent again, so that mail servers and clients
+    /// recognise duplicates.
+    fn compose(&self, message: &Message) -> Result<lettre::Message, NotificationError> {
         let id = format!("<{}@{}>", message.notification.id, self.from.email.domain());
         let mut mail = lettre::Message::builder()
             .from(self.from.clone())

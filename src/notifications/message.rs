@@ -1,4 +1,4 @@
-//! A notification in the words of its receivers.
+//! The text of a notification: webhook body, e-mail subject and e-mail text.
 
 use serde::Serialize;
 
@@ -6,16 +6,16 @@ use crate::estimate::Severity;
 use crate::report::quantity_words;
 use crate::store::{Notification, NotificationKind};
 
-/// What is told, with what the store's row does not say.
+/// A notification with what its row in the store lacks.
 pub(super) struct Message {
     pub(super) notification: Notification,
-    /// The asset's name for people; empty where it has none, or is gone.
+    /// Display name of the asset; empty where it has none or was removed.
     pub(super) asset_name: String,
-    /// Where people see the alarm; none where nobody said at which address the dashboard is.
+    /// Address of the alarm in the dashboard, if the dashboard's address is configured.
     pub(super) url: Option<String>,
 }
 
-/// The body of a webhook, in the shape of Standard Webhooks.
+/// The body of a webhook, in the format of Standard Webhooks.
 #[derive(Serialize)]
 struct Body<'a> {
     #[serde(rename = "type")]
@@ -33,7 +33,7 @@ struct Data<'a> {
 }
 
 impl Message {
-    /// The body of a webhook.
+    /// Returns the body of a webhook.
     pub(super) fn json(&self) -> Result<String, serde_json::Error> {
         let notification = &self.notification;
         serde_json::to_string(&Body {
@@ -43,33 +43,33 @@ impl Message {
         })
     }
 
-    /// A mail's subject.
+    /// Returns the subject of an e-mail.
     pub(super) fn subject(&self) -> String {
         let Notification { kind, severity, severity_before, channel, quantity, .. } = &self.notification;
-        let what = match (kind, severity) {
+        let event = match (kind, severity) {
             (NotificationKind::Raised, Some(severity)) => class(*severity).to_owned(),
-            (NotificationKind::Worsened, Some(severity)) => format!("{}, worse", class(*severity)),
-            (NotificationKind::Eased, Some(severity)) => format!("{}, eased", class(*severity)),
-            _ => format!("Over: {}", severity_before.map_or("alarm", class).to_lowercase()),
+            (NotificationKind::Worsened, Some(severity)) => format!("{} (worsened)", class(*severity)),
+            (NotificationKind::Eased, Some(severity)) => format!("{} (eased)", class(*severity)),
+            _ => format!("{} cleared", severity_before.map_or("Alarm", class)),
         };
-        let subject = format!("{what}: {}, channel {channel}: {}", self.asset(), quantity_words(quantity));
+        let subject = format!("{event}: {}, channel {channel}: {}", self.asset(), quantity_words(quantity));
         // A subject is one line.
         subject.replace(char::is_control, " ")
     }
 
-    /// A mail's text.
+    /// Returns the text of an e-mail.
     pub(super) fn text(&self) -> String {
         let Notification { kind, severity, severity_before, rule, value, time, .. } = &self.notification;
         let mut lines = vec![
             format!("Asset      {}", self.asset()),
             format!("Channel    {}", self.notification.channel),
-            format!("What       {}", quantity_words(&self.notification.quantity)),
+            format!("Quantity   {}", quantity_words(&self.notification.quantity)),
             format!("Alarm      {}", kind.name()),
             format!("Severity   {}", severity.map_or("none", Severity::name)),
-            format!("Before     {}", severity_before.map_or("none", Severity::name)),
+            format!("Previous   {}", severity_before.map_or("none", Severity::name)),
         ];
         if let Some(value) = value {
-            lines.push(format!("Reading    {value:.4}"));
+            lines.push(format!("Value      {value:.4}"));
         }
         for (name, level) in rule.iter().flat_map(|rule| {
             [
@@ -135,25 +135,26 @@ mod tests {
     }
 
     #[test]
-    fn a_subject_says_in_one_line_what_happened_where() {
-        let worse = message(NotificationKind::Worsened, [Some(Severity::Warning), Some(Severity::Danger)]);
-        assert_eq!(worse.subject(), "Danger, worse: Feed pump (pump-3), channel in put: Wear depth (µm)");
-        let over = message(NotificationKind::Cleared, [Some(Severity::Danger), None]).subject();
-        assert!(over.starts_with("Over: danger: Feed pump"), "{over}");
+    fn a_subject_has_event_asset_channel_and_quantity_in_one_line() {
+        let worsened = message(NotificationKind::Worsened, [Some(Severity::Warning), Some(Severity::Danger)]);
+        let expected = "Danger (worsened): Feed pump (pump-3), channel in put: Wear depth (µm)";
+        assert_eq!(worsened.subject(), expected);
+        let cleared = message(NotificationKind::Cleared, [Some(Severity::Danger), None]).subject();
+        assert!(cleared.starts_with("Danger cleared: Feed pump"), "{cleared}");
     }
 
     #[test]
-    fn a_text_names_reading_levels_and_the_page() {
+    fn a_text_has_value_limits_and_the_dashboard_url() {
         let text = message(NotificationKind::Raised, [None, Some(Severity::Danger)]).text();
         for words in
-            ["Reading    412.2500", "Danger     above 400", "Before     none", "alarm=a1", "Notification 5f"]
+            ["Value      412.2500", "Danger     above 400", "Previous   none", "alarm=a1", "Notification 5f"]
         {
             assert!(text.contains(words), "{words} in {text}");
         }
     }
 
     #[test]
-    fn a_body_has_the_shape_of_standard_webhooks() {
+    fn a_body_has_the_format_of_standard_webhooks() {
         let body = message(NotificationKind::Raised, [None, Some(Severity::Danger)]).json().unwrap();
         let body: serde_json::Value = serde_json::from_str(&body).unwrap();
         assert_eq!(

@@ -1,10 +1,10 @@
-//! Notifications of alarms: webhooks and e-mails to those whom the settings name.
+//! Notifications of alarms: webhooks and e-mails to the configured recipients.
 //!
-//! What is told is a row of the store, written in the transaction that changes the alarm
-//! ([`crate::store::Recipients`] says to whom). Each process that has the settings looks for rows that are
-//! due, takes the right to one for a while, sends it, and says what became of it. Who dies in between leaves
-//! a row that is due again: each notification is sent at least once, and carries an identifier by which its
-//! receiver knows a repeat.
+//! A notification is a row of the store, written in the transaction that changes the alarm, for each of the
+//! [`Recipients`](crate::store::Recipients). Each process with notification settings polls for due rows, leases
+//! one, sends it and records the outcome. If the process dies in between, the lease expires and the row is due
+//! again: each notification is sent at least once, with an identifier by which its receiver recognises a
+//! duplicate.
 
 mod error;
 mod mail;

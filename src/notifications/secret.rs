@@ -1,4 +1,4 @@
-//! Secrets out of the environment or out of files, which are read again for each use.
+//! Secrets from the environment or from files; files are read for each use.
 
 use std::fs;
 use std::path::PathBuf;
@@ -8,38 +8,38 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::error::NotificationError;
 
-/// Begins the secret of a webhook, as Standard Webhooks says.
+/// Prefix of a webhook's secret, by Standard Webhooks.
 const PREFIX: &str = "whsec_";
 
-/// How many bytes the secret of a webhook has.
+/// Length of a webhook's key in bytes.
 const KEY_BYTES: std::ops::RangeInclusive<usize> = 24..=64;
 
-/// Where a secret is found.
+/// A secret, or the file that contains it.
 #[derive(Clone)]
 pub(super) struct Secret {
-    /// The setting, for messages.
+    /// Name of the setting, for error messages.
     field: String,
-    place: Place,
+    source: Source,
 }
 
 #[derive(Clone)]
-enum Place {
-    Given(String),
-    InFile(PathBuf),
+enum Source {
+    Text(String),
+    File(PathBuf),
 }
 
 impl Secret {
-    /// The one that the environment gives, else that in a file; none where there is neither.
-    pub(super) fn of(field: String, given: Option<String>, file: Option<PathBuf>) -> Option<Self> {
-        let place = given.map(Place::Given).or(file.map(Place::InFile))?;
-        Some(Self { field, place })
+    /// Returns the secret of the environment, or else that of a file; `None` without either.
+    pub(super) fn new(field: String, from_env: Option<String>, file: Option<PathBuf>) -> Option<Self> {
+        let source = from_env.map(Source::Text).or(file.map(Source::File))?;
+        Some(Self { field, source })
     }
 
-    /// Its text without a line's end.
+    /// Returns the secret without a trailing line break.
     pub(super) fn text(&self) -> Result<String, NotificationError> {
-        match &self.place {
-            Place::Given(text) => Ok(text.clone()),
-            Place::InFile(path) => {
+        match &self.source {
+            Source::Text(text) => Ok(text.clone()),
+            Source::File(path) => {
                 let text = fs::read_to_string(path).map_err(|source| NotificationError::File {
                     field: self.field.clone(),
                     path: path.clone(),
@@ -50,15 +50,15 @@ impl Secret {
         }
     }
 
-    /// The key of a webhook's signature.
+    /// Decodes the key of a webhook's signature.
     pub(super) fn key(&self) -> Result<Vec<u8>, NotificationError> {
         let text = self.text()?;
         let key = text.strip_prefix(PREFIX).and_then(|text| STANDARD.decode(text).ok());
         key.filter(|key| KEY_BYTES.contains(&key.len())).ok_or_else(|| {
-            // The text itself is a secret.
+            // The value is not repeated: it is a secret.
             let expected =
-                "whsec_ and 24 to 64 bytes in base64, as of `echo whsec_$(openssl rand -base64 32)`";
-            NotificationError::setting(&self.field, "something else", expected)
+                "whsec_ and 24 to 64 bytes in base64, as from `echo whsec_$(openssl rand -base64 32)`";
+            NotificationError::setting(&self.field, "invalid", expected)
         })
     }
 }

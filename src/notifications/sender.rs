@@ -1,4 +1,4 @@
-//! Sends what waits, in the background.
+//! Sends due notifications in the background.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,88 +9,88 @@ use tokio::task::JoinSet;
 
 use super::error::NotificationError;
 use super::message::Message;
-use super::settings::{NotificationSettings, Way};
+use super::settings::{NotificationSettings, Transport};
 use crate::service::{Service, blocking};
 use crate::store::{Attempt, PendingNotification, StoreError};
 
-/// How often it is looked for notifications that are due.
-const INTERVAL: Duration = Duration::from_secs(1);
+/// Interval at which due notifications are polled.
+const POLL_INTERVAL: Duration = Duration::from_secs(1);
 
-/// How often old notifications are removed, in looks.
-const FORGOTTEN_EVERY: u32 = 3600;
+/// Number of polls between removals of old notifications.
+const POLLS_PER_CLEANUP: u32 = 3600;
 
-/// How long a process has the right to send a notification; longer than an attempt takes.
+/// Time for which a process leases a notification; longer than an attempt takes.
 const LEASE: SignedDuration = SignedDuration::from_secs(120);
 
-/// Waits after an attempt that failed: the first one, twice as long each time, and the longest.
+/// First and longest wait after a failed attempt; the wait doubles each time.
 const FIRST_WAIT_S: i64 = 5;
 const MAX_WAIT_S: i64 = 3600;
 
-/// A notification that is older than this is not tried again after an attempt has failed.
-const TRIED_FOR: SignedDuration = SignedDuration::from_hours(24);
+/// Age at which a notification is given up after a failed attempt.
+const MAX_AGE: SignedDuration = SignedDuration::from_hours(24);
 
-/// The longest error that is kept, in characters.
+/// Maximum length of a stored error, in characters.
 const MAX_ERROR: usize = 500;
 
-/// Notifications that are sent for as long as this is kept.
+/// Sends notifications until it is stopped or dropped.
 pub struct Notifier {
     stop: watch::Sender<bool>,
     tasks: JoinSet<()>,
 }
 
-/// One recipient's way.
+/// Sends the notifications of one recipient.
 struct Sender {
     recipient: String,
-    way: Way,
+    transport: Transport,
     dashboard_url: Option<String>,
     service: Arc<Service>,
 }
 
 impl Notifier {
-    /// Begins to send what waits for each recipient. To be called inside the runtime.
+    /// Starts a task for each recipient. Must be called within a runtime.
     pub fn start(settings: NotificationSettings, service: &Arc<Service>) -> Self {
         let (stop, stopped) = watch::channel(false);
         let mut tasks = JoinSet::new();
-        for (recipient, way) in settings.ways {
+        for (recipient, transport) in settings.transports {
             let dashboard_url = settings.dashboard_url.clone();
-            let sender = Sender { recipient, way, dashboard_url, service: Arc::clone(service) };
+            let sender = Sender { recipient, transport, dashboard_url, service: Arc::clone(service) };
             tasks.spawn(sender.run(stopped.clone()));
         }
         Self { stop, tasks }
     }
 
-    /// Ends within `grace` what was begun; what waits is sent after the next start.
+    /// Finishes the current attempts within `grace`; the rest is sent after the next start.
     pub async fn stop(mut self, grace: Duration) {
         let _ = self.stop.send(true);
         let end = async { while self.tasks.join_next().await.is_some() {} };
         if tokio::time::timeout(grace, end).await.is_err() {
-            tracing::warn!("failed to end a notification within the time of grace: it is sent again later");
+            tracing::warn!("failed to finish a notification within the grace period: it is sent again later");
         }
     }
 }
 
 impl Sender {
     async fn run(self, mut stop: watch::Receiver<bool>) {
-        let mut looks: u32 = 0;
+        let mut polls: u32 = 0;
         while !*stop.borrow() && !self.service.store.is_closed() {
-            if let Err(error) = self.look_once(&stop, looks.is_multiple_of(FORGOTTEN_EVERY)).await {
-                tracing::warn!(recipient = self.recipient, %error, "failed to look for notifications");
+            if let Err(error) = self.send_due(&stop, polls.is_multiple_of(POLLS_PER_CLEANUP)).await {
+                tracing::warn!(recipient = self.recipient, %error, "failed to read or update notifications");
             }
-            looks = looks.wrapping_add(1);
+            polls = polls.wrapping_add(1);
             tokio::select! {
-                () = tokio::time::sleep(INTERVAL) => {}
+                () = tokio::time::sleep(POLL_INTERVAL) => {}
                 _ = stop.wait_for(|stop| *stop) => return,
             }
         }
     }
 
-    /// Sends all that is due, one after the other.
-    async fn look_once(&self, stop: &watch::Receiver<bool>, forgets: bool) -> Result<(), StoreError> {
+    /// Sends all due notifications, one after the other; first removes old ones if `cleans_up`.
+    async fn send_due(&self, stop: &watch::Receiver<bool>, cleans_up: bool) -> Result<(), StoreError> {
         let store = &self.service.store;
         if store.damage().is_some() {
             return Ok(());
         }
-        if forgets {
+        if cleans_up {
             store.forget_notifications(self.service.now()).await?;
         }
         while !*stop.borrow() {
@@ -115,9 +115,9 @@ impl Sender {
         let url = self.dashboard_url.as_ref();
         let url = url.map(|url| format!("{url}/#/alarms?show=all&alarm={}", notification.alarm_id));
         let message = Message { notification, asset_name, url };
-        match &self.way {
-            Way::Mail(mail) => mail.send(&message).await,
-            Way::Webhook(webhook) => {
+        match &self.transport {
+            Transport::Mail(mail) => mail.send(&message).await,
+            Transport::Webhook(webhook) => {
                 let (webhook, now) = (webhook.clone(), self.service.now());
                 let body = message.json()?;
                 let id = message.notification.id;
@@ -126,7 +126,7 @@ impl Sender {
         }
     }
 
-    /// What follows from a failure.
+    /// Logs a failed attempt and decides whether to retry.
     async fn failed(
         &self,
         pending: &PendingNotification,
@@ -137,30 +137,30 @@ impl Sender {
         let PendingNotification { notification, .. } = pending;
         let (id, asset) = (&notification.id, &notification.asset_id);
         let error: String = chain(error).chars().take(MAX_ERROR).collect();
-        if now.duration_since(notification.noted_at) > TRIED_FOR {
-            tracing::error!(recipient, id, %asset, attempts, error, "failed to send a notification: given up");
+        if now.duration_since(notification.noted_at) > MAX_AGE {
+            tracing::error!(recipient, id, %asset, attempts, error, "failed to send a notification, giving up");
             return Ok(Attempt::GivenUp { error });
         }
-        tracing::warn!(recipient, id, %asset, attempts, error, "failed to send a notification: trying again");
+        tracing::warn!(recipient, id, %asset, attempts, error, "failed to send a notification, retrying");
         let again_at = now.saturating_add(wait_after(attempts)).unwrap_or(now);
         Ok(Attempt::Failed { error, again_at })
     }
 }
 
-/// How long to wait after so many attempts.
+/// Returns the wait after a number of attempts.
 fn wait_after(attempts: u64) -> SignedDuration {
     let doublings = attempts.saturating_sub(1).min(32);
     SignedDuration::from_secs((FIRST_WAIT_S << doublings).min(MAX_WAIT_S))
 }
 
-/// An error with what caused it, as one line.
+/// Formats an error and its sources in one line.
 fn chain(error: &NotificationError) -> String {
     let mut text = error.to_string();
     let mut cause = std::error::Error::source(error);
     while let Some(next) = cause {
-        let said = next.to_string();
-        if !text.contains(&said) {
-            text = format!("{text}: {said}");
+        let source = next.to_string();
+        if !text.contains(&source) {
+            text = format!("{text}: {source}");
         }
         cause = next.source();
     }

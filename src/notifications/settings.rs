@@ -1,4 +1,4 @@
-//! The table `[notifications]` of the settings file, and what follows from it.
+//! The table `[notifications]` of the settings file.
 
 use std::fs;
 use std::path::PathBuf;
@@ -18,19 +18,19 @@ use super::webhook::Webhook;
 use crate::estimate::Severity;
 use crate::store::{Recipient, Recipients};
 
-/// How long one attempt may take.
+/// Timeout of an attempt.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Recipients at most; each has a task of its own.
+/// Maximum number of recipients; each has its own task.
 const MAX_RECIPIENTS: usize = 100;
 
-/// The table as it is written.
+/// The table `notifications`.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NotificationsTable {
-    /// Where people reach the dashboard.
+    /// Address of the dashboard, for links.
     dashboard_url: Option<String>,
-    /// Alarms that are raised by older records are told to nobody.
+    /// Maximum age of a record in hours: alarms raised by older ones are not notified.
     newer_than_h: Option<u32>,
     webhook: Vec<WebhookTable>,
     mail: Vec<MailTable>,
@@ -60,24 +60,26 @@ struct MailTable {
     at_least: Option<Severity>,
 }
 
-/// Who is notified, and how.
+/// The recipients and their transports.
 pub struct NotificationSettings {
     recipients: Recipients,
-    pub(super) ways: Vec<(String, Way)>,
+    /// Transport of each recipient, by name.
+    pub(super) transports: Vec<(String, Transport)>,
     pub(super) dashboard_url: Option<String>,
 }
 
-/// How a recipient is reached.
-pub(super) enum Way {
+/// How a recipient is notified.
+pub(super) enum Transport {
     Webhook(Webhook),
     Mail(Box<Mail>),
 }
 
 impl NotificationsTable {
-    /// The settings that follow. `secret` gives what the environment says under the name of a recipient, in
-    /// capitals and with `_` for `-`; it goes before a file.
+    /// Resolves the table. `secret` returns the environment's secret for a recipient, whose name is passed in
+    /// upper case with `_` for `-`; it overrides a file.
     ///
-    /// Errors name the setting, its value and what was expected.
+    /// # Errors
+    /// [`NotificationError`] with the setting, its value and what was expected.
     pub fn resolve(
         self,
         secret: impl Fn(&str) -> Option<String>,
@@ -86,60 +88,57 @@ impl NotificationsTable {
         if let Some(hours) = self.newer_than_h {
             recipients.newer_than = SignedDuration::from_hours(hours.into());
         }
-        let mut ways = Vec::new();
-        let given = |name: &str| secret(&name.to_ascii_uppercase().replace('-', "_"));
+        let mut transports = Vec::new();
+        let env_secret = |name: &str| secret(&name.to_ascii_uppercase().replace('-', "_"));
         for table in self.webhook {
             let field = format!("webhook.{}", table.name);
             add(&mut recipients, &field, &table.name, table.at_least)?;
-            let given = given(&table.name);
-            ways.push((table.name.clone(), Way::Webhook(table.resolve(&field, given)?)));
+            let from_env = env_secret(&table.name);
+            transports.push((table.name.clone(), Transport::Webhook(table.resolve(&field, from_env)?)));
         }
         for table in self.mail {
             let field = format!("mail.{}", table.name);
             add(&mut recipients, &field, &table.name, table.at_least)?;
-            let given = given(&table.name);
-            ways.push((table.name.clone(), Way::Mail(Box::new(table.resolve(&field, given)?))));
+            let from_env = env_secret(&table.name);
+            transports
+                .push((table.name.clone(), Transport::Mail(Box::new(table.resolve(&field, from_env)?))));
         }
         let dashboard_url = match self.dashboard_url {
-            Some(url) if is_web(&url) => Some(url.trim_end_matches('/').to_owned()),
+            Some(url) if is_web_url(&url) => Some(url.trim_end_matches('/').to_owned()),
             Some(url) => {
                 return Err(NotificationError::setting("dashboard_url", url, "http://… or https://…"));
             }
             None => None,
         };
-        Ok(NotificationSettings { recipients, ways, dashboard_url })
+        Ok(NotificationSettings { recipients, transports, dashboard_url })
     }
 }
 
 impl NotificationSettings {
-    /// Whom the store keeps notifications for.
+    /// Returns the recipients that the store queues notifications for.
     pub fn recipients(&self) -> Recipients {
         self.recipients.clone()
     }
 }
 
-/// Adds a recipient whose name is new and can stand in metrics and variables of the environment.
+/// Adds a recipient; checks that its name is unique and valid in metrics and environment variables.
 fn add(
     recipients: &mut Recipients,
     field: &str,
     name: &str,
     at_least: Option<Severity>,
 ) -> Result<(), NotificationError> {
-    let is_usable = (1..=40).contains(&name.len())
+    let is_valid = (1..=40).contains(&name.len())
         && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-');
-    if !is_usable {
+    if !is_valid {
         let expected = "1 to 40 lower-case letters, digits and -";
         return Err(NotificationError::setting(format!("{field}.name"), format!("{name:?}"), expected));
     }
-    if recipients.list.iter().any(|known| known.name == name) {
-        return Err(NotificationError::setting(
-            format!("{field}.name"),
-            name,
-            "a name that no other one has",
-        ));
+    if recipients.list.iter().any(|other| other.name == name) {
+        return Err(NotificationError::setting(format!("{field}.name"), name, "a unique name"));
     }
     if recipients.list.len() == MAX_RECIPIENTS {
-        return Err(NotificationError::setting(field, "one too many", "at most 100 recipients"));
+        return Err(NotificationError::setting(field, "recipient 101", "at most 100 recipients"));
     }
     let at_least = at_least.unwrap_or(Severity::Warning);
     recipients.list.push(Recipient { name: name.to_owned(), at_least });
@@ -147,16 +146,16 @@ fn add(
 }
 
 impl WebhookTable {
-    fn resolve(self, field: &str, given: Option<String>) -> Result<Webhook, NotificationError> {
-        if !is_web(&self.url) {
-            // Not repeated in the message: it may hold a password.
+    fn resolve(self, field: &str, from_env: Option<String>) -> Result<Webhook, NotificationError> {
+        if !is_web_url(&self.url) {
+            // The value is not repeated: it may contain a password.
             let expected = "http://host… or https://host… without a user";
-            return Err(NotificationError::setting(format!("{field}.url"), "another one", expected));
+            return Err(NotificationError::setting(format!("{field}.url"), "invalid", expected));
         }
         let secret_field = format!("{field}.secret_file");
-        let secret = Secret::of(secret_field.clone(), given, self.secret_file)
+        let secret = Secret::new(secret_field.clone(), from_env, self.secret_file)
             .ok_or_else(|| NotificationError::setting(secret_field, "missing", "a file with the secret"))?;
-        // So that a start says what every attempt would.
+        // Reports an invalid key at the start instead of with each attempt.
         secret.key()?;
         let authorities = match certificates(field, self.ca_file)? {
             None => RootCerts::WebPki,
@@ -167,23 +166,23 @@ impl WebhookTable {
 }
 
 impl MailTable {
-    fn resolve(self, field: &str, given: Option<String>) -> Result<Mail, NotificationError> {
-        let (encryption, host, port) = server(&format!("{field}.server"), &self.server)?;
+    fn resolve(self, field: &str, from_env: Option<String>) -> Result<Mail, NotificationError> {
+        let (encryption, host, port) = parse_server(&format!("{field}.server"), &self.server)?;
         let mailbox = |name: &str, address: &str| {
-            let unusable = |_| {
+            let invalid = |_| {
                 let expected = "an address, someone@host or Name <someone@host>";
                 NotificationError::setting(format!("{field}.{name}"), address, expected)
             };
-            address.parse::<Mailbox>().map_err(unusable)
+            address.parse::<Mailbox>().map_err(invalid)
         };
         if self.to.is_empty() {
             return Err(NotificationError::setting(format!("{field}.to"), "empty", "at least one address"));
         }
-        let password = Secret::of(format!("{field}.password_file"), given, self.password_file);
+        let password = Secret::new(format!("{field}.password_file"), from_env, self.password_file);
         let login = match (self.username, password) {
             (None, None) => None,
             (Some(_), Some(_)) if encryption == Encryption::None => {
-                let expected = "smtps:// or smtp://, where there is a password";
+                let expected = "smtps:// or smtp://, as there is a password";
                 return Err(NotificationError::setting(format!("{field}.server"), self.server, expected));
             }
             (Some(user), Some(password)) => {
@@ -224,8 +223,8 @@ impl MailTable {
     }
 }
 
-/// Whether it is an address of a web server that names no user.
-fn is_web(url: &str) -> bool {
+/// Whether it is an HTTP or HTTPS URL without a user.
+fn is_web_url(url: &str) -> bool {
     let uri: Result<Uri, _> = url.parse();
     uri.is_ok_and(|uri| {
         matches!(uri.scheme_str(), Some("http" | "https"))
@@ -234,29 +233,29 @@ fn is_web(url: &str) -> bool {
     })
 }
 
-/// How the way to a mail server is kept secret, its host and its port.
-fn server(field: &str, url: &str) -> Result<(Encryption, String, u16), NotificationError> {
-    let unusable = || {
+/// Parses the URL of a mail server into encryption, host and port.
+fn parse_server(field: &str, url: &str) -> Result<(Encryption, String, u16), NotificationError> {
+    let invalid = || {
         let expected = "smtps://host[:465], smtp://host[:587] with STARTTLS, or smtp+plain://host[:25]";
-        // Not repeated in the message: it may hold a password.
-        NotificationError::setting(field, "another one", expected)
+        // The value is not repeated: it may contain a password.
+        NotificationError::setting(field, "invalid", expected)
     };
-    let uri: Uri = url.parse().map_err(|_| unusable())?;
+    let uri: Uri = url.parse().map_err(|_| invalid())?;
     let (encryption, port) = match uri.scheme_str() {
         Some("smtps") => (Encryption::Tls, 465),
         Some("smtp") => (Encryption::StartTls, 587),
         Some("smtp+plain") => (Encryption::None, 25),
-        _ => return Err(unusable()),
+        _ => return Err(invalid()),
     };
-    let authority = uri.authority().ok_or_else(unusable)?;
+    let authority = uri.authority().ok_or_else(invalid)?;
     let is_bare = matches!(uri.path(), "" | "/") && uri.query().is_none();
     if !is_bare || authority.as_str().contains('@') || authority.host().is_empty() {
-        return Err(unusable());
+        return Err(invalid());
     }
     Ok((encryption, authority.host().to_owned(), authority.port_u16().unwrap_or(port)))
 }
 
-/// The certificates of a file; none where none is named.
+/// Reads the certificates of a file; `None` without a file.
 fn certificates(
     field: &str,
     file: Option<PathBuf>,
@@ -297,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn webhooks_and_mails_are_recipients_of_their_severity() {
+    fn webhooks_and_mails_are_resolved() {
         let settings = resolve(
             "dashboard_url = \"https://host/\"\nnewer_than_h = 2\n\
              [[webhook]]\nname = \"cm-ms\"\nurl = \"https://cmms/hook?x=1\"\nat_least = \"danger\"\n\
@@ -308,12 +307,12 @@ mod tests {
         let list = vec![recipient("cm-ms", Severity::Danger), recipient("login", Severity::Warning)];
         assert_eq!(settings.recipients(), Recipients { list, newer_than: SignedDuration::from_hours(2) });
         assert_eq!(settings.dashboard_url.as_deref(), Some("https://host"));
-        let Way::Mail(mail) = &settings.ways[1].1 else { panic!("a mail") };
+        let Transport::Mail(mail) = &settings.transports[1].1 else { panic!("expected a mail") };
         assert_eq!((mail.host.as_str(), mail.port, mail.encryption), ("mail", 465, Encryption::Tls));
     }
 
     #[test]
-    fn what_cannot_be_used_is_named_and_no_secret_is_repeated() {
+    fn errors_name_the_setting_but_no_secret() {
         let hook = |rest: &str| format!("[[webhook]]\n{rest}");
         let mail = |rest: &str| format!("[[mail]]\nname = \"shift\"\nfrom = \"w@x.org\"\n{rest}");
         let to = "to = [\"a@x.org\"]\n";
@@ -339,7 +338,7 @@ mod tests {
                 format!(
                     "[[mail]]\nname = \"login\"\nfrom = \"w@x.org\"\nserver = \"smtp+plain://m\"\nusername = \"u\"\n{to}"
                 ),
-                "where there is a password",
+                "as there is a password",
             ),
             (
                 format!("[[mail]]\nname = \"login\"\nfrom = \"w@x.org\"\nserver = \"smtp://m\"\n{to}"),

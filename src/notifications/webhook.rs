@@ -1,4 +1,4 @@
-//! A webhook: a signed request, as Standard Webhooks (standardwebhooks.com) says.
+//! Webhooks: requests signed by the Standard Webhooks specification (standardwebhooks.com).
 
 use std::time::Duration;
 
@@ -20,11 +20,11 @@ pub(super) struct Webhook {
 }
 
 impl Webhook {
-    /// One that is sent to an address within a time; `authorities` are whom to trust.
+    /// Creates a webhook for a URL; `authorities` verify the server.
     pub(super) fn new(url: String, secret: Secret, authorities: RootCerts, timeout: Duration) -> Self {
         let config = ureq::Agent::config_builder()
             .http_status_as_error(false)
-            // What is signed for one receiver is for no other one.
+            // A signed request must not reach another receiver.
             .max_redirects(0)
             .timeout_global(Some(timeout))
             .tls_config(TlsConfig::builder().root_certs(authorities).build())
@@ -51,7 +51,7 @@ impl Webhook {
     }
 }
 
-/// HMAC-SHA256 of identifier, time and body.
+/// Returns the signature: HMAC-SHA256 of identifier, time and body.
 fn signature(key: &[u8], id: &str, seconds: i64, body: &str) -> String {
     let key = hmac::Key::new(hmac::HMAC_SHA256, key);
     let tag = hmac::sign(&key, format!("{id}.{seconds}.{body}").as_bytes());
@@ -63,8 +63,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_signature_is_that_of_the_standard() {
-        // The example of the specification's libraries.
+    fn a_signature_matches_the_specification() {
+        // The example in the specification's libraries.
         let key = STANDARD.decode("MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").unwrap();
         let signed =
             signature(&key, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, r#"{"test": 2432232314}"#);

@@ -1,4 +1,4 @@
-//! The dashboard in a real browser, fed by a simulated run.
+//! The dashboard in a real browser, with a simulated run.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -43,13 +43,13 @@ fn the_dashboard_works_in_a_browser() {
         .env("FLANKWATCH_CHROMIUM", chromium)
         .output()
         .unwrap();
-    let said =
+    let text =
         format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "{said}");
-    println!("{said}");
+    assert!(output.status.success(), "{text}");
+    println!("{text}");
 }
 
-/// Records of a short run to failure as WAV files with start times in their names.
+/// Writes the records of a short run to failure as WAV files with their start times in the names.
 fn write_run(pair: &PairSpec, folder: &Path) {
     let run =
         Run::new(RunPlan { wear_exponent: 3.0, records: 30, interval_s: 3600.0, ..plan(pair) }).unwrap();
@@ -66,7 +66,7 @@ fn write_run(pair: &PairSpec, folder: &Path) {
     }
 }
 
-/// A run to failure that starts slowly enough for a healthy baseline.
+/// Returns a run to failure that starts slowly enough for a healthy baseline.
 fn plan(pair: &PairSpec) -> RunPlan {
     RunPlan {
         pair: pair.clone(),
@@ -85,7 +85,7 @@ fn plan(pair: &PairSpec) -> RunPlan {
     }
 }
 
-/// A service that requires a token, with an asset of its own.
+/// Starts a service that requires a token, with an asset.
 fn guarded() -> (Service, String) {
     let service = Service::start();
     service.plain_asset("pump");
@@ -93,7 +93,7 @@ fn guarded() -> (Service, String) {
     (service, token)
 }
 
-/// An asset with records of a run to failure.
+/// Creates an asset with records of a run to failure.
 fn feed(service: &Service, pair: &PairSpec) {
     let asset = json!({
         "id": "gearbox",

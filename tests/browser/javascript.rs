@@ -1,4 +1,4 @@
-//! Type-checks the dashboard's modules against the API's description.
+//! The dashboard's modules, type-checked by the TypeScript compiler against the API description.
 
 use std::path::Path;
 use std::process::Command;
@@ -8,11 +8,11 @@ use flankwatch_test_support::needed;
 
 #[test]
 #[ignore = "needs Node and npm install in tests/browser"]
-fn the_dashboards_modules_use_the_api_as_it_is_described() {
+fn the_dashboards_modules_type_check_against_the_api() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
     let tools = folder.join("node_modules/.bin");
     needed(tools.join("tsc").exists().then_some(()), "`npm install` in tests/browser");
-    // tsconfig.json reads the types from here.
+    // Path of the types in tsconfig.json.
     let types = folder.join("node_modules/.api");
     std::fs::create_dir_all(&types).unwrap();
     let service = Service::start();
@@ -29,6 +29,6 @@ fn the_dashboards_modules_use_the_api_as_it_is_described() {
 fn run(folder: &Path, tool: &str, arguments: &[&str]) {
     let program = folder.join("node_modules/.bin").join(tool);
     let output = Command::new(program).args(arguments).current_dir(folder).output().unwrap();
-    let said = [output.stdout, output.stderr].concat();
-    assert!(output.status.success(), "{tool}: {}", String::from_utf8_lossy(&said));
+    let text = [output.stdout, output.stderr].concat();
+    assert!(output.status.success(), "{tool}: {}", String::from_utf8_lossy(&text));
 }

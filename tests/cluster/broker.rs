@@ -1,4 +1,4 @@
-//! MQTT brokers for the tests, and a sender and a listener that speak with them.
+//! MQTT brokers for the tests, with a sender and a listener.
 
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -14,10 +14,10 @@ use tempfile::TempDir;
 
 use flankwatch_test_support::needed;
 
-/// How long anything between services and brokers may take on a busy machine.
+/// Timeout of everything between services and brokers, for a busy machine.
 pub(crate) const LONGEST: Duration = Duration::from_secs(60);
 
-/// A Mosquitto of the test's own on a free port.
+/// A Mosquitto broker on a free port.
 pub(crate) struct Broker {
     child: Option<Child>,
     program: PathBuf,
@@ -26,18 +26,19 @@ pub(crate) struct Broker {
 }
 
 impl Broker {
-    /// Starts one to which everybody may connect.
+    /// Starts a broker that accepts anonymous clients.
     pub(crate) fn start() -> Self {
         Self::start_with(|_| "allow_anonymous true\n".to_owned())
     }
 
-    /// Starts one with further lines of its settings, which may name files that are made in the folder given.
+    /// Starts a broker with additional settings, which may name files that the closure creates in the given
+    /// folder.
     pub(crate) fn start_with(settings: impl FnOnce(&Path) -> String) -> Self {
         let program = needed(mosquitto(), "mosquitto (apt install mosquitto)");
         let folder = tempfile::tempdir().unwrap();
         let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port();
         let path = folder.path();
-        // Everything that a publisher was told is kept is on the disk when it stops.
+        // On a stop, the broker writes every acknowledged message to disk.
         let text = format!(
             "listener {port} 127.0.0.1\nuser root\npersistence true\npersistence_location {}/\nmax_queued_messages 0\n{}",
             path.display(),
@@ -64,7 +65,7 @@ impl Broker {
         }
     }
 
-    /// Ends it: `-TERM` lets it write what it holds, `-KILL` does not.
+    /// Stops the broker: `-TERM` lets it save its state, `-KILL` does not.
     pub(crate) fn end(&mut self, signal: &str) {
         let mut child = self.child.take().unwrap();
         let sent = Command::new("kill").args([signal, &child.id().to_string()]).status();
@@ -82,7 +83,7 @@ impl Drop for Broker {
     }
 }
 
-/// Debian has it where only root's path looks.
+/// Debian installs it in a folder that is only in root's path.
 fn mosquitto() -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&path)
@@ -91,7 +92,7 @@ fn mosquitto() -> Option<PathBuf> {
         .find(|path| path.is_file())
 }
 
-/// A name that no other test and no other run uses.
+/// Returns a name that is unique among tests and runs.
 pub(crate) fn unique(name: &str) -> String {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
     format!("{name}-{}-{}", std::process::id(), since.as_nanos())
@@ -105,7 +106,8 @@ fn options(id: &str, port: u16) -> MqttOptions {
     options
 }
 
-/// Sends messages at QoS 1, one after the other; each is at the broker when [`send`](Self::send) returns.
+/// Sends messages with QoS 1, one after the other; the broker has a message when [`send`](Self::send)
+/// returns.
 pub(crate) struct Sender {
     port: u16,
     client: Client,
@@ -122,7 +124,7 @@ impl Sender {
         self.send_as(topic, payload, None);
     }
 
-    /// Sends with a content type, and the message's number as what an answer refers to.
+    /// Sends with a content type, and with the message's number as correlation data.
     pub(crate) fn send_as(&mut self, topic: &str, payload: &[u8], content_type: Option<&str>) {
         let properties = PublishProperties {
             content_type: content_type.map(str::to_owned),
@@ -149,15 +151,15 @@ impl Sender {
             }
             assert!(began.elapsed() < LONGEST, "the broker does not take {topic}");
             std::thread::sleep(Duration::from_millis(100));
-            // A connection of its own for each try, so that an answer is one to this try.
+            // A connection per attempt, so that an answer belongs to this attempt.
             *self = Self::connect(self.port);
         }
     }
 }
 
-/// What came on the topics that a filter names.
+/// Collects the messages of a topic filter.
 pub(crate) struct Listener {
-    heard: Arc<Mutex<Vec<(String, Value)>>>,
+    received: Arc<Mutex<Vec<(String, Value)>>>,
     client: Client,
 }
 
@@ -165,8 +167,8 @@ impl Listener {
     pub(crate) fn connect(port: u16, filter: &str) -> Self {
         let (client, mut connection) = Client::new(options(&unique("listener"), port), 16);
         client.subscribe(filter, QoS::AtLeastOnce).unwrap();
-        let heard: Arc<Mutex<Vec<_>>> = Arc::default();
-        let said = Arc::clone(&heard);
+        let received: Arc<Mutex<Vec<_>>> = Arc::default();
+        let sink = Arc::clone(&received);
         let (ready, is_ready) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
             for event in connection.iter() {
@@ -179,7 +181,7 @@ impl Listener {
                         let problem: Value = serde_json::from_slice(&publish.payload).unwrap();
                         let of = properties.correlation_data.unwrap();
                         assert_eq!(Some(&of[..]), problem["topic"].as_str().map(str::as_bytes));
-                        said.lock().unwrap().push((topic, problem));
+                        sink.lock().unwrap().push((topic, problem));
                     }
                     Ok(_) => {}
                     Err(_) => return,
@@ -187,18 +189,18 @@ impl Listener {
             }
         });
         is_ready.recv_timeout(LONGEST).unwrap();
-        Self { heard, client }
+        Self { received, client }
     }
 
-    /// Waits for that many messages.
+    /// Waits for `count` messages.
     pub(crate) fn wait_for(&self, count: usize) -> Vec<(String, Value)> {
         let began = Instant::now();
         loop {
-            let heard = self.heard.lock().unwrap().clone();
-            if heard.len() >= count {
-                return heard;
+            let received = self.received.lock().unwrap().clone();
+            if received.len() >= count {
+                return received;
             }
-            assert!(began.elapsed() < LONGEST, "{} of {count} messages: {heard:?}", heard.len());
+            assert!(began.elapsed() < LONGEST, "{} of {count} messages: {received:?}", received.len());
             std::thread::sleep(Duration::from_millis(20));
         }
     }

@@ -1,7 +1,7 @@
-//! What fails in a cluster costs nothing that was acknowledged, nothing is counted twice, and nobody has to
-//! do anything: with processes that are killed, servers that are started again, and wires that are cut.
+//! Faults in a cluster: killed processes, restarted servers and cut connections lose nothing acknowledged,
+//! count nothing twice and need no operator.
 //!
-//! `FLANKWATCH_FAULT_ROUNDS` says how often each happens.
+//! `FLANKWATCH_FAULT_ROUNDS` sets how often each fault is repeated.
 
 use std::time::Duration;
 
@@ -44,14 +44,14 @@ fn a_worker_killed_in_the_middle_loses_nothing() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn an_api_node_killed_after_its_answer_has_kept_its_word() {
+fn an_api_node_killed_after_its_response_loses_nothing() {
     let mut site = Site::start();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let steady = site.api(&config);
     steady.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for _ in 0..rounds() {
         let mut killed = site.api(&config);
-        // Nobody works yet: what is acknowledged is in the queue alone.
+        // No worker is running: acknowledged records are in the queue only.
         uploads.during(&[&killed.client, &steady.client], || {
             a_moment(&mut random);
             killed.process.kill();
@@ -65,7 +65,7 @@ fn an_api_node_killed_after_its_answer_has_kept_its_word() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_nats_server_killed_and_started_again_has_everything() {
+fn a_killed_and_restarted_nats_server_loses_nothing() {
     let mut site = Site::start();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let (api, worker) = (site.api(&config), site.worker(&config));
@@ -92,17 +92,17 @@ fn a_nats_server_killed_and_started_again_has_everything() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_database_that_was_away_is_gone_on_with() {
+fn a_database_outage_loses_nothing() {
     let mut site = Site::start();
     let proxy = Proxy::to(site.database_server());
     let (direct, cut) = (site.config(None), site.config(Some(&proxy)));
     let (uploads, mut random) = (Uploads::default(), random());
     let (api, worker) = (site.api(&direct), site.worker(&cut));
-    // Like the worker it loses the database.
+    // The API node loses the database as well.
     let beside = site.api(&cut);
     api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for round in 0..rounds() {
-        // In turn a server that is down, and a plug that is pulled.
+        // Alternately a server that is down and a pulled cable.
         let wire = if round % 2 == 0 { Wire::Closed } else { Wire::Silent };
         uploads.during(&[&api.client], || {
             a_moment(&mut random);
@@ -128,14 +128,13 @@ fn a_database_that_was_away_is_gone_on_with() {
 
 #[test]
 #[ignore = "needs PostgreSQL's programs and nats-server"]
-fn a_database_server_that_was_restarted_is_gone_on_with() {
+fn a_database_server_restart_loses_nothing() {
     let mut site = Site::with_own_postgres();
     let (config, uploads, mut random) = (site.config(None), Uploads::default(), random());
     let (api, worker) = (site.api(&config), site.worker(&config));
     api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for round in 0..rounds() {
-        // In turn one that ends its connections, and one that falls over and has to recover what it had
-        // acknowledged.
+        // Alternately a fast shutdown and a crash, after which the server recovers.
         let stop = if round % 2 == 0 { Stop::Immediate } else { Stop::Fast };
         let server = site.postgres.as_mut().unwrap();
         uploads.during(&[&api.client], || {
@@ -159,7 +158,7 @@ fn a_database_server_that_was_restarted_is_gone_on_with() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_wire_between_worker_and_database_that_was_cut_and_mended_loses_nothing() {
+fn a_broken_connection_between_worker_and_database_loses_nothing() {
     let mut site = Site::start();
     let proxy = Proxy::to(site.database_server());
     let (direct, cut) = (site.config(None), site.config(Some(&proxy)));
@@ -169,8 +168,8 @@ fn a_wire_between_worker_and_database_that_was_cut_and_mended_loses_nothing() {
     for _ in 0..rounds() {
         uploads.during(&[&api.client], || {
             a_moment(&mut random);
-            // Nothing comes through and no connection ends: what was sent arrives when the wire is mended, in
-            // the middle of transactions.
+            // Nothing is forwarded and no connection closes: data arrives after the repair, in the middle of
+            // transactions.
             proxy.set(Wire::Silent);
             let health = worker.wait_for_readiness(503);
             assert!(health["database"] != "ok", "{health}");
@@ -185,7 +184,7 @@ fn a_wire_between_worker_and_database_that_was_cut_and_mended_loses_nothing() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE, nats-server and moto_server"]
-fn an_object_store_that_was_away_is_gone_on_with() {
+fn an_object_store_outage_loses_nothing() {
     let server = S3Server::start();
     let mut site = Site::start();
     let proxy = Proxy::to(server.address());

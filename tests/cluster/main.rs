@@ -1,5 +1,5 @@
-//! Several processes as one service: API nodes, workers, NATS JetStream between them, PostgreSQL behind them;
-//! records over MQTT.
+//! Several processes as one service: API nodes and workers with NATS JetStream and PostgreSQL; records over
+//! MQTT.
 #![cfg(test)]
 
 mod broker;

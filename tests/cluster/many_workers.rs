@@ -1,5 +1,5 @@
-//! Any number of workers on one database: the same records give the bits that one machine gives, in whatever
-//! order and however often they come to whichever worker.
+//! Any number of workers on one database: the same records give the same bits as on one machine, in whatever
+//! order and however often they are delivered.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,7 +24,7 @@ use crate::running::{ManualClock, minute, plain_asset, record, samples};
 use crate::shared_store::TestDatabase;
 use flankwatch_test_support::needed;
 
-/// A record's bytes and the asset it belongs to.
+/// The bytes of a record, with its asset.
 type Sent = (AssetId, Bytes);
 
 fn asset(id: &str) -> AssetSpec {
@@ -42,7 +42,7 @@ fn asset(id: &str) -> AssetSpec {
     serde_json::from_value(asset).unwrap()
 }
 
-/// The same asset described so that its records are analysed again.
+/// Returns a changed description, for which the records are analysed again.
 fn described_anew(spec: &AssetSpec) -> AssetSpec {
     let mut spec = serde_json::to_value(spec).unwrap();
     spec["bands"] = json!([{ "name": "mesh", "band_hz": [200, 400] }]);
@@ -79,7 +79,7 @@ async fn worker_with(settings: &StoreSettings, folder: &Path, neighbours: Ensemb
     Service::new(store, folders, &limits, grid, Arc::new(ManualClock::default()), Role::Standalone).unwrap()
 }
 
-/// Waits until a worker has all that is simulated of an asset.
+/// Waits until a worker has the complete ensemble of an asset.
 async fn simulated(worker: &Service, spec: &AssetSpec) {
     for tries in 0.. {
         let simulation = worker.simulations.of(spec).1;
@@ -91,7 +91,7 @@ async fn simulated(worker: &Service, spec: &AssetSpec) {
     }
 }
 
-/// Sends until it is taken: a worker may say that it is to be tried again.
+/// Processes a record until it succeeds: a worker may request a retry.
 async fn send(worker: &Service, (asset, bytes): &Sent) {
     for tries in 0.. {
         let ticket = worker.workers.admit().unwrap();
@@ -107,7 +107,7 @@ async fn send(worker: &Service, (asset, bytes): &Sent) {
     }
 }
 
-/// Waits until the histories of an asset stand as they are asked for.
+/// Waits until the histories of an asset are up to date.
 async fn settle(worker: &Service, asset: &AssetId, keys: &[String]) {
     for tries in 0.. {
         let channels = worker.store.channels(asset).await.unwrap();
@@ -125,7 +125,7 @@ async fn keys(worker: &Service, asset: &AssetId) -> Vec<String> {
     channels.iter().map(|channel| format!("{:?}", channel.keys)).collect()
 }
 
-/// Every number of every record, and what stands of the alarms.
+/// Returns all values of all records, and the alarms.
 async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, String> {
     let store = &worker.store;
     let mut all = BTreeMap::new();
@@ -135,14 +135,14 @@ async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, Strin
     let filter = AlarmFilter { asset: Some(asset.clone()), ..AlarmFilter::default() };
     for alarm in store.alarms(&filter, Timestamp::UNIX_EPOCH, 100).await.unwrap() {
         let (history, _) = store.alarm_history(&alarm.id, 10_000).await.unwrap();
-        // Not its latest readings: those that changed nothing are kept with the states of the fold alone.
+        // Without the latest readings: those that changed nothing are only in the states of the fold.
         let held = &alarm.alarm;
         let stands = (held.unshelved_state(), held.severity(), held.raised_at(), held.value(), held.last());
-        let told: Vec<_> =
+        let announced: Vec<_> =
             history.iter().filter(|entry| entry.withdrawn_at.is_none()).map(|entry| &entry.change).collect();
-        // What records in another order raised for a time and was withdrawn is no part of what stands.
-        if !told.is_empty() {
-            all.insert(format!("alarm {}", alarm.id), format!("{:?} {stands:?} {told:?}", alarm.rule));
+        // Withdrawn changes, which another order of records raised temporarily, are not compared.
+        if !announced.is_empty() {
+            all.insert(format!("alarm {}", alarm.id), format!("{:?} {stands:?} {announced:?}", alarm.rule));
         }
     }
     all
@@ -156,8 +156,8 @@ fn database() -> TestDatabase {
     needed(TestDatabase::named(), "FLANKWATCH_TEST_DATABASE, the address of a PostgreSQL database,")
 }
 
-/// What one machine on SQLite makes of the records, in order: all numbers, and what the histories stand
-/// under.
+/// Returns the results of one machine on SQLite for the records in order: all values, and the keys of the
+/// histories.
 async fn on_one_machine(
     folder: &Path,
     specs: &[AssetSpec],
@@ -202,12 +202,12 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
             }
             let mut workers = Vec::new();
             for n in 0..count {
-                // Each has a folder of its own for libraries: what one builds the others fetch.
+                // Each worker has its own library cache and fetches what another one has built.
                 workers.push(worker(&settings, &folder.path().join(format!("{n} of {count}"))).await);
             }
             for spec in &before {
                 workers[0].assets.create(spec).await.unwrap();
-                // Alarms that a record without its library raises are part of what is told.
+                // Alarms of records without their library are among the announced changes.
                 for worker in &workers {
                     simulated(worker, spec).await;
                 }
@@ -259,33 +259,33 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
     }
 }
 
-/// Files of a folder by name.
+/// Returns the files of a folder by name.
 fn files(folder: &Path) -> BTreeMap<std::ffi::OsString, Vec<u8>> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
     entries.map(|entry| (entry.file_name(), std::fs::read(entry.path()).unwrap())).collect()
 }
 
-/// What is announced of alarms where every record comes to every worker at the same time.
+/// Returns the announced alarm changes if every record reaches every worker concurrently.
 async fn told_of(workers: &[Arc<Service>], all: &[Sent]) -> Vec<String> {
     let mut followers: Vec<_> = workers.iter().map(|worker| worker.events.follow()).collect();
     for sent in all {
         futures_util::future::join_all(workers.iter().map(|worker| send(worker, sent))).await;
     }
-    let mut told = Vec::new();
+    let mut announced = Vec::new();
     for follower in &mut followers {
         while let Ok(announcement) = follower.try_recv() {
             if let LiveEvent::AlarmChanged(notice) = announcement {
-                told.push(format!("{} {:?}", notice.alarm.id, notice.change));
+                announced.push(format!("{} {:?}", notice.alarm.id, notice.change));
             }
         }
     }
-    told.sort_unstable();
-    told
+    announced.sort_unstable();
+    announced
 }
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE"]
-fn an_alarm_is_told_of_once_whoever_takes_the_record() {
+fn an_alarm_is_notified_once_by_any_worker() {
     let database = database();
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
@@ -313,7 +313,7 @@ fn an_alarm_is_told_of_once_whoever_takes_the_record() {
 }
 
 #[test]
-fn a_history_is_folded_again_when_the_neighbours_have_come() {
+fn a_history_is_recomputed_when_the_ensemble_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
     // More than the first ones.
@@ -373,7 +373,7 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE"]
-fn nodes_that_start_at_the_same_time_make_the_tables_once() {
+fn concurrently_started_nodes_create_the_tables_once() {
     let database = database();
     let folder = tempfile::tempdir().unwrap();
     let settings = StoreSettings::Shared(database.settings(folder.path()));
@@ -389,7 +389,7 @@ fn nodes_that_start_at_the_same_time_make_the_tables_once() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE"]
-fn workers_that_keep_a_quota_at_the_same_time_give_up_no_more_than_needed() {
+fn workers_that_enforce_a_quota_concurrently_remove_no_more_than_needed() {
     let database = database();
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
@@ -422,7 +422,7 @@ fn workers_that_keep_a_quota_at_the_same_time_give_up_no_more_than_needed() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE"]
-fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
+fn nodes_that_describe_assets_of_one_sensor_concurrently_stay_consistent() {
     let database = database();
     let folder = tempfile::tempdir().unwrap();
     let listener = |n: usize, of: &str| -> AssetSpec {
@@ -438,7 +438,7 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
             nodes.push(worker(&settings, &folder.path().join(n.to_string())).await);
         }
         nodes[0].assets.create(&plain("first")).await.unwrap();
-        // More than one sensor may have.
+        // More assets than a sensor may have.
         let specs: Vec<AssetSpec> = (0..16).map(|n| listener(n, "first")).collect();
         let made = specs.iter().enumerate().map(|(n, spec)| nodes[n % 4].assets.create(spec));
         let made = futures_util::future::join_all(made).await;
@@ -449,7 +449,8 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
         let there = nodes[0].store.assets_of_sensor(&plain("first").id).await.unwrap().len();
         assert_eq!(made.iter().filter(|made| made.is_ok()).count() + 1, there);
         assert_eq!(there, flankwatch::asset::MAX_ON_ONE_SENSOR, "{made:?}");
-        // One asset goes while another one is to hear through it: one of both is refused, and told why.
+        // An asset is deleted while another one is created on its sensor: one of the requests fails with the
+        // reason.
         for n in 100..110 {
             let of = format!("sensor{n}");
             let through = listener(n, &of);

@@ -1,4 +1,4 @@
-//! Records over MQTT: each message a record, once, or a refusal with its reason.
+//! Records over MQTT: each message becomes one record or is rejected with a reason.
 
 use std::collections::BTreeSet;
 
@@ -11,12 +11,12 @@ use crate::broker::{Broker, LONGEST, Listener, Sender, unique};
 use crate::running::{Service, plain_asset, record};
 use flankwatch_test_support::needed;
 
-/// Takes records from a broker; `more` are further lines of the settings.
+/// Starts a feed from a broker; `more` has additional lines of the settings.
 pub(crate) fn feed(service: &Service, port: u16, root: &str, more: &str) -> MqttFeed {
-    // The broker need not remember it for long.
+    // A short session expiry.
     let text =
         format!("url = \"mqtt://127.0.0.1:{port}\"\nroot = \"{root}\"\nsession_expiry_s = 120\n{more}");
-    // A session of the test's own, unless it says whose it is.
+    // A unique client ID, unless the settings have one.
     let own = if more.contains("client_id") {
         String::new()
     } else {
@@ -29,7 +29,7 @@ fn start(service: &Service, table: &str) -> MqttFeed {
     let table: MqttTable = toml::from_str(table).unwrap();
     let settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
     let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
-    // The one that was started last; others may have been stopped before it, and the service may be full.
+    // The latest feed; earlier ones may have been stopped, and the service may be full.
     let began = std::time::Instant::now();
     loop {
         let ready = service.get("/readyz").json();
@@ -41,7 +41,7 @@ fn start(service: &Service, table: &str) -> MqttFeed {
     }
 }
 
-/// Waits until the service has that many records, and checks that it has no more.
+/// Waits until the service has `count` records, and checks that it has no more.
 #[track_caller]
 pub(crate) fn wait_for_records(service: &Service, count: u32) {
     let began = std::time::Instant::now();
@@ -73,7 +73,7 @@ fn outcome(service: &Service, outcome: &str) -> f64 {
     metric(service, &format!("flankwatch_feed_messages_total{{feed=\"mqtt\",outcome=\"{outcome}\"}}"))
 }
 
-/// Waits until as many messages have that outcome.
+/// Waits until `count` messages have an outcome.
 #[track_caller]
 fn wait_for_outcome(service: &Service, what: &str, count: f64) {
     let began = std::time::Instant::now();
@@ -94,7 +94,7 @@ fn times(service: &Service, asset: &str) -> BTreeSet<String> {
 
 #[test]
 #[ignore = "needs mosquitto"]
-fn every_message_is_a_record_once() {
+fn every_message_becomes_one_record() {
     let broker = Broker::start();
     let port = broker.port;
     let service = Service::start();
@@ -106,18 +106,18 @@ fn every_message_is_a_record_once() {
         let record = record("named otherwise", n);
         let encoding = if n % 2 == 0 { BlockEncoding::Protobuf } else { BlockEncoding::Json };
         let block = encode_block(&record, encoding);
-        let said = (n % 4 < 2).then(|| encoding.media_type());
-        sender.send_as(&topic(&root, "pump", "input"), &block, said);
+        let content_type = (n % 4 < 2).then(|| encoding.media_type());
+        sender.send_as(&topic(&root, "pump", "input"), &block, content_type);
         if n % 5 == 0 {
-            // A device that does not know that its message has arrived.
-            sender.send_as(&topic(&root, "pump", "input"), &block, said);
+            // A device that sends again as it has no acknowledgement.
+            sender.send_as(&topic(&root, "pump", "input"), &block, content_type);
         }
     }
     wait_for_outcome(&service, "accepted", 24.0);
     assert_eq!(times(&service, "pump").len(), 20);
     let segments = service.get("/v1/assets/pump/segments?limit=1").expect(200).json();
     assert_eq!(segments["items"][0]["channel"], "input", "the topic's point goes before the message's own");
-    // The same numbers as an upload of the same record has.
+    // The same values as for an upload of the same record.
     service.plain_asset("uploaded");
     let uploaded = service.upload("uploaded", &record("input", 19));
     let ours = service.get("/v1/assets/pump/indicators").expect(200).json();
@@ -134,7 +134,7 @@ fn every_message_is_a_record_once() {
     assert_eq!((&health["status"], &health["feeds"][0]["trouble"]), (&"ok".into(), &"stopped".into()));
 }
 
-/// A message that cannot be used, and what its refusal says.
+/// An invalid message, with the expected status and words of its rejection.
 struct Unusable {
     asset: &'static str,
     point: &'static str,
@@ -158,7 +158,7 @@ impl Unusable {
 
 #[test]
 #[ignore = "needs mosquitto"]
-fn what_cannot_be_used_is_refused_with_the_reason() {
+fn invalid_messages_are_rejected_with_the_reason() {
     let broker = Broker::start();
     let port = broker.port;
     let service = Service::start();
@@ -196,12 +196,12 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
         sender.send_as(&topic(&root, case.asset, case.point), &case.payload, case.content_type);
     }
     sender.send(&topic(&root, "pump", "good"), &good);
-    let heard = listener.wait_for(cases.len());
-    assert_eq!(heard.len(), cases.len());
+    let rejections = listener.wait_for(cases.len());
+    assert_eq!(rejections.len(), cases.len());
     for case in &cases {
         let address = format!("{root}/{}/{}", case.asset, case.point);
-        let found = heard.iter().find(|(topic, _)| *topic == format!("{address}/rejected"));
-        let (_, problem) = found.unwrap_or_else(|| panic!("nothing of {address} in {heard:?}"));
+        let found = rejections.iter().find(|(topic, _)| *topic == format!("{address}/rejected"));
+        let (_, problem) = found.unwrap_or_else(|| panic!("nothing of {address} in {rejections:?}"));
         assert_eq!(problem["status"], case.status, "{problem}");
         let detail = problem["detail"].as_str().unwrap();
         assert!(detail.contains(case.words), "{:?} in {problem}", case.words);
@@ -211,14 +211,14 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
     }
     wait_for_outcome(&service, "accepted", 1.0);
     assert_eq!(outcome(&service, "refused"), 10.0);
-    // They are acknowledged: nothing comes again over the same session.
+    // Rejected messages are acknowledged: none is sent again in the session.
     service.run(feed.stop(LONGEST));
     assert_eq!(times(&service, "pump").len(), 1);
 }
 
 #[test]
 #[ignore = "needs mosquitto"]
-fn a_publisher_that_is_misaddressed_does_not_stop_the_others() {
+fn a_misaddressed_publisher_does_not_block_others() {
     let broker = Broker::start();
     let service = Service::start();
     service.plain_asset("wheel");
@@ -247,7 +247,7 @@ fn a_publisher_that_is_misaddressed_does_not_stop_the_others() {
 
 #[test]
 #[ignore = "needs mosquitto"]
-fn what_was_sent_while_the_service_was_away_is_not_lost() {
+fn messages_sent_while_the_service_is_down_are_not_lost() {
     let broker = Broker::start();
     let port = broker.port;
     let service = Service::start();
@@ -279,7 +279,7 @@ fn a_full_service_leaves_messages_at_the_broker() {
     for n in 0..40 {
         sender.send(&topic("flankwatch", "pump", "1"), &protobuf(&record("1", n)));
     }
-    // The queue is full, and says so.
+    // The queue is full, and the feed reports it.
     let health = service.get("/readyz").json();
     let began = std::time::Instant::now();
     let mut held = health;
@@ -301,7 +301,7 @@ fn a_full_service_leaves_messages_at_the_broker() {
 
 #[test]
 #[ignore = "needs mosquitto"]
-fn what_finds_no_place_for_long_is_asked_for_again() {
+fn dropped_messages_are_received_again() {
     let broker = Broker::start();
     let service = Service::start();
     service.plain_asset("pump");
@@ -315,8 +315,8 @@ fn what_finds_no_place_for_long_is_asked_for_again() {
     let parts = service.service();
     let tickets: Vec<_> = std::iter::from_fn(|| parts.workers.admit().ok()).collect();
     let second = feed(&service, broker.port, "flankwatch", settings);
-    // Longer than a broker waits for a sign of life: what a session kept may come all at once, and the
-    // connection has to stand.
+    // Longer than the keep-alive: the session's messages may arrive all at once, and the connection must
+    // survive.
     std::thread::sleep(std::time::Duration::from_secs(10));
     let feeds = service.get("/readyz").json()["feeds"].clone();
     assert_eq!((&feeds[1]["is_connected"], &feeds[1]["held"]), (&true.into(), &4.into()), "{feeds}");
@@ -357,7 +357,7 @@ fn nodes_that_share_a_subscription_share_the_messages() {
 
 #[test]
 #[ignore = "needs mosquitto and its clients"]
-fn a_broker_that_asks_who_comes_is_answered_over_tls() {
+fn client_certificates_and_passwords_are_sent_over_tls() {
     let folder = tempfile::tempdir().unwrap();
     let made = ["server", "client"].map(|who| {
         let folder = folder.path().join(who);

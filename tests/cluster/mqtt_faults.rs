@@ -1,5 +1,5 @@
-//! Brokers that go away and services that are killed: every message that a broker has is a record in the end,
-//! once.
+//! Broker restarts and killed services: every message that a broker has accepted becomes one record in the
+//! end.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,7 +14,7 @@ use crate::mqtt::{feed, metric, topic, wait_for_records};
 use crate::program::Program;
 use crate::running::{Service, plain_asset, record};
 
-/// Rounds where nothing else is said.
+/// Default number of rounds.
 const ROUNDS: u32 = 4;
 
 fn rounds() -> u32 {
@@ -28,7 +28,7 @@ fn send(sender: &mut Sender, n: u32) {
 
 #[test]
 #[ignore = "needs mosquitto"]
-fn a_broker_restarted_in_between_loses_nothing() {
+fn a_broker_restart_loses_nothing() {
     let mut broker = Broker::start();
     let service = Service::start();
     service.plain_asset("pump");
@@ -38,7 +38,7 @@ fn a_broker_restarted_in_between_loses_nothing() {
     let is_over = AtomicBool::new(false);
     let rounds = rounds();
     let sent = std::thread::scope(|scope| {
-        // A device that sends what the broker did not take until it does.
+        // A device that sends a message until the broker acknowledges it.
         let sending = scope.spawn(|| {
             let mut sender = Sender::connect(port);
             let mut n = 0;
@@ -63,8 +63,8 @@ fn a_broker_restarted_in_between_loses_nothing() {
     wait_for_records(&service, sent);
     let reconnects = metric(&service, "flankwatch_feed_reconnects_total{feed=\"mqtt\"}");
     assert!(reconnects >= f64::from(rounds), "{reconnects} in {rounds} rounds");
-    // A broker that is killed forgets what it did not write; a device that sends all again makes no record
-    // twice.
+    // A killed broker loses what it did not write; a device that sends everything again creates no
+    // duplicates.
     broker.end("-KILL");
     broker.launch();
     service.wait_for("/readyz", |ready| ready["feeds"][0]["is_connected"] == true);
@@ -97,7 +97,7 @@ fn a_service_killed_before_it_acknowledges_loses_nothing() {
     let (mut sent, mut between) = (0, 0);
     let rounds = rounds();
     for _ in 0..rounds {
-        // They wait in the session: the service is killed while it takes them.
+        // The messages wait in the session: the service is killed while it processes them.
         for _ in 0..40 {
             send(&mut sender, sent);
             sent += 1;

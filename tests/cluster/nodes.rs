@@ -1,5 +1,5 @@
-//! API nodes and workers of a cluster of its own, inside the test's process: each with its own connections,
-//! and nothing in common but the servers.
+//! API nodes and workers of a cluster inside the test's process, each with its own connections; they share
+//! only the servers.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
@@ -25,7 +25,7 @@ use flankwatch_test_support::needed;
 
 static CLUSTERS: AtomicU32 = AtomicU32::new(0);
 
-/// The NATS server that `FLANKWATCH_TEST_NATS` names.
+/// Returns the NATS server of `FLANKWATCH_TEST_NATS`.
 pub(super) fn nats() -> String {
     needed(
         std::env::var("FLANKWATCH_TEST_NATS").ok(),
@@ -33,17 +33,17 @@ pub(super) fn nats() -> String {
     )
 }
 
-/// The database that `FLANKWATCH_TEST_DATABASE` names.
+/// Returns the database of `FLANKWATCH_TEST_DATABASE`.
 pub(super) fn database() -> TestDatabase {
     needed(TestDatabase::named(), "FLANKWATCH_TEST_DATABASE, the address of a PostgreSQL database,")
 }
 
-/// A name that no other cluster has.
+/// Returns a unique cluster name.
 pub(super) fn unused_name() -> String {
     format!("test_{}_{}", std::process::id(), CLUSTERS.fetch_add(1, Ordering::Relaxed))
 }
 
-/// A service that answers at an address.
+/// A client of a service at a URL.
 pub(super) struct Client {
     pub(super) url: String,
     agent: ureq::Agent,
@@ -58,7 +58,7 @@ impl Client {
         Self { url, agent: agent.into() }
     }
 
-    /// Status and body; none where nobody answers.
+    /// Returns status and body; `None` if the service is unreachable.
     pub(super) fn try_send(
         &self,
         method: &str,
@@ -70,7 +70,7 @@ impl Client {
         Some((status, answer))
     }
 
-    /// Status, header fields and body; none where nobody answers.
+    /// Returns status, headers and body; `None` if the service is unreachable.
     pub(super) fn try_send_with(
         &self,
         method: &str,
@@ -107,7 +107,7 @@ impl Client {
         self.try_send("POST", &path, "application/x-protobuf", &block)
     }
 
-    /// Sends a record until it is taken.
+    /// Sends a record until it is accepted.
     #[track_caller]
     pub(super) fn upload(&self, asset: &str, record: &Record) -> Value {
         let began = Instant::now();
@@ -137,7 +137,7 @@ impl Client {
         }
     }
 
-    /// Every number of every record in the order of time.
+    /// Returns all values of all records in time order.
     pub(super) fn history(&self, asset: &str) -> Vec<Value> {
         let mut rows = Vec::new();
         let summary = self.get(&format!("/v1/assets/{asset}"))["summary"].clone();
@@ -154,7 +154,7 @@ impl Client {
         rows
     }
 
-    /// The state of every alarm, and what came of it, without when people saw it.
+    /// Returns the state and the history of every alarm, without the times of operator actions.
     pub(super) fn alarms(&self) -> Vec<Value> {
         let mut alarms = self.get("/v1/alarms?limit=1000")["items"].as_array().unwrap().clone();
         for alarm in &mut alarms {
@@ -176,7 +176,7 @@ pub(super) struct TestCluster {
     started: u32,
 }
 
-/// How everything here is simulated: quickly.
+/// Returns a coarse grid, which simulates quickly.
 fn config(folder: &Path) -> ServiceConfig {
     let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), folder);
     config.http.grace = Duration::from_secs(30);
@@ -217,7 +217,7 @@ impl TestCluster {
         (Cluster::join(self.nats.clone()).await.unwrap(), Store::open(&store).await.unwrap())
     }
 
-    /// Does something with the store that nobody of the cluster is told of.
+    /// Changes the store without notifying the cluster's processes.
     pub(super) fn behind_their_backs<T>(&self, work: impl AsyncFnOnce(&Store) -> T) -> T {
         self.runtime.block_on(async {
             let settings = StoreSettings::Shared(self.settings());
@@ -275,7 +275,7 @@ impl TestCluster {
         self.workers.push(worker);
     }
 
-    /// A process that looks after the store and takes no record from the queue; its clock is ahead by some
+    /// Starts a process that does upkeep but takes no records from the queue; its clock is ahead by some
     /// days.
     pub(super) fn keeper(&mut self, orphan_age: Duration, days_ahead: i64) -> Arc<Service> {
         let folder = self.own_folder();
@@ -300,12 +300,12 @@ impl TestCluster {
         })
     }
 
-    /// Where its store is.
+    /// Returns the settings of the store.
     pub(super) fn settings(&self) -> flankwatch::store::SharedSettings {
         self.database.settings(&self.objects_folder())
     }
 
-    /// The folder that its objects are in, where they are in one.
+    /// Returns the folder of the objects, if they are in one.
     pub(super) fn objects_folder(&self) -> std::path::PathBuf {
         self.folder.path().join("shared")
     }
@@ -322,8 +322,8 @@ impl TestCluster {
         Client::new(self.nodes[node].url())
     }
 
-    /// Waits until every worker has the library of an asset: records that come before are folded without it
-    /// first.
+    /// Waits until every worker has the library of an asset: earlier records would first be folded without
+    /// it.
     pub(super) fn wait_for_libraries(&self, asset: &str) {
         let id = AssetId::new(asset).unwrap();
         let began = Instant::now();
@@ -336,30 +336,30 @@ impl TestCluster {
         }
     }
 
-    /// Records that this worker stored.
+    /// Returns the number of records that a worker stored.
     pub(super) fn stored_by(&self, worker: usize) -> u64 {
         self.workers[worker].1.tally.stored()
     }
 
-    /// What every message of the queue held, given out again under other names.
+    /// Enqueues the payload of every message of the queue again, under other message IDs.
     pub(super) fn redeliver(&self, subject: &str, run: impl FnOnce()) -> usize {
         let (url, subject) = (self.nats.urls[0].clone(), format!("{}.{subject}", self.nats.name));
-        let (client, mut heard) = self.runtime.block_on(async {
+        let (client, mut messages) = self.runtime.block_on(async {
             let client = async_nats::connect(url).await.unwrap();
-            let heard = client.subscribe(subject.clone()).await.unwrap();
+            let messages = client.subscribe(subject.clone()).await.unwrap();
             client.flush().await.unwrap();
-            (client, heard)
+            (client, messages)
         });
         run();
         self.runtime.block_on(async {
             let mut payloads = Vec::new();
             while let Ok(Some(message)) =
-                tokio::time::timeout(Duration::from_millis(300), futures_util::StreamExt::next(&mut heard))
+                tokio::time::timeout(Duration::from_millis(300), futures_util::StreamExt::next(&mut messages))
                     .await
             {
                 payloads.push(message.payload);
             }
-            heard.unsubscribe().await.unwrap();
+            messages.unsubscribe().await.unwrap();
             for payload in &payloads {
                 client.publish(subject.clone(), payload.clone()).await.unwrap();
             }
@@ -368,7 +368,7 @@ impl TestCluster {
         })
     }
 
-    /// Records that wait or are worked on.
+    /// Returns the number of records in the queue, including those in work.
     pub(super) fn waiting(&self) -> u64 {
         self.runtime.block_on(async {
             let jetstream =
@@ -395,7 +395,7 @@ impl Drop for TestCluster {
     }
 }
 
-/// Takes the streams of a cluster away.
+/// Deletes the streams of a cluster.
 pub(super) async fn remove_streams(url: &str, name: &str) {
     let Ok(client) = async_nats::connect(url).await else {
         return;
@@ -406,7 +406,7 @@ pub(super) async fn remove_streams(url: &str, name: &str) {
     }
 }
 
-/// One machine with everything in its folder, as the measure of the others.
+/// A single machine with everything in its folder, as the reference.
 pub(super) struct OneMachine {
     runtime: Runtime,
     running: Option<RunningService>,
@@ -433,7 +433,7 @@ impl Drop for OneMachine {
     }
 }
 
-/// An asset whose wear is estimated, with alarms.
+/// Returns the description of an asset with a wear estimate and alarms.
 pub(super) fn asset(id: &str) -> Value {
     json!({
         "id": id,

@@ -1,4 +1,4 @@
-//! A PostgreSQL server of a test's own, which can be ended and started again.
+//! A PostgreSQL server of a test, which can be stopped and restarted.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::os::unix::process::CommandExt;
@@ -9,23 +9,23 @@ use std::time::{Duration, Instant};
 use super::processes::{Process, free_port, wait_for_port};
 use flankwatch_test_support::needed;
 
-/// How a server is ended.
+/// How a server is stopped.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Stop {
-    /// Connections are ended, what was committed is written down.
+    /// Fast shutdown: closes connections and writes a checkpoint.
     Fast,
-    /// At once, as by a crash.
+    /// Immediate shutdown, as in a crash.
     Immediate,
 }
 
-/// Whom a server runs as: it refuses to be root.
+/// The user that a server runs as: PostgreSQL does not run as root.
 #[derive(Debug, Clone, Copy)]
 struct Account {
     user: u32,
     group: u32,
 }
 
-/// A PostgreSQL server on a folder of its own.
+/// A PostgreSQL server in a temporary folder.
 pub(super) struct PostgresServer {
     programs: PathBuf,
     account: Option<Account>,
@@ -41,7 +41,7 @@ impl PostgresServer {
             user: number(&["-u", "postgres"]).unwrap(),
             group: number(&["-g", "postgres"]).unwrap(),
         });
-        // Made by the account, which may not look into folders of others.
+        // Created by the account, which cannot access other users' folders.
         let made = as_account(Path::new("mktemp"), account).args(["-d", "--tmpdir"]).output().unwrap();
         let folder = PathBuf::from(String::from_utf8(made.stdout).unwrap().trim());
         assert!(folder.is_dir(), "{}", String::from_utf8_lossy(&made.stderr));
@@ -60,7 +60,7 @@ impl PostgresServer {
         format!("postgres://postgres@127.0.0.1:{}/postgres", self.port)
     }
 
-    /// Ends it, and returns when it is gone.
+    /// Stops the server and waits for its end.
     pub(super) fn stop(&mut self, how: Stop) {
         self.process.signal(match how {
             Stop::Fast => "INT",
@@ -106,7 +106,7 @@ fn spawn(programs: &Path, account: Option<Account>, folder: &Path, port: u16) ->
     process
 }
 
-/// The programs of the latest version that is installed.
+/// Returns the folder of the latest installed version's programs.
 fn programs() -> Option<PathBuf> {
     let versions = std::fs::read_dir("/usr/lib/postgresql").ok()?.flatten();
     let mut found: Vec<PathBuf> = versions.map(|version| version.path().join("bin")).collect();
@@ -116,8 +116,8 @@ fn programs() -> Option<PathBuf> {
 }
 
 fn number(words: &[&str]) -> Option<u32> {
-    let said = Command::new("id").args(words).output().ok()?;
-    String::from_utf8(said.stdout).ok()?.trim().parse().ok()
+    let output = Command::new("id").args(words).output().ok()?;
+    String::from_utf8(output.stdout).ok()?.trim().parse().ok()
 }
 
 fn as_account(program: &Path, account: Option<Account>) -> Command {

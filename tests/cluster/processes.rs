@@ -1,4 +1,4 @@
-//! API nodes, workers and servers as processes of their own, which can be killed.
+//! API nodes, workers and servers as processes that can be killed.
 
 use std::io::{BufRead, BufReader, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use super::nodes::Client;
 use flankwatch_test_support::needed;
 
-/// A process that is killed when it is dropped.
+/// A process that is killed on drop.
 pub(super) struct Process {
     child: Child,
     log: Arc<Mutex<String>>,
@@ -21,24 +21,24 @@ impl Process {
         let mut child = command.stdin(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let mut err = child.stderr.take().unwrap();
         let log: Arc<Mutex<String>> = Arc::default();
-        let said = Arc::clone(&log);
+        let sink = Arc::clone(&log);
         std::thread::spawn(move || {
             let mut piece = [0; 4096];
             while let Ok(count) = err.read(&mut piece)
                 && count > 0
             {
-                said.lock().unwrap().push_str(&String::from_utf8_lossy(&piece[..count]));
+                sink.lock().unwrap().push_str(&String::from_utf8_lossy(&piece[..count]));
             }
         });
         Self { child, log }
     }
 
-    /// What it said so far.
+    /// Returns the log so far.
     pub(super) fn log(&self) -> String {
         self.log.lock().unwrap().clone()
     }
 
-    /// Ends it by a signal, and waits until it has ended; one that has is left alone.
+    /// Sends a signal to the process and waits for its end, unless it has ended already.
     pub(super) fn signal(&mut self, name: &str) {
         if matches!(self.child.try_wait(), Ok(None)) {
             let id = self.child.id().to_string();
@@ -47,7 +47,7 @@ impl Process {
         }
     }
 
-    /// Ends it at once, whatever it is doing.
+    /// Kills the process.
     pub(super) fn kill(&mut self) {
         // SIGKILL
         let _ = self.child.kill();
@@ -67,7 +67,7 @@ impl Drop for Process {
     }
 }
 
-/// An API node, or a worker with its health.
+/// An API node, or a worker with its health server.
 pub(super) struct Program {
     pub(super) process: Process,
     pub(super) client: Client,
@@ -106,7 +106,7 @@ impl Program {
         Self { process, client: Client::new(url) }
     }
 
-    /// Waits until it says of itself that it can work, or that it cannot.
+    /// Waits until `/readyz` reports ready or not ready.
     #[track_caller]
     pub(super) fn wait_for_readiness(&self, status: u16) -> serde_json::Value {
         let began = Instant::now();
@@ -123,7 +123,7 @@ impl Program {
     }
 }
 
-/// A port that nobody listens on.
+/// Returns a free port.
 pub(super) fn free_port() -> u16 {
     TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port()
 }
@@ -142,7 +142,7 @@ fn program(name: &str) -> PathBuf {
     needed(found, &format!("the program {name}"))
 }
 
-/// A NATS server with JetStream on a folder of its own.
+/// A NATS server with JetStream in a temporary folder.
 pub(super) struct NatsServer {
     program: PathBuf,
     folder: PathBuf,
@@ -179,7 +179,7 @@ impl NatsServer {
     }
 }
 
-/// An S3 server with a bucket `records`, which forgets everything at its end.
+/// An S3 server in memory, with a bucket `records`.
 pub(super) struct S3Server {
     address: SocketAddr,
     _process: Process,

@@ -1,4 +1,4 @@
-//! A wire that can be cut.
+//! A TCP proxy whose connections can be cut.
 
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -6,14 +6,14 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// How the wire is.
+/// The state of the proxy.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Wire {
-    /// Everything goes through.
+    /// Everything is forwarded.
     Whole,
-    /// Nothing goes through, and nobody is told: a pulled plug.
+    /// Nothing is forwarded and connections stay open, as with a pulled cable.
     Silent,
-    /// Connections are ended, and new ones too: a server that is down.
+    /// All connections are closed, as with a server that is down.
     Closed,
 }
 

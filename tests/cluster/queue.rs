@@ -1,4 +1,4 @@
-//! The queue: when it is full, and what becomes of records that cannot be stored.
+//! The queue: when it is full, and dead letters.
 
 use std::path::Path;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use crate::running::{plain_asset, record};
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_full_queue_refuses_until_there_is_room() {
+fn a_full_queue_rejects_records_until_it_has_room() {
     let mut site = Site::start();
     let config = site.config(None);
     let text = std::fs::read_to_string(&config).unwrap();
@@ -33,7 +33,7 @@ fn a_full_queue_refuses_until_there_is_room() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_record_that_cannot_be_stored_goes_to_the_dead_letters_with_its_reason() {
+fn a_record_that_cannot_be_stored_becomes_a_dead_letter_with_its_reason() {
     let mut site = Site::start();
     let config = site.config(None);
     let (api, worker) = (site.api(&config), site.worker(&config));
@@ -56,13 +56,13 @@ fn a_record_that_cannot_be_stored_goes_to_the_dead_letters_with_its_reason() {
     });
     assert!(reason.contains("cannot be read"), "{reason}");
     assert_eq!(&payload[..], b"no record");
-    // What comes after it is not held up.
+    // Later records are not blocked.
     let answer = api.client.upload("pump", &record("1", 1));
     assert_eq!(answer["state"], json!("queued"));
     api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
 }
 
-/// Waits for a dead letter that is about a segment.
+/// Waits for a dead letter of a segment and returns its reason.
 fn wait_for_dead_letter(site: &Site, worker: &Program, segment: &str) -> String {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
@@ -84,7 +84,7 @@ fn wait_for_dead_letter(site: &Site, worker: &Program, segment: &str) -> String 
     })
 }
 
-/// Changes the bytes of everything that is kept.
+/// Damages every raw object; returns their number.
 fn damage(objects: &Path) -> usize {
     let mut damaged = 0;
     for folder in std::fs::read_dir(objects).unwrap().flatten() {
@@ -92,7 +92,7 @@ fn damage(objects: &Path) -> usize {
             continue;
         }
         let objects = std::fs::read_dir(folder.path()).unwrap().flatten().map(|object| object.path());
-        // Not the notes beside them.
+        // Skips the metadata files beside the objects.
         for object in objects.filter(|path| path.extension().is_none()) {
             std::fs::write(object, b"damaged").unwrap();
             damaged += 1;
@@ -103,7 +103,7 @@ fn damage(objects: &Path) -> usize {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_dead_letters_record_that_is_sent_again_is_stored() {
+fn a_dead_record_that_is_sent_again_is_stored() {
     let mut site = Site::start();
     let config = site.config(None);
     let text = std::fs::read_to_string(&config).unwrap();
@@ -115,26 +115,26 @@ fn a_dead_letters_record_that_is_sent_again_is_stored() {
     let worker = site.worker(&config);
     let segment = answer["id"].as_str().unwrap();
     let reason = wait_for_dead_letter(&site, &worker, segment);
-    // On a busy machine the first attempt may have been taken back.
+    // On a busy machine the first delivery may have expired.
     assert!(reason.contains(" times"), "{reason}");
-    // The object is brought again with the record.
+    // The repeated upload stores the object again.
     for _ in 0..2 {
         assert_eq!(api.client.upload("pump", &record("1", 1))["id"], answer["id"]);
     }
     api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
 }
 
-/// Waits until a worker says that it holds records.
+/// Waits until a worker has logged that it retries `count` records.
 #[track_caller]
 fn wait_until_held(worker: &Program, count: usize) {
     let began = std::time::Instant::now();
-    while worker.process.log().matches("holding it").count() < count {
-        assert!(began.elapsed() < Duration::from_secs(60), "does not hold {count} records");
+    while worker.process.log().matches("failed to store a record, retrying").count() < count {
+        assert!(began.elapsed() < Duration::from_secs(60), "the worker does not retry {count} records");
         std::thread::sleep(Duration::from_millis(50));
     }
 }
 
-/// Dead letters of a site.
+/// Returns the number of dead letters.
 fn dead_letters(site: &Site) -> u64 {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
@@ -146,7 +146,7 @@ fn dead_letters(site: &Site) -> u64 {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn records_wait_while_the_databases_disk_is_full_whatever_becomes_of_their_workers() {
+fn records_wait_while_the_databases_disk_is_full_even_if_workers_die() {
     let mut site = Site::start();
     let config = site.config(None);
     let text = std::fs::read_to_string(&config).unwrap();
@@ -158,8 +158,7 @@ fn records_wait_while_the_databases_disk_is_full_whatever_becomes_of_their_worke
         api.client.upload("pump", &record("1", n));
     }
     wait_until_held(&worker, 4);
-    // It gives them back when it is stopped, and leaves them when it is killed: the disk is at fault each
-    // time.
+    // A stopped worker returns its records and a killed one leaves them; each time the disk is the cause.
     worker.process.signal("TERM");
     let mut worker = site.worker(&config);
     wait_until_held(&worker, 4);
@@ -172,7 +171,7 @@ fn records_wait_while_the_databases_disk_is_full_whatever_becomes_of_their_worke
     assert_eq!(dead_letters(&site), 0);
 }
 
-/// What a command on the cluster prints.
+/// Runs a command on the cluster and returns its output.
 #[track_caller]
 fn command(config: &Path, arguments: &[&str]) -> String {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_flankwatch"))
@@ -181,8 +180,8 @@ fn command(config: &Path, arguments: &[&str]) -> String {
         .arg(config)
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{arguments:?}: {said}");
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {text}");
     String::from_utf8(output.stdout).unwrap()
 }
 
@@ -190,7 +189,7 @@ fn json_of(config: &Path, arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(&command(config, &[arguments, &["--format", "json"]].concat())).unwrap()
 }
 
-/// The value of a metric of a worker.
+/// Returns the value of a worker's metric.
 fn metric(worker: &Program, name: &str) -> f64 {
     let (status, page) = worker.client.try_send("GET", "/metrics", "text/plain", b"").unwrap();
     assert_eq!(status, 200, "{page}");
@@ -202,7 +201,7 @@ fn metric(worker: &Program, name: &str) -> f64 {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn operators_see_what_waits_and_retry_or_drop_what_could_not_be_stored() {
+fn operators_inspect_the_queue_and_retry_or_drop_dead_letters() {
     let mut site = Site::start();
     let config = site.config(None);
     let api = site.api(&config);
@@ -235,7 +234,7 @@ fn operators_see_what_waits_and_retry_or_drop_what_could_not_be_stored() {
     let number = letters[0]["number"].to_string();
     assert!(command(&config, &["dead-letters", "show", &number]).contains("asset       pump"));
     assert!(command(&config, &["dead-letters", "list"]).lines().all(|line| line.chars().count() <= 80));
-    // The object of one is mended: its record is stored after all.
+    // One object is repaired, so that its record is stored after a retry.
     let mended = letters[0]["record"]["start_time"].as_str().unwrap();
     let n = (0..3).find(|n| record("1", *n).start_time().to_string() == mended).unwrap();
     api.client.upload("pump", &record("1", n));
@@ -261,7 +260,7 @@ fn operators_see_what_waits_and_retry_or_drop_what_could_not_be_stored() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_queue_that_is_away_leaves_reading_ready() {
+fn an_unreachable_queue_leaves_reads_ready() {
     let mut site = Site::start();
     let config = site.config(None);
     let api = site.api(&config);
@@ -277,7 +276,7 @@ fn a_queue_that_is_away_leaves_reading_ready() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_database_that_only_reads_is_not_ready_for_records() {
+fn a_read_only_database_is_not_ready_for_records() {
     let mut site = Site::start();
     let config = site.config(None);
     let api = site.api(&config);

@@ -1,4 +1,4 @@
-//! A resumable upload goes on at any node, whichever began it.
+//! A resumable upload continues on any node.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use crate::running::{mcap, plain_asset, record};
 
 const TUS: (&str, &str) = ("tus-resumable", "1.0.0");
 
-/// Begins an upload for the asset `pump` and returns its path.
+/// Starts an upload for the asset `pump` and returns its path.
 fn begin(client: &Client, length: usize) -> String {
     let length = length.to_string();
     // "pump" in base64
@@ -37,7 +37,7 @@ fn records(count: u32) -> Vec<Record> {
     (0..count).map(|n| record("1", n)).collect()
 }
 
-/// What one machine makes of the same recording, sent as a whole.
+/// Returns the results of one machine for the same recording, uploaded in one request.
 fn plain_upload(recording: &[u8]) -> Vec<Value> {
     let machine = OneMachine::start();
     let alone = machine.client();
@@ -60,7 +60,7 @@ fn compare(client: &Client, recording: &[u8], count: usize) {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn an_upload_goes_on_at_other_nodes_after_its_own_was_killed() {
+fn an_upload_resumes_on_another_node_after_its_own_was_killed() {
     let mut site = Site::start();
     let config = site.config(None);
     let (mut first, second) = (site.api(&config), site.api(&config));
@@ -82,7 +82,7 @@ fn an_upload_goes_on_at_other_nodes_after_its_own_was_killed() {
     compare(&second.client, &recording, 40);
     let kept = std::fs::read_dir(site.objects_folder().join("uploads")).unwrap().count();
     assert_eq!(kept, 0, "pieces of a finished upload");
-    // UploadMetadata up at one node it is gone at the other.
+    // Deleted on one node, the upload is gone on the other.
     let path = begin(&second.client, 10);
     assert_eq!(patch(&third.client, &path, 0, b"12345"), 204);
     assert_eq!(third.client.try_send_with("DELETE", &path, &[TUS], b"").unwrap().0, 204);
@@ -99,7 +99,7 @@ fn an_upload_whose_reader_was_killed_is_read_by_another_node() {
     let (mut first, second) = (site.api(&config), site.api(&config));
     let _worker = site.worker(&config);
     first.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
-    // Of more than one piece.
+    // More than one part.
     let recording = mcap(&records(600));
     assert!(recording.len() > 4 << 20);
     let path = begin(&first.client, recording.len());
@@ -114,7 +114,7 @@ fn an_upload_whose_reader_was_killed_is_read_by_another_node() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn two_nodes_that_get_the_same_bytes_at_the_same_time_keep_them_once() {
+fn two_nodes_that_receive_the_same_bytes_concurrently_store_them_once() {
     let mut site = Site::start();
     let config = site.config(None);
     let nodes = [site.api(&config), site.api(&config)];

@@ -1,5 +1,5 @@
-//! Two API nodes and two workers give the bits of one machine, in whatever order and however often the
-//! records come.
+//! Two API nodes and two workers give the same bits as one machine, in whatever order and however often
+//! records are sent.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -14,7 +14,7 @@ use super::nodes::{OneMachine, TestCluster, asset};
 use crate::event_stream::EventStream;
 use crate::running::{minute, record, samples};
 
-/// One record a minute, now and then one that is loud enough for an alarm.
+/// Returns one record per minute, some of them loud enough for an alarm.
 fn records(channel: &str, count: u32) -> Vec<Record> {
     let one = |n: u32| {
         if n % 7 != 3 {
@@ -67,7 +67,7 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     let (expected, alarms) = (alone.history("pump"), alone.alarms());
     assert!(!alarms.is_empty());
     for node in &nodes {
-        // Late records have the histories after them folded again in the background.
+        // Late records cause recomputations in the background.
         node.wait_for("/v1/assets/pump/wear/history?channel=1&max_points=100000", |rows| {
             rows["items"] == expected[0]
         });
@@ -80,7 +80,7 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
-fn every_node_shows_the_events_of_all_under_the_same_names() {
+fn every_node_shows_the_events_of_all_nodes_with_the_same_ids() {
     let mut cluster = TestCluster::start(2, 1);
     let nodes = [cluster.client(0), cluster.client(1)];
     let mut streams: Vec<EventStream> =
@@ -92,26 +92,26 @@ fn every_node_shows_the_events_of_all_under_the_same_names() {
     for (n, record) in all.iter().enumerate() {
         nodes[n % 2].upload("pump", record);
     }
-    // What comes last is an alarm's end.
-    let mut told: Vec<Vec<(String, String, Value)>> = vec![Vec::new(), Vec::new()];
-    for (stream, told) in streams.iter_mut().zip(&mut told) {
-        while told.iter().filter(|(kind, ..)| kind == "wear").count() < all.len() {
+    // The last event clears an alarm.
+    let mut received: Vec<Vec<(String, String, Value)>> = vec![Vec::new(), Vec::new()];
+    for (stream, received) in streams.iter_mut().zip(&mut received) {
+        while received.iter().filter(|(kind, ..)| kind == "wear").count() < all.len() {
             let event = stream.next();
-            told.push((event.kind, event.id, event.data));
+            received.push((event.kind, event.id, event.data));
         }
     }
-    assert_eq!(told[0], told[1]);
+    assert_eq!(received[0], received[1]);
     let alarms: Vec<String> =
-        told[0].iter().filter(|(kind, ..)| kind == "alarm").map(|(.., data)| data.to_string()).collect();
+        received[0].iter().filter(|(kind, ..)| kind == "alarm").map(|(.., data)| data.to_string()).collect();
     assert!(!alarms.is_empty());
     assert_eq!(alarms.iter().collect::<BTreeSet<_>>().len(), alarms.len(), "an alarm was told of twice");
-    // Another node, and one that is started only now, go on after what was seen last.
-    let (_, id, _) = &told[0][2];
+    // Another node, and a newly started one, continue after the last event.
+    let (_, id, _) = &received[0][2];
     cluster.start_node();
     for node in [&nodes[1], &cluster.client(2)] {
         let mut again = EventStream::open_at(&node.url, "", Some(id));
         let event = again.next();
-        assert_eq!((event.kind, event.id, event.data), told[0][3].clone());
+        assert_eq!((event.kind, event.id, event.data), received[0][3].clone());
     }
     let acknowledged = nodes[1].alarms()[0]["id"].as_str().unwrap().to_owned();
     nodes[1].send_json(
@@ -128,7 +128,7 @@ fn every_node_shows_the_events_of_all_under_the_same_names() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
-fn a_changed_description_told_to_a_node_is_done_by_a_worker() {
+fn a_changed_description_is_applied_by_a_worker() {
     let mut cluster = TestCluster::start(1, 1);
     let (node, alone) = (cluster.client(0), OneMachine::start());
     let alone = alone.client();
@@ -144,7 +144,7 @@ fn a_changed_description_told_to_a_node_is_done_by_a_worker() {
         }
         client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 20);
     }
-    // Nobody is there who could hear it; who comes later does it.
+    // No worker is running; a later one applies the change.
     cluster.stop_worker();
     node.send_json("PUT", "/v1/assets/pump", &anew, 200);
     cluster.start_worker();

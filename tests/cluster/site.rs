@@ -1,4 +1,4 @@
-//! A cluster of processes on servers of its own, and records that are sent to it while something fails.
+//! A cluster of processes with its own servers, and records sent to it during faults.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -17,26 +17,26 @@ use super::proxy::Proxy;
 use crate::running::{plain_asset, record};
 use crate::shared_store::TestDatabase;
 
-/// Rounds where nothing else is said.
+/// Default number of rounds.
 const ROUNDS: u32 = 1;
 
-/// Connections that upload side by side.
+/// Number of concurrent upload connections.
 const CONNECTIONS: u32 = 3;
 
-/// Records of one round before they come slowly.
+/// Number of records of a round that are sent at full speed.
 const UNHURRIED: u32 = 60;
 
-/// How often each fault happens.
+/// Returns how often each fault is repeated.
 pub(super) fn rounds() -> u32 {
     std::env::var("FLANKWATCH_FAULT_ROUNDS").map_or(ROUNDS, |rounds| rounds.parse().unwrap())
 }
 
-/// The servers of a cluster of its own, and what its processes are started with.
+/// The servers of a cluster, and the settings of its processes.
 pub(super) struct Site {
     folder: TempDir,
     settings: SharedSettings,
     pub(super) database: TestDatabase,
-    /// The database's server, where it is the site's own.
+    /// The database server, if it belongs to the site.
     pub(super) postgres: Option<PostgresServer>,
     pub(super) nats: NatsServer,
     pub(super) objects: String,
@@ -48,7 +48,7 @@ impl Site {
         Self::on(database(), None)
     }
 
-    /// With a database server of its own, which can be ended.
+    /// Starts a site with its own database server, which can be stopped.
     pub(super) fn with_own_postgres() -> Self {
         let postgres = PostgresServer::start();
         Self::on(TestDatabase::on(postgres.url()), Some(postgres))
@@ -62,7 +62,7 @@ impl Site {
         Self { settings, database, postgres, nats, objects, folder, started: 0 }
     }
 
-    /// The address of the database's server.
+    /// Returns the address of the database server.
     pub(super) fn database_server(&self) -> SocketAddr {
         let url = &self.settings.database_url;
         let host = url.split("://").nth(1).unwrap().split('/').next().unwrap();
@@ -70,7 +70,7 @@ impl Site {
         host.parse().unwrap()
     }
 
-    /// A settings file; `database` stands between the process and the database.
+    /// Writes a settings file; `database` is a proxy between the process and the database.
     pub(super) fn config(&self, database: Option<&Proxy>) -> PathBuf {
         let mut url = self.settings.database_url.clone();
         if let Some(proxy) = database {
@@ -87,7 +87,7 @@ impl Site {
         path
     }
 
-    /// The folder that raw recordings are kept in.
+    /// Returns the folder of the raw recordings.
     pub(super) fn objects_folder(&self) -> PathBuf {
         self.folder.path().join("objects")
     }
@@ -108,7 +108,7 @@ impl Site {
     }
 }
 
-/// Records that are sent while something fails, and which of them were acknowledged.
+/// Records sent during a fault, with the acknowledged ones.
 #[derive(Default)]
 pub(super) struct Uploads {
     next: AtomicU32,
@@ -116,7 +116,7 @@ pub(super) struct Uploads {
 }
 
 impl Uploads {
-    /// Sends over some connections, in turn to each of the clients, while `fault` happens.
+    /// Sends over several connections, to the clients in turn, while `fault` runs.
     pub(super) fn during(&self, clients: &[&Client], fault: impl FnOnce()) {
         let (is_over, first) = (AtomicBool::new(false), self.next.load(Ordering::Relaxed));
         std::thread::scope(|scope| {
@@ -125,7 +125,7 @@ impl Uploads {
                     while !is_over.load(Ordering::Relaxed) {
                         let n = self.next.fetch_add(1, Ordering::Relaxed);
                         if n > first + UNHURRIED {
-                            // What takes long is not to be a test of many records.
+                            // Slow faults are tested with fewer records.
                             std::thread::sleep(Duration::from_millis(500));
                         }
                         match clients[n as usize % clients.len()].try_upload("pump", &record("1", n)) {
@@ -133,7 +133,7 @@ impl Uploads {
                                 let id = answer["id"].as_str().unwrap().to_owned();
                                 self.acknowledged.lock().unwrap().insert(n, id);
                             }
-                            // It cannot be taken now, or nobody answers.
+                            // The node rejects it for now, or does not respond.
                             Some((503, _)) | None => std::thread::sleep(Duration::from_millis(20)),
                             other => panic!("record {n}: {other:?}"),
                         }
@@ -145,7 +145,7 @@ impl Uploads {
         });
     }
 
-    /// Waits until every record that was acknowledged is there.
+    /// Waits until every acknowledged record is stored.
     #[track_caller]
     pub(super) fn wait_until_stored(&self, client: &Client) {
         let began = Instant::now();
@@ -164,7 +164,7 @@ impl Uploads {
         }
     }
 
-    /// Sends all once more, and compares with one machine that has never been disturbed.
+    /// Sends all records again and compares the results with those of an undisturbed machine.
     #[track_caller]
     pub(super) fn compare(&self, client: &Client) {
         let sent = self.next.load(Ordering::Relaxed);

@@ -1,4 +1,4 @@
-//! Tokens are those of all nodes, wherever they are made and revoked.
+//! Tokens apply to all nodes, wherever they are created and revoked.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use super::nodes::Client;
 use super::site::Site;
 use crate::command::flankwatch;
 
-/// How long a change may take to be known everywhere.
+/// Timeout for a change to reach every node.
 const KNOWN_WITHIN: Duration = Duration::from_secs(5);
 
 fn status(client: &Client, token: Option<&str>) -> u16 {
@@ -32,13 +32,14 @@ fn wait_for_status(client: &Client, token: Option<&str>, wanted: u16) {
 
 fn token(words: &[&str], config: &Path) -> String {
     let config = config.display().to_string();
-    let said = flankwatch(&[&["token"][..], words, &["--config", config.as_str()]].concat()).expect_success();
-    said.out().trim().to_owned()
+    let output =
+        flankwatch(&[&["token"][..], words, &["--config", config.as_str()]].concat()).expect_success();
+    output.out().trim().to_owned()
 }
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
-fn a_token_made_or_revoked_anywhere_counts_on_every_node() {
+fn a_token_created_or_revoked_on_one_node_applies_on_all() {
     let mut site = Site::start();
     let config = site.config(None);
     let nodes = [site.api(&config), site.api(&config)];
@@ -60,8 +61,8 @@ fn a_token_made_or_revoked_anywhere_counts_on_every_node() {
         assert_eq!(status(&node.client, Some(&second)), 200);
     }
     let config_text = config.display().to_string();
-    flankwatch(&["token", "revoke", id, "--config", &config_text]).expect_refusal(&[id]);
-    // That none is left opens nothing, not even after a start.
+    flankwatch(&["token", "revoke", id, "--config", &config_text]).expect_failure(&[id]);
+    // Revoking every token does not reopen the service, not even after a restart.
     token(&["revoke", second.split('_').nth(1).unwrap()], &config);
     wait_for_status(&nodes[0].client, Some(&second), 401);
     let [_, again] = nodes;

@@ -1,4 +1,4 @@
-//! What a lost word leaves undone is found.
+//! Periodic upkeep makes up for lost notifications.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use crate::running::{minute, plain_asset, record};
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
-fn a_listener_that_no_worker_was_told_of_has_the_earlier_records() {
+fn upkeep_analyses_earlier_records_for_a_new_asset_of_the_sensor() {
     let cluster = TestCluster::start(1, 2);
     let node = cluster.client(0);
     node.send_json("POST", "/v1/assets", &plain_asset("first"), 201);
@@ -37,7 +37,7 @@ fn a_listener_that_no_worker_was_told_of_has_the_earlier_records() {
     assert!(late.is_empty(), "{late:?} is looked at again and again");
 }
 
-/// An object that nothing refers to, as another process may have left it.
+/// Creates an unreferenced object, as another process may have left it.
 fn put_orphan(cluster: &TestCluster) -> String {
     cluster.behind_their_backs(async |store| {
         let store = store.clone();
@@ -51,7 +51,7 @@ fn put_orphan(cluster: &TestCluster) -> String {
     })
 }
 
-/// Which of these objects are in quarantine.
+/// Returns which of these objects are in quarantine.
 fn quarantined(cluster: &TestCluster) -> Vec<String> {
     cluster.behind_their_backs(async |store| {
         let store = store.clone();
@@ -63,7 +63,7 @@ fn quarantined(cluster: &TestCluster) -> Vec<String> {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
-fn what_waits_in_the_queue_is_kept_however_old_it_is_and_what_nobody_needs_goes_into_quarantine() {
+fn old_objects_in_the_queue_are_kept_and_unreferenced_ones_are_quarantined() {
     let mut cluster = TestCluster::start(1, 0);
     let node = cluster.client(0);
     node.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
@@ -85,7 +85,7 @@ fn what_waits_in_the_queue_is_kept_however_old_it_is_and_what_nobody_needs_goes_
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
-fn a_worker_whose_clock_is_ahead_takes_nothing_for_old() {
+fn a_worker_whose_clock_is_ahead_expires_nothing() {
     let mut cluster = TestCluster::start(1, 0);
     put_orphan(&cluster);
     let _keeper = cluster.keeper(Duration::from_secs(7 * 24 * 3600), 8);
@@ -95,7 +95,7 @@ fn a_worker_whose_clock_is_ahead_takes_nothing_for_old() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
-fn a_cluster_does_not_start_on_the_bucket_of_another_one() {
+fn a_cluster_does_not_start_on_another_clusters_bucket() {
     let cluster = TestCluster::start(1, 1);
     let mut mine = cluster.settings();
     let other = database();
@@ -107,7 +107,7 @@ fn a_cluster_does_not_start_on_the_bucket_of_another_one() {
 
 #[test]
 #[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
-fn a_right_goes_by_the_databases_clock_and_an_upload_stays_whatever_a_process_takes_for_today() {
+fn leases_and_uploads_expire_by_the_databases_clock() {
     let cluster = TestCluster::start(1, 0);
     cluster.client(0).send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     cluster.behind_their_backs(async |store| {

@@ -1,4 +1,4 @@
-//! A disk that fails now and then, stops in the middle, and forgets what was not synced.
+//! A simulated disk that fails at random, stops in the middle of an operation, and loses unsynced writes.
 
 use std::fs;
 use std::io;
@@ -9,12 +9,12 @@ use flankwatch::store::Disk;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A change of the names in a folder that a crash may undo, as the folder was not synced since.
+/// A rename or removal that a crash may undo, as the folder has not been synced since.
 #[derive(Debug)]
 struct Change {
     folder: PathBuf,
     path: PathBuf,
-    /// What was under the path before.
+    /// The previous content of the path.
     before: Before,
 }
 
@@ -27,19 +27,19 @@ enum Before {
 #[derive(Debug)]
 struct State {
     random: ChaCha8Rng,
-    /// How likely an operation fails.
+    /// Probability that an operation fails.
     failing: f64,
-    /// Operations until everything stops.
+    /// Number of operations until the disk stops.
     left: Option<u32>,
     is_dead: bool,
     unsynced: Vec<Change>,
-    /// The database's log, which is on another disk.
+    /// The database's log, which is not on this disk.
     log: PathBuf,
     /// The log when everything stopped: whatever was done here because of a commit came after it.
     log_at_end: Vec<u8>,
 }
 
-/// Works on a folder of the system's disk and notes what a crash could undo.
+/// Works on a real folder and tracks what a crash could undo.
 #[derive(Debug)]
 pub(crate) struct ForgetfulDisk {
     state: Mutex<State>,
@@ -60,17 +60,17 @@ impl ForgetfulDisk {
         }
     }
 
-    /// From now on operations fail with this likelihood.
+    /// Sets the probability that an operation fails.
     pub(crate) fn fail(&self, likelihood: f64) {
         self.state().failing = likelihood;
     }
 
-    /// Everything stops in the middle of the operation after so many.
+    /// Stops the disk in the middle of an operation, after this many.
     pub(crate) fn stop_after(&self, operations: u32) {
         self.state().left = Some(operations);
     }
 
-    /// Nothing is done any more.
+    /// Stops the disk.
     pub(crate) fn stop(&self) {
         self.state().end();
     }
@@ -85,7 +85,7 @@ impl ForgetfulDisk {
         self.state().is_dead
     }
 
-    /// Undoes in a copy of a folder some of what was not synced: of each folder the latest changes.
+    /// Undoes some unsynced changes in a copy of a folder: in each folder the latest ones.
     pub(crate) fn forget(&self, folder: &Path, copy: &Path) {
         let mut state = self.state();
         let changes = std::mem::take(&mut state.unsynced);
@@ -102,7 +102,7 @@ impl ForgetfulDisk {
                     Before::Nothing if path.is_dir() => fs::remove_dir_all(&path).unwrap(),
                     Before::Nothing => drop(fs::remove_file(&path)),
                     Before::File(bytes) if is_there => fs::write(&path, bytes).unwrap(),
-                    // Its folder is forgotten too.
+                    // The changes of its folder are lost too.
                     Before::File(_) => {}
                 }
             }
@@ -113,7 +113,7 @@ impl ForgetfulDisk {
         self.state.lock().unwrap()
     }
 
-    /// Whether the next operation is done: an error where it fails, and how it fails.
+    /// Decides whether the next operation succeeds; returns the error if it fails.
     fn next(&self) -> Result<MutexGuard<'_, State>, (MutexGuard<'_, State>, io::Error)> {
         let mut state = self.state();
         if state.is_dead {
@@ -175,7 +175,7 @@ impl Disk for ForgetfulDisk {
                 Ok(())
             }
             Err((mut state, error)) => {
-                // A part of it may have been written, and of that any part may be zeros.
+                // A part may have been written, any part of which may be zeros.
                 let length = state.random.random_range(0..=bytes.len());
                 let mut part = bytes[..length].to_vec();
                 if state.random.random_bool(0.3) {

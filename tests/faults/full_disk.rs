@@ -1,4 +1,4 @@
-//! A disk that is full: nothing is lost, everything can be read, and it goes on when there is room.
+//! A full disk: nothing is lost, everything can be read, and writes resume when there is room.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::resumable_client::{begin, expect_read, offset, patch, pieces, recordi
 use crate::running::{Service, record};
 use flankwatch_test_support::needed;
 
-/// A small file system in memory, gone when dropped.
+/// A small file system in memory, unmounted on drop.
 struct SmallDisk {
     folder: PathBuf,
     _parent: tempfile::TempDir,
@@ -30,7 +30,7 @@ impl SmallDisk {
         &self.folder
     }
 
-    /// Fills what there is of room; removing the file that is returned makes it again.
+    /// Fills the disk; removing the returned file frees the space.
     fn fill(&self) -> PathBuf {
         let path = self.folder.join("filling");
         let mut file = std::fs::File::create(&path).unwrap();
@@ -48,15 +48,15 @@ impl Drop for SmallDisk {
 fn raw_objects(folder: &Path) -> usize {
     let shards = std::fs::read_dir(folder.join("raw")).unwrap();
     let shards = shards.map(Result::unwrap).filter(|shard| shard.file_name().len() == 2);
-    // One may go between being listed and being looked at.
+    // A file may be removed between being listed and being read.
     let objects = shards.filter_map(|shard| std::fs::read_dir(shard.path()).ok()).flatten().flatten();
-    // Not the notes beside them.
+    // Skips the metadata files beside the objects.
     objects.filter(|object| object.path().extension().is_none()).count()
 }
 
 #[test]
 #[ignore = "needs the right to mount a file system"]
-fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
+fn a_full_disk_is_answered_with_507_and_the_service_recovers() {
     let disk = needed(SmallDisk::mount(), "the right to mount a small file system");
     let ballast = disk.path().join("ballast");
     std::fs::write(&ballast, vec![1; 2 << 20]).unwrap();
@@ -91,14 +91,14 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
     let ready = service.get("/readyz").expect(503).json();
     assert!(ready["room"].as_str().unwrap().contains("write"), "{ready}");
     service.get("/v1/assets/pump/export").expect(200);
-    // What was kept for a record whose rows had no room does not stay.
+    // The object of a record whose rows did not fit is removed.
     let began = std::time::Instant::now();
     while raw_objects(service.folder()) > stored.len() {
         assert!(began.elapsed().as_secs() < 60, "{} raw objects", raw_objects(service.folder()));
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     std::fs::remove_file(&ballast).unwrap();
-    // What was found a moment ago still counts for a moment.
+    // The health check's result is cached for a moment.
     let began = std::time::Instant::now();
     while service.get("/readyz").status != 200 {
         assert!(began.elapsed().as_secs() < 20, "still not ready");
@@ -115,7 +115,7 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
 
 #[test]
 #[ignore = "needs the right to mount a file system"]
-fn a_resumable_upload_that_a_full_disk_keeps_from_being_read_waits_for_room() {
+fn a_resumable_upload_waits_while_the_disk_is_full() {
     let disk = needed(SmallDisk::mount(), "the right to mount a small file system");
     let mut service = Service::start_at(disk.path());
     service.plain_asset("pump");
@@ -126,10 +126,10 @@ fn a_resumable_upload_that_a_full_disk_keeps_from_being_read_waits_for_room() {
         patch(&service, path, 0, &whole[..at]).expect(204);
     }
     let filling = disk.fill();
-    // A piece that has no room is not counted.
+    // A part that does not fit is not counted.
     patch(&service, &paths[0], at, &whole[at..]).expect_problem(507, &[]);
     assert_eq!(offset(&service, &paths[0]), at);
-    // Room for the pieces and their rows, and not for the records.
+    // Room for the parts and their rows, but not for the records.
     let file = std::fs::OpenOptions::new().write(true).open(&filling).unwrap();
     file.set_len(file.metadata().unwrap().len() - (64 << 10)).unwrap();
     drop(file);
@@ -139,7 +139,7 @@ fn a_resumable_upload_that_a_full_disk_keeps_from_being_read_waits_for_room() {
         assert_eq!((&waiting["state"], &waiting["error"]), (&"reading".into(), &Value::Null), "{waiting}");
         assert_eq!(offset(&service, path), whole.len());
     }
-    // One that waits may be given up, which makes room.
+    // A waiting upload may be deleted, which frees space.
     service.send("DELETE", &paths[1], &[("tus-resumable", "1.0.0")], b"").expect(204);
     assert!(!pieces(&service, &paths[1]).exists());
     std::fs::remove_file(filling).unwrap();

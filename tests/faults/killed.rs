@@ -1,5 +1,5 @@
-//! The program killed at random moments while it is written to: what it acknowledged is there, once, and
-//! nothing else changes.
+//! The program killed at random moments while it is written to: what it acknowledged is stored exactly once,
+//! and nothing else changes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -15,16 +15,16 @@ use serde_json::{Value, json};
 use crate::program::Program;
 use crate::running::plain_asset;
 
-/// Rounds where nothing else is said: a hundred take minutes.
+/// Default number of rounds; a hundred take minutes.
 const ROUNDS: u32 = 4;
 
-/// Connections that upload side by side.
+/// Number of concurrent upload connections.
 const CONNECTIONS: u32 = 4;
 
-/// How long the histories of thousands of records may take to be folded again on a busy machine.
+/// Timeout for recomputing the histories of thousands of records on a busy machine.
 const MAX_RECOMPUTATION: Duration = Duration::from_secs(600);
 
-/// The first record that two histories say different things of.
+/// Returns the first record that differs between two histories.
 fn first_difference(one: &[Value], other: &[Value]) -> Option<(Value, Value)> {
     let rows = |history: &[Value]| -> Vec<Value> {
         history.iter().flat_map(|rows| rows.as_array().cloned().unwrap_or_default()).collect()
@@ -34,7 +34,7 @@ fn first_difference(one: &[Value], other: &[Value]) -> Option<(Value, Value)> {
     one.into_iter().zip(other).find(different)
 }
 
-/// Raw objects in a folder: files that are named by a hash, in folders of two characters.
+/// Returns the raw objects of a folder: files named by a hash, in folders of two characters.
 fn raw_objects(folder: &Path) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return 0;
@@ -44,7 +44,7 @@ fn raw_objects(folder: &Path) -> usize {
     objects.filter(|object| object.path().extension().is_none()).count()
 }
 
-/// A segment's indicators without the one that follows from the records before it, which a late record
+/// Returns a segment's indicators without the one that depends on earlier records, which a late record
 /// changes.
 fn of_itself(segment: &Value) -> Value {
     let mut indicators = segment["indicators"].clone();
@@ -52,11 +52,11 @@ fn of_itself(segment: &Value) -> Value {
     indicators
 }
 
-/// What `flankwatch verify` says of a data folder.
+/// Runs `flankwatch verify` on a data folder and returns its output.
 fn verified(folder: &Path) -> String {
     let mut verify = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
-    let said = verify.arg("verify").arg("--data-dir").arg(folder).output().unwrap();
-    String::from_utf8(said.stdout).unwrap() + &String::from_utf8_lossy(&said.stderr)
+    let output = verify.arg("verify").arg("--data-dir").arg(folder).output().unwrap();
+    String::from_utf8(output.stdout).unwrap() + &String::from_utf8_lossy(&output.stderr)
 }
 
 fn asset_with_pair(id: &str) -> Value {
@@ -70,7 +70,7 @@ fn asset_with_pair(id: &str) -> Value {
 }
 
 #[test]
-fn what_was_acknowledged_survives_being_killed_at_random_moments() {
+fn acknowledged_records_survive_kills_at_random_moments() {
     let rounds = std::env::var("FLANKWATCH_KILL_ROUNDS").map_or(ROUNDS, |rounds| rounds.parse().unwrap());
     let folder = tempfile::tempdir().unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(20_260_101);
@@ -102,17 +102,17 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
                 });
             }
             std::thread::sleep(Duration::from_micros(random.random_range(20_000..400_000)));
-            // Killed first, so that requests are cut off; then the connections are told.
+            // Killed first, so that requests are cut off, then the senders are stopped.
             let mut killed = Command::new("kill");
             killed.args(["-9", &running.id().to_string()]);
             assert!(killed.status().unwrap().success());
             gone.store(true, Ordering::Relaxed);
         });
         running.kill();
-        // Before anything is put away: what the database names is there and whole.
-        let said = verified(folder.path());
-        let lacks = said.lines().find(|line| line.contains("missing") || line.contains("damaged"));
-        assert!(lacks.is_none(), "round {round}: {said}");
+        // Before any cleanup, every object in the database exists and is intact.
+        let output = verified(folder.path());
+        let lacks = output.lines().find(|line| line.contains("missing") || line.contains("damaged"));
+        assert!(lacks.is_none(), "round {round}: {output}");
         let after = Program::start(folder.path());
         let stored = after.segments("killed");
         let known = acknowledged.lock().unwrap();
@@ -120,7 +120,7 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
             let id = segment["id"].as_str().unwrap();
             assert_eq!(stored.get(id), Some(&1), "round {round}: record {n} was acknowledged");
         }
-        // Nothing but what was sent, and no raw object without its record for long.
+        // Only sent records are stored, and no raw object stays without its record.
         assert!(stored.len() <= next.load(Ordering::Relaxed) as usize);
         unacknowledged = stored.len() - known.len();
         drop(known);
@@ -151,8 +151,8 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
     }
     let began = Instant::now();
     loop {
-        // Records that came very late are folded in the background, and everything once more where the pair's
-        // variants are ready: for one asset before the other.
+        // Very late records are folded in the background, and everything again when the ensemble is complete,
+        // which is at different times for the two assets.
         let (killed, undisturbed) = (program.history("killed"), program.history("undisturbed"));
         if killed == undisturbed {
             break;

@@ -1,4 +1,4 @@
-//! What a killed program, a disk that fails and a full one leave behind.
+//! What remains after kills, failing disks and full disks.
 #![cfg(test)]
 
 mod forgetful_disk;

@@ -1,6 +1,6 @@
-//! Schedules drawn from a seed: records come, repeat, are deleted and excluded while operations on the disk
-//! fail, and the process is gone in the middle of one of them. What was not synced is partly forgotten. Each
-//! start after that is held against what was acknowledged, and against `flankwatch verify`.
+//! Schedules drawn from a seed: records are sent, repeated, deleted and excluded while disk operations fail
+//! and the process is killed in the middle of one of them; unsynced writes are partly lost. After each
+//! restart the state is compared with what was acknowledged, and with `flankwatch verify`.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -25,21 +25,21 @@ use tokio::task::JoinSet;
 use crate::forgetful_disk::ForgetfulDisk;
 use crate::running::{ManualClock, plain_asset, record};
 
-/// Schedules where nothing else is said.
+/// Default number of schedules.
 const SCHEDULES: u64 = 100;
 
-/// Processes of a schedule, all but the last one killed.
+/// Number of processes of a schedule; all but the last one are killed.
 const LIVES: u32 = 3;
 
 const ASSETS: [&str; 2] = ["pump", "fan"];
 
-/// Records of each asset that a schedule knows.
+/// Number of records per asset of a schedule.
 const RECORDS: u32 = 8;
 
-/// How long a start may take to put away what the process before has left, on a busy machine.
+/// Timeout for a start to clean up after the process before, for a busy machine.
 const MAX_SWEEP: Duration = Duration::from_secs(60);
 
-/// What was answered of a record.
+/// The last response about a record.
 #[derive(Debug, Clone, Default)]
 struct Known {
     presence: Presence,
@@ -52,7 +52,7 @@ enum Presence {
     #[default]
     Absent,
     Present,
-    /// The last answer was an error, or never came.
+    /// The last response was an error, or there was none.
     Unknown,
 }
 
@@ -81,7 +81,7 @@ fn log_of(folder: &Path) -> Vec<u8> {
     fs::read(folder.join("flankwatch.db-wal")).unwrap_or_default()
 }
 
-/// What tells one log from the next one in the same file.
+/// The salt, by which one log differs from the next in the same file.
 fn head(log: &[u8]) -> Vec<u8> {
     log.iter().take(32).copied().collect()
 }
@@ -115,7 +115,7 @@ impl Life {
         Self { runtime, service, disk, folder }
     }
 
-    /// Waits until nothing is left of the process before, and holds what is there against what was answered.
+    /// Waits until the cleanup is complete, and compares the state with the responses.
     fn check(&self, known: &mut BTreeMap<Key, Known>) {
         self.runtime.block_on(async {
             let began = Instant::now();
@@ -170,7 +170,7 @@ impl Life {
             let is_as_said = known.is_excluded.is_none_or(|is_excluded| is_excluded == segment.excluded);
             assert!(is_as_said, "record {n} is excluded: {}", segment.excluded);
         }
-        // From here on it is known.
+        // From here on the asset is acknowledged.
         *known = Known {
             presence: Presence::Present,
             id: Some(segment.id.clone()),
@@ -178,7 +178,7 @@ impl Life {
         };
     }
 
-    /// Makes changes of different records side by side, as far as the disk lets it; what they became.
+    /// Applies changes of different records concurrently, as far as the disk allows; returns their responses.
     fn make(&self, changes: &[(Key, Change)]) -> Vec<(Key, Change, Result<Option<SegmentId>, ServiceError>)> {
         let mut done = Vec::new();
         self.runtime.block_on(async {
@@ -188,7 +188,7 @@ impl Life {
                 under_way.spawn(async move { (key, change, make(&service, key, change).await) });
             }
             while let Some(ended) = under_way.join_next().await {
-                // An answer that comes when the disk has stopped is one that nobody hears.
+                // A response after the disk has stopped does not count.
                 if self.disk.is_stopped() {
                     break;
                 }
@@ -198,14 +198,14 @@ impl Life {
         done
     }
 
-    /// Kills the process: another folder holds what the disk kept.
+    /// Kills the process and copies what the disk kept to another folder.
     fn kill(self, to: PathBuf, random: &mut ChaCha8Rng) -> PathBuf {
         self.disk.stop();
         copy_folder(&self.folder.join("raw"), &to.join("raw"));
         self.disk.forget(&self.folder, &to);
         let database = self.folder.join("flankwatch.db");
         let log = loop {
-            // Taken again where the log went into the database meanwhile.
+            // Copied again if a checkpoint ran meanwhile.
             let before = (fs::metadata(&database).unwrap().modified().unwrap(), head(&log_of(&self.folder)));
             fs::copy(&database, to.join("flankwatch.db")).unwrap();
             let log = log_of(&self.folder);
@@ -258,7 +258,7 @@ async fn make(
     }
 }
 
-/// What is known after an answer; none where it was an error, or nobody heard it.
+/// Returns what a response proves; `None` if it was an error or was not received.
 fn learn(known: &mut Known, change: Change, answer: Option<Option<SegmentId>>) {
     match (change, answer) {
         (Change::Upload, Some(id)) => {
@@ -271,7 +271,7 @@ fn learn(known: &mut Known, change: Change, answer: Option<Option<SegmentId>>) {
         }
         (Change::Delete, Some(_)) => *known = Known::default(),
         (Change::Exclude(is_excluded), Some(_)) => known.is_excluded = Some(is_excluded),
-        // A repeat of what is there changes nothing.
+        // A repeat of a stored record changes nothing.
         (Change::Upload, None) if known.presence == Presence::Present => {}
         (Change::Upload | Change::Delete, None) => known.presence = Presence::Unknown,
         (Change::Exclude(_), None) => known.is_excluded = None,
@@ -291,7 +291,7 @@ fn copy_folder(from: &Path, to: &Path) {
     }
 }
 
-/// Different records, each with something that is to happen to it.
+/// Draws different records, each with an operation.
 fn some_changes(random: &mut ChaCha8Rng) -> Vec<(Key, Change)> {
     let mut changes = BTreeMap::new();
     for _ in 0..random.random_range(1..=4) {
@@ -349,13 +349,13 @@ fn variable(name: &str) -> Option<u64> {
     std::env::var(name).ok().map(|value| value.parse().unwrap())
 }
 
-/// `FLANKWATCH_FAULT_SCHEDULES` says how many, `FLANKWATCH_FAULT_SEED` the first seed.
+/// `FLANKWATCH_FAULT_SCHEDULES` sets the number of schedules, `FLANKWATCH_FAULT_SEED` the first seed.
 #[test]
-fn every_schedule_keeps_what_was_acknowledged() {
+fn every_schedule_keeps_acknowledged_data() {
     let schedules = variable("FLANKWATCH_FAULT_SCHEDULES").unwrap_or(SCHEDULES);
     let first = variable("FLANKWATCH_FAULT_SEED").unwrap_or(1);
     let next = AtomicU64::new(first);
-    // Where there is memory to be had as a disk, nothing waits for a real one.
+    // Uses a file system in memory, if there is one.
     let memory = Path::new("/dev/shm");
     let began = Instant::now();
     std::thread::scope(|scope| {

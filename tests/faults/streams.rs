@@ -1,5 +1,5 @@
-//! Live streams while the program that takes them, or the one that sends them, is killed: the samples that
-//! are stored are those that were sent, by index, bit for bit.
+//! Live streams while the receiving or the sending program is killed: the stored samples are those that were
+//! sent, by index, bit for bit.
 
 use std::io::Write;
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::program::Program;
 use crate::running::plain_asset;
 use crate::stream_socket::StreamSocket;
 
-/// Rounds where nothing else is said.
+/// Default number of rounds.
 const ROUNDS: u64 = 5;
 
 const FORMAT: &str = "sample=f32&sample_rate_hz=4000&channels=2&first_index=0";
@@ -29,14 +29,14 @@ fn frames(first: u64, count: u64) -> Vec<u8> {
     (first..first + count).flat_map(|k| [value(k), -value(k + 7)]).flat_map(f32::to_le_bytes).collect()
 }
 
-/// An asset of whose streams every sample becomes a part of a record.
+/// Creates an asset whose streams are cut into records without gaps.
 fn asset() -> Value {
     let mut asset = plain_asset("pump");
     asset["stream"] = json!({ "record_s": 0.5, "interval_s": 0.5 });
     asset
 }
 
-/// The raw bytes of all records, in the order of time, once there are so many of a channel.
+/// Waits for a number of records per channel and returns their raw bytes in time order.
 fn stored(program: &Program, records: u64) -> Vec<u8> {
     let path = "/v1/assets/pump/segments?channel=1&limit=1000";
     let began = Instant::now();
@@ -59,7 +59,7 @@ fn stored(program: &Program, records: u64) -> Vec<u8> {
 }
 
 #[test]
-fn every_acknowledged_sample_is_kept_once_whoever_is_killed_and_however_chunks_come() {
+fn every_acknowledged_sample_is_stored_once_despite_kills_and_repeated_chunks() {
     let folder = tempfile::tempdir().unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(2_121);
     let mut program = Program::start(folder.path());
@@ -71,7 +71,7 @@ fn every_acknowledged_sample_is_kept_once_whoever_is_killed_and_however_chunks_c
         assert!(next >= acknowledged, "{next} is before {acknowledged}, which was acknowledged");
         acknowledged = next;
         let mut sent = next;
-        // Some are acknowledged, some are on their way.
+        // Some chunks are acknowledged, some are in flight.
         for _ in 0..random.random_range(1..12) {
             let until = sent + random.random_range(1..3000);
             for (first, count) in shuffled(sent, until, &mut random) {
@@ -89,9 +89,9 @@ fn every_acknowledged_sample_is_kept_once_whoever_is_killed_and_however_chunks_c
                 program = Program::start(folder.path());
                 half_open.clear();
             }
-            // The sender is gone without a word.
+            // The sender disconnects without closing the connection.
             1 => drop(socket),
-            // Nobody knows that it is gone: the next connection takes over.
+            // The service does not know that the sender is gone: the next connection takes over.
             _ => half_open.push(socket),
         }
     }
@@ -109,7 +109,7 @@ fn every_acknowledged_sample_is_kept_once_whoever_is_killed_and_however_chunks_c
     program.kill();
 }
 
-/// Chunks of a stretch of samples in any order, some of them twice and with samples of others.
+/// Cuts samples into chunks in random order, some of them repeated or overlapping.
 fn shuffled(from: u64, until: u64, random: &mut ChaCha8Rng) -> Vec<(u64, u64)> {
     let (mut chunks, mut first) = (Vec::new(), from);
     while first < until {
@@ -126,7 +126,7 @@ fn shuffled(from: u64, until: u64, random: &mut ChaCha8Rng) -> Vec<(u64, u64)> {
 }
 
 #[test]
-fn a_sender_killed_at_random_moments_goes_on_with_its_file() {
+fn a_sender_killed_at_random_moments_resumes_its_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(2_122);
     let program = Program::start(&folder.path().join("data"));
@@ -175,7 +175,7 @@ fn time_ns(index: u64) -> i64 {
     1_767_225_600_000_000_000 + (index * 250_000) as i64
 }
 
-/// `flankwatch stream` with bare samples from its standard input.
+/// Starts `flankwatch stream` with raw samples from standard input.
 fn sender(url: &str, spool: &Path) -> Child {
     Command::new(env!("CARGO_BIN_EXE_flankwatch"))
         .args(["stream", "-", "--asset", "pump", "--url", url, "--sample", "f32", "--rate", "4000"])
@@ -189,7 +189,7 @@ fn sender(url: &str, spool: &Path) -> Child {
 }
 
 #[test]
-fn a_sender_goes_on_when_its_server_is_back() {
+fn a_sender_resumes_when_its_server_is_back() {
     let folder = tempfile::tempdir().unwrap();
     let spool = folder.path().join("spool");
     let data = folder.path().join("data");
@@ -210,7 +210,7 @@ fn a_sender_goes_on_when_its_server_is_back() {
     };
     kept(&program, 6000);
     program.kill();
-    // More than is kept in memory.
+    // More than fits in memory.
     pipe.write_all(&frames(6000, 534_000)).unwrap();
     let program = start_at(&data, &address);
     kept(&program, 540_000);
@@ -223,7 +223,7 @@ fn a_sender_goes_on_when_its_server_is_back() {
     program.kill();
 }
 
-/// The program on an address that it had before.
+/// Starts the program on the same address as before.
 fn start_at(data: &Path, address: &str) -> Program {
     Program::start_with(data, &["--listen", address])
 }

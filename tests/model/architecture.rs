@@ -1,11 +1,11 @@
-//! What the compiler does not hold: modules name only modules below them, and the pure packages have no
-//! clock, environment, chance or files.
+//! Rules that the compiler does not enforce: modules use only modules below them, and the pure packages use
+//! no clock, environment, randomness or files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A package's modules in a folder, and for each the modules beside it that it may name. That packages do not
-/// name each other otherwise than their manifests say, the compiler holds.
+/// A folder's modules, and for each the sibling modules that it may use. The compiler checks dependencies
+/// between packages.
 type Modules = (&'static str, &'static [(&'static str, &'static [&'static str])]);
 
 const MODULES: [Modules; 3] = [
@@ -27,7 +27,7 @@ const MODULES: [Modules; 3] = [
     ("crates/lab/src", &[("figures", &[]), ("evaluation", &[])]),
 ];
 
-/// Folders without a clock, the environment, chance, files or threads of their own.
+/// Folders without clock, environment, randomness, files or threads.
 const PURE: [&str; 6] = [
     "crates/gear/src",
     "crates/signal/src",
@@ -111,7 +111,7 @@ fn pure_code_has_no_clock_environment_chance_or_files() {
 }
 
 #[test]
-fn the_oldest_toolchain_is_stated_once_and_is_not_newer_than_the_one_that_is_used() {
+fn the_minimum_rust_version_is_consistent() {
     let table =
         |name: &str| -> toml::Table { fs::read_to_string(root().join(name)).unwrap().parse().unwrap() };
     let manifest = table("Cargo.toml");
@@ -130,7 +130,7 @@ fn the_oldest_toolchain_is_stated_once_and_is_not_newer_than_the_one_that_is_use
 }
 
 #[test]
-fn paths_from_the_top_are_found_in_every_spelling() {
+fn module_paths_are_found_in_every_spelling() {
     let text =
         "use crate::{store::{Row, service}, asset};\nuse crate::http;\nlet x = super::super::cli::run();";
     assert_eq!(named_at_the_top(text, 2), ["store", "asset", "http", "cli"]);
@@ -142,7 +142,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Every Rust file below a folder that is not a file of unit tests.
+/// Returns every Rust file below a folder, except files of unit tests.
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut folders = vec![folder.to_owned()];
     let mut files = Vec::new();
@@ -168,20 +168,20 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// A file without its unit tests.
+/// Returns a file's text without its unit tests.
 fn code(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
     text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default().to_owned()
 }
 
-/// How many modules down from the crate's root a file's module is.
+/// Returns the depth of a file's module below the crate root.
 fn depth_in(source: &Path, file: &Path) -> usize {
     let module = file.strip_prefix(source).unwrap().with_extension("");
     module.iter().filter(|part| *part != "mod").count()
 }
 
-/// The names right below the crate's root that a text names, after `crate::` and after `super::` so often
-/// that it comes to the root.
+/// Returns the top-level modules that a text uses, by `crate::` or by a chain of `super::` that reaches the
+/// root.
 fn named_at_the_top(text: &str, depth: usize) -> Vec<String> {
     let to_the_root = "super::".repeat(depth);
     let roots = ["crate::", to_the_root.as_str()];
@@ -193,7 +193,7 @@ fn named_at_the_top(text: &str, depth: usize) -> Vec<String> {
     places.iter().flat_map(|(_, rest)| first_names(rest)).collect()
 }
 
-/// The name that a path begins with, or those of a group in braces.
+/// Returns the first name of a path, or those of a group in braces.
 fn first_names(path: &str) -> Vec<String> {
     let name = |text: &str| -> String {
         text.trim_start().chars().take_while(|c| c.is_ascii_lowercase() || *c == '_').collect()

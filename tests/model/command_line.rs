@@ -1,4 +1,4 @@
-//! The commands as a user runs them.
+//! The commands, run as a user runs them.
 
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
@@ -31,12 +31,12 @@ fn wav(path: &str, channels: &[&[f32]]) {
 }
 
 fn analyze(words: &[&str]) -> Vec<Value> {
-    let said = flankwatch(&[&["analyze", "--format", "json"], words].concat()).expect_success();
-    serde_json::from_str::<Value>(&said.out()).unwrap().as_array().unwrap().clone()
+    let output = flankwatch(&[&["analyze", "--format", "json"], words].concat()).expect_success();
+    serde_json::from_str::<Value>(&output.out()).unwrap().as_array().unwrap().clone()
 }
 
 #[test]
-fn analyze_reads_what_is_whole_and_refuses_the_rest_by_name() {
+fn analyze_reads_valid_files_and_rejects_others_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| path(&folder, name);
     wav(&at("one.wav"), &[&[0.5]]);
@@ -73,15 +73,15 @@ fn analyze_reads_what_is_whole_and_refuses_the_rest_by_name() {
         ("letter.txt", &["letter.txt"]),
         ("absent.wav", &["absent.wav", "No such file"]),
     ] {
-        flankwatch(&["analyze", &at(name)]).expect_refusal(words);
+        flankwatch(&["analyze", &at(name)]).expect_failure(words);
     }
     let mixed = flankwatch(&["analyze", "--format", "json", &at("one.wav"), &at("nan.wav")])
-        .expect_refusal(&["1 of 2 files"]);
+        .expect_failure(&["1 of 2 files"]);
     assert_eq!(serde_json::from_str::<Value>(&mixed.out()).unwrap().as_array().unwrap().len(), 1);
 }
 
 #[test]
-fn a_two_hour_recording_is_cut_into_records() {
+fn a_two_hour_recording_is_split_into_records() {
     let folder = tempfile::tempdir().unwrap();
     let name = path(&folder, "two-hours.wav");
     let seconds = 2 * 3600;
@@ -106,7 +106,7 @@ fn a_two_hour_recording_is_cut_into_records() {
 }
 
 #[test]
-fn a_first_answer_comes_before_all_pairs_are_simulated_and_stays_where_the_rest_is_interrupted() {
+fn an_interrupted_analysis_keeps_its_provisional_estimate() {
     let folder = tempfile::tempdir().unwrap();
     let (run, asset, data) = (path(&folder, "run.mcap"), asset_file(&folder), path(&folder, "data"));
     flankwatch(&["simulate", "--out", &run, "--records", "26", "--seconds", "1", "--seed", "3"])
@@ -117,19 +117,19 @@ fn a_first_answer_comes_before_all_pairs_are_simulated_and_stays_where_the_rest_
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut said = String::new();
+    let mut line = String::new();
     let mut stderr = BufReader::new(child.stderr.take().unwrap());
-    stderr.read_line(&mut said).unwrap();
-    assert!(said.contains("from 96 of 1280 pairs like it: first answer: worn "), "{said}");
+    stderr.read_line(&mut line).unwrap();
+    assert!(line.contains("with 96 of 1280 ensemble members: provisional: worn "), "{line}");
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let ended = child.wait_with_output().unwrap();
     let table = String::from_utf8(ended.stdout).unwrap();
     assert!(ended.status.success() && table.lines().nth(27).unwrap().contains("  provisional "), "{table}");
-    assert!(table.trim_end().lines().last().unwrap().starts_with("first answer: worn "), "{table}");
+    assert!(table.trim_end().lines().last().unwrap().starts_with("provisional: worn "), "{table}");
 }
 
 #[test]
-fn a_simulated_run_is_followed_and_every_format_prints_it() {
+fn a_simulated_run_is_estimated_and_printed_in_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let (run, asset, data) = (path(&folder, "run.mcap"), asset_file(&folder), path(&folder, "data"));
     let order = ["simulate", "--out", &run, "--records", "120", "--seconds", "1", "--seed", "3"];
@@ -141,7 +141,7 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
     assert!(records[..20].iter().all(|record| record["wear"]["median_um"].is_null()));
     assert_eq!(records[7]["wear_reason"], "collecting baseline, 8 of 20");
     let mut covered = 0;
-    // Wear that went on within the baseline is missing from the first answers after it.
+    // Wear that grew during the baseline is missing from the first estimates after it.
     for (index, record) in records.iter().enumerate().skip(20) {
         let (wear, truth) = (&record["wear"], record["reference_wear_um"].as_f64().unwrap());
         let um = |name: &str| wear[name].as_f64().unwrap();
@@ -153,7 +153,7 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
     let (table, report) =
         (flankwatch(&["analyze", &run]).expect_success().out(), path(&folder, "report.html"));
     let lines: Vec<&str> = table.lines().collect();
-    assert_eq!((lines.len(), lines[122]), (123, "no wear: no asset is described, see --asset"));
+    assert_eq!((lines.len(), lines[122]), (123, "no wear estimate: no asset description, see --asset"));
     assert!(lines[0].starts_with("channel ") && lines[1].trim_start().starts_with('#'), "{table}");
     let described = ["analyze", &run, "--asset", &asset, "--data-dir", &data, "--members", "0"];
     let table = flankwatch(&described).expect_success().out();
@@ -163,7 +163,7 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
     assert!(words.starts_with("worn ") && words.contains("µm"), "{words}");
     let more = flankwatch(&[&described[..], &["--columns", "fm4,file"]].concat()).expect_success().out();
     assert!(more.lines().nth(1).unwrap().contains("fm4") && more.contains("run.mcap"));
-    flankwatch(&["analyze", &run, "--columns", "kurtossis"]).expect_refusal(&["kurtossis", "kurtosis"]);
+    flankwatch(&["analyze", &run, "--columns", "kurtossis"]).expect_failure(&["kurtossis", "kurtosis"]);
     let words = [
         "analyze",
         &run,
@@ -191,14 +191,14 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
         assert_eq!(column("wear_reason", row, &header), record["wear_reason"].as_str().unwrap());
     }
     let html = fs::read_to_string(&report).unwrap();
-    // All of it is in the page, so that it can be kept and sent.
+    // The page is self-contained.
     assert!(html.contains("Wear depth") && html.contains("<polygon class=\"band\""));
     let html = html.replace(r#"<link rel="icon" href="data:,">"#, "");
     assert!(!html.contains("<script") && !html.contains("<link") && !html.contains("http"));
 }
 
 #[test]
-fn a_simulated_run_is_the_same_for_the_same_seed_and_as_wav() {
+fn a_simulated_run_depends_on_its_seed_only_and_not_on_the_format() {
     let folder = tempfile::tempdir().unwrap();
     let simulate = |out: &str, seed: &str| {
         flankwatch(&["simulate", "--out", out, "--records", "3", "--seconds", "0.5", "--seed", seed])
@@ -223,7 +223,7 @@ fn a_simulated_run_is_the_same_for_the_same_seed_and_as_wav() {
 }
 
 #[test]
-fn a_library_is_loaded_when_nothing_changed_and_rebuilt_when_damaged() {
+fn an_unchanged_library_is_loaded_and_a_damaged_one_is_rebuilt() {
     let folder = tempfile::tempdir().unwrap();
     let data = path(&folder, "data");
     let build = ["library", "build", "--states", "3", "--seconds", "0.2", "--data-dir", &data];
@@ -251,30 +251,30 @@ fn a_library_is_loaded_when_nothing_changed_and_rebuilt_when_damaged() {
     );
     let other = [&build[..], &["--max-wear-um", "100"]].concat();
     assert_ne!(flankwatch(&other).expect_success().out(), first);
-    flankwatch(&["library", "show", "nothing", "--data-dir", &data]).expect_refusal(&["nothing"]);
+    flankwatch(&["library", "show", "nothing", "--data-dir", &data]).expect_failure(&["nothing"]);
 }
 
 #[test]
-fn wrong_flags_and_files_are_refused_with_their_names() {
+fn invalid_flags_and_files_are_rejected_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let asset = path(&folder, "asset.toml");
     fs::write(&asset, "id = \"a\"\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = -1.0\n").unwrap();
-    flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_refusal(&[
+    flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_failure(&[
         "asset.toml",
         "gear.shaft_speed_hz",
         "-1",
     ]);
     fs::write(&asset, "id = \"a\"\ncolour = 1\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = 1.0\n").unwrap();
-    flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_refusal(&["colour"]);
-    flankwatch(&["serve", "--port", "1"]).expect_refusal(&["--port"]);
-    flankwatch(&["simulate", "--out", "run.txt"]).expect_refusal(&["run.txt", ".mcap or .wav"]);
-    flankwatch(&["simulate", "--out", "run.mcap", "--seconds", "0"]).expect_refusal(&["seconds", "0"]);
-    flankwatch(&["model", "--contact", "magic"]).expect_refusal(&["magic", "threshold"]);
-    flankwatch(&["model", "--pair", "absent.toml"]).expect_refusal(&["absent.toml"]);
-    flankwatch(&["replay", "x.mcap", "--asset", "Not An Id"]).expect_refusal(&["Not An Id"]);
+    flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_failure(&["colour"]);
+    flankwatch(&["serve", "--port", "1"]).expect_failure(&["--port"]);
+    flankwatch(&["simulate", "--out", "run.txt"]).expect_failure(&["run.txt", ".mcap or .wav"]);
+    flankwatch(&["simulate", "--out", "run.mcap", "--seconds", "0"]).expect_failure(&["seconds", "0"]);
+    flankwatch(&["model", "--contact", "magic"]).expect_failure(&["magic", "threshold"]);
+    flankwatch(&["model", "--pair", "absent.toml"]).expect_failure(&["absent.toml"]);
+    flankwatch(&["replay", "x.mcap", "--asset", "Not An Id"]).expect_failure(&["Not An Id"]);
 }
 
-/// An asset file of the paper's pair.
+/// Writes an asset file with the paper's pair.
 fn asset_file(folder: &TempDir) -> String {
     let pair = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/pairs/shen2022.toml"))
         .unwrap();
@@ -298,7 +298,7 @@ fn only_file(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn shells_and_man_know_every_command() {
+fn completions_and_manual_pages_cover_every_command() {
     let help = flankwatch(&["--help"]).expect_success().out();
     let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1);
     let commands: Vec<&str> = listed
@@ -313,7 +313,7 @@ fn shells_and_man_know_every_command() {
         }
         assert!(script.contains("data-dir"), "{shell}");
     }
-    flankwatch(&["completions", "tcsh"]).expect_refusal(&["tcsh", "bash", "zsh", "fish"]);
+    flankwatch(&["completions", "tcsh"]).expect_failure(&["tcsh", "bash", "zsh", "fish"]);
     let folder = tempfile::tempdir().unwrap();
     flankwatch(&["manual", &path(&folder, "man")]).expect_success();
     for command in commands {
@@ -324,7 +324,7 @@ fn shells_and_man_know_every_command() {
 }
 
 #[test]
-fn analyze_scales_values_reads_arrays_and_takes_times_from_names() {
+fn analyze_scales_values_reads_arrays_and_parses_times_in_file_names() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| path(&folder, name);
     let spec = hound::WavSpec {
@@ -356,8 +356,8 @@ fn analyze_scales_values_reads_arrays_and_takes_times_from_names() {
     assert_eq!((found.len(), &found[0]["indicators"]["rms"]), (2, &Value::from(0.5)));
     assert_eq!(found[1]["indicators"]["peak"], 1.5);
 
-    let refuse = |words: &[&str], said: &[&str]| {
-        flankwatch(&[&["analyze"], words].concat()).expect_refusal(said);
+    let refuse = |words: &[&str], expected: &[&str]| {
+        flankwatch(&[&["analyze"], words].concat()).expect_failure(expected);
     };
     refuse(&[&at("array.npy")], &["array.npy", "sample rate"]);
     refuse(&[&at("array.npy"), "--rate", "1000", "--scale", "0"], &["--scale is 0"]);

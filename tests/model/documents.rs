@@ -1,24 +1,24 @@
-//! What the documents point at is there.
+//! Links and commands in the documentation exist.
 
 use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Folders whose documents are read.
+/// Folders whose documents are checked.
 const FOLDERS: [&str; 3] = [".", "docs", "benches"];
 
 #[test]
-fn every_link_of_a_document_leads_somewhere() {
+fn every_link_in_the_documentation_resolves() {
     let documents = documents();
     assert!(documents.len() > 10, "{documents:?}");
     let broken: Vec<String> = documents.iter().flat_map(|document| broken_links(document)).collect();
     assert!(broken.is_empty(), "{broken:#?}");
 }
 
-/// Each line of a block of shell commands that runs the program names a command and options that it has.
+/// Each line of a shell block that runs the program has an existing command and existing options.
 #[test]
-fn commands_of_the_documents_exist() {
+fn commands_in_the_documentation_exist() {
     let mut checked = 0;
     for document in documents() {
         let text = fs::read_to_string(&document).unwrap();
@@ -31,12 +31,12 @@ fn commands_of_the_documents_exist() {
                 .take(2)
                 .collect();
             let Some((help, _)) = names.iter().enumerate().rev().find_map(|(n, _)| {
-                let said = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+                let output = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
                     .args(&names[..=n])
                     .arg("--help")
                     .output()
                     .unwrap();
-                said.status.success().then(|| (String::from_utf8(said.stdout).unwrap(), n))
+                output.status.success().then(|| (String::from_utf8(output.stdout).unwrap(), n))
             }) else {
                 panic!("{}: no such command: flankwatch {line}", document.display());
             };
@@ -51,7 +51,7 @@ fn commands_of_the_documents_exist() {
 }
 
 #[test]
-fn a_heading_is_linked_as_github_does() {
+fn heading_anchors_match_those_of_github() {
     assert_eq!(anchor("What is `not` wear, ± 5 %"), "what-is-not-wear--5-");
     let text = "see [a](b.md#c) and [d](#e-f)";
     assert_eq!(links(text), ["b.md#c", "#e-f"]);
@@ -64,8 +64,7 @@ fn documents() -> Vec<PathBuf> {
     paths.filter(|path| path.extension().is_some_and(|extension| extension == "md")).collect()
 }
 
-/// What follows `flankwatch` in the lines of blocks of shell commands; a line that ends in a backslash goes
-/// on.
+/// Returns the arguments of `flankwatch` in shell blocks; a trailing backslash continues the line.
 fn commands(text: &str) -> Vec<String> {
     let text = text.replace("\\\n", " ");
     let mut is_shell = false;
@@ -88,7 +87,7 @@ fn commands(text: &str) -> Vec<String> {
     found
 }
 
-/// Links within the project whose file or heading is not there.
+/// Returns links within the project whose file or heading does not exist.
 fn broken_links(document: &Path) -> Vec<String> {
     let text = fs::read_to_string(document).unwrap();
     links(&text)
@@ -107,7 +106,7 @@ fn broken_links(document: &Path) -> Vec<String> {
         .collect()
 }
 
-/// The targets of `[text](target)`.
+/// Returns the targets of `[text](target)`.
 fn links(text: &str) -> Vec<&str> {
     text.split("](").skip(1).filter_map(|rest| rest.split_once(')').map(|(link, _)| link)).collect()
 }
@@ -120,7 +119,7 @@ fn headings(document: &Path) -> HashSet<String> {
         .collect()
 }
 
-/// What GitHub makes of a heading: lower case, without punctuation, spaces as hyphens.
+/// Returns GitHub's anchor of a heading: lower case, without punctuation, spaces as hyphens.
 fn anchor(heading: &str) -> String {
     heading
         .to_lowercase()

@@ -1,21 +1,21 @@
-//! `flankwatch evaluate` from end to end, with as few runs as it takes.
+//! `flankwatch evaluate` end to end, with as few runs as possible.
 
 use std::fs;
 
 use crate::command::flankwatch;
 
 #[test]
-fn wear_is_followed_and_faults_are_found_and_named() {
+fn wear_is_tracked_and_faults_are_detected_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let (data, page) = (at("data"), at("evaluation.html"));
     let few = ["--runs", "2", "--records", "60", "--states", "20", "--members", "24", "--data-dir", &data];
     for (case, name) in [("gain jump", "gain changed"), ("clipping", "clipped"), ("dead sensor", "dead")] {
-        let said = flankwatch(
+        let output = flankwatch(
             &[&["evaluate", "--cases", "faults", "--case", case, "--out", &page], &few[..]].concat(),
         )
         .expect_success();
-        let table = said.out();
+        let table = output.out();
         let row = table.lines().find(|line| line.starts_with(case)).unwrap_or_else(|| panic!("{table}"));
         let found = row[case.len()..].split_whitespace().nth(7);
         assert_eq!(found, Some("1.000"), "{table}");
@@ -37,9 +37,9 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         "--states",
         "300",
     ];
-    let said =
+    let output =
         flankwatch(&[&depth[..], &["--members", "160", "--data-dir", &data]].concat()).expect_success();
-    let table = said.out();
+    let table = output.out();
     let row = table.lines().find(|line| line.starts_with("own physics, shape known")).unwrap();
     let number = |column: usize| -> f64 {
         let mut cells = row["own physics, shape known".len()..].split_whitespace();
@@ -47,6 +47,6 @@ fn wear_is_followed_and_faults_are_found_and_named() {
     };
     let (error_um, covered, rank) = (number(0), number(3), number(5));
     assert!(error_um <= 10.0 && covered >= 0.85 && rank >= 0.98, "{table}");
-    flankwatch(&["evaluate", "--case", "sunshine"]).expect_refusal(&["--case", "sunshine", "gain jump"]);
-    flankwatch(&["evaluate", "--runs", "0"]).expect_refusal(&["--runs is 0"]);
+    flankwatch(&["evaluate", "--case", "sunshine"]).expect_failure(&["--case", "sunshine", "gain jump"]);
+    flankwatch(&["evaluate", "--runs", "0"]).expect_failure(&["--runs is 0"]);
 }

@@ -1,4 +1,4 @@
-//! The page of the model's figures.
+//! The page of the figures of the model's paper.
 
 use std::fs;
 
@@ -8,32 +8,32 @@ use serde_json::{Value, json};
 use crate::command::flankwatch;
 
 #[test]
-fn the_page_stands_alone_and_its_numbers_are_kept() {
+fn the_page_is_self_contained_and_its_numbers_match_the_reference() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let (page, data) = (at("figures.html"), at("figures.json"));
-    let said = flankwatch(&["figures", "--out", &page, "--data", &data]).expect_success();
+    let output = flankwatch(&["figures", "--out", &page, "--data", &data]).expect_success();
     let page = fs::read_to_string(page).unwrap();
     for number in [7, 8, 11, 12, 13, 14, 15, 17, 18, 19, 20, 21, 22] {
         assert!(page.contains(&format!("<figure id=\"fig{number}\">")), "Fig. {number}");
     }
-    // Plotly's own code names hosts that it asks only for maps; the page itself asks for nothing.
+    // Plotly's code has host names that it contacts for maps only; the page itself loads nothing.
     let asks = page.contains("<script src") || page.contains("<link") || page.contains("<img src=\"http");
     assert!(!asks, "the page asks for something from elsewhere");
     let data: Value = serde_json::from_slice(&fs::read(data).unwrap()).unwrap();
     assert_eq!(data["vibration"]["indicators"].as_array().unwrap().len(), 50);
     let checks = data["checks"].as_array().unwrap();
     let holding = checks.iter().filter(|check| check["holds"] == true).count();
-    assert!(said.out().contains(&format!("{holding} of {} statements hold", checks.len())));
+    assert!(output.out().contains(&format!("{holding} of {} statements hold", checks.len())));
     assert_as_kept(&data);
 
     let refused = at("refused.html");
     flankwatch(&["figures", "--out", &refused, "--wear-um", "50", "40", "30"])
-        .expect_refusal(&["wear_um", "rising"]);
+        .expect_failure(&["wear_um", "rising"]);
     assert!(!fs::exists(refused).unwrap());
 }
 
-/// What is kept in `fixtures/reference/figures.toml`.
+/// The reference values in `fixtures/reference/figures.toml`.
 #[derive(Deserialize)]
 struct Kept {
     spearman: [f64; 3],

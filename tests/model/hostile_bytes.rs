@@ -1,4 +1,4 @@
-//! What is fuzzed, on a stable toolchain: inputs that once went wrong, and damaged ones of every kind, the
+//! The fuzz targets on a stable toolchain: inputs that once failed, and damaged inputs of every kind, the
 //! same in every run.
 
 use std::collections::BTreeSet;
@@ -21,11 +21,11 @@ mod entries;
 /// Damaged inputs of each kind.
 const INPUTS: u64 = 400;
 
-/// What damage puts in place of a number.
+/// Values that replace a number in a damaged input.
 const NUMBERS: [&str; 8] = ["1e308", "-1", "0", "1e-320", "18446744073709551616", "nan", "[]", "\"\""];
 
 #[test]
-fn inputs_that_once_went_wrong_do_so_no_more() {
+fn fuzz_regressions_do_not_recur() {
     for (name, entry) in entries::ALL {
         let Ok(kept) = fs::read_dir(fuzz().join("regressions").join(name)) else {
             continue;
@@ -54,7 +54,7 @@ fn damaged_inputs_never_panic() {
 }
 
 #[test]
-fn every_entry_has_a_program() {
+fn every_entry_has_a_fuzz_target() {
     let manifest: toml::Table = fs::read_to_string(fuzz().join("Cargo.toml")).unwrap().parse().unwrap();
     let programs = manifest["bin"].as_array().unwrap();
     let programs: BTreeSet<&str> = programs.iter().map(|program| program["name"].as_str().unwrap()).collect();
@@ -70,7 +70,7 @@ fn fuzz() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz")
 }
 
-/// Inputs of a kind that are as they should be.
+/// Valid inputs of a kind.
 fn whole(name: &str) -> Vec<Vec<u8>> {
     let record = || {
         let samples = (0..64).map(|k| (k as f32).sin()).collect();
@@ -125,7 +125,7 @@ fn whole(name: &str) -> Vec<Vec<u8>> {
     }
 }
 
-/// The same with up to eight kinds of damage, one after the other.
+/// Applies up to eight kinds of damage to an input.
 fn damaged(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = whole.to_vec();
     for _ in 0..random.random_range(1..=8) {
@@ -139,7 +139,7 @@ fn damaged(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
                 }
             }
             3 => {
-                // A length or a count that is beyond all measure, or none.
+                // An excessive length or count, or 0.
                 let value = *[0, 1, u32::MAX, i32::MAX as u32, 0x8000_0000].choose(random).unwrap();
                 let end = (at + 4).min(bytes.len());
                 bytes.splice(at..end, value.to_le_bytes());
@@ -154,7 +154,7 @@ fn damaged(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
                 bytes.drain(at..end);
             }
             _ => {
-                // The number that stands there or next.
+                // The number at or after this position.
                 let Some(start) = (at..bytes.len()).find(|&n| bytes[n].is_ascii_digit()) else {
                     continue;
                 };

@@ -1,5 +1,5 @@
-//! Libraries over wear, torque and speed: what they hold, and that stopping, resuming and threads leave no
-//! trace in them.
+//! Libraries over wear, torque and speed: their contents, and that they do not depend on cancelling, resuming
+//! and the number of threads.
 
 use std::fs;
 use std::path::Path;
@@ -19,7 +19,7 @@ fn pair(contact: ContactRule) -> PairSpec {
     spec
 }
 
-/// Two parts of wear, three torques, two speeds.
+/// A grid of few wear states, three torques and two speeds.
 fn grid() -> GridSettings {
     GridSettings {
         states: 9,
@@ -49,7 +49,7 @@ fn one_thread_and_two_give_the_same_bits() {
 }
 
 #[test]
-fn a_stopped_build_goes_on_where_it_was_and_gives_the_same_bits() {
+fn a_cancelled_build_resumes_and_gives_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("kept/grid.fwlib");
     let (pair, grid) = (pair(ContactRule::Threshold), grid());
@@ -74,7 +74,7 @@ fn a_stopped_build_goes_on_where_it_was_and_gives_the_same_bits() {
     stopped_after(1);
     assert!(checkpoint_path(&path).exists() && !path.exists());
     stopped_after(25);
-    // What was finished is not simulated again: it is there at once.
+    // Finished simulations are not repeated: they are done at once.
     let kept = fs::read_to_string(checkpoint_path(&path)).unwrap();
     assert!(kept.lines().filter(|line| line.contains("\"torque\"")).count() >= 1);
     let least = AtomicUsize::new(usize::MAX);
@@ -89,7 +89,7 @@ fn a_stopped_build_goes_on_where_it_was_and_gives_the_same_bits() {
 }
 
 #[test]
-fn parts_of_another_library_are_not_taken_up() {
+fn checkpoints_of_another_library_are_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("grid.fwlib");
     let (pair, grid) = (pair(ContactRule::Threshold), GridSettings { states: 3, ..grid() });
@@ -103,10 +103,10 @@ fn parts_of_another_library_are_not_taken_up() {
     assert!(fs::read(&path).unwrap() == wanted);
 }
 
-/// At a point of the grid the curves are those of a library made for that point alone; between two they are
-/// the mean, outside they are held.
+/// At a grid point the curves are those of a library for that point alone; half-way between two points they
+/// are the mean, and outside the grid they are constant.
 #[test]
-fn curves_are_those_of_the_operating_point() {
+fn curves_match_the_operating_point() {
     for contact in [ContactRule::Threshold, ContactRule::Loaded] {
         let (pair, grid) = (pair(contact), GridSettings { states: 3, ..grid() });
         let library = build(&pair, &grid, &BuildControl::silent()).unwrap();
@@ -119,7 +119,7 @@ fn curves_are_those_of_the_operating_point() {
         let (torque, speed) = (1950.0, 0.8 * 16.64);
         assert_eq!(library.feature_curves_at(&at(Some(torque), Some(speed))), alone.feature_curves());
 
-        // The nominal states are what a library without other points has.
+        // The nominal states equal those of a library without other points.
         let plain = build(&pair, &nominal, &BuildControl::silent()).unwrap();
         assert_eq!(library.states(), plain.states());
         assert_eq!(library.feature_curves(), plain.feature_curves());
@@ -146,9 +146,9 @@ fn curves_are_those_of_the_operating_point() {
     }
 }
 
-/// A file of the format before is not read; the cache builds it again.
+/// A file of the previous format is not read; the cache rebuilds it.
 #[test]
-fn an_older_files_library_is_built_again() {
+fn a_library_of_an_older_version_is_rebuilt() {
     let folder = tempfile::tempdir().unwrap();
     let (pair, grid) = (pair(ContactRule::Threshold), GridSettings { states: 2, ..grid() });
     let cache = LibraryCache::new(folder.path());
@@ -163,11 +163,10 @@ fn an_older_files_library_is_built_again() {
     assert!(fs::read(&path).unwrap() == bytes);
 }
 
-/// Ctrl-C ends the command with an error, and the same command ends with the library as if nothing had
-/// happened.
+/// Ctrl-C ends the command with an error; the same command then completes the library.
 #[cfg(unix)]
 #[test]
-fn ctrl_c_keeps_what_is_done() {
+fn ctrl_c_keeps_finished_simulations() {
     use std::process::{Command, Stdio};
     use std::thread::sleep;
     use std::time::Duration;
@@ -187,9 +186,9 @@ fn ctrl_c_keeps_what_is_done() {
         sleep(Duration::from_millis(5));
     }
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    let said = child.wait_with_output().unwrap();
-    let words = String::from_utf8_lossy(&said.stderr).into_owned();
-    assert!(!said.status.success() && words.contains("stopped before the library was complete"), "{words}");
+    let output = child.wait_with_output().unwrap();
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && words.contains("stopped before the library was complete"), "{words}");
     assert!(!path.exists());
     assert!(build(&path, torques).status().unwrap().success());
     let straight = folder.path().join("straight.fwlib");
@@ -201,9 +200,9 @@ fn ctrl_c_keeps_what_is_done() {
     assert!(words.contains("torques is [0.5, 1.5]") && words.contains("with 1"), "{words}");
 }
 
-/// States worn by Archard's law say after how many turns they are reached; others have none to say.
+/// Only states worn by Archard's law have a number of turns.
 #[test]
-fn archard_states_carry_the_turns_they_stand_for() {
+fn archard_states_have_their_number_of_turns() {
     let mut spec = pair(ContactRule::Threshold);
     let grid = GridSettings { states: 3, max_wear_um: 10.0, seconds: 0.25, ..GridSettings::default() };
     let turns = |spec: &PairSpec| -> Vec<Option<f64>> {

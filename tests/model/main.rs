@@ -1,4 +1,4 @@
-//! The gear model, its libraries and what they are worth, and the commands: nothing here starts a service.
+//! The gear model, its libraries and their evaluation, and the commands: nothing here starts a service.
 #![cfg(test)]
 
 mod architecture;

@@ -1,4 +1,4 @@
-//! Real recordings of gears and bearings through the whole path.
+//! Real recordings of gears and bearings, end to end.
 #![cfg(test)]
 
 mod real_bearing;

@@ -14,8 +14,7 @@ use flankwatch_test_support::recordings;
 /// Root mean square of the first and of the last tenth, from the data's own README.
 const RMS: [f64; 2] = [0.38, 1.42];
 
-/// From this ratio to its background on a line stands out; the alarms that follow from a described bearing
-/// begin there.
+/// Ratio to its background above which a line stands out: the level of the alarms of a described bearing.
 const STANDING_OUT: f64 = 3.0;
 
 fn median(values: &[f64]) -> f64 {
@@ -66,7 +65,7 @@ fn a_bearing_that_fails_gets_louder_and_every_record_has_a_band() {
 /// that of the inner race stands out at the end.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn the_lines_of_a_failing_bearing_stand_out_at_its_end() {
+fn the_lines_of_a_failing_bearing_stand_out_before_failure() {
     let orders = BearingOrders::of_geometry(13, 3.5 / 25.6, 0.0);
     let bearings = [Bearing { name: "test".into(), shaft_turns: 1.0, orders }];
     let settings = ConditionSettings {
@@ -84,7 +83,7 @@ fn the_lines_of_a_failing_bearing_stand_out_at_its_end() {
             BearingLine::ALL.iter().filter_map(ratio).collect()
         })
         .collect();
-    // Beside a line that stands out another one may be left without a background.
+    // Next to a strong line, another line may have no background.
     let of = |line: BearingLine| -> Vec<f64> {
         ratios.iter().map(|ratios| ratios.get(&line).copied().unwrap_or(0.0)).collect()
     };

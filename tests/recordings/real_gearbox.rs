@@ -1,4 +1,4 @@
-//! A real gearbox through the whole path: six recordings of a test bench, converted, uploaded and replayed.
+//! A real gearbox end to end: six recordings of a test bench, converted, uploaded and replayed.
 
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -26,7 +26,7 @@ const RECORDINGS: [(&str, f64); 6] = [
     ("b30hz90", 1.33),
 ];
 
-/// The mesh line lies between these frequencies in hertz on every file and channel, ± 0.6 Hz.
+/// Range of the mesh line in hertz on every file and channel, ± 0.6 Hz.
 const MESH_HZ: [f64; 2] = [947.2, 952.2];
 const MESH_TOLERANCE_HZ: f64 = 0.6;
 
@@ -89,7 +89,7 @@ fn six_recordings_converted_uploaded_and_replayed_agree() {
     );
 }
 
-/// The samples of the four channels of a recording.
+/// Returns the samples of the four channels of a recording.
 fn columns(data: &Path, name: &str) -> [Vec<f32>; 4] {
     let text = GzDecoder::new(File::open(data.join(format!("{name}.csv.gz"))).unwrap());
     let mut columns: [Vec<f32>; 4] = Default::default();
@@ -101,11 +101,11 @@ fn columns(data: &Path, name: &str) -> [Vec<f32>; 4] {
     columns
 }
 
-/// Teeth or a speed that the recordings do not have, and a tolerance of 25 %: the speed found is right, or it
-/// is in doubt. Pieces of two seconds.
+/// With wrong tooth counts or a wrong speed and a tolerance of 25 %, the detected speed is correct or marked
+/// as doubtful. Records of two seconds.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn a_speed_is_right_or_in_doubt() {
+fn a_detected_speed_is_correct_or_marked_as_doubtful() {
     const TRUE_SHAFT_HZ: f64 = 29.65;
     let data = recordings("gearbox-spectraquest");
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
@@ -158,7 +158,7 @@ fn a_speed_is_right_or_in_doubt() {
 /// are those that the data's README infers.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
+fn the_mesh_line_is_found_on_every_channel_in_time_and_angle() {
     let data = recordings("gearbox-spectraquest");
     let mesh = MeshContext {
         teeth: 32,
@@ -183,8 +183,7 @@ fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
             let (plain, tracked) = (indicators.get("omx").unwrap(), indicators.get("omx_tracked").unwrap());
             let angle = got.basis.shaft_angle.as_ref().unwrap();
             eprintln!("{name} {channel}: OMX {plain:.3}, tracked {tracked:.3}, {angle:?}");
-            // Some lines stand too little above what passes their filter for a phase to be followed; the
-            // answer says so.
+            // Some lines are too weak within their filter band to track a phase; the response says so.
             let followed = matches!(angle.source, AngleSource::MeshPhase { .. });
             assert!(followed || matches!(angle.source, AngleSource::ConstantSpeed), "{angle:?}");
             assert!(angle.turns > 190, "{angle:?}");
@@ -220,7 +219,7 @@ fn convert(data: &Path, folder: &Path, name: &str, start: &str) {
     }
 }
 
-/// Segments of the four channels, in the order of the channels.
+/// Returns the segments of the four channels, in order.
 fn upload_wav(service: &Service, folder: &Path, name: &str, start: &str) -> Vec<Value> {
     let mut bytes = Vec::new();
     File::open(folder.join(format!("{name}.wav"))).unwrap().read_to_end(&mut bytes).unwrap();
@@ -244,7 +243,7 @@ fn upload_mcap(service: &Service, folder: &Path, name: &str) -> Vec<Value> {
     segments
 }
 
-/// Every indicator of both agrees to 1e-6.
+/// Checks that every indicator of both agrees to 1e-6.
 fn assert_same(wav: &Value, mcap: &Value) {
     let (wav, mcap) = (wav["indicators"].as_object().unwrap(), mcap["indicators"].as_object().unwrap());
     assert!(wav.len() > 10);
@@ -255,7 +254,7 @@ fn assert_same(wav: &Value, mcap: &Value) {
     }
 }
 
-/// Times and indicators of channel a1.
+/// Returns times and indicators of channel a1.
 fn history(service: &Service, asset: &str) -> Value {
     let mut trend = service
         .get(&format!("/v1/assets/{asset}/indicators?names=rms,kurtosis,omx&channel=a1"))

@@ -1,5 +1,5 @@
-//! What is not wear, on real recordings: a bearing's run to failure (Nectoux et al. 2012) and a gearbox with
-//! a broken tooth.
+//! Faults other than wear on real recordings: a bearing's run to failure (Nectoux et al. 2012) and a gearbox
+//! with a broken tooth.
 
 use std::fs::File;
 use std::path::Path;
@@ -28,13 +28,12 @@ const LATE: usize = 280;
 /// is told afterwards is no false alarm.
 const EARLY: usize = 250;
 
-/// A piece of a gearbox recording has this many samples, 0.4 s; so many of the healthy recording's are the
-/// baseline.
+/// Samples per piece of a gearbox recording (0.4 s), and number of healthy pieces in the baseline.
 const PIECE: usize = 5120;
 const GEARBOX_RATE_HZ: f64 = 12_800.0;
 const GEARBOX_BASELINE: usize = 12;
 
-/// At least so much wear with 95 % probability is a claim of wear, in µm; healthy pieces are told up to 1.
+/// Wear in µm that counts as claimed if it is exceeded with 95 % probability; healthy pieces get up to 1.
 const CLAIM_UM: f64 = 3.0;
 
 fn ensemble(pair: &PairSpec, max_wear_um: f64, sample_rate_hz: f64) -> Arc<Ensemble> {
@@ -59,7 +58,7 @@ fn at(index: usize) -> Timestamp {
     Timestamp::UNIX_EPOCH + SignedDuration::from_secs(10 * index as i64)
 }
 
-fn told(
+fn estimate(
     baseline: usize,
     ensemble: Option<Arc<Ensemble>>,
     records: impl Iterator<Item = Features>,
@@ -79,8 +78,8 @@ fn bearing_records(path: &Path) -> Vec<Record> {
     records.map(Result::unwrap).collect()
 }
 
-fn score(told: &WearEstimate) -> f64 {
-    told.novelty.as_ref().map_or(0.0, |novelty| novelty.score)
+fn score(wear: &WearEstimate) -> f64 {
+    wear.novelty.as_ref().map_or(0.0, |novelty| novelty.score)
 }
 
 fn median(scores: &[f64]) -> f64 {
@@ -89,7 +88,7 @@ fn median(scores: &[f64]) -> f64 {
     sorted[sorted.len() / 2]
 }
 
-/// Described as a bearing without teeth, and wrongly as the gear pair of the paper.
+/// The bearing, described without teeth and, wrongly, as the paper's gear pair.
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn a_failing_bearing_is_novelty_and_never_wear() {
@@ -107,9 +106,9 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
         let name = format!("{name}, baseline of {baseline}");
         let mut analyzer = Analyzer::new(AnalysisSettings::default());
         let features = records.iter().map(|record| analyzer.analyze(record, &mesh).features);
-        let answers = told(baseline, ensemble, features);
+        let answers = estimate(baseline, ensemble, features);
         assert!(answers.iter().all(|answer| answer.median_um.is_none()), "{name}: wear was claimed");
-        // One record is clipped, long after the bearing has become loud.
+        // One record is clipped, long after the bearing's level has risen.
         let accused = answers.iter().find(|answer| answer.status == WearStatus::SensorFault);
         assert!(accused.is_none(), "{name}: {}", accused.unwrap().reason);
         assert_eq!(answers.iter().filter(|answer| answer.reason.contains("is clipped")).count(), 1, "{name}");
@@ -142,7 +141,7 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
     }
 }
 
-/// All channels of one recording of the gearbox.
+/// Returns all channels of a recording of the gearbox.
 fn channels(folder: &Path, name: &str) -> [Vec<f32>; 4] {
     let text = GzDecoder::new(File::open(folder.join(format!("{name}.csv.gz"))).unwrap());
     let mut rows = csv::Reader::from_reader(text);
@@ -155,7 +154,7 @@ fn channels(folder: &Path, name: &str) -> [Vec<f32>; 4] {
     columns
 }
 
-/// Pieces of so many samples.
+/// Splits samples into pieces of a length.
 fn pieces(samples: &[f32], piece: usize, mesh: &MeshContext) -> Vec<Features> {
     pieces_at(samples, piece, mesh, GEARBOX_RATE_HZ)
 }
@@ -179,7 +178,7 @@ fn gearbox() -> PairSpec {
     .unwrap()
 }
 
-/// How many of these answers have a depth, how many are not comparable; there may be no others.
+/// Returns how many estimates have a depth and how many are not comparable; fails on any other status.
 fn shares(answers: &[WearEstimate], what: &str) -> [usize; 2] {
     let mut shares = [0; 2];
     for answer in answers {
@@ -197,7 +196,7 @@ fn shares(answers: &[WearEstimate], what: &str) -> [usize; 2] {
 /// sidebands.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn a_healthy_gearbox_is_not_flagged_however_its_recording_is_cut() {
+fn a_healthy_gearbox_is_not_flagged_at_any_record_length() {
     let folder = recordings("gearbox-spectraquest");
     let pair = gearbox();
     let (ensemble, mesh) = (ensemble(&pair, 110.0, GEARBOX_RATE_HZ), mesh(&pair));
@@ -212,7 +211,7 @@ fn a_healthy_gearbox_is_not_flagged_however_its_recording_is_cut() {
                 let (rest, rate_hz) = (resampled(rest, factor), factor * GEARBOX_RATE_HZ);
                 let others = pieces_at(&rest, (seconds * rate_hz) as usize, &mesh, rate_hz);
                 let records = pieces(first, PIECE, &mesh).into_iter().chain(others);
-                let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), records);
+                let answers = estimate(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), records);
                 let what = format!("load {load}, a{}, {seconds} s at {rate_hz} Hz", channel + 1);
                 let of_these = shares(&answers[GEARBOX_BASELINE..], &what);
                 all = [all[0] + of_these[0], all[1] + of_these[1]];
@@ -225,10 +224,10 @@ fn a_healthy_gearbox_is_not_flagged_however_its_recording_is_cut() {
     }
 }
 
-/// Pieces of 0.1, 0.4, 1 and 0.2 s in turn, from the first one on.
+/// The baseline has pieces of 0.1, 0.4, 1 and 0.2 s in turn.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn a_baseline_of_records_of_many_lengths_works() {
+fn a_baseline_may_have_records_of_different_lengths() {
     let folder = recordings("gearbox-spectraquest");
     let pair = gearbox();
     let (ensemble, mesh) = (ensemble(&pair, 110.0, GEARBOX_RATE_HZ), mesh(&pair));
@@ -243,7 +242,7 @@ fn a_baseline_of_records_of_many_lengths_works() {
                 rest = after;
                 pieces(piece, piece.len(), &mesh).pop()
             });
-            let mut answers = told(8, Some(Arc::clone(&ensemble)), records);
+            let mut answers = estimate(8, Some(Arc::clone(&ensemble)), records);
             answers.retain(|answer| answer.status != WearStatus::CollectingBaseline);
             let count = answers.len();
             answers.retain(|answer| answer.status != WearStatus::NoFeatures);
@@ -279,19 +278,19 @@ fn resampled(samples: &[f32], factor: f64) -> Vec<f32> {
     (0..count).map(value).collect()
 }
 
-/// What pieces of one sensor at one load were answered.
+/// Counts of the estimates of one sensor at one load.
 #[derive(Default)]
 struct Answered {
     pieces: usize,
-    /// No wear explains them, the machine's or the sensor's doing.
+    /// Number of pieces flagged as unexplained by wear, by the machine or the sensor.
     flagged: usize,
-    /// Of these, the ones that were called a fault of the sensor.
+    /// Number of flagged pieces with a sensor fault.
     sensor: usize,
-    /// A wear depth was told, be it none.
-    told: usize,
-    /// Wear was claimed: 95 % probability of more than healthy pieces are told.
+    /// Number of pieces with a wear depth, including 0.
+    with_depth: usize,
+    /// Number of pieces with claimed wear: 95 % probability of more wear than healthy pieces get.
     claimed: usize,
-    /// The most that was claimed at 95 % probability, in µm.
+    /// Maximum wear claimed with 95 % probability, in µm.
     least_um: f64,
     /// The first flagged piece.
     first: Option<usize>,
@@ -306,7 +305,7 @@ impl Answered {
             pieces: answers.len(),
             flagged: count(&|answer| answer.status == WearStatus::OutsideLibrary) + sensor,
             sensor,
-            told: count(&|answer| answer.median_um.is_some()),
+            with_depth: count(&|answer| answer.median_um.is_some()),
             claimed: count(&|answer| answer.p05_um.is_some_and(|um| um > CLAIM_UM)),
             least_um: answers.iter().filter_map(|answer| answer.p05_um).fold(0.0, f64::max),
             first: answers.iter().position(|answer| {
@@ -319,7 +318,7 @@ impl Answered {
         self.pieces += other.pieces;
         self.flagged += other.flagged;
         self.sensor += other.sensor;
-        self.told += other.told;
+        self.with_depth += other.with_depth;
         self.claimed += other.claimed;
         self.least_um = self.least_um.max(other.least_um);
     }
@@ -344,7 +343,7 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
             let [healthy, faulty] = [healthy, faulty].map(|samples| pieces(samples, PIECE, &mesh));
             let whole = healthy.len();
             let answers =
-                told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), healthy.into_iter().chain(faulty));
+                estimate(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), healthy.into_iter().chain(faulty));
             let calm = Answered::of(&answers[GEARBOX_BASELINE..whole]);
             let broken = Answered::of(&answers[whole..]);
             eprintln!(
@@ -370,11 +369,11 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
     for (name, got) in names.into_iter().zip(&sensors).chain([("held-out healthy pieces", &held_out)]) {
         eprintln!(
             "{name}: {} of {} flagged, a depth told for {}, wear claimed for {}",
-            got.flagged, got.pieces, got.told, got.claimed
+            got.flagged, got.pieces, got.with_depth, got.claimed
         );
     }
     let [near, second, others @ ..] = &sensors;
-    assert!(near.flagged as f64 >= 0.95 * near.pieces as f64 && near.told * 20 <= near.pieces);
+    assert!(near.flagged as f64 >= 0.95 * near.pieces as f64 && near.with_depth * 20 <= near.pieces);
     assert!(second.flagged > 0 && second.claimed * 10 <= second.pieces);
     assert!(sensors.iter().all(|sensor| sensor.sensor == 0), "the sensors are sound");
     assert!(others.iter().all(|other| other.claimed * 20 <= other.pieces));
@@ -382,7 +381,7 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
     assert!(held_out.flagged * 50 <= held_out.pieces, "{} of {}", held_out.flagged, held_out.pieces);
 }
 
-/// The answers of an asset with these channels, record by record.
+/// Returns the estimates of an asset with these channels, record by record.
 fn joined(channels: &[Vec<WearEstimate>]) -> Vec<WearEstimate> {
     let names = ["a1", "a2", "a3", "a4"];
     let at = |record: usize| -> Vec<(&str, &WearEstimate)> {
@@ -391,10 +390,10 @@ fn joined(channels: &[Vec<WearEstimate>]) -> Vec<WearEstimate> {
     (0..channels[0].len()).map(|record| JointEstimate::of(&at(record)).unwrap().wear).collect()
 }
 
-/// The four channels as one asset. Without the sensor that is near the fault the others have less to say.
+/// The four channels as one asset. Without the sensor near the fault, the others detect less.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn an_asset_of_four_channels_tells_a_broken_tooth_within_ten_pieces() {
+fn an_asset_of_four_channels_detects_a_broken_tooth_within_ten_records() {
     let folder = recordings("gearbox-spectraquest");
     let pair = gearbox();
     let (ensemble, mesh) = (ensemble(&pair, 110.0, GEARBOX_RATE_HZ), mesh(&pair));
@@ -410,7 +409,7 @@ fn an_asset_of_four_channels_tells_a_broken_tooth_within_ten_pieces() {
                 let [healthy, faulty] = [healthy, faulty].map(|samples| pieces(samples, PIECE, &mesh));
                 whole = healthy.len();
                 let records = healthy.into_iter().chain(faulty);
-                told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), records)
+                estimate(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), records)
             })
             .collect();
         let length = answers.iter().map(Vec::len).min().unwrap();
@@ -427,10 +426,10 @@ fn an_asset_of_four_channels_tells_a_broken_tooth_within_ten_pieces() {
             broken.first,
             broken.flagged,
             broken.pieces,
-            broken.told,
+            broken.with_depth,
             without_near.first,
             without_near.flagged,
-            without_near.told,
+            without_near.with_depth,
             all[whole + broken.pieces / 2].reason
         );
         assert!(broken.first.is_some_and(|first| first < 10), "load {load}: {:?}", broken.first);
@@ -457,11 +456,11 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     products(a, mean_a, b, mean_b) / squares.sqrt()
 }
 
-/// The joint answer takes the deviates of channels for correlated by 0.7. Each recording serves three times,
-/// with its first, second and last third as where the baseline begins.
+/// The joint estimate assumes a correlation of 0.7 between channels. Each recording is used three times, with
+/// the baseline in its first, second and last third.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn channels_of_a_healthy_gearbox_are_correlated_by_less_than_is_assumed() {
+fn channels_of_a_healthy_gearbox_correlate_less_than_assumed() {
     let folder = recordings("gearbox-spectraquest");
     let pair = gearbox();
     let (ensemble, mesh) = (ensemble(&pair, 110.0, GEARBOX_RATE_HZ), mesh(&pair));
@@ -474,8 +473,8 @@ fn channels_of_a_healthy_gearbox_are_correlated_by_less_than_is_assumed() {
             for start in [0, count / 3, 2 * count / 3] {
                 for (deviates, records) in deviates.iter_mut().zip(&healthy) {
                     let turned = records[start..].iter().chain(&records[..start]).cloned();
-                    let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), turned);
-                    let novelty = answers[GEARBOX_BASELINE..].iter().map(|told| told.novelty.as_ref());
+                    let answers = estimate(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), turned);
+                    let novelty = answers[GEARBOX_BASELINE..].iter().map(|wear| wear.novelty.as_ref());
                     deviates.extend(novelty.map(|novelty| novelty.map_or(0.0, |n| deviate(n.p_value))));
                 }
             }

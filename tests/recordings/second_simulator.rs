@@ -1,5 +1,5 @@
-//! Runs of a second simulator, which shares no code with this project: the wear estimate beside the truth,
-//! with a pair file that says nothing of damping, bodies or the shape of the wear.
+//! Runs of a second simulator, which shares no code with this project: the wear estimate compared with the
+//! truth, with a pair file that has no damping, gear bodies or wear shape.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -13,8 +13,7 @@ use serde_json::Value;
 
 use crate::command::flankwatch;
 
-/// Run, least part of the estimates that hold the truth, most estimates in a row that do not, least rank
-/// correlation.
+/// Run, minimum coverage, maximum number of consecutive misses, minimum rank correlation.
 const WEAR: [(&str, f64, u64, f64); 4] = [
     ("wear-threshold-1", 0.85, 10, 0.97),
     ("wear-threshold-2", 0.85, 10, 0.97),
@@ -26,28 +25,28 @@ const WEAR: [(&str, f64, u64, f64); 4] = [
 const FAULTS: [&str; 2] = ["crack-12", "gain-jump-13"];
 const HEALTHY: &str = "healthy-11";
 
-/// The folder of a run.
+/// Returns the folder of a run.
 fn packed(run: &str) -> PathBuf {
     recordings("second-simulator").join(run)
 }
 
-/// One command at a time simulates the pairs, which the others find.
+/// Only one command at a time simulates the ensemble; the others find it in the cache.
 static SIMULATED: Mutex<()> = Mutex::new(());
 
-/// What `evaluate` says of runs.
+/// Runs `evaluate` on recorded runs and returns its JSON.
 fn scores(runs: &[PathBuf], further: &[&str]) -> Value {
     let _alone = SIMULATED.lock().unwrap_or_else(PoisonError::into_inner);
     let data = Path::new(env!("CARGO_TARGET_TMPDIR")).join("second-simulator").display().to_string();
     let runs: Vec<String> = runs.iter().map(|run| run.display().to_string()).collect();
     let mut words = [&["evaluate", "--json", "--data-dir", &data], further, &["--recorded"]].concat();
     words.extend(runs.iter().map(String::as_str));
-    let said = flankwatch(&words).expect_success();
-    serde_json::from_str(&said.out()).unwrap()
+    let output = flankwatch(&words).expect_success();
+    serde_json::from_str(&output.out()).unwrap()
 }
 
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn the_interval_holds_the_truth_of_another_simulators_runs() {
+fn the_interval_covers_the_truth_on_another_simulators_runs() {
     let worn = WEAR.map(|(run, ..)| packed(run));
     let others = FAULTS.into_iter().chain([HEALTHY]).map(packed);
     let all = scores(&worn.iter().cloned().chain(others).collect::<Vec<_>>(), &[]);
@@ -77,7 +76,7 @@ fn the_interval_holds_the_truth_of_another_simulators_runs() {
         let found = late.clone().filter(|answer| flagged(answer)).count() as f64;
         assert!(found >= 0.95 * late.count() as f64, "{run}: {found}");
     }
-    // An inspection half-way narrows what is said of the records before it, and keeps the truth.
+    // An inspection half-way narrows the intervals of earlier records, which still cover the truth.
     let inspected = scores(&worn, &["--inspection-um", "5"]);
     let (mut told_um, mut looked_back_um) = (0.0, 0.0);
     for score in inspected["scores"].as_array().unwrap() {
@@ -94,7 +93,7 @@ fn the_interval_holds_the_truth_of_another_simulators_runs() {
     assert!(looked_back_um <= 0.7 * told_um, "{looked_back_um} of {told_um} µm");
 }
 
-/// Record `n` of a run as if the machine had turned this many times as fast.
+/// Returns record `n` of a run, resampled as if the machine had run faster by a factor.
 fn turned_faster(run: &str, n: usize, factor: f64) -> Record {
     let path = packed(run).join(format!("rec_{n:04}.wav"));
     let bytes = path.metadata().unwrap().len();
@@ -105,19 +104,19 @@ fn turned_faster(run: &str, n: usize, factor: f64) -> Record {
     Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, "m/s2", record.samples().to_vec()).unwrap()
 }
 
-/// What a sensor elsewhere on the machine records, with noise of its own.
+/// Returns the signal of a sensor at another place on the machine, with its own noise.
 fn heard_elsewhere(samples: &[f32]) -> Vec<f32> {
     let rms = (samples.iter().map(|x| x * x).sum::<f32>() / samples.len() as f32).sqrt();
     let noise = |i: usize| (((i * 7919 + i * i % 8191) % 1009) as f32 / 504.5 - 1.0) * 0.1 * rms;
     let before = |i: usize, back: usize| i.checked_sub(back).map_or(0.0, |at| samples[at]);
-    let heard = |i: usize| samples[i] - 0.7 * before(i, 1) + 0.4 * before(i, 5) + noise(i);
-    (0..samples.len()).map(heard).collect()
+    let filtered = |i: usize| samples[i] - 0.7 * before(i, 1) + 0.4 * before(i, 5) + noise(i);
+    (0..samples.len()).map(filtered).collect()
 }
 
-/// What a library has wrong it has wrong on every channel: the answer of both is as wide as theirs.
+/// Errors of a library affect every channel, so the joint interval is as wide as those of the channels.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn channels_are_scored_one_by_one_and_together() {
+fn channels_are_scored_individually_and_together() {
     let data = tempfile::tempdir().unwrap();
     let run = data.path().join("two");
     fs::create_dir(&run).unwrap();
@@ -144,17 +143,18 @@ fn channels_are_scored_one_by_one_and_together() {
     assert!(0.9 * least <= width[2] && width[2] <= 1.2 * most, "{width:?}");
 }
 
-/// The true shaft speeds of a run in hertz.
+/// Returns the true shaft speeds of a run in hertz.
 fn speeds_hz(run: &str) -> Vec<f64> {
     let text = fs::read_to_string(packed(run).join("truth.csv")).unwrap();
     text.lines().skip(1).map(|line| line.split(',').nth(2).unwrap().parse().unwrap()).collect()
 }
 
-/// Speeds that differ by ± 20 % from record to record are found within 25 % of nominal, or in doubt; with
-/// other teeth, or another nominal speed, they are in doubt. The speed swings by ± 0.3 % within a record.
+/// Speeds that vary by ± 20 % between records are found within 25 % of nominal, or marked as doubtful; with
+/// wrong tooth counts or a wrong nominal speed they are doubtful. The speed fluctuates by ± 0.3 % within a
+/// record.
 #[test]
 #[ignore = "needs the folder of real recordings"]
-fn a_speed_is_right_or_in_doubt() {
+fn a_detected_speed_is_correct_or_marked_as_doubtful() {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mut count = |teeth: u32, nominal_shaft_speed_hz: f64, tolerance: f64, spread: f64| {
         let mesh = MeshContext {
@@ -168,7 +168,7 @@ fn a_speed_is_right_or_in_doubt() {
         let (mut right, mut doubted, mut wrong) = (0, 0, 0);
         for run in WEAR.map(|(run, ..)| run).into_iter().chain(FAULTS).chain([HEALTHY]) {
             for (n, speed_hz) in speeds_hz(run).into_iter().enumerate().step_by(5) {
-                // Evenly over the spread, in no order.
+                // Evenly distributed, in random order.
                 let factor = 1.0 + spread * (2.0 * (n as f64 * 0.618).fract() - 1.0);
                 let found = analyzer.analyze(&turned_faster(run, n, factor), &mesh).shaft_speed;
                 let is_right = |found: f64| (found / (factor * speed_hz) - 1.0).abs() < 0.003;

@@ -1,4 +1,4 @@
-//! Who may do what, and how many at once.
+//! Authentication, authorisation and rate limits.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -20,7 +20,7 @@ fn with_token(service: &Service, token: &str, method: &str, path: &str, body: &s
 }
 
 #[test]
-fn a_token_opens_what_its_scope_says_until_it_is_revoked() {
+fn a_token_grants_its_scope_until_it_is_revoked() {
     let service = Service::start();
     service.plain_asset("pump");
     let tokens = Tokens::of(service.folder());
@@ -55,7 +55,7 @@ fn a_token_opens_what_its_scope_says_until_it_is_revoked() {
 }
 
 #[test]
-fn a_browser_logs_in_with_a_token_and_out_again() {
+fn a_browser_logs_in_with_a_token_and_logs_out() {
     let service = Service::start();
     service.plain_asset("pump");
     assert_eq!(service.get("/v1/session").expect(200).json()["token"], serde_json::Value::Null);
@@ -96,7 +96,7 @@ fn a_browser_logs_in_with_a_token_and_out_again() {
 }
 
 #[test]
-fn too_many_requests_with_one_token_are_put_off() {
+fn too_many_requests_with_one_token_are_answered_with_429() {
     let service = Service::start_with(|config| config.http.requests_per_s = 1.try_into().unwrap());
     let tokens = Tokens::of(service.folder());
     let token = tokens.create("a", Scope::Read);
@@ -119,7 +119,7 @@ fn start_on(address: &str, change: impl FnOnce(&mut ServiceConfig)) -> Result<()
 }
 
 #[test]
-fn an_address_that_others_reach_needs_tokens() {
+fn a_public_address_requires_tokens() {
     for address in ["0.0.0.0:0", "[::]:0"] {
         let error = start_on(address, |_| {}).unwrap_err();
         assert!(matches!(error, StartError::NoTokens(_)), "{error}");
@@ -133,13 +133,13 @@ fn an_address_that_others_reach_needs_tokens() {
 }
 
 #[test]
-fn a_name_that_leads_here_is_not_enough() {
+fn an_unconfigured_host_name_is_rejected() {
     let service = Service::start_with(|config| config.host_names = vec!["wear.example".to_owned()]);
     let as_host = |host: &str, path: &str| service.send("GET", path, &[("host", host)], b"");
     as_host("evil.example:8600", "/v1/assets").expect_problem(403, &["evil.example", "--host-name"]);
     as_host("wear.example", "/v1/assets").expect(200);
     as_host("localhost", "/v1/assets").expect(200);
-    // The pages show nothing by themselves.
+    // The static pages contain no data.
     as_host("evil.example:8600", "/").expect(200);
     let token = Tokens::of(service.folder()).create("a", Scope::Read);
     let authorization = format!("Bearer {token}");
@@ -148,7 +148,7 @@ fn a_name_that_leads_here_is_not_enough() {
 }
 
 #[test]
-fn a_page_of_another_host_sends_nothing() {
+fn cross_origin_requests_are_rejected() {
     let service = Service::start();
     let headers = [("origin", "http://evil.example"), ("content-type", "application/json")];
     let body = plain_asset("pump").to_string();
@@ -160,7 +160,7 @@ fn a_page_of_another_host_sends_nothing() {
 }
 
 #[test]
-fn a_client_that_sends_no_head_is_let_go_and_others_are_served() {
+fn a_client_without_a_request_is_disconnected_and_others_are_served() {
     let service = Service::start_with(|config| {
         config.http.header_timeout = Duration::from_millis(300);
         config.http.connections = 2;
@@ -170,7 +170,7 @@ fn a_client_that_sends_no_head_is_let_go_and_others_are_served() {
     for stream in &mut slow {
         stream.write_all(b"GET / HTTP/1.1\r\nhost:").unwrap();
     }
-    // Both places are taken until the slow ones are let go.
+    // Both slots are taken until the slow clients are disconnected.
     service.get("/healthz").expect(200);
     for stream in &mut slow {
         let mut answer = String::new();
@@ -181,7 +181,7 @@ fn a_client_that_sends_no_head_is_let_go_and_others_are_served() {
 }
 
 #[test]
-fn certificates_that_are_none_are_refused_by_name() {
+fn invalid_certificates_are_rejected_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let (certificate, key) = (folder.path().join("c.pem"), folder.path().join("k.pem"));
     std::fs::write(&certificate, "no certificate").unwrap();
@@ -213,16 +213,16 @@ fn openssl_speaks_tls_with_the_service() {
         .unwrap();
     let mut input = client.stdin.take().unwrap();
     input.write_all(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").unwrap();
-    let mut said = String::new();
-    client.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+    let mut output = String::new();
+    client.stdout.take().unwrap().read_to_string(&mut output).unwrap();
     client.wait().unwrap();
-    assert!(said.starts_with("HTTP/1.1 200 ") && said.contains("\"status\":\"ok\""), "{said}");
+    assert!(output.starts_with("HTTP/1.1 200 ") && output.contains("\"status\":\"ok\""), "{output}");
     runtime.block_on(service.stop()).unwrap();
 }
 
 #[test]
 #[ignore = "needs openssl"]
-fn a_replay_goes_over_tls_to_whom_it_trusts() {
+fn a_replay_is_sent_over_tls_to_a_trusted_server_only() {
     let folder = tempfile::tempdir().unwrap();
     let files = certificate(folder.path());
     let authority = files.certificate.display().to_string();
@@ -237,21 +237,21 @@ fn a_replay_goes_over_tls_to_whom_it_trusts() {
     let (recording, url) = (recording.display().to_string(), service.url());
     let words = ["replay", recording.as_str(), "--asset", "pump", "--url", url.as_str(), "--ca"];
     let with_ca = |file: &str| flankwatch(&[&words[..], &[file]].concat());
-    let said = with_ca(&authority).expect_success();
-    assert!(said.out().contains("2 records sent to https://"), "{}", said.out());
+    let output = with_ca(&authority).expect_success();
+    assert!(output.out().contains("2 records sent to https://"), "{}", output.out());
     let stored = runtime.block_on(service.service().store.segment_count()).unwrap();
     assert_eq!(stored, 2);
-    with_ca(&recording).expect_refusal(&["--ca", "run.mcap", "PEM"]);
-    with_ca("nowhere.pem").expect_refusal(&["nowhere.pem"]);
+    with_ca(&recording).expect_failure(&["--ca", "run.mcap", "PEM"]);
+    with_ca("nowhere.pem").expect_failure(&["nowhere.pem"]);
     runtime.block_on(service.stop()).unwrap();
 }
 
 #[test]
-fn a_head_that_is_too_large_is_refused() {
+fn a_request_head_that_is_too_large_is_rejected() {
     let service = Service::start_with(|config| config.http.header_bytes = 16 << 10);
     let address = service.url("").trim_start_matches("http://").to_string();
     let many: String = (0..200).map(|n| format!("x-{n}: 1\r\n")).collect();
-    // Somewhat too large: it fits into the last piece that is read.
+    // Slightly too large: it fits into the last chunk read.
     let long = format!("x: {}\r\n", "a".repeat(20 << 10));
     for (fields, status) in [
         (many.as_str(), "431 Request Header Fields Too Large"),

@@ -1,5 +1,4 @@
-//! Alarms through the whole service: raised by records, acted on by people, the same whatever the order of
-//! arrival.
+//! Alarms end to end: raised by records, changed by operators, independent of the order of arrival.
 
 use flankwatch::signal::Record;
 use serde_json::{Value, json};
@@ -7,8 +6,8 @@ use serde_json::{Value, json};
 use crate::event_stream::EventStream;
 use crate::running::{Service, mcap, minute, plain_asset, samples};
 
-/// An asset whose root mean square is watched; a record of [`loud`] with a factor of 4 lies above danger, one
-/// of 1 below everything.
+/// Describes an asset with an alarm on the RMS; a record of [`loud`] with factor 4 is above danger, one with
+/// factor 1 below all levels.
 pub(crate) fn watched(id: &str, settings: &Value) -> Value {
     let mut asset = plain_asset(id);
     asset["alarms"] = json!([
@@ -18,12 +17,13 @@ pub(crate) fn watched(id: &str, settings: &Value) -> Value {
     asset
 }
 
-/// A rule that follows every record.
+/// Returns the settings of a rule that responds to every record.
 pub(crate) fn at_once() -> Value {
     json!({ "raise": 1, "raise_of": 1, "clear": 1, "clear_of": 1 })
 }
 
-/// Record `n`, one a minute, with its amplitude times a factor; its root mean square is about 0.8 times that.
+/// Returns record `n`, one per minute, with its amplitude times a factor; its RMS is about 0.8 times the
+/// factor.
 pub(crate) fn loud(n: u32, factor: f32) -> Record {
     let samples: Vec<f32> = samples(0).into_iter().map(|sample| factor * sample).collect();
     Record::new("1", minute(n.into()), 4000.0, "m/s2", samples).unwrap()
@@ -40,7 +40,7 @@ pub(crate) fn whole(service: &Service, asset: &str) -> Value {
     service.get(&format!("/v1/alarms/{id}")).expect(200).json()
 }
 
-/// Waits until the only alarm of an asset is as it is wanted.
+/// Waits until the only alarm of an asset satisfies a condition.
 pub(crate) fn wait_for_alarm(service: &Service, asset: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
     let list = service.wait_for(&format!("/v1/alarms?asset={asset}"), |list| {
         list["items"].as_array().is_some_and(|items| items.iter().any(&is_wanted))
@@ -48,11 +48,12 @@ pub(crate) fn wait_for_alarm(service: &Service, asset: &str, is_wanted: impl Fn(
     list["items"][0].clone()
 }
 
-/// What happened: state, severity, minute of the record or what was done.
-pub(crate) fn told(alarm: &Value) -> Vec<Value> {
+/// Returns the alarm's history: state, severity, time, action and operator of each entry.
+pub(crate) fn history_entries(alarm: &Value) -> Vec<Value> {
     let entries = alarm["history"].as_array().unwrap().iter();
-    let told = entries.filter(|entry| entry["withdrawn_at"].is_null());
-    told.map(|entry| json!([entry["state"], entry["severity"], entry["time"], entry["action"], entry["by"]]))
+    let history_entries = entries.filter(|entry| entry["withdrawn_at"].is_null());
+    history_entries
+        .map(|entry| json!([entry["state"], entry["severity"], entry["time"], entry["action"], entry["by"]]))
         .collect()
 }
 
@@ -62,7 +63,7 @@ pub(crate) fn act(service: &Service, alarm: &Value, action: &str, body: &Value) 
 }
 
 #[test]
-fn an_alarm_goes_from_records_to_people_and_back() {
+fn an_alarm_is_raised_acknowledged_shelved_and_cleared() {
     let service = Service::start();
     service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
     let mut events = EventStream::open(&service, "?asset=pump", None);
@@ -121,7 +122,7 @@ fn an_alarm_goes_from_records_to_people_and_back() {
     }
     assert_eq!(service.get("/v1/alarms?state=shelved").expect(200).json()["items"][0]["id"], alarm["id"]);
     service.clock.advance(3601);
-    // Told although no record comes.
+    // The event is sent without a new record.
     let address = format!("/v1/alarms/{}", alarm["id"].as_str().unwrap());
     let shown = service.wait_for(&address, |alarm| {
         let last = alarm["history"].as_array().unwrap().last().unwrap().clone();
@@ -132,7 +133,7 @@ fn an_alarm_goes_from_records_to_people_and_back() {
     let back = only_alarm(&service, "pump");
     assert_eq!((&back["state"], &back["shelved_until"]), (&json!("acknowledged"), &Value::Null));
 
-    // Better, then over; nobody acknowledges what nobody raised again.
+    // The alarm eases, then clears.
     service.upload("pump", &loud(2, 2.2));
     service.upload("pump", &loud(3, 1.0));
     assert_eq!(only_alarm(&service, "pump")["state"], "normal");
@@ -152,11 +153,11 @@ fn an_alarm_goes_from_records_to_people_and_back() {
     let mark = mine.header("etag").to_owned();
     mine = service.send("GET", "/v1/alarms", &[("if-none-match", &mark)], b"");
     assert_eq!(mine.status, 304);
-    assert_eq!(exported(&service), told(&whole(&service, "pump")).len());
+    assert_eq!(exported(&service), history_entries(&whole(&service, "pump")).len());
     assert_eq!(shown["value"].as_f64().map(|value| value < 1.4), Some(true));
 }
 
-/// How many messages of alarms the export has, and that each says something.
+/// Returns the number of alarm messages in the export, and checks that none is empty.
 fn exported(service: &Service) -> usize {
     let bytes = service.get("/v1/assets/pump/export?spectra=0").expect(200).bytes;
     let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
@@ -170,7 +171,7 @@ fn exported(service: &Service) -> usize {
 }
 
 #[test]
-fn alarms_are_paged_the_one_that_changed_last_first() {
+fn alarms_are_paged_by_latest_change() {
     let service = Service::start();
     for (n, id) in ["a", "b", "c"].into_iter().enumerate() {
         service.post_json("/v1/assets", &watched(id, &at_once())).expect(201);
@@ -190,7 +191,7 @@ fn alarms_are_paged_the_one_that_changed_last_first() {
     assert_eq!(assets(&service.get("/v1/alarms").expect(200).json()), ["c", "a"]);
 }
 
-/// Loud and quiet in a way that a rule of 2 of 3 raises, worsens, eases and clears.
+/// Factors at which a 2-of-3 rule raises, worsens, eases and clears.
 fn life() -> Vec<Record> {
     let factors =
         [1.0, 1.0, 2.2, 1.0, 2.2, 4.0, 2.2, 4.0, 4.0, 2.2, 2.2, 1.0, 2.2, 1.0, 1.0, 1.0, 4.0, 4.0, 1.0, 1.0];
@@ -198,7 +199,7 @@ fn life() -> Vec<Record> {
 }
 
 #[test]
-fn late_records_restarts_and_recomputations_tell_the_same_story() {
+fn alarms_are_the_same_after_late_records_restarts_and_recomputations() {
     let mut service = Service::start();
     let settings = json!({ "raise": 2, "raise_of": 3, "clear": 2, "clear_of": 3 });
     for asset in ["in-order", "late"] {
@@ -215,7 +216,7 @@ fn late_records_restarts_and_recomputations_tell_the_same_story() {
             acknowledge(&service, "in-order");
         }
     }
-    // Backwards up to the acknowledgement, and then the rest with one of each half left for the end.
+    // Records in reverse order up to the acknowledgement, then the rest with one record of each half last.
     for n in [9, 8, 7, 6, 5, 4, 3, 1, 0] {
         service.upload("late", &life[n]);
     }
@@ -226,11 +227,11 @@ fn late_records_restarts_and_recomputations_tell_the_same_story() {
     service
         .post("/v1/assets/late/segments", "application/mcap", &mcap(&[life[2].clone(), life[14].clone()]))
         .expect(201);
-    let expected = told(&whole(&service, "in-order"));
+    let expected = history_entries(&whole(&service, "in-order"));
     assert!(expected.len() > 6, "{expected:?}");
-    assert_eq!(told(&whole(&service, "late")), expected);
+    assert_eq!(history_entries(&whole(&service, "late")), expected);
     service.restart();
-    assert_eq!(told(&whole(&service, "late")), expected);
+    assert_eq!(history_entries(&whole(&service, "late")), expected);
     for asset in ["in-order", "late"] {
         let mut description = watched(asset, &settings);
         description["baseline"]["records"] = json!(9);
@@ -238,7 +239,7 @@ fn late_records_restarts_and_recomputations_tell_the_same_story() {
         service.wait_for(&format!("/v1/recomputations?asset={asset}"), |list| {
             list["items"][0]["state"] == "finished"
         });
-        assert_eq!(told(&whole(&service, asset)), expected, "{asset}");
+        assert_eq!(history_entries(&whole(&service, asset)), expected, "{asset}");
     }
     // An action after everything, and one more record.
     for asset in ["in-order", "late"] {
@@ -246,12 +247,12 @@ fn late_records_restarts_and_recomputations_tell_the_same_story() {
         service.upload(asset, &loud(20, 4.0));
         service.upload(asset, &loud(21, 4.0));
     }
-    assert_eq!(told(&whole(&service, "late")), told(&whole(&service, "in-order")));
+    assert_eq!(history_entries(&whole(&service, "late")), history_entries(&whole(&service, "in-order")));
     assert_eq!(only_alarm(&service, "late")["state"], "unacknowledged");
 }
 
 #[test]
-fn what_was_announced_is_neither_lost_nor_announced_again() {
+fn changes_are_announced_exactly_once() {
     let service = Service::start();
     let settings = json!({ "raise": 2, "raise_of": 2, "clear": 1, "clear_of": 1 });
     service.post_json("/v1/assets", &watched("pump", &settings)).expect(201);
@@ -269,7 +270,7 @@ fn what_was_announced_is_neither_lost_nor_announced_again() {
         (&json!("unacknowledged"), &json!(minute(3)))
     );
     assert!(alarm["history"][0]["withdrawn_at"].is_string(), "{alarm}");
-    // Raised for certain, then late records that change nothing of it.
+    // The alarm is raised, then late records arrive that don't change it.
     service.upload("pump", &loud(10, 4.0));
     service.upload("pump", &loud(11, 4.0));
     service.upload("pump", &loud(5, 1.0));
@@ -284,7 +285,7 @@ fn what_was_announced_is_neither_lost_nor_announced_again() {
 }
 
 #[test]
-fn a_rule_that_is_taken_away_leaves_its_history() {
+fn a_removed_rule_leaves_its_history() {
     let service = Service::start();
     service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
     service.upload("pump", &loud(0, 4.0));
@@ -295,14 +296,14 @@ fn a_rule_that_is_taken_away_leaves_its_history() {
     let alarm = whole(&service, "pump");
     assert_eq!((&alarm["state"], &alarm["severity"]), (&json!("normal"), &Value::Null));
     assert_eq!(alarm["history"].as_array().unwrap().len(), 1);
-    // Given again, it stands where the records say.
+    // Added again, the rule has the alarm that follows from the records.
     service.put_json("/v1/assets/pump", &watched("pump", &at_once())).expect(200);
     service.wait_for("/v1/alarms?asset=pump", |list| list["items"][0]["state"] == "unacknowledged");
     assert_eq!(whole(&service, "pump")["history"].as_array().unwrap().len(), 1);
 }
 
 #[test]
-fn an_mcap_of_a_whole_life_raises_in_one_batch() {
+fn an_mcap_of_a_whole_life_raises_alarms_in_one_batch() {
     let service = Service::start();
     let settings = json!({ "raise": 2, "raise_of": 3, "clear": 2, "clear_of": 3 });
     for asset in ["batch", "single"] {
@@ -312,7 +313,7 @@ fn an_mcap_of_a_whole_life_raises_in_one_batch() {
     for record in life() {
         service.upload("single", &record);
     }
-    assert_eq!(told(&whole(&service, "batch")), told(&whole(&service, "single")));
+    assert_eq!(history_entries(&whole(&service, "batch")), history_entries(&whole(&service, "single")));
 }
 
 #[test]
@@ -330,7 +331,7 @@ fn levels_below_are_raised_and_cleared_by_records() {
 }
 
 #[test]
-fn a_misspelt_indicator_is_refused_with_the_nearest_names() {
+fn a_misspelt_indicator_is_rejected_with_the_nearest_names() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["alarms"] = json!([{ "quantity": { "indicator": "kurtsosis" }, "warning": 4 }]);
@@ -348,7 +349,7 @@ fn a_misspelt_indicator_is_refused_with_the_nearest_names() {
     }
 }
 
-/// Record `n` of each of four channels, which hear a pump without a mesh alike, with a tone of some amplitude.
+/// Returns record `n` of four channels that measure a pump without a mesh, with a tone of some amplitude.
 fn upload_four(service: &Service, n: u32, tone: f32) {
     for channel in ["a", "b", "c", "d"] {
         let samples = samples(n % 8).into_iter().enumerate();
@@ -359,7 +360,7 @@ fn upload_four(service: &Service, n: u32, tone: f32) {
 }
 
 #[test]
-fn what_all_channels_say_together_is_raised_though_none_passes_the_level_alone() {
+fn channels_together_raise_an_alarm_that_none_raises_alone() {
     let service = Service::start();
     let rule = |quantity: &str| json!({ "quantity": quantity, "warning": 2.75, "hysteresis": 1, "settings": at_once() });
     let pump = json!({
@@ -381,7 +382,7 @@ fn what_all_channels_say_together_is_raised_though_none_passes_the_level_alone()
         "acknowledged"
     );
 
-    // Only what has come since maintenance counts.
+    // Only records since the maintenance count.
     let done = json!({ "kind": "regime_changed", "by": "Ada", "time": minute(11) });
     service.post_json("/v1/assets/pump/maintenance", &done).expect(201);
     upload_four(&service, 11, 0.0);
@@ -391,7 +392,7 @@ fn what_all_channels_say_together_is_raised_though_none_passes_the_level_alone()
     wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
     upload_four(&service, 21, 0.0);
     wait_for_alarm(&service, "pump", |alarm| alarm["severity"].is_null());
-    let told: Vec<Value> = whole(&service, "pump")["history"]
+    let history_entries: Vec<Value> = whole(&service, "pump")["history"]
         .as_array()
         .unwrap()
         .iter()
@@ -404,7 +405,7 @@ fn what_all_channels_say_together_is_raised_though_none_passes_the_level_alone()
         json!(["warning", "warning", null]),
         json!([null, null, null]),
     ];
-    assert_eq!(told, is_told);
+    assert_eq!(history_entries, is_told);
     service
         .post_json("/v1/assets/pump/alarms/try", &json!({ "rule": rule("joint_novelty"), "channel": "a" }))
         .expect_problem(422, &["joint_novelty", "cannot be tried"]);

@@ -1,11 +1,11 @@
-//! Making, listing, changing and removing assets.
+//! Creating, listing, updating and deleting assets.
 
 use serde_json::json;
 
 use crate::running::{Service, plain_asset, record, samples, wav};
 
 #[test]
-fn an_asset_is_made_shown_changed_and_removed() {
+fn an_asset_is_created_read_updated_and_deleted() {
     let service = Service::start();
     let made = service.post_json("/v1/assets", &plain_asset("pump-1")).expect(201);
     assert_eq!(made.header("location"), "/v1/assets/pump-1");
@@ -35,7 +35,7 @@ fn an_asset_is_made_shown_changed_and_removed() {
 }
 
 #[test]
-fn a_description_in_toml_is_taken() {
+fn a_description_in_toml_is_accepted() {
     let service = Service::start();
     let toml = "id = \"fan\"\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10.0\n";
     let fan = service.post("/v1/assets", "application/toml", toml.as_bytes()).expect(201).json();
@@ -46,7 +46,7 @@ fn a_description_in_toml_is_taken() {
 }
 
 #[test]
-fn a_description_that_cannot_be_used_is_refused_with_its_field() {
+fn an_invalid_description_is_rejected_with_its_field() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["gear"]["teeth"] = json!([2, 62]);
@@ -64,7 +64,7 @@ fn a_description_that_cannot_be_used_is_refused_with_its_field() {
 }
 
 #[test]
-fn a_list_comes_in_pages_without_loss() {
+fn a_list_is_paged_without_loss() {
     let service = Service::start();
     for n in [3, 1, 5, 2, 4] {
         service.plain_asset(&format!("pump-{n}"));
@@ -85,7 +85,7 @@ fn a_list_comes_in_pages_without_loss() {
 }
 
 #[test]
-fn a_removed_asset_takes_its_records_and_only_its_own_raw_bytes_along() {
+fn deleting_an_asset_removes_its_records_and_only_its_own_raw_bytes() {
     let service = Service::start();
     service.plain_asset("one");
     service.plain_asset("two");
@@ -107,7 +107,7 @@ fn a_removed_asset_takes_its_records_and_only_its_own_raw_bytes_along() {
     assert!(!object(&lost).exists() && object(&kept).is_file());
     service.get(&format!("/v1/segments/{}", lost["id"].as_str().unwrap())).expect_problem(404, &[]);
     service.get(&format!("/v1/segments/{}/waveform", kept["id"].as_str().unwrap())).expect(200);
-    // The name is free again, and nothing of before comes back.
+    // The identifier is free again, and no old data reappears.
     service.plain_asset("one");
     let wear = service.get("/v1/assets/one/wear").expect(200).json();
     assert_eq!((&wear["segment_id"], &wear["status"]), (&json!(null), &json!("collecting_baseline")));
@@ -122,7 +122,7 @@ fn a_removed_asset_takes_its_records_and_only_its_own_raw_bytes_along() {
 }
 
 #[test]
-fn a_summary_tells_of_all_channels() {
+fn a_summary_covers_all_channels() {
     let service = Service::start();
     service.plain_asset("pump");
     for n in [2, 1] {
@@ -144,7 +144,7 @@ fn a_summary_tells_of_all_channels() {
     assert_eq!(parts(&summary["wear_channels"]), both);
     let together = service.get("/v1/assets/pump/wear").expect(200);
     assert_eq!(parts(&together.json()["channels"]), both);
-    // What was answered is no longer what is known when another channel has a record.
+    // The ETag changes when another channel has a record.
     let tag = together.header("etag").to_owned();
     service.send("GET", "/v1/assets/pump/wear", &[("if-none-match", &tag)], b"").expect(304);
     service.upload("pump", &record("a", 4));
@@ -152,7 +152,7 @@ fn a_summary_tells_of_all_channels() {
     let one = service.get("/v1/assets/pump/wear?channel=a").expect(200).json();
     assert_eq!((&one["channel"], &one["channels"]), (&json!("a"), &json!(null)));
     service.get("/v1/assets/pump/wear?channel=c").expect_problem(404, &["\"c\""]);
-    // One that has ended while the other goes on is named, and takes no part.
+    // A channel that ended while the other continues is listed as silent and ignored.
     service.upload("pump", &record("a", 30));
     let together = service.get("/v1/assets/pump/wear").expect(200).json();
     let silent = &together["channels"][1];
@@ -161,7 +161,7 @@ fn a_summary_tells_of_all_channels() {
 }
 
 #[test]
-fn a_change_can_be_conditional_on_the_description_that_was_seen() {
+fn an_update_can_be_conditional_on_the_etag() {
     let service = Service::start();
     service.plain_asset("pump");
     let seen = service.get("/v1/assets/pump").expect(200);
@@ -170,12 +170,12 @@ fn a_change_can_be_conditional_on_the_description_that_was_seen() {
         let headers = [&[("content-type", "application/json")], headers].concat();
         service.send("PUT", "/v1/assets/pump", &headers, description.to_string().as_bytes())
     };
-    // Further records change the answer, and not the description.
+    // Further records change the response but not the description.
     service.upload("pump", &record("1", 1));
     let unchanged = service.send("GET", "/v1/assets/pump", &[("if-none-match", &tag)], b"").expect(200);
     let tag_now = unchanged.header("etag").to_owned();
     service.send("GET", "/v1/assets/pump", &[("if-none-match", &tag_now)], b"").expect(304);
-    // What was answered is put back, with a change.
+    // The response is sent back with a change.
     let mut description = seen.json();
     description["name"] = serde_json::json!("Pump 1");
     let changed = put(&description, &[("if-match", &tag)]).expect(200);
@@ -188,6 +188,6 @@ fn a_change_can_be_conditional_on_the_description_that_was_seen() {
     put(&description, &[("if-match", &list)]).expect(200);
     service.send("DELETE", "/v1/assets/pump", &[("if-match", &tag)], b"").expect_problem(412, &["pump"]);
     service.send("DELETE", "/v1/assets/pump", &[("if-match", "*")], b"").expect(204);
-    // Elsewhere a field that nobody knows stays a mistake.
+    // Elsewhere an unknown field is still an error.
     service.post_json("/v1/assets", &description).expect_problem(422, &["created_at"]);
 }

@@ -1,16 +1,16 @@
-//! A data folder copied, put back, compared, and made again from its raw recordings.
+//! A data folder backed up, restored, verified, and rebuilt from its raw recordings.
 
 use std::path::Path;
 
 use serde_json::{Value, json};
 
-use crate::command::{Said, flankwatch};
+use crate::command::{CommandOutput, flankwatch};
 use crate::durability::{quarantined, raw_objects};
 use crate::program::Program;
 use crate::running::plain_asset;
 
-/// A command on a data folder.
-fn on(folder: &Path, words: &[&str]) -> Said {
+/// Runs a command on a data folder.
+fn on(folder: &Path, words: &[&str]) -> CommandOutput {
     let mut all = words.to_vec();
     all.extend(["--data-dir", folder.to_str().unwrap()]);
     flankwatch(&all)
@@ -22,12 +22,12 @@ fn remove_database(folder: &Path) {
     }
 }
 
-/// What a service answers of an asset whose history stands still.
-fn told(program: &Program) -> Vec<Value> {
-    let mut told = program.history("pump");
-    told.push(program.get("/v1/assets/pump/maintenance"));
-    told.push(json!(program.segments("pump")));
-    told
+/// Returns the responses about an asset whose history no longer changes.
+fn state(program: &Program) -> Vec<Value> {
+    let mut state = program.history("pump");
+    state.push(program.get("/v1/assets/pump/maintenance"));
+    state.push(json!(program.segments("pump")));
+    state
 }
 
 fn wait_until_known(program: &Program) {
@@ -36,7 +36,7 @@ fn wait_until_known(program: &Program) {
 }
 
 #[test]
-fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_again() {
+fn a_backup_runs_beside_the_service_and_newer_recordings_are_imported_again() {
     let place = tempfile::tempdir().unwrap();
     let (folder, copy, elsewhere) =
         (place.path().join("data"), place.path().join("copy"), place.path().join("elsewhere"));
@@ -57,12 +57,12 @@ fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_a
             .out()
             .contains("10 raw recordings, 10 of them new")
     );
-    let at_backup = told(&program);
+    let at_backup = state(&program);
     for n in 10..14 {
         program.upload("pump", n).unwrap();
     }
-    let at_end = told(&program);
-    // Raised within a minute of the last record, and by a start.
+    let at_end = state(&program);
+    // Raised within a minute of the last record, and at a start.
     program.kill();
     Program::start(&folder).kill();
 
@@ -70,11 +70,11 @@ fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_a
     on(&elsewhere, &["verify"]).expect_success();
     let restored = Program::start(&elsewhere);
     wait_until_known(&restored);
-    assert_eq!(told(&restored), at_backup);
+    assert_eq!(state(&restored), at_backup);
     restored.kill();
 
-    // The older database beside the newer recordings.
-    on(&folder, &["restore", copy.to_str().unwrap()]).expect_refusal(&["has a database already"]);
+    // The older database with newer recordings.
+    on(&folder, &["restore", copy.to_str().unwrap()]).expect_failure(&["has a database already"]);
     remove_database(&folder);
     on(&folder, &["restore", copy.to_str().unwrap()]).expect_success();
     let older = Program::start(&folder);
@@ -82,37 +82,41 @@ fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_a
     std::thread::sleep(std::time::Duration::from_secs(1));
     older.kill();
     assert_eq!((raw_objects(&folder).len(), quarantined(&folder).len()), (14, 0));
-    let said = on(&folder, &["verify"]);
-    assert!(said.out().contains("no record refers to it") && said.out().contains("older"), "{}", said.out());
-    said.expect_refusal(&["5 things"]);
-    assert!(on(&folder, &["rebuild"]).expect_success().out().contains("0 assets and 4 records taken in"));
+    let output = on(&folder, &["verify"]);
+    assert!(
+        output.out().contains("no record refers to it") && output.out().contains("older"),
+        "{}",
+        output.out()
+    );
+    output.expect_failure(&["5 problems"]);
+    assert!(on(&folder, &["rebuild"]).expect_success().out().contains("imported 0 assets and 4 records"));
     on(&folder, &["verify"]).expect_success();
     let whole = Program::start(&folder);
     wait_until_known(&whole);
-    assert_eq!(told(&whole), at_end);
+    assert_eq!(state(&whole), at_end);
     whole.kill();
 
-    // Everything from the recordings alone.
+    // Rebuilds everything from the recordings.
     assert!(
         on(&folder, &["rebuild", "--anew"])
             .expect_success()
             .out()
-            .contains("1 assets and 14 records taken in")
+            .contains("imported 1 assets and 14 records")
     );
     on(&folder, &["verify"]).expect_success();
     let anew = Program::start(&folder);
     wait_until_known(&anew);
-    assert_eq!(told(&anew), at_end);
-    // A running service has its folder to itself.
-    on(&folder, &["rebuild"]).expect_refusal(&["in use"]);
+    assert_eq!(state(&anew), at_end);
+    // A running service locks its folder.
+    on(&folder, &["rebuild"]).expect_failure(&["in use"]);
     anew.kill();
 }
 
 #[test]
-fn what_is_missing_damaged_or_left_over_is_named() {
+fn missing_damaged_and_unreferenced_objects_are_reported() {
     let place = tempfile::tempdir().unwrap();
     let folder = place.path().join("data");
-    on(&folder, &["verify"]).expect_refusal(&["flankwatch.db"]);
+    on(&folder, &["verify"]).expect_failure(&["flankwatch.db"]);
     let program = Program::start(&folder);
     program.make(&plain_asset("pump"));
     for n in 0..3 {
@@ -127,19 +131,19 @@ fn what_is_missing_damaged_or_left_over_is_named() {
     let left = folder.join("raw/ab").join(format!("ab{}", "0".repeat(62)));
     std::fs::create_dir_all(left.parent().unwrap()).unwrap();
     std::fs::write(&left, b"left").unwrap();
-    let said = on(&folder, &["verify"]);
-    let out = said.out();
+    let output = on(&folder, &["verify"]);
+    let out = output.out();
     for (path, what) in
         [(&objects[0], "missing"), (&objects[1], "damaged"), (&left, "no record refers to it")]
     {
         let name = path.file_name().unwrap().to_str().unwrap();
         assert!(out.contains(&format!("object {name}: {what}")), "{out}");
     }
-    said.expect_refusal(&["3 things"]);
+    output.expect_failure(&["3 problems"]);
 }
 
 #[test]
-fn what_is_in_quarantine_is_listed_and_comes_back() {
+fn recordings_in_quarantine_are_listed_and_restored() {
     let place = tempfile::tempdir().unwrap();
     let folder = place.path().join("data");
     let program = Program::start(&folder);
@@ -147,15 +151,15 @@ fn what_is_in_quarantine_is_listed_and_comes_back() {
     program.upload("pump", 1).unwrap();
     let deleted = program.send("DELETE", "/v1/assets/pump", &[], b"");
     assert_eq!(deleted.status(), 204);
-    // Described again: its records are wanted after all.
+    // Created again, so that its records can be restored.
     program.make(&plain_asset("pump"));
     program.kill();
     let name = quarantined(&folder).pop().unwrap();
     assert!(on(&folder, &["quarantine", "list"]).expect_success().out().contains(&name));
-    on(&folder, &["quarantine", "restore", "no-such"]).expect_refusal(&["no-such"]);
+    on(&folder, &["quarantine", "restore", "no-such"]).expect_failure(&["no-such"]);
     on(&folder, &["quarantine", "restore", &name[..12]]).expect_success();
-    let said = on(&folder, &["rebuild"]).expect_success().out();
-    assert!(said.contains("1 records taken in"), "{said}");
+    let output = on(&folder, &["rebuild"]).expect_success().out();
+    assert!(output.contains("imported 0 assets and 1 records"), "{output}");
     let program = Program::start(&folder);
     assert_eq!(program.segments("pump").len(), 1);
     program.kill();

@@ -1,4 +1,4 @@
-//! A machine without a gear mesh: bearings, velocity with its zones, novelty, and no wear anywhere.
+//! A machine without a gear mesh: bearings, velocity zones and novelty, without wear.
 
 use std::f64::consts::TAU;
 
@@ -11,10 +11,10 @@ use crate::running::{Service, mcap, minute};
 const RATE_HZ: f64 = 8192.0;
 const SHAFT_HZ: f64 = 24.6;
 
-/// Passes of the outer race a turn, of 9 balls of 7.94 mm on 39.04 mm.
+/// Outer-race ball passes per revolution, with 9 balls of 7.94 mm on 39.04 mm.
 const BPFO: f64 = 3.585;
 
-/// Imbalance and noise, and impacts of a height on the outer race that ring at 2 kHz, their times 1 % off.
+/// Returns imbalance and noise with outer-race impacts that ring at 2 kHz, with 1 % jitter in time.
 fn turning(n: u32, impact: f64) -> Record {
     let mut state = 7 + 977 * n;
     let mut random = move || {
@@ -60,7 +60,7 @@ fn fan() -> Value {
 }
 
 #[test]
-fn a_machine_without_a_mesh_is_judged_by_novelty_bearings_and_velocity() {
+fn a_machine_without_a_mesh_is_assessed_by_novelty_bearings_and_velocity() {
     let service = Service::start();
     let made = service.post_json("/v1/assets", &fan()).expect(201).json();
     assert_eq!((made.get("gear"), &made["summary"]["library_state"]), (None, &json!("none")));
@@ -73,7 +73,7 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_bearings_and_velocity() {
     }
     let calm = service.upload("fan", &turning(9, 0.0));
     assert_eq!(calm["wear"]["status"], "no_mesh", "{}", calm["wear"]["reason"]);
-    // The shaft's own lines give its speed, and no teeth are invented.
+    // The shaft's lines give its speed, without assumed teeth.
     assert_eq!(calm["shaft_speed"]["source"], "shaft_lines");
     assert!((calm["shaft_speed"]["shaft_speed_hz"].as_f64().unwrap() - SHAFT_HZ).abs() < 0.05);
     assert_eq!(calm["shaft_speed"].get("mesh_frequency_hz"), None);
@@ -129,9 +129,9 @@ fn a_machine_without_a_mesh_is_judged_by_novelty_bearings_and_velocity() {
     service.get("/v1/assets/fan/wear").expect(200);
 }
 
-/// A changed description is computed again from the recordings.
+/// A changed description recomputes the records from the recordings.
 #[test]
-fn a_described_bearing_is_found_in_what_came_before() {
+fn a_bearing_added_later_is_found_in_earlier_records() {
     let service = Service::start();
     let mut machine = fan();
     machine.as_object_mut().unwrap().remove("bearings");
@@ -149,7 +149,7 @@ fn a_described_bearing_is_found_in_what_came_before() {
 }
 
 #[test]
-fn a_description_without_a_mesh_is_checked() {
+fn a_description_without_a_mesh_is_validated() {
     let service = Service::start();
     let refused = |path: &str, value: Value, words: &[&str]| {
         let mut machine = fan();
@@ -166,7 +166,7 @@ fn a_description_without_a_mesh_is_checked() {
 }
 
 #[test]
-fn the_command_line_judges_a_machine_without_a_mesh() {
+fn the_command_line_analyses_a_machine_without_a_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     std::fs::write(
@@ -182,7 +182,7 @@ fn the_command_line_judges_a_machine_without_a_mesh() {
     let table = flankwatch(&words).expect_success().out();
     assert!(table.contains("no_mesh") && table.contains("outside_library: impulsive_energy"), "{table}");
     let last = table.lines().last().unwrap();
-    assert!(last.contains("record 10 on is unlike the healthy ones: impulses have grown"), "{last}");
+    assert!(last.contains("abnormal since record 10: impulses have grown"), "{last}");
     assert!(last.contains("the outer race of bearing de"), "{last}");
     let ratio = ["--columns", "bearing_de_bpfo_to_background,velocity_rms"];
     flankwatch(&[&words[..], &ratio[..]].concat()).expect_success();

@@ -1,4 +1,4 @@
-//! What one client leaves to the others: connections, event streams, resumable uploads.
+//! Limits per client: connections, event streams, resumable uploads.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -15,11 +15,11 @@ fn connect(service: &Service) -> TcpStream {
     stream
 }
 
-/// Asks for live events, and returns the status with the rest of the answer.
+/// Requests live events; returns the status and the rest of the response.
 fn follow(service: &Service, token: Option<&str>) -> (u16, BufReader<TcpStream>) {
     let mut stream = connect(service);
     let token = token.map_or_else(String::new, |token| format!("authorization: Bearer {token}\r\n"));
-    // A connection that is refused at once may be closed before the request is through.
+    // A rejected connection may be closed before the request is sent.
     let _ = write!(stream, "GET /v1/events HTTP/1.1\r\nhost: localhost\r\n{token}\r\n");
     let (mut reader, mut line) = (BufReader::new(stream), String::new());
     reader.read_line(&mut line).unwrap();
@@ -35,7 +35,7 @@ fn event_streams_of_one_client_leave_room_for_health_and_uploads() {
     assert_eq!((count(200), count(503)), (16, 64));
     service.get("/healthz").expect(200);
     service.upload("pump", &record("1", 1));
-    // Those that are open go on.
+    // Open streams continue.
     drop(streams);
 }
 
@@ -94,7 +94,7 @@ fn token(service: &Service, name: &str) -> String {
 }
 
 #[test]
-fn uploads_that_one_client_began_leave_room_for_others() {
+fn uploads_of_one_client_leave_room_for_others() {
     let service = Service::start_with(|config| config.http.uploads_at_once = 8);
     service.plain_asset("pump");
     let (one, other) = (token(&service, "one"), token(&service, "other"));

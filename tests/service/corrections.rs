@@ -1,4 +1,4 @@
-//! What was taken by mistake is taken back, and what cannot be right is refused.
+//! Deleted and excluded records, chosen baselines, and rejected values.
 
 use flankwatch::recording::{BlockEncoding, encode_block};
 use flankwatch::signal::Record;
@@ -8,11 +8,11 @@ use crate::command::flankwatch;
 use crate::durability::{quarantined, raw_objects};
 use crate::running::{Service, minute, plain_asset, record, samples};
 
-/// The numbers of every record of an asset in the order of time, once they are as those of another one.
+/// Waits until an asset has the same values as another one, record by record.
 #[track_caller]
 fn wait_for_the_numbers_of(service: &Service, asset: &str, expected: &str) {
     for path in ["wear/history", "indicators"] {
-        let told = |asset: &str| {
+        let state_of = |asset: &str| {
             let mut answer = service.get(&format!("/v1/assets/{asset}/{path}")).expect(200).json();
             for item in answer["items"].as_array_mut().unwrap() {
                 item.as_object_mut().unwrap().remove("segment_id");
@@ -20,15 +20,15 @@ fn wait_for_the_numbers_of(service: &Service, asset: &str, expected: &str) {
             answer["items"].clone()
         };
         let began = std::time::Instant::now();
-        while told(asset) != told(expected) {
-            assert!(began.elapsed().as_secs() < 60, "{} is not {}", told(asset), told(expected));
+        while state_of(asset) != state_of(expected) {
+            assert!(began.elapsed().as_secs() < 60, "{} is not {}", state_of(asset), state_of(expected));
             std::thread::sleep(std::time::Duration::from_millis(20));
         }
     }
 }
 
 #[test]
-fn deleted_records_leave_a_history_as_if_they_had_never_come() {
+fn deleted_records_leave_no_trace_in_the_history() {
     let mut service = Service::start();
     for asset in ["pump", "never-had-them"] {
         service.plain_asset(asset);
@@ -57,7 +57,7 @@ fn deleted_records_leave_a_history_as_if_they_had_never_come() {
     }
     service.restart();
     wait_for_the_numbers_of(&service, "pump", "never-had-them");
-    // Sent again they are taken again.
+    // Sent again, they are stored again.
     for n in [3, 6, 7, 8] {
         service.upload("pump", &record("1", n));
         service.upload("never-had-them", &record("1", n));
@@ -70,7 +70,7 @@ fn deleted_records_leave_a_history_as_if_they_had_never_come() {
 }
 
 #[test]
-fn a_channel_whose_records_are_all_deleted_begins_anew() {
+fn a_channel_without_records_starts_anew() {
     let service = Service::start();
     service.plain_asset("pump");
     for n in 0..3 {
@@ -79,20 +79,20 @@ fn a_channel_whose_records_are_all_deleted_begins_anew() {
     }
     let url = service.url("");
     let delete = |words: &[&str]| flankwatch(&[&["delete", "--url", &url], words].concat());
-    delete(&["--asset", "pump"]).expect_refusal(&["--from"]);
-    let said =
+    delete(&["--asset", "pump"]).expect_failure(&["--from"]);
+    let output =
         delete(&["--asset", "pump", "--channel", "2", "--to", "2027-01-01T00:00:00Z"]).expect_success();
-    assert_eq!(said.out(), "3 records deleted\n");
+    assert_eq!(output.out(), "3 records deleted\n");
     assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["channels"], json!(["1"]));
     let segment = service.upload("pump", &record("2", 7));
     delete(&["--segment", segment["id"].as_str().unwrap()]).expect_success();
-    delete(&["--segment", segment["id"].as_str().unwrap()]).expect_refusal(&["404"]);
+    delete(&["--segment", segment["id"].as_str().unwrap()]).expect_failure(&["404"]);
     service.upload("pump", &record("2", 8));
     assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 4);
 }
 
 #[test]
-fn deleted_records_go_from_all_assets_of_their_sensor() {
+fn deleted_records_are_removed_from_all_assets_of_their_sensor() {
     let service = Service::start();
     service.plain_asset("first");
     let mut second = plain_asset("second");
@@ -111,7 +111,7 @@ fn deleted_records_go_from_all_assets_of_their_sensor() {
 }
 
 #[test]
-fn a_time_far_ahead_is_refused() {
+fn a_start_time_far_ahead_is_rejected() {
     let service = Service::start_with(|config| {
         config.work.start_time_ahead = std::time::Duration::from_secs(24 * 3600)
     });
@@ -125,7 +125,7 @@ fn a_time_far_ahead_is_refused() {
     };
     send(24 * 60).expect(201);
     send(24 * 60 + 1).expect_problem(422, &["start_time", "2026-01-02T00:01:00Z", "start_time_ahead_s"]);
-    // Of a recording the other records are taken.
+    // The other records of the recording are stored.
     let recording = crate::running::mcap(&[record("1", 0), record("1", 5000)]);
     let answer = service.post("/v1/assets/pump/segments", "application/mcap", &recording).expect(201).json();
     assert_eq!((&answer["stored"], &answer["refused_count"]), (&json!(1), &json!(1)), "{answer}");
@@ -177,7 +177,7 @@ fn a_channel_keeps_its_unit() {
 }
 
 #[test]
-fn names_and_units_of_a_description_have_bounds() {
+fn names_and_units_of_a_description_are_validated() {
     let service = Service::start();
     for (pointer, value, word) in [
         ("/name", "x".repeat(201), "name"),
@@ -193,7 +193,7 @@ fn names_and_units_of_a_description_have_bounds() {
     }
 }
 
-/// The numbers of the records of an asset that are not excluded.
+/// Returns the values of an asset's records that are not excluded.
 fn counted(service: &Service, asset: &str) -> Vec<Value> {
     let history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
     let trend = service.get(&format!("/v1/assets/{asset}/indicators")).expect(200).json();
@@ -216,7 +216,7 @@ fn wait_for_counted(service: &Service, asset: &str, expected: &str) {
 }
 
 #[test]
-fn excluded_records_stay_stored_and_take_no_part_in_the_history() {
+fn excluded_records_stay_stored_outside_the_history() {
     let mut service = Service::start();
     for asset in ["pump", "without", "whole"] {
         service.plain_asset(asset);
@@ -250,7 +250,7 @@ fn excluded_records_stay_stored_and_take_no_part_in_the_history() {
     let list = service.get("/v1/assets/pump/segments").expect(200).json();
     let marked = list["items"].as_array().unwrap().iter().filter(|segment| segment["excluded"] == true);
     assert_eq!(marked.count(), 5);
-    // The latest one that counts speaks for the asset.
+    // The latest included record determines the asset's summary.
     assert_eq!(service.get("/v1/assets/pump/wear").expect(200).json()["segment_id"], segments[12]["id"]);
     // Sent again it stays excluded, records that come later are folded on, and so after a restart.
     assert_eq!(
@@ -269,7 +269,7 @@ fn excluded_records_stay_stored_and_take_no_part_in_the_history() {
         service.upload(asset, &record("1", 10_000));
     }
     wait_for_counted(&service, "pump", "without");
-    // What is noted beside the raw recordings says so too.
+    // The metadata beside the raw recordings has it too.
     if std::env::var("FLANKWATCH_TEST_DATABASE").is_err() {
         service.stop();
         flankwatch(&["rebuild", "--anew", "--data-dir", service.folder().to_str().unwrap()]).expect_success();
@@ -285,7 +285,7 @@ fn excluded_records_stay_stored_and_take_no_part_in_the_history() {
 }
 
 #[test]
-fn excluded_records_are_so_for_all_assets_of_their_sensor() {
+fn excluded_records_are_excluded_for_all_assets_of_their_sensor() {
     let service = Service::start();
     service.plain_asset("first");
     let through = |id: &str| {
@@ -318,21 +318,22 @@ fn excluded_records_are_so_for_all_assets_of_their_sensor() {
 }
 
 #[test]
-fn the_baseline_is_the_records_that_people_choose() {
+fn the_baseline_can_be_chosen_by_time_range() {
     let service = Service::start();
     service.plain_asset("pump");
     for n in 0..20 {
         service.upload("pump", &record("1", n));
     }
-    let tell = |event: Value| service.post_json("/v1/assets/pump/maintenance", &event);
+    let add_event = |event: Value| service.post_json("/v1/assets/pump/maintenance", &event);
     let (from, until) = ("2026-01-01T00:04:00Z", "2026-01-01T00:14:00Z");
     let chosen =
         |until: &str| json!({ "kind": "baseline_chosen", "time": from, "until": until, "by": "Ada" });
-    tell(json!({ "kind": "baseline_chosen", "time": from, "by": "Ada" })).expect_problem(400, &["until"]);
-    tell(chosen(from)).expect_problem(400, &["until", from]);
-    tell(json!({ "kind": "gear_replaced", "time": from, "until": until, "by": "Ada" }))
+    add_event(json!({ "kind": "baseline_chosen", "time": from, "by": "Ada" }))
         .expect_problem(400, &["until"]);
-    let event = tell(chosen(until)).expect(201).json();
+    add_event(chosen(from)).expect_problem(400, &["until", from]);
+    add_event(json!({ "kind": "gear_replaced", "time": from, "until": until, "by": "Ada" }))
+        .expect_problem(400, &["until"]);
+    let event = add_event(chosen(until)).expect(201).json();
     let history = service.wait_for("/v1/assets/pump/wear/history", |history| {
         history["items"][12]["status"] == "collecting_baseline"
     });
@@ -355,7 +356,7 @@ fn the_baseline_is_the_records_that_people_choose() {
             "baseline", "--url", &url, "--asset", "pump", "--from", from, "--to", until, "--by", "Ada",
         ])
     };
-    choose(from).expect_refusal(&["until", from]);
+    choose(from).expect_failure(&["until", from]);
     assert!(choose(until).expect_success().out().contains("the records from 2026-01-01T00:04:00Z"));
     service.wait_for("/v1/assets/pump/wear/history", |history| {
         history["items"][12]["status"] == "collecting_baseline"

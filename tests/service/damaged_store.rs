@@ -1,5 +1,5 @@
-//! What is damaged is named, keeps what is whole from being written over, and heals where the bytes come
-//! again.
+//! Damage to the store is reported, stops writes to what is intact, and is repaired when the same bytes are
+//! uploaded again.
 
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -12,27 +12,26 @@ use tempfile::TempDir;
 
 use crate::running::{Answer, Service, record};
 
-/// A stopped service with some records, and a copy of its database. None where processes share another
-/// database.
+/// Returns a stopped service with some records and a copy of its database; `None` with a shared database.
 fn with_copy() -> Option<(Service, TempDir)> {
     if std::env::var("FLANKWATCH_TEST_DATABASE").is_ok() {
         return None;
     }
     let mut service = Service::start();
     service.plain_asset("pump");
-    // So many that the schema lies in the first half of the file.
+    // Enough records that the schema is in the first half of the file.
     for n in 0..120 {
         service.upload("pump", &record("1", n));
     }
     service.stop();
-    // What may still be in the log is in the copy.
+    // The copy includes what is still in the log.
     let copy = tempfile::tempdir().unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(flankwatch::store::back_up(service.folder(), copy.path())).unwrap();
     Some((service, copy))
 }
 
-/// Puts a database in place of the one that is there, and opens its file.
+/// Replaces the database and opens its file.
 fn put(copy: &Path, folder: &Path) -> std::fs::File {
     // A new file: a connection of the stopped service that is still closing holds a lock on the old one.
     for file in ["flankwatch.db", "flankwatch.db-wal", "flankwatch.db-shm"] {
@@ -43,7 +42,7 @@ fn put(copy: &Path, folder: &Path) -> std::fs::File {
     std::fs::OpenOptions::new().read(true).write(true).open(path).unwrap()
 }
 
-/// Waits until the service says that it is not ready; on a busy machine that is only after the start.
+/// Waits until the service reports not ready, which on a busy machine may be after the start.
 fn not_ready(service: &Service) -> Option<Answer> {
     (0..100).find_map(|_| {
         let answer = service.get("/readyz");
@@ -53,7 +52,7 @@ fn not_ready(service: &Service) -> Option<Answer> {
 }
 
 #[test]
-fn a_damaged_database_is_named_and_not_written_to() {
+fn a_damaged_database_is_reported_and_not_written_to() {
     let Some((mut service, copy)) = with_copy() else { return };
     let file = put(copy.path(), service.folder());
     let pages = file.metadata().unwrap().len() / 4096;
@@ -73,7 +72,7 @@ fn a_damaged_database_is_named_and_not_written_to() {
 }
 
 #[test]
-fn whichever_bits_of_a_database_are_flipped_it_is_named_and_nothing_hangs() {
+fn flipped_bits_of_a_database_are_reported_and_nothing_hangs() {
     let Some((mut service, copy)) = with_copy() else { return };
     let mut started = 0;
     for seed in 0..8 {
@@ -99,8 +98,8 @@ fn whichever_bits_of_a_database_are_flipped_it_is_named_and_nothing_hangs() {
         for what in ["", "/pump", "/pump/segments", "/pump/indicators", "/pump/wear", "/pump/wear/history"] {
             let answer = service.get(&format!("/v1/assets{what}"));
             if answer.status >= 500 {
-                let said = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
-                assert!(said.contains("damaged"), "seed {seed}, {what}: {said}");
+                let detail = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
+                assert!(detail.contains("damaged"), "seed {seed}, {what}: {detail}");
             }
         }
         let block = encode_block(&record("1", 200), BlockEncoding::Json);
@@ -112,7 +111,7 @@ fn whichever_bits_of_a_database_are_flipped_it_is_named_and_nothing_hangs() {
 }
 
 #[test]
-fn a_raw_recording_that_was_lost_or_damaged_heals_when_its_bytes_come_again() {
+fn a_lost_or_damaged_raw_recording_is_restored_by_a_repeated_upload() {
     let service = Service::start();
     service.plain_asset("pump");
     let segment = service.upload("pump", &record("1", 1));

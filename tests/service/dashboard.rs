@@ -1,9 +1,9 @@
-//! The dashboard's files and what surrounds every answer.
+//! The dashboard's files and the headers of every response.
 
 use crate::running::Service;
 
 #[test]
-fn the_page_comes_with_its_headers_and_is_not_sent_twice() {
+fn the_page_has_its_headers_and_an_etag() {
     let service = Service::start();
     let page = service.get("/").expect(200);
     assert_eq!(page.header("content-type"), "text/html; charset=utf-8");
@@ -18,7 +18,7 @@ fn the_page_comes_with_its_headers_and_is_not_sent_twice() {
 }
 
 #[test]
-fn plotly_is_sent_compressed_to_those_who_take_it() {
+fn plotly_is_sent_compressed_if_accepted() {
     let service = Service::start();
     let plain = service.send("GET", "/static/plotly.js", &[("accept-encoding", "identity")], b"").expect(200);
     assert_eq!(plain.header("content-type"), "text/javascript; charset=utf-8");
@@ -33,7 +33,7 @@ fn plotly_is_sent_compressed_to_those_who_take_it() {
 }
 
 #[test]
-fn health_says_what_it_is() {
+fn liveness_and_readiness_are_ok() {
     let service = Service::start();
     assert_eq!(service.get("/healthz").expect(200).json()["status"], "ok");
     let ready = service.get("/readyz").expect(200).json();

@@ -1,5 +1,5 @@
-//! What `deploy/` says is true of the program: its files can be read, its options, ports and metrics exist,
-//! its settings are taken.
+//! The files in `deploy/` match the program: they parse, their options, ports and metrics exist, and their
+//! settings are valid.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -23,13 +23,13 @@ pub(crate) fn text(path: &str) -> String {
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The documents of a YAML file.
+/// Returns the documents of a YAML file.
 fn yaml(path: &str) -> Vec<Value> {
     let documents = serde_saphyr::from_multiple(&text(path));
     documents.unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// Every file below a folder, as a path from `deploy`.
+/// Returns every file below a folder, relative to `deploy`.
 fn files(below: &Path) -> Vec<String> {
     let mut found = Vec::new();
     for entry in fs::read_dir(below).unwrap() {
@@ -50,13 +50,13 @@ fn ending(ends: &[&str]) -> Vec<String> {
     found
 }
 
-/// The manifests that `kubectl apply -k` applies, in their order.
+/// Returns the manifests that `kubectl apply -k` applies, in order.
 pub(crate) fn manifests() -> Vec<String> {
     let resources = yaml("kubernetes/kustomization.yaml")[0]["resources"].as_array().unwrap().clone();
     resources.iter().map(|name| format!("kubernetes/{}", name.as_str().unwrap())).collect()
 }
 
-/// The expressions of alert rules and dashboards, with where they stand.
+/// Returns the expressions of alert rules and dashboards, with their location.
 pub(crate) fn expressions() -> Vec<(String, String)> {
     let mut found = Vec::new();
     for group in yaml("prometheus/rules.yaml")[0]["groups"].as_array().unwrap() {
@@ -85,7 +85,7 @@ pub(crate) fn expressions() -> Vec<(String, String)> {
     found
 }
 
-/// The metrics that an expression names, with the labels it selects by.
+/// Returns the metrics of an expression, with the labels it selects.
 fn metrics(expression: &str) -> Vec<(String, BTreeSet<String>)> {
     let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let mut found = Vec::new();
@@ -111,7 +111,7 @@ fn metrics(expression: &str) -> Vec<(String, BTreeSet<String>)> {
 }
 
 #[test]
-fn selectors_are_read() {
+fn selectors_are_parsed() {
     let found = metrics("rate(flankwatch_a_total{x=\"{b}\",y!~\"c|d\"}[5m]) / flankwatch_b");
     let labels = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
     assert_eq!(
@@ -120,7 +120,7 @@ fn selectors_are_read() {
     );
 }
 
-/// What the service measures: each metric with the labels that its lines have.
+/// Returns the service's metrics with their labels.
 fn measured() -> BTreeMap<String, BTreeSet<String>> {
     let service = Service::start_with(|config| {
         let shift = Recipient { name: "shift".to_owned(), at_least: Severity::Danger };
@@ -135,7 +135,7 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
     service.service().feeds.add("mqtt");
     let pages = ["/metrics", "/metrics/machines"];
     let page = pages.map(|path| String::from_utf8(service.get(path).expect(200).bytes).unwrap()).concat();
-    // What processes of a cluster show besides.
+    // Metrics of cluster processes.
     let page = page + &flankwatch::http::queue_metrics(&QueueOverview::default(), crate::running::minute(0));
     let mut measured: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for line in page.lines() {
@@ -152,9 +152,9 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
 }
 
 #[test]
-fn alerts_and_dashboards_name_what_is_measured() {
+fn alerts_and_dashboards_use_existing_metrics() {
     let measured = measured();
-    // What Prometheus adds by itself.
+    // Labels that Prometheus adds.
     let added = ["instance", "job"];
     let mut named = BTreeSet::new();
     for (of, expression) in expressions() {
@@ -163,7 +163,7 @@ fn alerts_and_dashboards_name_what_is_measured() {
         for (name, labels) in all {
             let known = measured.get(&name).unwrap_or_else(|| panic!("{of}: there is no metric {name}"));
             for label in labels {
-                // A metric without a line says nothing of its labels: wear needs an asset with a pair.
+                // A metric without samples shows no labels: wear needs an asset with a pair.
                 let is_known = known.contains(&label) || added.contains(&label.as_str()) || known.is_empty();
                 assert!(is_known, "{of}: {name} has no label {label}, it has {known:?}");
             }
@@ -215,7 +215,7 @@ fn dashboards_find_their_data_source() {
     }
 }
 
-/// The command lines of the program in `deploy`, with where they stand.
+/// Returns the command lines of the program in `deploy`, with their location.
 fn command_lines() -> Vec<(String, Vec<String>)> {
     let words = |list: &Value| -> Vec<String> {
         list.as_array().unwrap().iter().map(|word| word.as_str().unwrap().to_owned()).collect()
@@ -260,7 +260,7 @@ fn commands_and_their_options_exist() {
 }
 
 #[test]
-fn ports_are_those_that_are_listened_on() {
+fn ports_match_the_listen_addresses() {
     let port = |words: &[String], option: &str| -> Option<String> {
         let at = words.iter().position(|word| word == option)?;
         Some(words[at + 1].rsplit(':').next().unwrap().to_owned())
@@ -298,7 +298,7 @@ fn ports_are_those_that_are_listened_on() {
 }
 
 #[test]
-fn the_machines_settings_are_taken() {
+fn the_packaged_settings_are_valid() {
     let data = tempfile::tempdir().unwrap();
     let settings = folder().join("systemd/flankwatch.toml");
     let program = Program::start_with(data.path(), &["--config", settings.to_str().unwrap()]);
@@ -308,7 +308,7 @@ fn the_machines_settings_are_taken() {
     assert!(unit.contains("--config /etc/flankwatch/flankwatch.toml"), "where README.md puts it");
 }
 
-/// What the program says of settings that it does not start with.
+/// Returns the error of settings that the program does not start with.
 #[cfg(feature = "cluster")]
 fn refusal(settings: &Path, command: &str) -> String {
     let data = tempfile::tempdir().unwrap();
@@ -327,20 +327,20 @@ fn refusal(settings: &Path, command: &str) -> String {
 
 #[cfg(feature = "cluster")]
 #[test]
-fn settings_of_brokers_and_clusters_are_understood() {
-    // Everything is understood, and what is not here is missed.
-    let said = refusal(&folder().join("systemd/mqtt.toml"), "serve");
-    assert!(said.contains("/etc/flankwatch/broker-ca.pem"), "{said}");
+fn settings_of_brokers_and_clusters_are_valid() {
+    // All settings are valid; only the files they name are missing here.
+    let error = refusal(&folder().join("systemd/mqtt.toml"), "serve");
+    assert!(error.contains("/etc/flankwatch/broker-ca.pem"), "{error}");
     for path in ["compose/cluster.toml", "kubernetes/cluster.toml"].map(|path| folder().join(path)) {
         for command in ["serve", "work"] {
-            let said = refusal(&path, command);
-            assert!(said.contains("cluster.database.url is missing"), "{}: {said}", path.display());
+            let error = refusal(&path, command);
+            assert!(error.contains("cluster.database.url is missing"), "{}: {error}", path.display());
         }
     }
 }
 
 #[test]
-fn settings_of_notifications_are_understood() {
+fn settings_of_notifications_are_valid() {
     use flankwatch::notifications::NotificationsTable;
     let settings: toml::Table = toml::from_str(&text("systemd/notifications.toml")).unwrap();
     let table: NotificationsTable = settings["notifications"].clone().try_into().unwrap();
@@ -352,7 +352,7 @@ fn settings_of_notifications_are_understood() {
 }
 
 #[test]
-fn a_pods_disk_holds_the_bodies_that_may_wait_on_it() {
+fn a_pods_disk_is_large_enough_for_concurrent_bodies() {
     let settings: toml::Table = toml::from_str(&text("kubernetes/cluster.toml")).unwrap();
     let limit = |name: &str| settings["limits"][name].as_integer().unwrap();
     let bodies = limit("recording_bytes") * limit("recordings_at_once");
@@ -366,7 +366,7 @@ fn a_pods_disk_holds_the_bodies_that_may_wait_on_it() {
 }
 
 #[test]
-fn every_file_can_be_read() {
+fn every_file_parses() {
     for path in ending(&[".yaml", ".yml"]) {
         assert!(!yaml(&path).is_empty(), "{path}");
     }
@@ -376,7 +376,7 @@ fn every_file_can_be_read() {
     for path in ending(&[".toml"]) {
         toml::from_str::<toml::Table>(&text(&path)).unwrap_or_else(|error| panic!("{path}: {error}"));
     }
-    // Each folder's meaning stands in README.md, and what compose mounts is there.
+    // README.md describes each folder, and the files that compose mounts exist.
     let readme = text("README.md");
     for entry in fs::read_dir(folder()).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();

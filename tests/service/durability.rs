@@ -1,4 +1,4 @@
-//! What was answered is there after a restart, and nothing else.
+//! After a restart, everything that was acknowledged exists, and nothing else.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ fn everything(service: &Service) -> Vec<Value> {
 }
 
 #[test]
-fn a_restart_loses_nothing_and_the_fold_goes_on() {
+fn a_restart_loses_nothing_and_the_history_continues() {
     let mut service = Service::start();
     service.plain_asset("pump");
     service.plain_asset("never-stopped");
@@ -51,7 +51,7 @@ fn a_restart_loses_nothing_and_the_fold_goes_on() {
 }
 
 #[test]
-fn a_damaged_raw_object_is_said_to_be_and_never_shown() {
+fn a_damaged_raw_object_is_reported_and_never_returned() {
     let service = Service::start();
     service.plain_asset("pump");
     let segment = service.upload("pump", &record("1", 1));
@@ -66,7 +66,7 @@ fn a_damaged_raw_object_is_said_to_be_and_never_shown() {
     service.get(&format!("/v1/segments/{id}")).expect(200);
 }
 
-/// Raw objects on the disk: those in a folder named by two hexadecimal digits.
+/// Returns the raw objects on the disk, in folders named by two hexadecimal digits.
 pub(crate) fn raw_objects(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for shard in std::fs::read_dir(folder.join("raw")).unwrap() {
@@ -84,7 +84,7 @@ pub(crate) fn raw_objects(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Names of the raw objects in quarantine.
+/// Returns the names of the raw objects in quarantine.
 pub(crate) fn quarantined(folder: &Path) -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(folder.join("raw/quarantine")) else {
         return Vec::new();
@@ -96,7 +96,7 @@ pub(crate) fn quarantined(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_start_puts_away_what_an_earlier_run_left_behind() {
+fn a_start_cleans_up_after_an_earlier_run() {
     let mut service = Service::start();
     service.plain_asset("pump");
     let kept = service.upload("pump", &record("1", 1))["raw"]["sha256"].as_str().unwrap().to_owned();
@@ -120,7 +120,7 @@ fn a_start_puts_away_what_an_earlier_run_left_behind() {
 }
 
 #[test]
-fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay() {
+fn the_quota_removes_the_oldest_raw_recordings_but_not_their_results() {
     let service = Service::start_with(|config| {
         config.work.quotas.bytes_per_asset = Some(100_000);
         config.work.quotas.bytes = Some(150_000);
@@ -134,7 +134,7 @@ fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay()
         segments.push(service.upload("pump", &record("1", n)));
     }
     let bytes = segments[0]["raw"]["bytes"].as_u64().unwrap();
-    // One may go between being listed and being looked at.
+    // A file may be removed between being listed and being read.
     let kept = |service: &Service| -> u64 {
         let found = raw_objects(service.folder());
         found.iter().filter_map(|path| path.metadata().ok()).map(|found| found.len()).sum()
@@ -185,7 +185,7 @@ fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay()
 }
 
 #[test]
-fn uploads_under_way_when_the_service_stops_are_finished_and_no_new_ones_are_taken() {
+fn a_stopping_service_finishes_uploads_and_accepts_no_new_ones() {
     let mut service = Service::start();
     service.plain_asset("pump");
     let stored = std::sync::Mutex::new(Vec::new());
@@ -205,7 +205,7 @@ fn uploads_under_way_when_the_service_stops_are_finished_and_no_new_ones_are_tak
                     let sent = agent.post(&url).content_type("application/x-protobuf").send(&block[..]);
                     let Ok(mut response) = sent else { break };
                     assert_eq!(response.status().as_u16(), 201);
-                    // An answer that was begun comes whole.
+                    // A started response is completed.
                     let segment: Value =
                         serde_json::from_str(&response.body_mut().read_to_string().unwrap()).unwrap();
                     stored.lock().unwrap().push(segment["id"].as_str().unwrap().to_owned());

@@ -1,4 +1,4 @@
-//! Envelope spectra: the band is given, around a mesh harmonic, or found by the kurtogram, and the answer
+//! Envelope spectra: the band is given, around a mesh harmonic, or found by the kurtogram, and the response
 //! says which.
 
 use flankwatch::signal::Record;
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::command::flankwatch;
 use crate::running::{Service, minute, plain_asset};
 
-/// Two seconds of a resonance at 1200 Hz struck 23 times a second, with a mesh and noise that hides all of it
+/// Returns two seconds of a 1200 Hz resonance excited 23 times a second, with a mesh and noise that mask all
 /// but the resonance.
 fn struck() -> Record {
     let mut state = 7u32;
@@ -28,7 +28,7 @@ fn is_the_resonance(band: &Value) -> bool {
 }
 
 #[test]
-fn the_band_is_that_of_the_asset_or_of_the_query() {
+fn the_band_is_from_the_asset_or_the_query() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["envelope_band"] = json!("kurtogram");
@@ -57,7 +57,7 @@ fn the_band_is_that_of_the_asset_or_of_the_query() {
 }
 
 #[test]
-fn the_command_line_prints_the_envelope_of_the_band_asked_for() {
+fn the_command_line_prints_the_envelope_of_the_requested_band() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     std::fs::write(at("struck.wav"), crate::running::wav(&[struck().samples().to_vec()])).unwrap();
@@ -84,5 +84,5 @@ fn the_command_line_prints_the_envelope_of_the_band_asked_for() {
     assert_eq!(analyze("mesh")["band_source"], "whole", "no speed is known");
     assert!(analyze("1000,9000")["absent"].as_str().unwrap().contains("half the sampling rate"));
     flankwatch(&["analyze", &at("struck.wav"), "--envelope", "loud"])
-        .expect_refusal(&["--envelope", "kurtogram"]);
+        .expect_failure(&["--envelope", "kurtogram"]);
 }

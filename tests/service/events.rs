@@ -1,10 +1,10 @@
-//! Server-sent events and what spares polling.
+//! Server-sent events and conditional requests.
 
 use crate::event_stream::EventStream;
 use crate::running::{Service, record};
 
 #[test]
-fn records_are_told_live_and_missed_ones_after_a_lost_connection() {
+fn records_are_sent_live_and_missed_ones_after_a_reconnect() {
     let service = Service::start();
     service.plain_asset("pump");
     service.plain_asset("fan");
@@ -28,7 +28,7 @@ fn records_are_told_live_and_missed_ones_after_a_lost_connection() {
 }
 
 #[test]
-fn what_is_kept_no_more_is_said_to_be_lost() {
+fn dropped_events_are_reported_as_lost() {
     let service = Service::start_with(|config| config.http.events_kept = 4);
     service.plain_asset("pump");
     let mut stream = EventStream::open(&service, "", None);
@@ -47,7 +47,7 @@ fn what_is_kept_no_more_is_said_to_be_lost() {
 }
 
 #[test]
-fn what_did_not_change_is_not_sent_again() {
+fn unchanged_responses_are_answered_with_304() {
     let service = Service::start();
     service.plain_asset("pump");
     let segment = service.upload("pump", &record("1", 1));
@@ -75,7 +75,7 @@ fn what_did_not_change_is_not_sent_again() {
 }
 
 #[test]
-fn trends_come_as_csv_and_parquet_too() {
+fn trends_are_available_as_csv_and_parquet() {
     let service = Service::start();
     service.plain_asset("pump");
     for n in 0..3 {

@@ -1,4 +1,4 @@
-//! Indicators over the shaft's angle, from the upload to the trend and on the command line.
+//! Indicators over the shaft angle, from the upload to the trend and on the command line.
 
 use std::io::Cursor;
 
@@ -14,13 +14,13 @@ use crate::stream_socket::StreamSocket;
 
 const RATE_HZ: f64 = 4000.0;
 
-/// Revolutions after `t` seconds of a shaft at 10 turns a second that swings by 2 %.
+/// Returns the revolutions after `t` seconds of a shaft at 10 Hz with 2 % speed fluctuation.
 fn revolutions(t: f64) -> f64 {
     10.0 * (t + 0.02 * (1.0 - (2.0 * t).cos()) / 2.0)
 }
 
-/// Two seconds of a mesh of 31 teeth, modulated once a turn, with an impact a turn and noise that grow with
-/// `n`.
+/// Returns two seconds of a 31-tooth mesh, modulated once per revolution, with an impact per revolution and
+/// noise that grow with `n`.
 fn turning(n: u32) -> Record {
     let mut state = n.wrapping_mul(2_654_435_761).wrapping_add(99);
     let samples = (0..8000).map(|k| {
@@ -34,7 +34,7 @@ fn turning(n: u32) -> Record {
     Record::new("1", minute(n.into()), RATE_HZ, "m/s2", samples.collect()).unwrap()
 }
 
-/// Two seconds of white noise.
+/// Returns two seconds of white noise.
 fn noise() -> Vec<f32> {
     let mut state = 5u32;
     let mut next = || {
@@ -44,7 +44,7 @@ fn noise() -> Vec<f32> {
     (0..8000).map(|_| next()).collect()
 }
 
-/// A pulse a turn, from the first sample on; 21 turns go beyond the last one of a record.
+/// Returns a pulse per revolution from the first sample on; 21 revolutions exceed a record.
 fn pulse_times_s(turns: u32) -> Vec<f64> {
     (0..=turns)
         .map(|turn| {
@@ -67,14 +67,14 @@ fn value(segment: &Value, name: &str) -> f64 {
 }
 
 #[test]
-fn a_record_has_its_gear_indicators_and_says_over_which_angle() {
+fn a_record_has_gear_indicators_and_the_source_of_its_shaft_angle() {
     let service = Service::start();
     service.plain_asset("pump");
     let segment = service.upload("pump", &turning(3));
     assert_eq!(segment["preprocessing"], format!("{}+turns-1", flankwatch::signal::PREPROCESSING));
     assert_eq!(segment["shaft_angle"]["source"], "mesh_phase");
     assert!(segment["shaft_angle"]["angle_error_deg"].as_f64().unwrap() < 2.0);
-    // The amplitude put in, though the speed swings.
+    // The generated amplitude, despite the fluctuating speed.
     assert!((value(&segment, "omx_tracked") - 1.0).abs() < 0.03, "{segment}");
     for name in [
         "fm0",
@@ -104,10 +104,10 @@ fn a_record_has_its_gear_indicators_and_says_over_which_angle() {
     assert!(angle["tachometer_refused"].as_str().unwrap().contains("a pulse is missing"), "{angle}");
 }
 
-/// Pulses come before the samples that they lie among, and are there after a restart.
+/// Pulses arrive before their samples and survive a restart.
 #[cfg(not(feature = "cluster"))]
 #[test]
-fn pulses_go_with_the_records_of_a_stream() {
+fn pulses_accompany_the_records_of_a_stream() {
     let mut service = Service::start();
     let mut asset = plain_asset("pump");
     asset["stream"] = json!({ "record_s": 2, "interval_s": 2 });
@@ -124,13 +124,14 @@ fn pulses_go_with_the_records_of_a_stream() {
     let pulses: Vec<f64> = pulse_times_s(41).into_iter().map(|time_s| time_s * RATE_HZ).collect();
     let begin_ns = 1_767_225_600_000_000_000;
     let mut socket = open(&service);
-    socket.say(&json!({ "type": "tachometer", "from": 0, "pulses": pulses, "pulses_per_revolution": 1 }));
+    socket
+        .send_json(&json!({ "type": "tachometer", "from": 0, "pulses": pulses, "pulses_per_revolution": 1 }));
     socket.send(0, begin_ns, &frames(0, 9000));
     socket.wait_for(9000);
     service.restart();
     let mut socket = open(&service);
-    // Among samples that have come: too late.
-    socket.say(&json!({ "type": "tachometer", "from": 8500, "pulses": [1, 2, 3] }));
+    // Among samples already received: too late.
+    socket.send_json(&json!({ "type": "tachometer", "from": 8500, "pulses": [1, 2, 3] }));
     socket.send(9000, begin_ns + 2_250_000_000, &frames(9000, 16_000));
     socket.wait_for(16_000);
     service.wait_for("/v1/assets/pump/stream", |status| status["records"] == 2);
@@ -148,13 +149,13 @@ fn pulses_go_with_the_records_of_a_stream() {
         let amplitude = if segment["channel"] == "1" { 1.0 } else { 2.0 };
         assert!((value(segment, "omx_tracked") - amplitude).abs() < 0.02, "{segment}");
     }
-    socket.say(&json!({ "type": "tachometer", "from": 16_000, "pulses": [5, 5] }));
-    let (code, reason) = socket.hear().unwrap_err();
+    socket.send_json(&json!({ "type": "tachometer", "from": 16_000, "pulses": [5, 5] }));
+    let (code, reason) = socket.receive().unwrap_err();
     assert!(code == 4400 && reason.contains("pulses is 5 and then 5"), "{code} {reason}");
 }
 
 #[test]
-fn what_cannot_be_computed_is_absent_with_its_reason() {
+fn indicators_that_cannot_be_computed_are_absent_with_a_reason() {
     let service = Service::start();
     service.plain_asset("pump");
     let upload = |record: Record| service.upload("pump", &record);
@@ -187,8 +188,7 @@ fn what_cannot_be_computed_is_absent_with_its_reason() {
     assert!(segment["absent"].get("na4").is_none() && segment.get("shaft_angle").is_none());
 }
 
-/// NA4 and NB4 of a run, in whatever order its records come and whatever restarts there are in between, have
-/// the same bits.
+/// NA4 and NB4 of a run have the same bits for any order of records and any restarts.
 #[test]
 fn run_means_do_not_depend_on_order_repeats_or_restarts() {
     let mut service = Service::start();
@@ -209,7 +209,7 @@ fn run_means_do_not_depend_on_order_repeats_or_restarts() {
     }
     for n in [4, 2, 7, 7, 1, 6, 3, 2, 5] {
         service.upload("shuffled", &turning(n));
-        // Asked for in between, so that what is in memory has to follow.
+        // Requested in between, so that the state in memory must be updated.
         trend(&service, "shuffled");
     }
     for n in [2, 1, 3] {
@@ -244,7 +244,7 @@ fn run_means_do_not_depend_on_order_repeats_or_restarts() {
     }
 }
 
-/// A file with tachometer messages behind and before the waveforms they belong to, in protobuf and in JSON.
+/// Returns a file with tachometer messages before and after their waveforms, in protobuf and in JSON.
 fn recording(encoding: &str, tachometer_first: bool) -> Vec<u8> {
     use flankwatch::recording::message;
     let mut writer = mcap::WriteOptions::new().create(Cursor::new(Vec::new())).unwrap();
@@ -298,7 +298,7 @@ fn tachometer_messages_of_a_recording_reach_its_records() {
         assert_eq!(records.len(), 3);
         for recorded in &records {
             assert_eq!(recorded.record.tachometer().unwrap().pulse_times_s.len(), 22, "{encoding}");
-            // What is kept of the block brings the pulses along.
+            // The stored block includes the pulses.
             let again =
                 flankwatch::recording::decode_block(&recorded.raw, recorded.encoding, &Default::default())
                     .unwrap();
@@ -321,7 +321,7 @@ fn tachometer_messages_of_a_recording_reach_its_records() {
 }
 
 #[test]
-fn the_command_line_shows_them_in_every_format() {
+fn the_command_line_prints_gear_indicators_in_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
@@ -360,7 +360,7 @@ fn the_command_line_shows_them_in_every_format() {
     let html = std::fs::read_to_string(at("report.html")).unwrap();
     assert!(html.contains("NA4") && html.contains("tachometer ±"));
 
-    // The service says the same of the same records.
+    // The service gives the same values for the same records.
     let service = Service::start();
     service.plain_asset("pump");
     for (n, nb4) in (1..=4).zip(nb4) {
@@ -372,7 +372,7 @@ fn the_command_line_shows_them_in_every_format() {
     }
 }
 
-/// The speed of a tachometer is one that is given: no search for a mesh line that noise hides.
+/// The tachometer's speed is used instead of searching for a mesh line, which noise hides here.
 #[test]
 fn a_tachometer_gives_the_speed_too() {
     let record = Record::new("1", minute(0), RATE_HZ, "m/s2", noise()).unwrap();

@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::running::{Service, record};
 use flankwatch_test_support::needed;
 
-/// A process that ends with the test.
+/// A process that is killed with the test.
 struct Running(Child);
 
 impl Drop for Running {
@@ -78,7 +78,7 @@ fn prometheus_scrapes_service_and_assets() {
     assert_eq!(wait("up{job=\"flankwatch\"}"), 1.0);
 }
 
-/// Prints what an MCAP file holds, one JSON object a message.
+/// Prints the messages of an MCAP file, one JSON object per line.
 const READ: &str = r#"
 import json, sys
 from mcap.reader import make_reader

@@ -1,5 +1,5 @@
-//! The live view of streams: what is shown is what comes, several times a second, the same for all who look,
-//! and it ends with the asset, the token and the service.
+//! The live view of streams: several frames a second, the same for all viewers, until the asset, the token or
+//! the service ends.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -23,7 +23,7 @@ fn asset() -> Value {
     json!({ "id": "pump", "gear": { "teeth": [20, 40], "shaft_speed_hz": 15.0 }, "sensor": { "unit": "m/s2" } })
 }
 
-/// A tone on the first channel and one of half the frequency on the second.
+/// Returns samples with a tone on the first channel and one of half the frequency on the second.
 fn frames(first: u64, count: u64) -> Vec<u8> {
     let value =
         |k: u64, hz: f64| (AMPLITUDE * (std::f64::consts::TAU * hz * k as f64 / RATE_HZ as f64).sin()) as f32;
@@ -39,7 +39,7 @@ fn open(service: &Service, more: &str, headers: &[(&'static str, &str)]) -> Stre
     StreamSocket::open(&service.url(&path), headers).unwrap()
 }
 
-/// Sends a stream as fast as a sensor would, until it is dropped.
+/// Sends a stream in real time until it is dropped.
 struct Sensor {
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -70,7 +70,7 @@ impl Drop for Sensor {
     }
 }
 
-/// The frequency and amplitude of the highest line of a channel.
+/// Returns the frequency and amplitude of the highest line of a channel.
 fn highest(frame: &Value, channel: usize) -> (f64, f64) {
     let channel = &frame["channels"][channel];
     let numbers = |name: &str| -> Vec<f64> {
@@ -82,16 +82,16 @@ fn highest(frame: &Value, channel: usize) -> (f64, f64) {
 }
 
 #[test]
-fn frames_come_several_times_a_second_with_the_tones_that_are_sent_and_are_the_same_for_all() {
+fn frames_show_the_sent_tones_and_are_the_same_for_all_viewers() {
     let service = Service::start();
     service.post_json("/v1/assets", &asset()).expect(201);
     let mut socket = open(&service, "", &[]);
-    socket.say(&json!({ "type": "operating", "shaft_speed_hz": 12.5 }));
+    socket.send_json(&json!({ "type": "operating", "shaft_speed_hz": 12.5 }));
     let sensor = Sensor::start(socket);
     let watch = |seconds: f64| {
         let mut events = EventStream::open_path(&service.url(""), PATH, "");
         let mut seen = Vec::new();
-        // The first is there at once.
+        // The first frame is sent at once.
         events.next();
         let began = Instant::now();
         while began.elapsed().as_secs_f64() < seconds {
@@ -138,10 +138,10 @@ fn frames_come_several_times_a_second_with_the_tones_that_are_sent_and_are_the_s
 }
 
 #[test]
-fn a_viewer_that_does_not_read_loses_frames_and_holds_up_nobody() {
+fn a_slow_viewer_loses_frames_and_blocks_nobody() {
     let service = Service::start();
     service.post_json("/v1/assets", &asset()).expect(201);
-    // Frames as large as they get, so that they do not all fit on their way.
+    // Frames of maximum size, so that they do not all fit into the socket buffers.
     let path =
         format!("/v1/assets/pump/stream?sample=f32&sample_rate_hz={RATE_HZ}&channels=64&first_index=0");
     let mut socket = StreamSocket::open(&service.url(&path), &[]).unwrap();
@@ -164,7 +164,7 @@ fn a_viewer_that_does_not_read_loses_frames_and_holds_up_nobody() {
     });
     let (mut sent, mut longest, mut reading, mut left) = (800, Duration::ZERO, None, 30);
     while left > 0 {
-        // Far more than fits on the way: it reads again.
+        // Far more than the socket buffers hold: the viewer reads again.
         if shown.load(Ordering::Relaxed) >= 80
             && let Some(mut slow) = slow.take()
         {
@@ -185,12 +185,12 @@ fn a_viewer_that_does_not_read_loses_frames_and_holds_up_nobody() {
     let (quick, late) = (quick.join().unwrap(), reading.unwrap().join().unwrap());
     assert!(late.len() < quick.len(), "{} frames of {}", late.len(), quick.len());
     assert!(late.is_sorted() && quick.is_sorted());
-    // It goes on with what is new, not with what it missed.
+    // The viewer continues with new frames, not with missed ones.
     assert!(late.windows(2).any(|pair| pair[1] - pair[0] > 2 * RATE_HZ), "{late:?}");
 }
 
 #[test]
-fn a_view_ends_with_the_asset_and_there_is_none_of_what_is_not_there() {
+fn a_view_ends_with_its_asset_and_needs_an_existing_stream() {
     let service = Service::start();
     service.post_json("/v1/assets", &asset()).expect(201);
     service.get(PATH).expect_problem(404, &["main"]);
@@ -199,7 +199,7 @@ fn a_view_ends_with_the_asset_and_there_is_none_of_what_is_not_there() {
     service.get(&format!("{PATH}?name=../up")).expect_problem(404, &["../up"]);
     service.get(&format!("{PATH}?channel=in")).expect_problem(400, &["channel"]);
     let mut events = EventStream::open_path(&service.url(""), &format!("{PATH}?name=end"), "");
-    // Begun before there were samples.
+    // Opened before there were samples.
     socket.send(0, 0, &frames(0, 4000));
     assert_eq!(events.next().data["next"], 4000);
     service.delete("/v1/assets/pump").expect(204);
@@ -215,7 +215,7 @@ fn a_view_ends_with_the_asset_and_there_is_none_of_what_is_not_there() {
 }
 
 #[test]
-fn a_view_begins_with_what_the_journal_has_after_a_restart_and_leaves_out_what_is_before_a_gap() {
+fn a_view_starts_with_the_journal_after_a_restart_without_samples_before_a_gap() {
     let mut service = Service::start();
     service.post_json("/v1/assets", &asset()).expect(201);
     let mut socket = open(&service, "", &[]);
@@ -226,7 +226,7 @@ fn a_view_begins_with_what_the_journal_has_after_a_restart_and_leaves_out_what_i
     let frame = events.next().data;
     assert_eq!((&frame["next"], &frame["samples"]), (&json!(20_000), &json!(8000)));
     let mut socket = open(&service, "", &[]);
-    socket.say(&json!({ "type": "gap", "next": 30_000 }));
+    socket.send_json(&json!({ "type": "gap", "next": 30_000 }));
     socket.send(30_000, 0, &frames(30_000, 1000));
     let frame = loop {
         let event = events.next();

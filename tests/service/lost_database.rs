@@ -1,11 +1,11 @@
-//! Raw recordings outlive the loss of the database.
+//! Raw recordings survive the loss of the database.
 
 use std::path::Path;
 
 use crate::durability::{quarantined, raw_objects};
 use crate::running::{Service, record};
 
-/// Whether the database is not in the folder, where there is nothing to lose.
+/// Whether the database is outside the folder, so that it cannot be lost with it.
 fn is_elsewhere() -> bool {
     std::env::var("FLANKWATCH_TEST_DATABASE").is_ok()
 }
@@ -20,13 +20,13 @@ fn move_database(from: &Path, to: &Path) {
     }
 }
 
-/// Waits until the search for objects that nothing refers to is over.
+/// Waits until the scan for unreferenced objects is complete.
 fn wait_for_sweep() {
     std::thread::sleep(std::time::Duration::from_millis(1500));
 }
 
 #[test]
-fn a_lost_database_takes_no_raw_recording_with_it() {
+fn a_lost_database_leaves_raw_recordings_in_place() {
     if is_elsewhere() {
         return;
     }
@@ -47,7 +47,7 @@ fn a_lost_database_takes_no_raw_recording_with_it() {
         assert_eq!(raw_objects(service.folder()).len(), 5);
         assert!(quarantined(service.folder()).is_empty());
     }
-    // The database that goes with them is known again.
+    // The matching database is accepted again.
     move_database(lost.path(), service.folder());
     service.launch();
     assert_eq!(service.get("/readyz").expect(200).json()["raw_recordings"], "ok");
@@ -55,7 +55,7 @@ fn a_lost_database_takes_no_raw_recording_with_it() {
 }
 
 #[test]
-fn an_older_database_takes_no_newer_raw_recording_away() {
+fn an_older_database_leaves_newer_raw_recordings_in_place() {
     if is_elsewhere() {
         return;
     }
@@ -71,7 +71,7 @@ fn an_older_database_takes_no_newer_raw_recording_away() {
     }
     service.launch();
     service.stop();
-    // Newer objects; here those that the older database cannot know are any.
+    // Objects that the older database does not have.
     let name = format!("ab{}", "1".repeat(62));
     std::fs::create_dir_all(service.folder().join("raw/ab")).unwrap();
     std::fs::write(service.folder().join("raw/ab").join(name), b"newer").unwrap();
@@ -80,7 +80,7 @@ fn an_older_database_takes_no_newer_raw_recording_away() {
     let ready = service.get("/readyz").expect(200).json();
     assert!(ready["raw_recordings"].as_str().unwrap().contains("older"), "{ready}");
     wait_for_sweep();
-    // Nor does a quota, or who deletes the asset.
+    // A quota or the deletion of the asset does not remove them either.
     service.upload("pump", &record("1", 7));
     service.delete("/v1/assets/pump").expect(204);
     wait_for_sweep();
@@ -89,7 +89,7 @@ fn an_older_database_takes_no_newer_raw_recording_away() {
 }
 
 #[test]
-fn the_raw_recordings_of_a_deleted_asset_are_in_quarantine_for_as_long_as_was_asked_for() {
+fn raw_recordings_of_a_deleted_asset_stay_in_quarantine_for_the_configured_time() {
     let mut service = Service::start();
     service.plain_asset("pump");
     let name = service.upload("pump", &record("1", 1))["raw"]["sha256"].as_str().unwrap().to_owned();
@@ -97,7 +97,7 @@ fn the_raw_recordings_of_a_deleted_asset_are_in_quarantine_for_as_long_as_was_as
     assert!(raw_objects(service.folder()).is_empty());
     assert_eq!(quarantined(service.folder()), [name]);
     service.stop();
-    // As if it had been there for 31 days.
+    // Makes the object 31 days old.
     let folder = service.folder().join("raw/quarantine");
     let path = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
     let long_ago = jiff::Timestamp::now() - jiff::SignedDuration::from_hours(31 * 24);

@@ -1,4 +1,4 @@
-//! Notifications by mail, received by a mail server of the test's own.
+//! Notifications by e-mail, received by a mail server in the test.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -17,7 +17,7 @@ use crate::certificate::certificate;
 use crate::notifications::{SOON, one_recipient, stop, wait_for};
 use crate::running::Service;
 
-/// How a mail server of the test speaks.
+/// The encryption of a test mail server.
 #[derive(Clone)]
 enum Speech {
     Plain,
@@ -25,7 +25,7 @@ enum Speech {
     StartTls(Arc<ServerConfig>),
 }
 
-/// A mail server that takes what it is sent, after refusing the first message.
+/// A mail server that defers the first message and accepts all others.
 struct MailServer {
     port: u16,
     mails: Receiver<String>,
@@ -39,7 +39,7 @@ impl MailServer {
         std::thread::spawn(move || {
             let mut refused = false;
             for connection in listener.incoming() {
-                // A client that does not trust this server hangs up.
+                // A client that does not trust this server disconnects.
                 let _ = serve(connection.unwrap(), &speech, &sender, &mut refused);
             }
         });
@@ -74,7 +74,7 @@ fn serve(
     }
 }
 
-/// Speaks SMTP on a connection until its end, or until TLS is asked for: then it is given back.
+/// Serves SMTP on a connection until its end, or returns the connection on STARTTLS.
 fn take_mail<S: Read + Write>(
     connection: S,
     able: &str,
@@ -82,7 +82,7 @@ fn take_mail<S: Read + Write>(
     refused: &mut bool,
 ) -> std::io::Result<Option<S>> {
     let mut reader = BufReader::new(connection);
-    let say = |reader: &mut BufReader<S>, line: &str| {
+    let reply = |reader: &mut BufReader<S>, line: &str| {
         reader.get_mut().write_all(format!("{line}\r\n").as_bytes())?;
         reader.get_mut().flush()
     };
@@ -93,37 +93,37 @@ fn take_mail<S: Read + Write>(
             return Ok(None);
         }
         match line.get(..4).unwrap_or_default() {
-            "EHLO" => say(&mut reader, able)?,
+            "EHLO" => reply(&mut reader, able)?,
             "STAR" => {
-                say(&mut reader, "220 go on")?;
+                reply(&mut reader, "220 go on")?;
                 return Ok(Some(reader.into_inner()));
             }
             "AUTH" => {
                 login = line.clone();
-                say(&mut reader, "235 welcome")?;
+                reply(&mut reader, "235 welcome")?;
             }
             "DATA" => {
-                say(&mut reader, "354 go on")?;
+                reply(&mut reader, "354 go on")?;
                 let mut mail = login.clone();
                 while !mail.ends_with("\r\n.\r\n") {
                     reader.read_line(&mut mail)?;
                 }
                 if *refused {
                     let _ = mails.send(mail);
-                    say(&mut reader, "250 kept")?;
+                    reply(&mut reader, "250 kept")?;
                 } else {
                     *refused = true;
-                    say(&mut reader, "451 later")?;
+                    reply(&mut reader, "451 later")?;
                 }
             }
-            "QUIT" => return say(&mut reader, "221 bye").map(|()| None),
-            _ => say(&mut reader, "250 ok")?,
+            "QUIT" => return reply(&mut reader, "221 bye").map(|()| None),
+            _ => reply(&mut reader, "250 ok")?,
         }
     }
 }
 
 #[test]
-fn a_mail_that_a_server_puts_off_is_sent_again() {
+fn a_mail_that_a_server_defers_is_sent_again() {
     let service = Service::start_with(one_recipient);
     let mut asset = watched("pump", &at_once());
     asset["name"] = json!("Förderpumpe");
@@ -159,7 +159,7 @@ fn a_mail_that_a_server_puts_off_is_sent_again() {
 
 #[test]
 #[ignore = "needs openssl"]
-fn mail_goes_over_tls_to_a_server_that_is_trusted() {
+fn mail_is_sent_over_tls_to_a_trusted_server_only() {
     let folder = tempfile::tempdir().unwrap();
     let files = certificate(folder.path());
     let chain = CertificateDer::pem_file_iter(&files.certificate).unwrap().map(Result::unwrap).collect();
@@ -182,7 +182,7 @@ fn mail_goes_over_tls_to_a_server_that_is_trusted() {
             let settings = table.resolve(|_| None).unwrap();
             service.run(async { Notifier::start(settings, &service.service()) })
         };
-        // Its certificate is no known authority's: nothing is said to it, least of all the password.
+        // The certificate has no known CA: nothing is sent, least of all the password.
         let notifier = sends_with("");
         service.upload("pump", &loud(0, 4.0));
         let shown = wait_for(&service, "all", |shown| !shown["error"].is_null());

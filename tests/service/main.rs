@@ -1,5 +1,4 @@
-//! The service over HTTP, started on a free port with a folder and a clock of its own, and the programs that
-//! work with it.
+//! The service over HTTP, on a free port with its own folder and clock, and the programs that work with it.
 #![cfg(test)]
 
 mod access;

@@ -1,12 +1,12 @@
-//! Gears and sensors that are replaced.
+//! Replacement of gears and sensors.
 
 use serde_json::{Value, json};
 
-use crate::alarms::{at_once, loud, told, watched, whole};
+use crate::alarms::{at_once, history_entries, loud, watched, whole};
 use crate::event_stream::EventStream;
 use crate::running::{Service, minute};
 
-/// Statuses of the wear history of an asset, with the records' minutes.
+/// Returns the statuses of an asset's wear history, with the records' times.
 fn statuses(service: &Service, asset: &str) -> Vec<(Value, Value)> {
     let history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
     let items = history["items"].as_array().unwrap().iter();
@@ -14,18 +14,18 @@ fn statuses(service: &Service, asset: &str) -> Vec<(Value, Value)> {
 }
 
 #[test]
-fn maintenance_begins_again_whenever_it_is_told_of() {
+fn a_maintenance_event_restarts_the_baseline_at_any_time() {
     let mut service = Service::start();
     for asset in ["before", "after", "never"] {
         service.post_json("/v1/assets", &watched(asset, &at_once())).expect(201);
     }
     let done = json!({ "time": minute(12), "kind": "gear_replaced", "by": "Ada", "comment": "new pair" });
-    let tell = |service: &Service, asset: &str| {
+    let add_event = |service: &Service, asset: &str| {
         let answer = service.post_json(&format!("/v1/assets/{asset}/maintenance"), &done).expect(201);
         assert!(answer.header("location").starts_with(&format!("/v1/assets/{asset}/maintenance/")));
         answer.json()
     };
-    tell(&service, "before");
+    add_event(&service, "before");
     let mut events = EventStream::open(&service, "?asset=after", None);
     for n in 0..24 {
         for asset in ["before", "after", "never"] {
@@ -33,10 +33,11 @@ fn maintenance_begins_again_whenever_it_is_told_of() {
         }
     }
     assert_ne!(statuses(&service, "after"), statuses(&service, "before"));
-    let event = tell(&service, "after");
-    assert_eq!(tell(&service, "after"), event);
-    let heard = std::iter::repeat_with(|| events.next()).find(|event| event.kind == "maintenance").unwrap();
-    assert_eq!((&heard.data["change"], &heard.data["event"]["id"]), (&json!("added"), &event["id"]));
+    let event = add_event(&service, "after");
+    assert_eq!(add_event(&service, "after"), event);
+    let received =
+        std::iter::repeat_with(|| events.next()).find(|event| event.kind == "maintenance").unwrap();
+    assert_eq!((&received.data["change"], &received.data["event"]["id"]), (&json!("added"), &event["id"]));
     let waited = |service: &Service| {
         service.wait_for("/v1/recomputations?asset=after", |list| list["items"][0]["state"] == "finished");
     };
@@ -45,10 +46,10 @@ fn maintenance_begins_again_whenever_it_is_told_of() {
     assert!(history[12].1.as_str().unwrap().contains("1 of 8"), "{history:?}");
     assert_eq!(statuses(&service, "after"), history);
     // The new gear ends the alarm of the old one, before its first record.
-    let alarm = told(&whole(&service, "before"));
+    let alarm = history_entries(&whole(&service, "before"));
     assert_eq!(alarm[1][2], json!(minute(12)), "{alarm:?}");
     assert_eq!(whole(&service, "before")["history"][1]["maintenance"], "gear_replaced");
-    assert_eq!(told(&whole(&service, "after")), alarm);
+    assert_eq!(history_entries(&whole(&service, "after")), alarm);
     service.restart();
     service.upload("before", &loud(24, 1.0));
     service.upload("after", &loud(24, 1.0));

@@ -1,4 +1,4 @@
-//! Notifications of alarms, received by a web server of the test's own.
+//! Notifications by webhook, received by a web server in the test.
 
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -20,10 +20,10 @@ use crate::running::{Service, minute};
 
 const SECRET: &str = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw";
 
-/// How long something that comes by itself may take.
+/// Timeout of background work.
 pub(crate) const SOON: Duration = Duration::from_secs(60);
 
-/// One recipient of everything, and one of danger alone.
+/// Configures a recipient of all severities and one of danger only.
 fn two_recipients(config: &mut ServiceConfig) {
     let recipient = |name: &str, at_least| Recipient { name: name.to_owned(), at_least };
     config.recipients.list = vec![recipient("all", Severity::Warning), recipient("danger", Severity::Danger)];
@@ -34,7 +34,7 @@ pub(crate) fn one_recipient(config: &mut ServiceConfig) {
     config.recipients.list.truncate(1);
 }
 
-/// Begins to send as a settings file says.
+/// Starts a notifier with the given settings.
 fn notifier(service: &Service, table: &str) -> Notifier {
     let table: NotificationsTable = toml::from_str(table).unwrap();
     let settings = table.resolve(|_| Some(SECRET.to_owned())).unwrap();
@@ -45,7 +45,7 @@ pub(crate) fn stop(service: &Service, notifier: Notifier) {
     service.run(notifier.stop(Duration::from_secs(20)));
 }
 
-/// A request that a web server of the test took.
+/// A request received by a test web server.
 struct Received {
     headers: Vec<(String, String)>,
     body: String,
@@ -61,15 +61,15 @@ impl Received {
         serde_json::from_str(&self.body).unwrap()
     }
 
-    /// What happened: kind, number of the alarm's notifications, severities before and after.
-    fn told(&self) -> Value {
+    /// Returns the kind, the number among the alarm's notifications, and the severities before and after.
+    fn summary(&self) -> Value {
         let body = self.json();
         let data = &body["data"];
         json!([body["type"], data["number"], data["severity_before"], data["severity"]])
     }
 }
 
-/// A web server that answers everything with the same status.
+/// A web server that answers every request with the same status.
 struct WebServer {
     port: u16,
     status: Arc<AtomicU16>,
@@ -125,7 +125,7 @@ fn take_request(connection: TcpStream, status: u16) -> Received {
     received
 }
 
-/// The page of those who are notified, when the recipient of a name stands as is wanted.
+/// Waits until a recipient satisfies a condition, and returns it.
 pub(crate) fn wait_for(service: &Service, name: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
     let of = |list: &Value| -> Value {
         let mut items = list["items"].as_array().unwrap().iter();
@@ -135,7 +135,7 @@ pub(crate) fn wait_for(service: &Service, name: &str, is_wanted: impl Fn(&Value)
 }
 
 #[test]
-fn what_happens_to_an_alarm_is_told_in_order_signed_and_to_those_whom_it_concerns() {
+fn notifications_are_ordered_signed_and_filtered_by_severity() {
     let service = Service::start_with(two_recipients);
     service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
     let (all, danger) = (WebServer::start(204), WebServer::start(200));
@@ -146,8 +146,8 @@ fn what_happens_to_an_alarm_is_told_in_order_signed_and_to_those_whom_it_concern
     for (n, factor) in [(0, 1.0), (1, 2.2), (2, 4.0), (3, 2.2), (4, 1.0)] {
         service.upload("pump", &loud(n, factor));
     }
-    let told: Vec<Received> = (0..4).map(|_| all.next()).collect();
-    let words: Vec<Value> = told.iter().map(Received::told).collect();
+    let received: Vec<Received> = (0..4).map(|_| all.next()).collect();
+    let words: Vec<Value> = received.iter().map(Received::summary).collect();
     assert_eq!(
         words,
         [
@@ -157,13 +157,13 @@ fn what_happens_to_an_alarm_is_told_in_order_signed_and_to_those_whom_it_concern
             json!(["alarm.cleared", 4, "warning", null]),
         ]
     );
-    let words: Vec<Value> = (0..2).map(|_| danger.next().told()).collect();
+    let words: Vec<Value> = (0..2).map(|_| danger.next().summary()).collect();
     assert_eq!(
         words,
         [json!(["alarm.worsened", 2, "warning", "danger"]), json!(["alarm.eased", 3, "danger", "warning"])]
     );
 
-    let first = told[0].json();
+    let first = received[0].json();
     let alarm = service.get("/v1/alarms").expect(200).json()["items"][0].clone();
     let data = &first["data"];
     assert_eq!((&data["asset_id"], &data["channel"]), (&json!("pump"), &json!("1")));
@@ -172,9 +172,9 @@ fn what_happens_to_an_alarm_is_told_in_order_signed_and_to_those_whom_it_concern
     assert!(data["value"].as_f64().unwrap() > 1.5, "{data}");
     let id = alarm["id"].as_str().unwrap();
     assert_eq!(data["url"], format!("https://watch.example/#/alarms?show=all&alarm={id}"));
-    assert_eq!(told[0].header("webhook-id"), data["id"].as_str().unwrap());
-    assert_eq!(told[0].header("content-type"), "application/json");
-    assert_eq!(told[0].header("webhook-signature"), signed(&told[0]));
+    assert_eq!(received[0].header("webhook-id"), data["id"].as_str().unwrap());
+    assert_eq!(received[0].header("content-type"), "application/json");
+    assert_eq!(received[0].header("webhook-signature"), signed(&received[0]));
     let shown = wait_for(&service, "all", |shown| shown["sent"] == 4);
     assert_eq!(
         (&shown["waiting"], &shown["given_up"], &shown["error"]),
@@ -185,7 +185,7 @@ fn what_happens_to_an_alarm_is_told_in_order_signed_and_to_those_whom_it_concern
     stop(&service, notifier);
 }
 
-/// The signature that a receiver expects.
+/// Returns the signature that a receiver expects.
 fn signed(received: &Received) -> String {
     use base64::Engine;
     use base64::engine::general_purpose::STANDARD;
@@ -197,7 +197,7 @@ fn signed(received: &Received) -> String {
 }
 
 #[test]
-fn what_cannot_be_sent_waits_over_a_restart_and_is_repeated_under_its_name() {
+fn failed_notifications_survive_a_restart_and_keep_their_id() {
     let mut service = Service::start_with(one_recipient);
     service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
     // Nobody sends yet.
@@ -211,7 +211,7 @@ fn what_cannot_be_sent_waits_over_a_restart_and_is_repeated_under_its_name() {
     let shown = wait_for(&service, "all", |shown| !shown["error"].is_null());
     assert_eq!((&shown["waiting"], &shown["oldest_at"]), (&json!(1), &json!(minute(0))));
     assert!(shown["error"].as_str().unwrap().contains("status 503"), "{shown}");
-    // It does not overtake the one that waits.
+    // It is not sent before the waiting one.
     service.upload("pump", &loud(1, 1.0));
     stop(&service, first);
     service.restart();
@@ -221,14 +221,14 @@ fn what_cannot_be_sent_waits_over_a_restart_and_is_repeated_under_its_name() {
     let (repeated, cleared) = (receiver.next(), receiver.next());
     assert_eq!(repeated.body, refused.body);
     assert_eq!(repeated.header("webhook-id"), refused.header("webhook-id"));
-    assert_eq!(cleared.told(), json!(["alarm.cleared", 2, "danger", null]));
+    assert_eq!(cleared.summary(), json!(["alarm.cleared", 2, "danger", null]));
     let shown = wait_for(&service, "all", |shown| shown["sent"] == 2);
     assert_eq!((&shown["waiting"], &shown["error"]), (&json!(0), &Value::Null));
     stop(&service, second);
 }
 
 #[test]
-fn what_cannot_be_sent_for_a_day_is_given_up_and_shown() {
+fn failed_notifications_are_given_up_after_a_day_and_reported() {
     let service = Service::start_with(one_recipient);
     service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
     let receiver = WebServer::start(500);
@@ -247,7 +247,7 @@ fn what_cannot_be_sent_for_a_day_is_given_up_and_shown() {
 }
 
 #[test]
-fn a_shelved_alarm_is_told_when_its_shelving_is_over_and_old_records_are_no_news() {
+fn a_shelved_alarm_is_notified_after_shelving_and_old_records_are_not() {
     let service = Service::start_with(|config| {
         one_recipient(config);
         config.recipients.newer_than = SignedDuration::from_mins(30);
@@ -268,20 +268,20 @@ fn a_shelved_alarm_is_told_when_its_shelving_is_over_and_old_records_are_no_news
     act("shelve", &json!({ "by": "Ada", "until": minute(120) }));
     service.upload("pump", &loud(56, 4.0));
     act("comment", &json!({ "by": "Ada", "comment": "worse" }));
-    // Told of last, so nothing came of what happened while it was shelved.
+    // The last notification, so none was sent while the alarm was shelved.
     act("unshelve", &json!({ "by": "Ada" }));
-    assert_eq!(receiver.next().told(), json!(["alarm.worsened", 2, "warning", "danger"]));
+    assert_eq!(receiver.next().summary(), json!(["alarm.worsened", 2, "warning", "danger"]));
     act("acknowledge", &json!({ "by": "Ada" }));
     // An asset whose rule is taken away has no alarm any more.
     let mut without = watched("pump", &at_once());
     without["alarms"] = json!([]);
     service.put_json("/v1/assets/pump", &without).expect(200);
-    assert_eq!(receiver.next().told(), json!(["alarm.cleared", 3, "danger", null]));
+    assert_eq!(receiver.next().summary(), json!(["alarm.cleared", 3, "danger", null]));
     stop(&service, notifier);
 }
 
 #[test]
-fn a_notification_is_taken_by_one_sender_at_a_time() {
+fn a_notification_is_leased_by_one_sender_at_a_time() {
     let service = Service::start_with(one_recipient);
     for n in 0..6 {
         let asset = format!("pump-{n}");
@@ -305,7 +305,7 @@ fn a_notification_is_taken_by_one_sender_at_a_time() {
     });
     let ids: BTreeSet<&str> = taken.iter().map(|pending| pending.notification.id.as_str()).collect();
     assert_eq!((taken.len(), ids.len()), (6, 6));
-    // One that was tried again meanwhile is no more the business of who tried it before.
+    // A sender whose lease has expired can no longer record an outcome.
     let first = &taken[0];
     let again = service.run(async {
         let failed = Attempt::Failed { error: "away".to_owned(), again_at: Timestamp::UNIX_EPOCH };

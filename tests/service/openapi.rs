@@ -1,4 +1,4 @@
-//! The API's description, and the API held against it.
+//! The API description, and the API checked against it.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -16,7 +16,7 @@ fn description(service: &Service) -> Value {
 }
 
 #[test]
-fn every_field_parameter_and_operation_is_described() {
+fn every_field_parameter_and_operation_is_documented() {
     let service = Service::start();
     let document = description(&service);
     assert_eq!(document["openapi"], "3.1.0");
@@ -24,7 +24,7 @@ fn every_field_parameter_and_operation_is_described() {
     for (name, schema) in document["components"]["schemas"].as_object().unwrap() {
         let parts = schema["allOf"].as_array().into_iter().flatten().chain([schema]);
         for (field, property) in parts.filter_map(|part| part["properties"].as_object()).flatten() {
-            // That of an optional structure stands beside the reference to it.
+            // The description of an optional structure is next to its reference.
             let mut places = property["oneOf"].as_array().into_iter().flatten().chain([property]);
             if !places.any(|place| place["description"].as_str().is_some_and(|text| !text.is_empty())) {
                 silent.push(format!("{name}.{field}"));
@@ -53,7 +53,7 @@ fn every_field_parameter_and_operation_is_described() {
 }
 
 #[test]
-fn the_page_of_the_description_asks_nothing_of_other_hosts() {
+fn the_openapi_page_loads_nothing_from_other_hosts() {
     let service = Service::start();
     let page = service.get("/docs").expect(200);
     let text = String::from_utf8(page.bytes).unwrap();
@@ -110,7 +110,7 @@ fn every_example_of_a_request_runs() {
     assert!(sent >= 10, "{sent}");
 }
 
-/// The tool, where it is on the path or named by the environment.
+/// Returns the tool, from the path or the environment.
 fn schemathesis() -> PathBuf {
     let named = std::env::var_os("FLANKWATCH_SCHEMATHESIS").map(PathBuf::from);
     let path = std::env::var_os("PATH").unwrap_or_default();
@@ -121,7 +121,7 @@ fn schemathesis() -> PathBuf {
 
 #[test]
 #[ignore = "needs schemathesis (pip install schemathesis)"]
-fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
+fn schemathesis_finds_no_error_and_no_undocumented_response() {
     let tool = schemathesis();
     let service = Service::start();
     service.post_json("/v1/assets", &watched("gearbox-1", &at_once())).expect(201);
@@ -131,7 +131,7 @@ fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
     let folder = tempfile::tempdir().unwrap();
     // What exists is asked for too, not only made-up names.
     let hints = json!({ "asset": "gearbox-1", "segment": segment, "alarm": alarm });
-    // A preview answers with what is wrong; and the protocol of resumable uploads says 412 of a version.
+    // Previews respond with errors in the body, and resumable uploads answer an unsupported version with 412.
     let rejected = "negative_data_rejection.expected-statuses";
     let previews = ["preview", "csv-preview", "recording-preview"].map(|path| {
         format!("[[operations]]\ninclude-path = \"/v1/{path}\"\nchecks.{rejected} = [\"200\", \"4xx\"]\n")
@@ -187,11 +187,11 @@ fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
         .env("SCHEMATHESIS_HOOKS", "hooks")
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// The names in the first cells of the table of docs/api.md whose first heading this is.
+/// Returns the names in the first column of the table of docs/api.md with this heading.
 fn documented(heading: &str) -> Vec<String> {
     let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/api.md")).unwrap();
     let table = text.split_once(&format!("| `{heading}` |")).unwrap_or_else(|| panic!("no table {heading}"));
@@ -200,7 +200,7 @@ fn documented(heading: &str) -> Vec<String> {
 }
 
 #[test]
-fn every_name_of_an_estimate_is_documented_and_said_by_the_dashboard() {
+fn every_name_of_an_estimate_is_in_the_documentation_and_the_dashboard() {
     let service = Service::start();
     let document = description(&service);
     let names = |schema: &str| -> Vec<String> {

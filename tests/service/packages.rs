@@ -9,17 +9,17 @@ use flankwatch_test_support::needed;
 
 use crate::deploy::folder;
 
-/// Runs a program and returns what it says.
+/// Runs a program and returns its output.
 #[track_caller]
 fn run(program: &Path, words: &[&str]) -> String {
     // A program for tests is large.
     let output = Command::new(program).args(words).env("DPKG_DEB_COMPRESSOR_TYPE", "none").output().unwrap();
-    let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
-    assert!(output.status.success(), "{} {words:?}: {said}", program.display());
-    said
+    let text = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+    assert!(output.status.success(), "{} {words:?}: {text}", program.display());
+    text
 }
 
-/// A system in a folder, with packages and nothing else.
+/// A root folder with nothing but packages installed.
 struct System {
     root: tempfile::TempDir,
 }
@@ -39,7 +39,7 @@ impl System {
     #[track_caller]
     fn dpkg(&self, words: &[&str]) {
         let root = format!("--root={}", self.root.path().display());
-        // Its scripts run outside of the folder and are told of it.
+        // Its scripts run outside the folder and get its path.
         let options = [
             root.as_str(),
             "--force-not-root",
@@ -99,9 +99,9 @@ fn a_package_is_installed_started_by_its_unit_and_removed() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let mut said = String::new();
-    BufReader::new(service.stdout.take().unwrap()).read_line(&mut said).unwrap();
-    let url = said.trim().strip_prefix("listening on ").map(|url| format!("{url}/readyz"));
+    let mut text = String::new();
+    BufReader::new(service.stdout.take().unwrap()).read_line(&mut text).unwrap();
+    let url = text.trim().strip_prefix("listening on ").map(|url| format!("{url}/readyz"));
     let ready = url.map(|url| ureq::get(url).call().map(|answer| answer.status().as_u16()));
     service.kill().unwrap();
     service.wait().unwrap();

@@ -1,4 +1,4 @@
-//! A gear pair as it is described, before there is an asset.
+//! Previews of a gear pair, before the asset exists.
 
 use std::time::Instant;
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::running::Service;
 
-/// Far above the 100 ms that a step of a slider may take, for machines that have other work.
+/// Far above the 100 ms target of a slider step, for busy machines.
 const MAX_MS: u128 = 2000;
 
 fn pair() -> PairSpec {
@@ -19,7 +19,7 @@ fn mesh(pair: &PairSpec) -> Value {
 }
 
 #[test]
-fn a_preview_is_what_the_model_says_and_quick() {
+fn a_preview_matches_the_model_and_is_fast() {
     let service = Service::start();
     let mut pair = pair();
     pair.operation.torque_nm = 4.0;
@@ -63,7 +63,7 @@ fn a_preview_is_what_the_model_says_and_quick() {
 }
 
 #[test]
-fn a_pair_that_cannot_be_is_told_all_its_faults_with_its_geometry() {
+fn an_impossible_pair_is_rejected_with_all_its_faults() {
     let service = Service::start();
     let mut pair = pair();
     pair.geometry.teeth = [11, 40];
@@ -94,7 +94,7 @@ fn a_pair_that_cannot_be_is_told_all_its_faults_with_its_geometry() {
 }
 
 #[test]
-fn wear_and_torque_beyond_what_can_be_are_refused_at_their_field() {
+fn wear_and_torque_out_of_range_are_rejected_by_field() {
     let service = Service::start();
     for (field, request) in [
         ("wear_um", json!({ "gear": mesh(&pair()), "wear_um": 1e6 })),

@@ -1,4 +1,4 @@
-//! Everything that can be wrong with a request.
+//! Invalid requests and their problem responses.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::running::{Service, mcap, record, samples, wav};
 
 #[test]
-fn a_wrong_path_method_type_or_parameter_is_a_problem() {
+fn an_invalid_path_method_type_or_parameter_is_answered_with_a_problem() {
     let service = Service::start();
     service.plain_asset("pump");
     service.get("/v1/nothing").expect_problem(404, &["/v1/nothing"]);
@@ -39,7 +39,7 @@ fn a_wrong_path_method_type_or_parameter_is_a_problem() {
 }
 
 #[test]
-fn bytes_that_are_no_record_are_refused_and_nothing_is_stored() {
+fn invalid_records_are_rejected_and_not_stored() {
     let service = Service::start();
     service.plain_asset("pump");
     let segments = "/v1/assets/pump/segments";
@@ -61,7 +61,7 @@ fn bytes_that_are_no_record_are_refused_and_nothing_is_stored() {
 }
 
 #[test]
-fn json_that_is_none_is_told_from_json_that_does_not_fit() {
+fn malformed_json_and_invalid_fields_have_different_statuses() {
     let service = Service::start();
     service.post("/v1/assets", "application/json", b"{\"id\": ").expect_problem(400, &["line 1"]);
     service.post("/v1/assets", "application/json", b"[1, 2]").expect_problem(422, &[]);
@@ -71,7 +71,7 @@ fn json_that_is_none_is_told_from_json_that_does_not_fit() {
 }
 
 #[test]
-fn a_body_too_large_is_refused_whether_it_says_so_or_not() {
+fn a_body_too_large_is_rejected_with_and_without_content_length() {
     let service = Service::start_with(|config| {
         config.http.record_bytes = 10_000;
         config.http.recording_bytes = 10_000;
@@ -83,7 +83,7 @@ fn a_body_too_large_is_refused_whether_it_says_so_or_not() {
     service.post("/v1/assets/pump/segments", "audio/wav", &large).expect_problem(413, &["10000"]);
     service.post("/v1/assets/pump/segments", "application/mcap", &large).expect_problem(413, &["10000"]);
     service.post("/v1/assets", "application/json", &[b' '; 1001]).expect_problem(413, &["1000"]);
-    // In pieces of unknown total length.
+    // Chunked, without a content length.
     let mut large_mcap = mcap(&[record("1", 1)]);
     large_mcap.resize(large.len(), 0);
     for (media_type, large) in [("audio/wav", &large), ("application/mcap", &large_mcap)] {
@@ -97,7 +97,7 @@ fn a_body_too_large_is_refused_whether_it_says_so_or_not() {
     service.post("/v1/assets/pump/segments", "audio/wav", &small).expect(201);
 }
 
-/// Sends a body in chunks and reads the answer.
+/// Sends a chunked body and reads the response.
 fn in_pieces(service: &Service, media_type: &str, body: &[u8]) -> String {
     let address = service.url("").trim_start_matches("http://").to_string();
     let mut stream = TcpStream::connect(address).unwrap();
@@ -110,7 +110,7 @@ fn in_pieces(service: &Service, media_type: &str, body: &[u8]) -> String {
         let mut chunk = format!("{:x}\r\n", piece.len()).into_bytes();
         chunk.extend_from_slice(piece);
         chunk.extend_from_slice(b"\r\n");
-        // The service may have answered and hung up.
+        // The service may have responded and closed the connection.
         if stream.write_all(&chunk).is_err() {
             break;
         }
@@ -122,12 +122,12 @@ fn in_pieces(service: &Service, media_type: &str, body: &[u8]) -> String {
 }
 
 #[test]
-fn a_full_queue_says_when_to_come_again() {
+fn a_full_queue_sends_retry_after() {
     let service = Service::start_with(|config| config.work.requests_at_once = 1);
     service.plain_asset("pump");
     let block = encode_block(&record("1", 1), BlockEncoding::Json);
     let address = service.url("").trim_start_matches("http://").to_string();
-    // One upload takes the only place and does not end.
+    // One upload takes the only slot and does not end.
     let mut slow = TcpStream::connect(address).unwrap();
     let head = format!(
         "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: {}\r\n\r\n",
@@ -151,7 +151,7 @@ fn a_full_queue_says_when_to_come_again() {
     }
 }
 
-/// A request and its answer over a connection that stays open: the answer's head and body.
+/// Sends a request on a persistent connection; returns the response's head and body.
 fn exchange(stream: &mut BufReader<TcpStream>, request: &[u8]) -> (String, Vec<u8>) {
     stream.get_mut().write_all(request).unwrap();
     let mut head = String::new();
@@ -165,7 +165,7 @@ fn exchange(stream: &mut BufReader<TcpStream>, request: &[u8]) -> (String, Vec<u
 }
 
 #[test]
-fn a_refusal_before_the_body_was_read_keeps_the_connection() {
+fn a_rejection_before_the_body_keeps_the_connection() {
     let service = Service::start_with(|config| config.http.record_bytes = 1000);
     service.plain_asset("pump");
     let address = service.url("").trim_start_matches("http://").to_string();
@@ -191,7 +191,7 @@ fn a_refusal_before_the_body_was_read_keeps_the_connection() {
 }
 
 #[test]
-fn a_refusal_of_a_body_that_was_not_asked_for_says_that_the_connection_ends() {
+fn a_rejection_instead_of_100_continue_closes_the_connection() {
     let service = Service::start();
     let address = service.url("").trim_start_matches("http://").to_string();
     let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
@@ -204,7 +204,7 @@ fn a_refusal_of_a_body_that_was_not_asked_for_says_that_the_connection_ends() {
 }
 
 #[test]
-fn a_body_that_does_not_come_gives_its_place_back() {
+fn a_stalled_body_releases_its_slot() {
     let service = Service::start_with(|config| {
         config.work.requests_at_once = 1;
         config.http.body_idle = Duration::from_millis(300);
@@ -219,7 +219,7 @@ fn a_body_that_does_not_come_gives_its_place_back() {
         let mut slow = TcpStream::connect(&address).unwrap();
         slow.write_all(head.as_bytes()).unwrap();
         while service.get("/readyz").status != 503 {}
-        // Whoever asks for what is stored does not wait for senders.
+        // Reads do not wait for senders.
         service.get(&format!("/v1/segments/{}/spectrum", stored["id"].as_str().unwrap())).expect(200);
         let mut reader = BufReader::new(slow.try_clone().unwrap());
         let done = std::sync::atomic::AtomicBool::new(!trickles);
@@ -242,7 +242,7 @@ fn a_body_that_does_not_come_gives_its_place_back() {
 }
 
 #[test]
-fn every_answer_is_counted_also_those_that_no_operation_gives() {
+fn every_response_is_counted_including_those_outside_operations() {
     let service = Service::start();
     service.get("/nowhere").expect(404);
     service.delete("/v1/assets").expect(405);
@@ -260,7 +260,7 @@ fn every_answer_is_counted_also_those_that_no_operation_gives() {
     }
 }
 
-/// Zeros, which gzip makes a thousandth of.
+/// Zeros, which gzip compresses to a thousandth.
 fn gzip_of_zeros(bytes: usize) -> Vec<u8> {
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     encoder.write_all(&vec![0; bytes]).unwrap();
@@ -268,8 +268,8 @@ fn gzip_of_zeros(bytes: usize) -> Vec<u8> {
 }
 
 #[test]
-fn what_is_no_mcap_is_refused_by_its_first_bytes() {
-    // Were it unpacked first, it would be too large.
+fn a_body_that_is_not_mcap_is_rejected_by_its_first_bytes() {
+    // Decompressed first, it would be too large.
     let service = Service::start_with(|config| config.http.recording_bytes = 4 << 20);
     service.plain_asset("pump");
     let fields = [("content-type", "application/mcap"), ("content-encoding", "gzip")];
@@ -283,7 +283,7 @@ fn what_is_no_mcap_is_refused_by_its_first_bytes() {
 }
 
 #[test]
-fn a_field_that_does_not_fit_is_named_with_its_value_and_what_was_expected() {
+fn an_invalid_field_is_reported_with_value_and_expectation() {
     let service = Service::start();
     let mut asset = crate::running::plain_asset("pump");
     asset["gear"]["teeth"] = json!([24, 26, 27]);
@@ -299,7 +299,7 @@ fn a_field_that_does_not_fit_is_named_with_its_value_and_what_was_expected() {
         let path = format!("/v1/assets/pump/segments?{name}={value}");
         service.post(&path, "audio/wav", &wav(&[samples(1)])).expect_problem(422, &[name, "expected"]);
     }
-    // Nothing of how the program writes it down.
+    // No names of the implementation.
     let missing = service.send("POST", "/v1/uploads", &[("tus-resumable", "1.0.0")], b"");
     let problem = missing.expect_problem(400, &["upload-length", "missing"]);
     assert!(!problem.to_string().contains("Some(") && !problem.to_string().contains("None"), "{problem}");

@@ -1,4 +1,4 @@
-//! Histories computed again in the background: after a change, and after records that come very late.
+//! Histories recomputed in the background: after a change, and after very late records.
 
 use std::time::{Duration, Instant};
 
@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use crate::running::{Service, mcap, plain_asset, record};
 
-/// Waits until the asset's last recomputation is over.
+/// Waits until the asset's last recomputation is finished.
 fn recomputed(service: &Service, asset: &str) -> Value {
     let list = service.wait_for(&format!("/v1/recomputations?asset={asset}"), |list| {
         let items = list["items"].as_array().unwrap();
@@ -16,7 +16,7 @@ fn recomputed(service: &Service, asset: &str) -> Value {
     list["items"][0].clone()
 }
 
-/// Every number of every record in the order of time.
+/// Returns all values of all records in time order.
 fn history(service: &Service, asset: &str) -> [Value; 2] {
     ["wear/history", "indicators"].map(|path| {
         let mut answer = service.get(&format!("/v1/assets/{asset}/{path}")).expect(200).json();
@@ -63,7 +63,7 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
             assert_eq!(found, fresh);
         }
     }
-    // Nothing is done again after a restart, and new records go on as they should.
+    // A restart repeats nothing, and new records are processed.
     service.restart();
     for asset in ["pump", "fresh"] {
         service.upload(asset, &record("1", 12));
@@ -73,7 +73,7 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
 }
 
 #[test]
-fn old_answers_are_served_until_the_new_ones_are_complete() {
+fn old_results_are_served_until_the_new_ones_are_complete() {
     let service = Service::start();
     service.plain_asset("pump");
     let records: Vec<_> = (0..150).map(|n| record("1", n)).collect();
@@ -98,15 +98,14 @@ fn old_answers_are_served_until_the_new_ones_are_complete() {
         }
         assert!(began.elapsed() < Duration::from_secs(100), "{list}");
     }
-    // Analysing again with nearly the same description gives nearly the same numbers; what matters is that
-    // they are all there.
+    // A nearly equal description gives nearly equal values; this checks that all exist.
     assert!(seen.contains(&old[0]));
     service.upload("pump", &record("1", 150));
     assert_eq!(history(&service, "pump")[0].as_array().unwrap().len(), 151);
 }
 
 #[test]
-fn a_record_that_comes_after_hundreds_of_later_ones_is_folded_in_the_background() {
+fn a_record_older_than_hundreds_of_others_is_folded_in_the_background() {
     let service = Service::start();
     for asset in ["late", "in-order"] {
         service.plain_asset(asset);

@@ -1,5 +1,4 @@
-//! Records chosen by status or by name, counted, downloaded as they came, and listed by the recording that
-//! brought them.
+//! Records selected by status or identifier, counted, downloaded, and listed by recording.
 
 use serde_json::{Value, json};
 
@@ -74,7 +73,7 @@ fn records_are_excluded_included_and_deleted_by_name() {
 }
 
 #[test]
-fn the_raw_recording_is_downloaded_as_it_came() {
+fn the_raw_recording_is_downloaded_unchanged() {
     let service = Service::start();
     service.plain_asset("pump");
     let bytes = wav(&[samples(1), samples(2)]);
@@ -92,7 +91,7 @@ fn the_raw_recording_is_downloaded_as_it_came() {
 }
 
 #[test]
-fn a_recording_says_which_records_it_brought() {
+fn a_recording_lists_its_records() {
     let service = Service::start();
     service.plain_asset("pump");
     service.upload("pump", &record("1", 1));
@@ -108,7 +107,7 @@ fn a_recording_says_which_records_it_brought() {
 }
 
 #[test]
-fn a_rule_is_tried_on_the_history_as_it_would_have_been_in_force() {
+fn a_trial_rule_is_evaluated_on_the_history() {
     let service = Service::start();
     service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
     let loudness = [1.0, 1.0, 2.5, 4.0, 1.0, 2.5, 1.0, 4.0, 1.0, 2.5];
@@ -147,7 +146,7 @@ fn a_rule_is_tried_on_the_history_as_it_would_have_been_in_force() {
 }
 
 #[test]
-fn indicators_scatter_in_the_latest_baseline() {
+fn baseline_statistics_are_of_the_latest_baseline() {
     let service = Service::start();
     service.plain_asset("pump");
     let path = "/v1/assets/pump/indicators/baseline?names=rms,kurtosis";

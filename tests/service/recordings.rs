@@ -14,7 +14,7 @@ fn wait_for_end(service: &Service, replay: &Value) -> Value {
 }
 
 #[test]
-fn an_mcap_is_taken_record_by_record_and_a_repeat_stores_nothing() {
+fn an_mcap_is_stored_record_by_record_and_a_repeat_stores_nothing() {
     let service = Service::start();
     service.plain_asset("one");
     service.plain_asset("two");
@@ -34,7 +34,7 @@ fn an_mcap_is_taken_record_by_record_and_a_repeat_stores_nothing() {
     let again = service.post(path, "application/mcap", &bytes).expect(201).json();
     assert_eq!((&again["stored"], &again["repeated"]), (&json!(0), &json!(24)));
     assert_eq!(service.get("/v1/assets/one").expect(200).json()["summary"]["segments"], 24);
-    // One by one over another way in: the same indicators.
+    // Uploaded one by one: the same indicators.
     for record in &records {
         service.upload("two", record);
     }
@@ -53,7 +53,7 @@ fn an_mcap_is_taken_record_by_record_and_a_repeat_stores_nothing() {
 }
 
 #[test]
-fn a_segment_of_an_mcap_gives_its_samples_back() {
+fn a_segment_of_an_mcap_returns_its_samples() {
     let service = Service::start();
     service.plain_asset("pump");
     let sent = record("x", 3);
@@ -69,7 +69,7 @@ fn a_segment_of_an_mcap_gives_its_samples_back() {
 }
 
 #[test]
-fn a_replay_feeds_a_recording_and_tells_how_far_it_is() {
+fn a_replay_sends_a_recording_and_reports_its_progress() {
     let service = Service::start();
     service.plain_asset("pump");
     let records: Vec<_> = (0..40).map(|n| record("1", n)).collect();
@@ -156,7 +156,7 @@ fn only_recordings_inside_the_folder_are_replayed() {
 }
 
 #[test]
-fn every_measuring_point_has_its_unit_however_its_records_come() {
+fn every_measuring_point_has_its_unit_in_every_format() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["sensor"] = json!({ "unit": "m/s2" });
@@ -176,7 +176,7 @@ fn every_measuring_point_has_its_unit_however_its_records_come() {
     let names = "/v1/assets/pump/segments?channel_names=velocity,other&start_time=2026-01-01T00:00:00Z";
     service.post(names, "audio/wav", &both).expect(201);
     assert_eq!(units(), expected(&[("velocity", "mm/s"), ("other", "m/s2")]));
-    // What the sender says counts for all of them, and each stays in its own.
+    // The query applies to all records, and each stays in its channel.
     let named = |names: &str| {
         let path = format!(
             "/v1/assets/pump/segments?channel_names={names}&unit=g&temperature_c=62.5&start_time=2026-01-02T00:00:00Z"

@@ -1,4 +1,4 @@
-//! Resumable uploads: what has come is kept, and read when it is whole, whatever happens to the client, the
+//! Resumable uploads: received data is kept and read when it is complete, whatever happens to the client, the
 //! service or the disk.
 
 use std::io::Write;
@@ -85,7 +85,8 @@ fn begin_again(service: &Service, metadata: &str) {
     service.send("POST", "/v1/uploads", &headers, b"").expect(201);
 }
 
-/// Sends the head of a request for all of `length` bytes, `bytes` of them, and hangs up without an answer.
+/// Sends the head of a request of `length` bytes and then `bytes`, and disconnects without waiting for a
+/// response.
 fn hang_up_after(service: &Service, path: &str, length: usize, bytes: &[u8]) {
     let address = service.url("").replace("http://", "");
     let mut stream = TcpStream::connect(&address).unwrap();
@@ -98,7 +99,7 @@ fn hang_up_after(service: &Service, path: &str, length: usize, bytes: &[u8]) {
 }
 
 #[test]
-fn what_a_client_sent_that_hung_up_is_kept() {
+fn data_of_a_disconnected_client_is_kept() {
     let service = Service::start();
     service.plain_asset("pump");
     let whole = recording(0, 5);
@@ -120,7 +121,7 @@ fn what_a_client_sent_that_hung_up_is_kept() {
 }
 
 #[test]
-fn only_uploads_under_way_count_against_the_limit() {
+fn only_unfinished_uploads_count_against_the_limit() {
     let service = Service::start_with(|config| config.http.uploads_at_once = 2);
     service.plain_asset("pump");
     let whole = recording(0, 1);
@@ -141,12 +142,12 @@ fn only_uploads_under_way_count_against_the_limit() {
     ask(&service, 10).expect_problem(503, &[]);
 }
 
-/// What is on the disk of a single machine.
+/// Tests of the folder of a single machine.
 mod in_a_folder {
     use super::*;
 
     #[test]
-    fn an_upload_that_a_killed_program_has_acknowledged_is_read_after_the_start() {
+    fn an_upload_acknowledged_by_a_killed_program_is_read_after_the_restart() {
         let folder = tempfile::tempdir().unwrap();
         let program = Program::start_with(folder.path(), &[]);
         program.make(&plain_asset("pump"));
@@ -176,7 +177,7 @@ mod in_a_folder {
     }
 
     #[test]
-    fn an_upload_that_nobody_goes_on_with_goes_without_another_request() {
+    fn an_abandoned_upload_expires_without_another_request() {
         let service = Service::start();
         service.plain_asset("pump");
         let path = begin(&service, 10);

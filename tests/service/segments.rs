@@ -1,4 +1,4 @@
-//! Uploads of single records and what is made of them.
+//! Uploads of single records and the resulting segments.
 
 use flankwatch::recording::{BlockEncoding, encode_block};
 use serde_json::{Value, json};
@@ -81,7 +81,7 @@ fn a_wav_of_several_channels_becomes_as_many_segments() {
 }
 
 #[test]
-fn a_repeat_is_answered_as_the_first_was() {
+fn a_repeated_upload_gets_the_first_response() {
     let service = Service::start();
     service.plain_asset("pump");
     let first = service.upload("pump", &record("1", 1));
@@ -115,7 +115,7 @@ fn eight_clients_with_the_same_record_store_it_once() {
 }
 
 #[test]
-fn a_record_without_a_time_is_of_the_time_of_receipt() {
+fn a_record_without_a_time_has_the_time_of_receipt() {
     let service = Service::start();
     service.plain_asset("pump");
     service.clock.advance(90);
@@ -126,7 +126,7 @@ fn a_record_without_a_time_is_of_the_time_of_receipt() {
 }
 
 #[test]
-fn a_list_of_segments_comes_in_pages_in_either_order_over_all_channels() {
+fn a_list_of_segments_is_paged_in_either_order_over_all_channels() {
     let service = Service::start();
     service.plain_asset("pump");
     for n in [5, 1, 3] {

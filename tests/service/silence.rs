@@ -1,11 +1,11 @@
-//! Alarms on machines that send nothing.
+//! Alarms of machines that stop sending records.
 
 use serde_json::{Value, json};
 
 use crate::alarms::{act, loud, wait_for_alarm, whole};
 use crate::running::{Service, plain_asset};
 
-/// An asset with a rule on silence: a warning after a minute, danger after an hour.
+/// Describes an asset with a silence rule: a warning after a minute, danger after an hour.
 fn silent_after_a_minute(id: &str) -> Value {
     let mut asset = plain_asset(id);
     asset["alarms"] = json!([{ "quantity": "stale_s", "warning": 60, "danger": 3600 }]);
@@ -13,7 +13,7 @@ fn silent_after_a_minute(id: &str) -> Value {
 }
 
 #[test]
-fn silence_is_raised_gets_worse_survives_a_restart_and_ends_with_a_record() {
+fn a_silence_alarm_worsens_survives_a_restart_and_clears_with_a_record() {
     let mut service = Service::start();
     service.post_json("/v1/assets", &silent_after_a_minute("pump")).expect(201);
     service.post_json("/v1/assets", &silent_after_a_minute("fan")).expect(201);
@@ -37,9 +37,9 @@ fn silence_is_raised_gets_worse_survives_a_restart_and_ends_with_a_record() {
     service.upload("pump", &loud(1, 1.0));
     let over = whole(&service, "pump");
     assert_eq!((&over["severity"], &over["state"]), (&Value::Null, &json!("returned_unacknowledged")));
-    let told: Vec<&Value> =
+    let severities: Vec<&Value> =
         over["history"].as_array().unwrap().iter().map(|entry| &entry["severity"]).collect();
-    assert_eq!(told, [&json!("warning"), &json!("warning"), &json!("danger"), &Value::Null]);
+    assert_eq!(severities, [&json!("warning"), &json!("warning"), &json!("danger"), &Value::Null]);
     assert_eq!(over["history"][0]["action"], json!({ "stale": { "severity": "warning", "silent_s": 61 } }));
 
     // A record that is late by its own time ends it too.

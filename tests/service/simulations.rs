@@ -1,4 +1,5 @@
-//! Libraries are simulated in the background: records wait for none, and their wear comes by itself.
+//! Libraries are simulated in the background: records are stored meanwhile, and their wear is estimated
+//! afterwards.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -10,7 +11,7 @@ use serde_json::{Value, json};
 
 use crate::running::{Service, plain_asset, record};
 
-/// An asset of a small pair, whose tooth width makes it one that no other test has.
+/// Describes an asset with a small pair, made unique among the tests by its tooth width.
 fn asset_with_pair(id: &str, face_width_mm: f64) -> Value {
     let mut asset = plain_asset(id);
     asset["gear"]["pair"] = json!({
@@ -21,14 +22,14 @@ fn asset_with_pair(id: &str, face_width_mm: f64) -> Value {
     asset
 }
 
-/// Where a service keeps the library of an asset.
+/// Returns the path of an asset's library.
 fn library_path(service: &Service, asset: &Value) -> PathBuf {
     let pair: PairSpec = serde_json::from_value(asset["gear"]["pair"].clone()).unwrap();
     let id = library_id(&pair, &GridSettings::default().for_pair(&pair));
     service.folder().join("libraries").join(id).with_extension("fwlib")
 }
 
-/// Holds up a simulation where it looks for parts that an earlier one has left: in their place is a pipe.
+/// Blocks a simulation when it reads the checkpoint of an earlier one: a pipe takes the checkpoint's place.
 struct HeldSimulation {
     pipe: PathBuf,
 }
@@ -41,7 +42,7 @@ impl HeldSimulation {
         Self { pipe }
     }
 
-    /// Lets it go on, once it has come there.
+    /// Releases the simulation, once it is blocked.
     fn let_go(self) {
         let writer = File::options().write(true).open(&self.pipe).unwrap();
         fs::remove_file(&self.pipe).unwrap();
@@ -62,7 +63,7 @@ fn wait_for_library(service: &Service, asset: &str, state: &str) -> Value {
     service.wait_for(&path, |asset| asset["summary"]["library_state"] == state)["summary"].clone()
 }
 
-/// Waits until every record of an asset has a status or, with `is` false, none has.
+/// Waits until all records of an asset have a status or, if `is` is false, none has it.
 #[track_caller]
 fn wait_for_status(service: &Service, asset: &str, status: &str, is: bool) {
     service.wait_for(&format!("/v1/assets/{asset}/wear/history"), |history| {
@@ -98,7 +99,7 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
     let summary = wait_for_library(&service, "new", "ready");
     assert_eq!(summary["simulation"], Value::Null);
     wait_for_status(&service, "new", "awaiting_library", false);
-    // As if the library had been there from the start.
+    // The same as if the library had existed from the start.
     let mut after = asset.clone();
     after["id"] = json!("after");
     service.post_json("/v1/assets", &after).expect(201);
@@ -111,11 +112,11 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
 }
 
 #[test]
-fn an_asset_whose_library_fails_stores_records_and_says_why() {
+fn an_asset_whose_library_fails_stores_records_and_reports_the_reason() {
     let service = Service::start();
     let mut asset = asset_with_pair("pump", 22.0);
     let path = library_path(&service, &asset);
-    // Where the file should be there is a folder.
+    // A folder takes the file's place.
     fs::create_dir_all(&path).unwrap();
     service.post_json("/v1/assets", &asset).expect(201);
     service.upload("pump", &record("1", 0));
@@ -132,7 +133,7 @@ fn an_asset_whose_library_fails_stores_records_and_says_why() {
         service.get("/v1/assets/pump").expect(200).json()["summary"]["category"],
         "out_of_specification"
     );
-    // The same description again does not try again, another one does.
+    // The same description does not retry, another one does.
     fs::remove_dir(&path).unwrap();
     service.put_json("/v1/assets/pump", &asset).expect(200);
     let summary = &service.get("/v1/assets/pump").expect(200).json()["summary"];
@@ -147,7 +148,7 @@ fn an_asset_whose_library_fails_stores_records_and_says_why() {
 }
 
 #[test]
-fn a_pair_that_failed_is_tried_again_with_another_description_and_not_at_a_restart() {
+fn a_failed_pair_is_retried_with_another_description_but_not_after_a_restart() {
     let mut service = Service::start();
     let mut asset = asset_with_pair("pump", 26.0);
     let path = library_path(&service, &asset);
@@ -175,7 +176,7 @@ fn a_pair_that_failed_is_tried_again_with_another_description_and_not_at_a_resta
 }
 
 #[test]
-fn a_simulation_ends_with_the_last_asset_that_wants_it() {
+fn a_simulation_is_cancelled_with_the_last_asset_that_needs_it() {
     let service = Service::start();
     for (face_width_mm, is_deleted) in [(23.0, true), (24.0, false)] {
         let asset = asset_with_pair("gone", face_width_mm);
@@ -197,7 +198,7 @@ fn a_simulation_ends_with_the_last_asset_that_wants_it() {
 }
 
 #[test]
-fn a_history_goes_on_with_the_library_that_is_kept() {
+fn a_history_continues_with_the_stored_library() {
     let mut service = Service::start();
     service.post_json("/v1/assets", &asset_with_pair("pump", 25.0)).expect(201);
     wait_for_library(&service, "pump", "ready");
@@ -210,9 +211,10 @@ fn a_history_goes_on_with_the_library_that_is_kept() {
     assert_eq!(service.get("/v1/recomputations").expect(200).json()["items"], json!([]));
 }
 
-/// 1280 pairs around the first machine take most of a minute; the second one's library comes between.
+/// The 1280 ensemble members of the first machine take most of a minute; the second one's library must not
+/// wait for them.
 #[test]
-fn a_library_does_not_wait_for_all_that_another_asset_is_compared_with() {
+fn a_library_does_not_wait_for_another_assets_ensemble() {
     let service = Service::start_with(|config| config.work.neighbours = EnsembleSettings::default());
     let simulation = |asset: &str| {
         let summary = service.get(&format!("/v1/assets/{asset}")).expect(200).json()["summary"].clone();
@@ -224,7 +226,7 @@ fn a_library_does_not_wait_for_all_that_another_asset_is_compared_with() {
     wait_for_library(&service, "second", "ready");
     let first = simulation("first");
     assert_eq!(first["stage"], "members", "{first}");
-    // How far it is, and how long it still takes, is of all its turns.
+    // Progress and remaining time cover all operating points.
     let seen = service.wait_for("/v1/assets/first", |asset| {
         asset["summary"]["simulation"]["fraction"].as_f64().is_some_and(|fraction| fraction > 0.15)
     });

@@ -1,5 +1,5 @@
-//! Which parts of live streams become records: those of a steady machine, those around an alarm,
-//! and all of a measuring campaign.
+//! Which parts of live streams become records: those of a steady machine, those around an alarm, and all of a
+//! measuring campaign.
 
 use std::io::Cursor;
 
@@ -14,7 +14,7 @@ const RATE_HZ: u64 = 1000;
 /// 2026-01-01 in nanoseconds.
 const BEGIN_NS: i64 = 1_767_225_600_000_000_000;
 
-/// Noise that is the same whenever it is asked for, `factor` times as loud from an index on.
+/// Returns reproducible noise, `factor` times as loud from an index on.
 fn frames(first: u64, count: u64, loud_from: u64) -> Vec<u8> {
     let value = |k: u64| {
         let noise = (k.wrapping_mul(2_654_435_761) >> 7) % 2001;
@@ -46,7 +46,7 @@ fn send(socket: &mut StreamSocket, first: u64, until: u64, loud_from: u64) {
     socket.wait_for(until);
 }
 
-/// First samples and lengths of the records, once there are so many and none waits.
+/// Waits for a number of records, and returns their first samples and lengths.
 fn records(service: &Service, number: usize) -> Vec<(u64, u64)> {
     service.wait_for("/v1/assets/pump/stream", |status| {
         status["records_waiting"] == 0 && status["records"].as_u64() >= Some(number as u64)
@@ -69,27 +69,27 @@ fn records(service: &Service, number: usize) -> Vec<(u64, u64)> {
 }
 
 #[test]
-fn records_are_cut_of_a_machine_that_is_steady_once_for_each_bin_and_are_the_same_after_a_restart() {
+fn a_steady_machine_gives_one_record_per_bin_and_the_same_after_a_restart() {
     let stream = json!({ "record_s": 2, "steady": { "for_s": 5, "at_most_every_s": 100 } });
     let bins = json!([{ "name": "slow", "shaft_speed_hz": [5, 15] }, { "name": "fast", "shaft_speed_hz": [15, 30] }]);
     let mut service = service(&stream, &json!({ "operating_bins": bins }));
     let mut socket = open(&service);
     send(&mut socket, 0, 20_000, u64::MAX);
-    let say = |socket: &mut StreamSocket, speed_hz: f64| {
-        socket.say(&json!({ "type": "operating", "shaft_speed_hz": speed_hz, "torque_nm": 80 }));
+    let send_speed = |socket: &mut StreamSocket, speed_hz: f64| {
+        socket.send_json(&json!({ "type": "operating", "shaft_speed_hz": speed_hz, "torque_nm": 80 }));
     };
-    say(&mut socket, 10.0);
+    send_speed(&mut socket, 10.0);
     send(&mut socket, 20_000, 24_000, u64::MAX);
     service.restart();
     let mut socket = open(&service);
     assert_eq!(socket.next, Some(24_000));
     // Within the bounds, and then for long.
-    say(&mut socket, 10.1);
+    send_speed(&mut socket, 10.1);
     send(&mut socket, 24_000, 40_000, u64::MAX);
     assert_eq!(records(&service, 1), [(23_000, 2000)]);
-    say(&mut socket, 20.0);
+    send_speed(&mut socket, 20.0);
     send(&mut socket, 40_000, 44_000, u64::MAX);
-    say(&mut socket, 22.0);
+    send_speed(&mut socket, 22.0);
     send(&mut socket, 44_000, 60_000, u64::MAX);
     let both = [(23_000, 2000), (47_000, 2000)];
     assert_eq!(records(&service, 2), both);
@@ -113,7 +113,7 @@ fn records_are_cut_of_a_machine_that_is_steady_once_for_each_bin_and_are_the_sam
 }
 
 #[test]
-fn what_is_around_an_alarm_is_kept_also_over_a_restart_and_bounded() {
+fn samples_around_an_alarm_are_kept_within_limits_and_over_a_restart() {
     let stream = json!({ "record_s": 2, "interval_s": 20, "on_alarm": { "before_s": 5, "after_s": 7 } });
     let alarms = json!([{ "quantity": { "indicator": "rms" }, "warning": 5, "danger": 500,
         "settings": { "raise": 1, "raise_of": 1, "clear": 1, "clear_of": 1 } }]);
@@ -133,13 +133,13 @@ fn what_is_around_an_alarm_is_kept_also_over_a_restart_and_bounded() {
     send(&mut socket, 24_000, 39_000, 18_000);
     let all = [begun.as_slice(), &[(21_500, 2000), (23_500, 2000), (25_500, 2000), (27_500, 2000)]].concat();
     assert_eq!(records(&service, 8), all);
-    // The alarm is still there, and raises nothing anew; records go on by the interval.
+    // The alarm persists without a new one; records continue by the interval.
     send(&mut socket, 39_000, 43_000, 18_000);
     assert_eq!(records(&service, 9)[8], (40_000, 2000));
 }
 
 #[test]
-fn a_campaign_keeps_everything_until_its_end_or_until_it_is_ended_and_is_exported() {
+fn a_campaign_keeps_everything_until_it_ends_and_is_exported() {
     let mut service = service(&json!({ "record_s": 2, "interval_s": 0 }), &json!({}));
     let path = "/v1/assets/pump/stream/campaign";
     service.post(path, "", b"").expect_problem(404, &["main"]);
@@ -160,7 +160,7 @@ fn a_campaign_keeps_everything_until_its_end_or_until_it_is_ended_and_is_exporte
     service.restart();
     let mut socket = open(&service);
     // A gap ends a record, and the next one begins after it.
-    socket.say(&json!({ "type": "gap", "next": 8000 }));
+    socket.send_json(&json!({ "type": "gap", "next": 8000 }));
     send(&mut socket, 8000, 20_000, u64::MAX);
     let all = [(3500, 2000), (5500, 1500), (8000, 2000), (10_000, 2000), (12_000, 500)];
     assert_eq!(records(&service, 5), all);
@@ -168,7 +168,7 @@ fn a_campaign_keeps_everything_until_its_end_or_until_it_is_ended_and_is_exporte
     assert_eq!((&campaign["is_running"], &campaign["records"]), (&json!(false), &json!(5)));
     assert_eq!(campaign["start_time"], "2026-01-01T00:00:03.5Z");
     assert_eq!(campaign["end_time"], "2026-01-01T00:00:12.5Z");
-    // Ended by somebody; what came until then is kept.
+    // Ended early; the samples until then are kept.
     service.post(&format!("{path}?seconds=1000"), "", b"").expect(200);
     let longer = service.post(&format!("{path}?seconds=2000"), "", b"").expect(200).json();
     assert_eq!((&longer["first"], &longer["end"]), (&json!(20_000), &json!(2_020_000)));
@@ -184,7 +184,7 @@ fn a_campaign_keeps_everything_until_its_end_or_until_it_is_ended_and_is_exporte
         service.get(&format!("/v1/assets/pump/export?from={from}&to={to}&spectra=10000")).expect(200);
     let messages = mcap::MessageStream::new(&export.bytes).unwrap().map(Result::unwrap);
     assert_eq!(messages.filter(|message| message.channel.topic == "/pump/1/spectrum").count(), 2);
-    // With its samples it is a recording like any other.
+    // With its samples, the export is a normal recording.
     let whole = service
         .get(&format!("/v1/assets/pump/export?from={from}&to={to}&spectra=0&waveforms=true"))
         .expect(200);

@@ -1,5 +1,5 @@
-//! Live streams: samples that come in any pieces are kept once, records are cut out of them, and who sends
-//! too much or something else is told so.
+//! Live streams: samples in chunks of any size are stored once and cut into records; senders of too much or
+//! invalid data get the reason.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -22,7 +22,7 @@ const FORMAT: &str = "sample=i16&sample_rate_hz=1000&channels=2&scale=0.5&unit=m
 /// 2026-01-01 in nanoseconds.
 const BEGIN_NS: i64 = 1_767_225_600_000_000_000;
 
-/// The value of a channel's sample.
+/// Returns the value of a channel's sample.
 fn count(index: u64, channel: u64) -> i16 {
     (index.wrapping_mul(2_654_435_761).wrapping_add(channel * 40_503) >> 7) as i16
 }
@@ -36,7 +36,7 @@ fn time_ns(index: u64) -> i64 {
     BEGIN_NS + (index * 1_000_000_000 / RATE_HZ) as i64
 }
 
-/// A service with an asset of whose streams 2 s every 10 s become records.
+/// Starts a service with an asset whose streams are cut into records of 2 s every 10 s.
 fn service() -> Service {
     let service = Service::start();
     service.post_json("/v1/assets", &asset(2.0, 10.0)).expect(201);
@@ -61,7 +61,7 @@ fn status(service: &Service) -> Value {
     service.get("/v1/assets/pump/stream").expect(200).json()
 }
 
-/// The records of a channel in the order of time, once there are so many.
+/// Waits for a number of records of a channel, and returns them in time order.
 fn records(service: &Service, channel: &str, number: usize) -> Vec<Value> {
     let path = format!("/v1/assets/pump/segments?channel={channel}&limit=1000");
     let page = service.wait_for(&path, |page| page["items"].as_array().unwrap().len() >= number);
@@ -81,7 +81,7 @@ fn expect_samples(service: &Service, record: &Value, first: u64, number: u64) {
 }
 
 #[test]
-fn repeated_reordered_and_overlapping_chunks_are_kept_once_and_cut_into_records() {
+fn repeated_reordered_and_overlapping_chunks_are_stored_once_and_cut_into_records() {
     let service = service();
     let mut random = ChaCha8Rng::seed_from_u64(21);
     let mut socket = open(&service, "&first_index=0");
@@ -121,14 +121,14 @@ fn repeated_reordered_and_overlapping_chunks_are_kept_once_and_cut_into_records(
     socket.send(end, time_ns(end), &frames(end, 1000));
     socket.wait_for(end + 1000);
     records(&service, "in", 4);
-    socket.say(&json!({ "type": "end" }));
-    assert_eq!(socket.hear().unwrap_err().0, 1000);
+    socket.send_json(&json!({ "type": "end" }));
+    assert_eq!(socket.receive().unwrap_err().0, 1000);
     let list = service.get("/v1/assets/pump/streams").expect(200).json();
     assert_eq!((&list["items"][0]["name"], list["items"].as_array().unwrap().len()), (&json!("main"), 1));
 }
 
 #[test]
-fn a_gap_is_told_with_its_length_and_no_record_reaches_over_it() {
+fn a_gap_is_reported_with_its_length_and_no_record_spans_it() {
     let service = service();
     let mut socket = open(&service, "&first_index=0");
     socket.send(0, time_ns(0), &frames(0, 11_000));
@@ -137,8 +137,8 @@ fn a_gap_is_told_with_its_length_and_no_record_reaches_over_it() {
     socket.send(11_100, time_ns(11_100), &frames(11_100, 1000));
     socket.send(12_100, time_ns(12_100), &frames(12_100, 2000));
     assert_eq!(socket.wait_for(14_100), [[11_000, 100]]);
-    // And need not be waited for where the sender knows that they are lost.
-    socket.say(&json!({ "type": "gap", "next": 15_000 }));
+    // No wait is needed if the sender declares them lost.
+    socket.send_json(&json!({ "type": "gap", "next": 15_000 }));
     assert_eq!(socket.wait_for(15_000), [[14_100, 900]]);
     socket.send(14_000, time_ns(14_000), &frames(14_000, 2000));
     socket.wait_for(16_000);
@@ -150,7 +150,7 @@ fn a_gap_is_told_with_its_length_and_no_record_reaches_over_it() {
 }
 
 #[test]
-fn all_samples_become_records_where_the_interval_is_their_length() {
+fn all_samples_become_records_if_the_interval_equals_the_length() {
     let service = service();
     service.put_json("/v1/assets/pump", &asset(1.0, 1.0)).expect(200);
     let mut socket = open(&service, "&first_index=500");
@@ -162,7 +162,7 @@ fn all_samples_become_records_where_the_interval_is_their_length() {
 }
 
 #[test]
-fn a_drifting_rate_is_said_and_a_clock_that_jumps_moves_no_record() {
+fn a_drifting_rate_is_reported_and_a_clock_jump_moves_no_record() {
     let service = service();
     let mut socket = open(&service, "&first_index=0");
     // The crystal is 100 ppm fast, and the clock jumps by an hour half-way.
@@ -187,14 +187,14 @@ fn a_drifting_rate_is_said_and_a_clock_that_jumps_moves_no_record() {
 }
 
 #[test]
-fn a_stream_goes_on_after_a_restart_where_the_service_says() {
+fn a_stream_resumes_after_a_restart_at_the_services_index() {
     let mut service = service();
     let mut socket = open(&service, "&first_index=0");
-    socket.say(&json!({ "type": "operating", "shaft_speed_hz": 9.5, "torque_nm": 80.0 }));
+    socket.send_json(&json!({ "type": "operating", "shaft_speed_hz": 9.5, "torque_nm": 80.0 }));
     socket.send(0, time_ns(0), &frames(0, 1700));
     socket.wait_for(1700);
     service.stop();
-    assert_eq!(socket.hear().unwrap_err().0, 1001);
+    assert_eq!(socket.receive().unwrap_err().0, 1001);
     service.launch();
     let mut socket = open(&service, "");
     assert_eq!(socket.next, Some(1700));
@@ -209,7 +209,7 @@ fn a_stream_goes_on_after_a_restart_where_the_service_says() {
 }
 
 #[test]
-fn a_body_without_an_end_is_kept_as_it_comes() {
+fn an_endless_body_is_stored_as_it_arrives() {
     let service = service();
     let path = format!("/v1/assets/pump/stream?{FORMAT}&first_index=0&start_time=2026-01-01T00:00:00Z");
     let address = service.url("");
@@ -246,7 +246,7 @@ fn a_body_without_an_end_is_kept_as_it_comes() {
 }
 
 #[test]
-fn levels_of_every_second_are_kept_and_the_last_seconds_become_a_record_on_demand() {
+fn levels_are_stored_per_second_and_a_record_is_cut_on_demand() {
     let service = service();
     let mut socket = open(&service, "&first_index=0");
     let square: Vec<u8> = (0..7500)
@@ -263,7 +263,7 @@ fn levels_of_every_second_are_kept_and_the_last_seconds_become_a_record_on_deman
     assert_eq!(kept, json!({ "start_time": "2026-01-01T00:00:04.5Z", "samples": 3000 }));
     let found = records(&service, "in", 2);
     assert_eq!((&found[1]["start_time"], &found[1]["samples"]), (&kept["start_time"], &json!(3000)));
-    // As many as there are; it begins with the sample that the record of the policy begins with.
+    // As many samples as there are, from the same first sample as the interval's record.
     let all = service.post("/v1/assets/pump/stream/keep?seconds=10", "", b"").expect(200).json();
     assert_eq!(all, json!({ "start_time": "2026-01-01T00:00:00Z", "samples": 7500 }));
     let found = records(&service, "in", 3);
@@ -279,7 +279,7 @@ fn levels_of_every_second_are_kept_and_the_last_seconds_become_a_record_on_deman
 }
 
 #[test]
-fn a_stream_without_an_interval_makes_records_on_demand_only() {
+fn a_stream_without_an_interval_gives_records_on_demand_only() {
     let service = Service::start();
     service
         .post_json("/v1/assets", &asset(2.0, 1.0))
@@ -306,7 +306,7 @@ fn a_stream_without_an_interval_makes_records_on_demand_only() {
 }
 
 #[test]
-fn who_sends_something_else_is_told_why() {
+fn invalid_stream_data_is_rejected_with_the_reason() {
     let service = service();
     let refused = |query: &str| {
         StreamSocket::open(&service.url(&format!("/v1/assets/{query}")), &[]).map(|_| ()).unwrap_err()
@@ -322,33 +322,33 @@ fn who_sends_something_else_is_told_why() {
     first.send(0, time_ns(0), &frames(0, 10));
     first.wait_for(10);
     assert_eq!(refused("pump/stream?sample=f32&sample_rate_hz=1000"), 409);
-    // Half a frame closes the connection, after what came before it is kept.
+    // An incomplete frame closes the connection, after the frames before it are stored.
     first.send(10, time_ns(10), &frames(10, 10));
     first.send(20, time_ns(20), &[1, 2, 3]);
     let (code, reason) = loop {
-        if let Err(closed) = first.hear() {
+        if let Err(closed) = first.receive() {
             break closed;
         }
     };
     assert!(code == 4400 && reason.contains("length"), "{code} {reason}");
     let mut second = open(&service, "");
     assert_eq!(second.next, Some(20));
-    second.say(&json!({ "type": "dance" }));
-    assert_eq!(second.hear().unwrap_err().0, 4400);
-    // The latest connection sends the stream: one before it may be half open.
+    second.send_json(&json!({ "type": "dance" }));
+    assert_eq!(second.receive().unwrap_err().0, 4400);
+    // The latest connection owns the stream: an earlier one may be half-open.
     let mut third = open(&service, "");
     let mut fourth = open(&service, "");
-    assert_eq!(third.hear().unwrap_err().0, 4409);
+    assert_eq!(third.receive().unwrap_err().0, 4409);
     fourth.send(20, time_ns(20), &frames(20, 5));
     fourth.wait_for(25);
     service.delete("/v1/assets/pump").expect(204);
-    assert!([4404, 4409].contains(&fourth.hear().unwrap_err().0));
+    assert!([4404, 4409].contains(&fourth.receive().unwrap_err().0));
     service.post_json("/v1/assets", &asset(2.0, 10.0)).expect(201);
     assert_eq!(open(&service, "&first_index=7").next, Some(7));
 }
 
 #[test]
-fn streams_are_limited_and_need_a_token_that_may_write() {
+fn streams_are_limited_and_require_a_write_token() {
     let service = Service::start_with(|config| config.http.streams = 4);
     service.plain_asset("pump");
     let names = ["a", "b", "c"];
@@ -375,11 +375,11 @@ fn streams_are_limited_and_need_a_token_that_may_write() {
     let of_line = listed["items"].as_array().unwrap().iter().find(|token| token["name"] == "line 3").unwrap();
     let path = format!("/v1/tokens/{}", of_line["id"].as_str().unwrap());
     service.send("DELETE", &path, &tokens, b"").expect(204);
-    assert_eq!(socket.hear().unwrap_err().0, 4401);
+    assert_eq!(socket.receive().unwrap_err().0, 4401);
 }
 
 #[test]
-fn a_stream_goes_on_from_its_backup_with_the_samples_that_no_record_has_yet() {
+fn a_restored_stream_keeps_samples_that_are_not_in_a_record_yet() {
     let place = tempfile::tempdir().unwrap();
     let [data, copy, elsewhere] = ["data", "copy", "elsewhere"].map(|name| place.path().join(name));
     let open = |program: &Program| {
@@ -387,8 +387,9 @@ fn a_stream_goes_on_from_its_backup_with_the_samples_that_no_record_has_yet() {
         StreamSocket::open(&url, &[]).unwrap()
     };
     let on = |folder: &std::path::Path, words: [&str; 2]| {
-        let said = flankwatch(&[words[0], words[1], "--data-dir", folder.to_str().unwrap()]).expect_success();
-        assert!(said.out().contains("1 live streams"), "{}", said.out());
+        let output =
+            flankwatch(&[words[0], words[1], "--data-dir", folder.to_str().unwrap()]).expect_success();
+        assert!(output.out().contains("1 live streams"), "{}", output.out());
     };
     let program = Program::start(&data);
     program.make(&asset(2.0, 10.0));

@@ -1,4 +1,4 @@
-//! Tokens made and revoked over HTTP.
+//! Tokens created and revoked over HTTP.
 
 use flankwatch::http::Scope;
 use serde_json::{Value, json};
@@ -14,7 +14,7 @@ fn as_bearer(service: &Service, token: &str, method: &str, path: &str, body: &Va
 }
 
 #[test]
-fn the_first_token_closes_the_service_and_others_are_made_and_revoked_with_it() {
+fn the_first_token_enables_authentication_and_creates_and_revokes_others() {
     let service = Service::start();
     assert_eq!(service.get("/v1/tokens").expect(200).json()["items"], json!([]));
     let refused = service.post_json("/v1/tokens", &json!({ "name": "desk", "scope": "read" }));
@@ -69,7 +69,7 @@ fn the_first_token_closes_the_service_and_others_are_made_and_revoked_with_it() 
 }
 
 #[test]
-fn without_tokens_by_order_nobody_makes_one_over_http() {
+fn no_token_is_created_over_http_with_authentication_disabled() {
     let service = Service::start_with(|config| config.insecure_no_tokens = true);
     let request = json!({ "name": "later", "scope": "admin" });
     service.get("/v1/tokens").expect_problem(403, &["insecure-no-tokens"]);

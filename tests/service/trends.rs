@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::alarms::loud;
 use crate::running::{Service, minute, plain_asset, record};
 
-/// A history as one that depends on the order would show it: every number of every record.
+/// Returns all values of all records, which show any dependence on the order.
 fn history(service: &Service, asset: &str) -> Value {
     let mut history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
     for item in history["items"].as_array_mut().unwrap() {
@@ -19,7 +19,7 @@ fn history(service: &Service, asset: &str) -> Value {
     history
 }
 
-/// An asset whose wear is compared with a library of a small pair.
+/// Describes an asset with a small pair and its library.
 fn asset_with_pair(id: &str) -> Value {
     json!({
         "id": id,
@@ -37,7 +37,7 @@ fn asset_with_pair(id: &str) -> Value {
 }
 
 #[test]
-fn late_records_give_the_history_that_records_in_order_give() {
+fn late_records_give_the_same_history_as_records_in_order() {
     let service = Service::start();
     for id in ["in-order", "shuffled", "backwards"] {
         service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
@@ -68,7 +68,7 @@ fn late_records_give_the_history_that_records_in_order_give() {
 }
 
 #[test]
-fn a_changed_baseline_folds_the_history_again() {
+fn a_changed_baseline_recomputes_the_history() {
     let service = Service::start();
     for id in ["changed", "from-the-start"] {
         service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
@@ -92,7 +92,7 @@ fn a_changed_baseline_folds_the_history_again() {
 }
 
 #[test]
-fn the_small_curve_of_an_asset_follows_its_history() {
+fn the_sparkline_of_an_asset_follows_its_history() {
     let service = Service::start();
     service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201);
     service.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
@@ -121,7 +121,7 @@ fn the_small_curve_of_an_asset_follows_its_history() {
 }
 
 #[test]
-fn the_library_of_an_asset_can_be_looked_at() {
+fn the_library_of_an_asset_is_shown() {
     let service = Service::start();
     let asset = service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201).json();
     let id = asset["summary"]["library_id"].as_str().unwrap().to_string();
@@ -142,7 +142,7 @@ fn the_library_of_an_asset_can_be_looked_at() {
 }
 
 #[test]
-fn an_asset_without_records_says_so() {
+fn an_asset_without_records_has_empty_trends() {
     let service = Service::start();
     service.plain_asset("pump");
     let wear = service.get("/v1/assets/pump/wear").expect(200).json();
@@ -155,7 +155,7 @@ fn an_asset_without_records_says_so() {
 }
 
 #[test]
-fn a_trend_is_in_time_order_and_no_longer_than_asked() {
+fn a_trend_is_in_time_order_and_limited_in_length() {
     let service = Service::start();
     service.plain_asset("pump");
     let mut rms = Vec::new();
@@ -194,7 +194,7 @@ fn a_trend_is_in_time_order_and_no_longer_than_asked() {
     assert_eq!(service.get(part).expect(200).json()["items"].as_array().unwrap().len(), 3);
 }
 
-/// More records than a block of columns has, each a short one.
+/// Number of records, more than a block of columns has.
 fn long_recording() -> Vec<u8> {
     let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
     for n in 0..1100 {
@@ -206,7 +206,7 @@ fn long_recording() -> Vec<u8> {
 }
 
 #[test]
-fn a_history_kept_as_columns_is_the_one_of_its_rows() {
+fn a_history_in_columns_equals_that_in_rows() {
     let mut service = Service::start();
     service.post_json("/v1/assets", &plain_asset("pump")).expect(201);
     let types = [("content-type", "application/mcap")];
@@ -227,7 +227,7 @@ fn a_history_kept_as_columns_is_the_one_of_its_rows() {
     assert_eq!(blocks(&service), 1);
     service.restart();
     assert_eq!(both(&service), of_rows);
-    // A record before all others changes what every block holds.
+    // A record before all others changes every block.
     service.upload("pump", &Record::new("1", minute(-1), 4000.0, "m/s2", vec![1.0; 64]).unwrap());
     let with_late = both(&service);
     assert_ne!(with_late[0]["items"][0], of_rows[0]["items"][0]);
@@ -239,7 +239,7 @@ fn a_history_kept_as_columns_is_the_one_of_its_rows() {
 }
 
 #[test]
-fn trends_are_asked_by_operating_bin() {
+fn trends_are_filtered_by_operating_bin() {
     let service = Service::start();
     let mut asset = plain_asset("pump");
     asset["operating_bins"] = json!([

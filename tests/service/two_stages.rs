@@ -1,5 +1,5 @@
-//! Gearboxes of several meshes that one sensor hears together: each mesh is an asset, and the records of one
-//! come to all.
+//! Gearboxes with several meshes measured by one sensor: each mesh is an asset, and a record of the sensor is
+//! analysed for all of them.
 
 use flankwatch::gear::PairSpec;
 use flankwatch::library::GridSettings;
@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use crate::running::{Service, mcap, minute, plain_asset, record};
 
-/// A mesh of 17 teeth on the shaft that the other one's 31 teeth drive through 62.
+/// A second mesh of 17 teeth, on the output shaft of the first one (31 to 62 teeth).
 fn second(of: &str) -> Value {
     let mut asset = plain_asset("second");
     asset["gear"] = json!({ "teeth": [17, 50], "shaft_speed_hz": 5.0, "shaft_ratio": [31, 62] });
@@ -24,7 +24,7 @@ fn segments(service: &Service, asset: &str) -> Vec<Value> {
     list["items"].as_array().unwrap().clone()
 }
 
-/// What was found of each record in the order of time, without what differs from asset to asset.
+/// Returns the results of each record in time order, without what differs between assets.
 fn found(service: &Service, asset: &str) -> Vec<Value> {
     let without = |mut segment: Value| {
         // A record of an MCAP file has other bytes than the same one sent by itself, and is marked where the
@@ -47,10 +47,10 @@ fn at_speed(record: Record, shaft_speed_hz: f64) -> Record {
 }
 
 #[test]
-fn records_of_a_sensor_come_to_every_mesh_that_it_hears() {
+fn records_of_a_sensor_are_analysed_for_every_mesh() {
     let mut service = Service::start();
     service.plain_asset("first");
-    // Some before the second mesh is described, some after, one of them late, one twice.
+    // Some records before the second mesh is described, some after; one is late, one is sent twice.
     for n in 0..6 {
         service.upload("first", &at_speed(record("in", n), 10.0));
     }
@@ -63,15 +63,15 @@ fn records_of_a_sensor_come_to_every_mesh_that_it_hears() {
     service.post("/v1/assets/first/segments", "application/mcap", &batch).expect(201);
     let path = "/v1/assets/second";
     service.wait_for(path, |asset| asset["summary"]["segments"] == 10);
-    let heard = segments(&service, "second");
-    let times: Vec<&Value> = heard.iter().map(|segment| &segment["start_time"]).collect();
+    let derived = segments(&service, "second");
+    let times: Vec<&Value> = derived.iter().map(|segment| &segment["start_time"]).collect();
     let sent = segments(&service, "first");
     assert_eq!(times, sent.iter().map(|segment| &segment["start_time"]).collect::<Vec<_>>());
-    for (heard, sent) in heard.iter().zip(&sent) {
+    for (derived, sent) in derived.iter().zip(&sent) {
         // The raw bytes are the same object; the speed is that of its own shaft.
-        assert_eq!(heard["raw"], sent["raw"]);
+        assert_eq!(derived["raw"], sent["raw"]);
         assert_eq!(
-            (&heard["shaft_speed"]["shaft_speed_hz"], &sent["shaft_speed"]["shaft_speed_hz"]),
+            (&derived["shaft_speed"]["shaft_speed_hz"], &sent["shaft_speed"]["shaft_speed_hz"]),
             (&json!(5.0), &json!(10.0))
         );
     }
@@ -79,7 +79,7 @@ fn records_of_a_sensor_come_to_every_mesh_that_it_hears() {
         let items = list["items"].as_array().unwrap();
         items.iter().all(|item| item["state"] == "finished")
     });
-    // As if both had been there from the start.
+    // The same as if both had existed from the start.
     let (first, second_mesh) = (found(&service, "first"), found(&service, "second"));
     let fresh = Service::start();
     fresh.plain_asset("first");
@@ -89,13 +89,13 @@ fn records_of_a_sensor_come_to_every_mesh_that_it_hears() {
     }
     assert_eq!(found(&fresh, "first"), first);
     assert_eq!(found(&fresh, "second"), second_mesh);
-    // What a process that ended in between left out is made up for at the next start.
+    // Work that a killed process left undone is completed at the next start.
     service.restart();
     assert_eq!(found(&service, "second"), second_mesh);
 }
 
 #[test]
-fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
+fn invalid_sensor_sharing_is_rejected_and_shared_recordings_are_kept() {
     let service = Service::start();
     service.plain_asset("first");
     service.post_json("/v1/assets", &second("nowhere")).expect_problem(422, &["sensor.of", "nowhere"]);
@@ -138,10 +138,9 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
     assert!(!raw.exists());
 }
 
-/// Two pairs whose teeth are simulated each by itself, at speeds tied by their teeth, each through a path of
-/// its own to one sensor.
+/// Simulates two pairs at speeds coupled by their teeth, each with its own transmission path to one sensor.
 #[test]
-fn the_wear_of_both_stages_is_followed_through_one_sensor() {
+fn the_wear_of_both_stages_is_tracked_with_one_sensor() {
     const RECORDS: u32 = 60;
     let service = Service::start_with(|config| {
         config.grid = GridSettings { states: 60, seconds: 1.0, ..GridSettings::default() };
@@ -200,7 +199,7 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
         let history = service.get(&format!("/v1/assets/{id}/wear/history")).expect(200).json();
         let rows = history["items"].as_array().unwrap();
         assert_eq!(rows.len(), RECORDS as usize);
-        let (mut within, mut told, mut last) = (0, 0, (0.0, 0.0));
+        let (mut within, mut estimated, mut last) = (0, 0, (0.0, 0.0));
         for (n, row) in (0..).zip(rows) {
             let truth = runs[stage].wear_um(n);
             let number = |name: &str| row[name].as_f64();
@@ -208,14 +207,14 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
             else {
                 continue;
             };
-            told += 1;
+            estimated += 1;
             last = (median, truth);
             within += u32::from((low..=high).contains(&truth));
         }
-        // After the baseline nearly every record has a number, near the truth, and the interval is honest.
-        assert!(told >= 40, "{id}: {told} of {RECORDS}: {history}");
+        // After the baseline nearly every record has an estimate near the truth, with a correct coverage.
+        assert!(estimated >= 40, "{id}: {estimated} of {RECORDS}: {history}");
         assert!(last.0 > 0.5 * last.1, "{id}: {} µm at {} µm", last.0, last.1);
-        assert!(within * 10 >= told * 8, "{id}: {within} of {told}");
+        assert!(within * 10 >= estimated * 8, "{id}: {within} of {estimated}");
         let alarms = service.get(&format!("/v1/alarms?asset={id}")).expect(200).json();
         let raised = alarms["items"].as_array().unwrap().iter().find(|alarm| alarm["quantity"] == "wear_um");
         assert_eq!(raised.unwrap()["severity"], "danger", "{id}: {alarms}");
@@ -223,7 +222,7 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
     looks_back_from_an_inspection(&service, &runs[0]);
 }
 
-/// What an inspection of the first stage makes of the records before it.
+/// Checks how an inspection of the first stage changes the estimates of earlier records.
 fn looks_back_from_an_inspection(service: &Service, run: &Run) {
     let path = "/v1/assets/input/wear/hindsight";
     let none = service.get(path).expect(200).json();
@@ -240,21 +239,21 @@ fn looks_back_from_an_inspection(service: &Service, run: &Run) {
         let of = |row: &Value| row["p95_um"].as_f64().unwrap() - row["p05_um"].as_f64().unwrap();
         rows.iter().map(of).sum::<f64>() / rows.len() as f64
     };
-    let told: Vec<Value> = history["items"].as_array().unwrap()[16..50]
+    let estimated: Vec<Value> = history["items"].as_array().unwrap()[16..50]
         .iter()
         .filter(|row| row["median_um"].is_f64())
         .cloned()
         .collect();
-    // The described pair alone has nothing to learn of which pair the machine is like.
+    // With the described pair alone, there is no ensemble to weight.
     assert!(
-        (width(items) / width(&told) - 1.0).abs() < 1e-3,
+        (width(items) / width(&estimated) - 1.0).abs() < 1e-3,
         "{} µm wide, {} as told",
         width(items),
-        width(&told)
+        width(&estimated)
     );
 }
 
-/// The paper's pair, and one that its output shaft drives.
+/// Returns the paper's pair, and a pair driven by its output shaft.
 fn pairs() -> [PairSpec; 2] {
     let first = PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap();
     let mut second = first.clone();

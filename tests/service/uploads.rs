@@ -1,4 +1,4 @@
-//! Every way in which a recording can come.
+//! Uploads in every format.
 
 use std::io::Write;
 
@@ -21,7 +21,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn csv_is_taken_with_its_own_rate_and_units() {
+fn csv_is_accepted_with_its_own_rate_and_units() {
     let service = Service::start();
     service.plain_asset("pump");
     let lines: String =
@@ -37,18 +37,18 @@ fn csv_is_taken_with_its_own_rate_and_units() {
         .expect_problem(422, &["4010", "expected 4000"]);
     let ramp = b"n,in [g],out\n0,1,5\n1,-2,6\n2,3,7\n3,4,9\n";
     service.post(&path, "text/csv", ramp).expect_problem(422, &["column \"n\"", "rises by the same step"]);
-    let said = "&sample_rate_hz=1000&columns=2,3&channel_names=a,b&unit=m/s2";
-    let taken = service.post(&format!("{path}{said}"), "text/csv", ramp).expect(201).json();
+    let query = "&sample_rate_hz=1000&columns=2,3&channel_names=a,b&unit=m/s2";
+    let taken = service.post(&format!("{path}{query}"), "text/csv", ramp).expect(201).json();
     let [a, b] = &taken["segments"].as_array().unwrap()[..] else { panic!("{taken}") };
     assert_eq!([&a["channel"], &b["channel"]], ["a", "b"]);
-    // It is read as it was said whenever it is read again.
+    // The query's parameters apply whenever the file is read again.
     let kept =
         service.get(&format!("/v1/segments/{}/waveform", b["id"].as_str().unwrap())).expect(200).json();
     assert_eq!(b["samples"], 4, "{kept}");
     service.post(&format!("{path}&columns=2,x"), "text/csv", ramp).expect_problem(400, &["columns", "\"x\""]);
     service.post(&format!("{path}&columns=9"), "text/csv", ramp).expect_problem(422, &["columns is 9"]);
     service.post(&path, "text/csv", b"a\n1\n2\n").expect_problem(422, &["the sampling rate"]);
-    // The rate that was said beside the file is kept for reading it again.
+    // The rate of the query is stored for reading the file again.
     let bare = service
         .post(&format!("{path}&sample_rate_hz=1000&channel=a2&unit=m/s2"), "text/csv", b"1\n2.5\n")
         .expect(201)
@@ -57,7 +57,7 @@ fn csv_is_taken_with_its_own_rate_and_units() {
 }
 
 #[test]
-fn bare_samples_are_taken_with_what_is_said_beside_them() {
+fn raw_samples_are_accepted_with_query_parameters() {
     let service = Service::start();
     service.plain_asset("pump");
     let bare = "application/octet-stream";
@@ -95,20 +95,20 @@ fn bare_samples_are_taken_with_what_is_said_beside_them() {
         .expect_problem(422, &["channel_names"]);
     // Each channel of a WAV file in a unit of its own; the second in that of all.
     let two = wav(&[samples(1), samples(2)]);
-    let said = format!("{SEGMENTS}?channel_names=p,q&unit=mm/s2&start_time=2026-02-01T00:00:00Z");
+    let query = format!("{SEGMENTS}?channel_names=p,q&unit=mm/s2&start_time=2026-02-01T00:00:00Z");
     let stored =
-        service.post(&format!("{said}&channel_units=g,"), "audio/wav", &two).expect(201).json()["segments"]
+        service.post(&format!("{query}&channel_units=g,"), "audio/wav", &two).expect(201).json()["segments"]
             .clone();
     let came_in = |n: usize| (&stored[n]["channel"], &stored[n]["raw"]["media_type"]);
     assert_eq!(came_in(0), (&json!("p"), &json!("audio/wav; unit=g")));
     assert_eq!(came_in(1), (&json!("q"), &json!("audio/wav; unit=mm/s2")));
     service
-        .post(&format!("{said}&channel_units=g"), "audio/wav", &two)
+        .post(&format!("{query}&channel_units=g"), "audio/wav", &two)
         .expect_problem(422, &["channel_units", "channel_names"]);
 }
 
 #[test]
-fn coded_bodies_are_decoded_and_capped() {
+fn compressed_bodies_are_decoded_and_limited() {
     let service = Service::start_with(|config| {
         config.http.record_bytes = 100_000;
         config.http.recording_bytes = 100_000;
@@ -137,7 +137,7 @@ fn coded_bodies_are_decoded_and_capped() {
 }
 
 #[test]
-fn an_upload_under_a_key_happens_once() {
+fn an_upload_with_an_idempotency_key_happens_once() {
     let mut service = Service::start();
     service.plain_asset("pump");
     let bytes = wav(&[samples(1)]);
@@ -149,7 +149,7 @@ fn an_upload_under_a_key_happens_once() {
     let again = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201).json();
     assert_eq!(again, first);
     service.restart();
-    // Also where the segment is not what it was any more.
+    // Also if the segment has changed meanwhile.
     let mut changed = plain_asset("pump");
     changed["gear"]["teeth"] = serde_json::json!([37, 62]);
     service.put_json("/v1/assets/pump", &changed).expect(200);
@@ -180,7 +180,7 @@ fn an_upload_under_a_key_happens_once() {
 }
 
 #[test]
-fn a_matlab_file_is_taken_with_its_variables_as_channels() {
+fn a_matlab_file_is_accepted_with_its_variables_as_channels() {
     let service = Service::start();
     service.plain_asset("pump");
     let path = &format!("{SEGMENTS}?start_time=2026-01-05T08:00:00Z&unit=m/s2");
@@ -192,7 +192,7 @@ fn a_matlab_file_is_taken_with_its_variables_as_channels() {
         answer["segments"].as_array().unwrap().iter().map(|one| one["channel"].as_str().unwrap()).collect();
     assert_eq!(channels, ["X097_DE_time", "X097_FE_time"]);
     assert_eq!(answer["segments"][0]["sample_rate_hz"], 12_000.0);
-    // It is kept as it came, with all that is needed to read it again.
+    // The file is stored unchanged, with everything needed to read it again.
     let id = answer["segments"][1]["id"].as_str().unwrap();
     let raw = service.get(&format!("/v1/segments/{id}/raw")).expect(200);
     assert_eq!(raw.header("content-type"), matlab);
@@ -203,7 +203,7 @@ fn a_matlab_file_is_taken_with_its_variables_as_channels() {
 }
 
 #[test]
-fn a_csv_file_is_previewed_as_it_would_be_taken() {
+fn a_csv_preview_matches_the_upload() {
     let service = Service::start();
     let preview = |query: &str, text: &str| {
         service.post(&format!("/v1/csv-preview{query}"), "text/csv", text.as_bytes())

@@ -1,4 +1,4 @@
-//! What a record and a life look like: part of a waveform, orders, one turn, cepstrum, waterfall, and the
+//! Views of records and histories: part of a waveform, orders, one revolution, cepstrum, waterfall, and the
 //! match with the library.
 
 use serde_json::{Value, json};
@@ -16,13 +16,13 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
 }
 
-/// Position of the greatest of some values.
+/// Returns the index of the maximum.
 fn highest(values: &[f64]) -> usize {
     (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])).unwrap()
 }
 
-/// An asset with 12 records of a run to failure, 8 of them its baseline; `pair` for the library where wanted.
-/// Gives the last record's id.
+/// Creates an asset with 12 records of a run to failure, 8 of them its baseline; `pair` adds a gear pair, and
+/// so a library. Returns the last record's identifier.
 fn fed(service: &Service, with_library: bool) -> String {
     let pair = PairSpec::from_toml(PAIR).unwrap();
     let mut asset = json!({
@@ -118,7 +118,7 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
 
     assert_eq!(turn["gear"], 1);
 
-    // The driven gear makes 24 turns for 26 of the other one, and both have the mesh harmonics in their turn.
+    // The driven gear makes 24 revolutions for 26 of the driving gear, and both show the mesh harmonics.
     let driven = service.get(&format!("/v1/segments/{id}/turn?gear=2")).expect(200).json();
     assert_eq!(driven["gear"], 2);
     let expected = turns * 24.0 / 26.0;
@@ -184,7 +184,7 @@ fn a_report_is_one_page_without_scripts() {
 }
 
 #[test]
-fn a_report_says_what_its_sender_says_and_has_the_parts_that_were_chosen() {
+fn a_report_has_the_senders_comment_and_the_selected_parts() {
     let service = Service::start();
     fed(&service, false);
     let page = |query: &str| {
@@ -222,7 +222,7 @@ fn a_report_says_what_its_sender_says_and_has_the_parts_that_were_chosen() {
 }
 
 #[test]
-fn a_match_is_of_the_same_features_as_the_library() {
+fn a_match_has_the_same_features_as_the_library() {
     let service = Service::start();
     let id = fed(&service, true);
     let found =

@@ -6,10 +6,10 @@ use std::process::Command;
 use flankwatch::http::TlsFiles;
 use flankwatch_test_support::needed;
 
-/// A certificate for localhost in `folder`, made by OpenSSL.
+/// Creates a certificate for localhost in `folder` with OpenSSL.
 pub(crate) fn certificate(folder: &Path) -> TlsFiles {
     let files = TlsFiles { certificate: folder.join("c.pem"), key: folder.join("k.pem") };
-    // Rustls takes no certificate of an authority for that of a server.
+    // Rustls rejects a CA certificate as a server certificate.
     let request = folder.join("request.cnf");
     let extensions = "basicConstraints = critical,CA:FALSE\nsubjectAltName = IP:127.0.0.1\n";
     let names =

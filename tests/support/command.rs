@@ -1,11 +1,11 @@
-//! The commands as a user runs them.
+//! Runs the commands as a user does.
 
 use std::process::{Command, Output};
 
-/// What a command said and how it ended.
-pub(crate) struct Said(Output);
+/// Output and exit status of a command.
+pub(crate) struct CommandOutput(Output);
 
-impl Said {
+impl CommandOutput {
     pub(crate) fn out(&self) -> String {
         String::from_utf8_lossy(&self.0.stdout).into_owned()
     }
@@ -20,19 +20,19 @@ impl Said {
         self
     }
 
-    /// Checks that the command refused, did not panic, and named every one of the words.
+    /// Checks that the command failed without a panic and that its error contains every one of the words.
     #[track_caller]
-    pub(crate) fn expect_refusal(self, words: &[&str]) -> Self {
-        let said = self.err();
-        assert!(matches!(self.0.status.code(), Some(1 | 2)), "{:?}: {said}", self.0.status);
+    pub(crate) fn expect_failure(self, words: &[&str]) -> Self {
+        let stderr = self.err();
+        assert!(matches!(self.0.status.code(), Some(1 | 2)), "{:?}: {stderr}", self.0.status);
         for word in words {
-            assert!(said.contains(word), "{word:?} in {said:?}");
+            assert!(stderr.contains(word), "{word:?} in {stderr:?}");
         }
         self
     }
 }
 
-/// Runs the program and waits for it.
-pub(crate) fn flankwatch(words: &[&str]) -> Said {
-    Said(Command::new(env!("CARGO_BIN_EXE_flankwatch")).args(words).output().unwrap())
+/// Runs the program and waits for its end.
+pub(crate) fn flankwatch(words: &[&str]) -> CommandOutput {
+    CommandOutput(Command::new(env!("CARGO_BIN_EXE_flankwatch")).args(words).output().unwrap())
 }

@@ -1,4 +1,4 @@
-//! Server-sent events as they come over the wire.
+//! A client for server-sent events.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
@@ -21,13 +21,13 @@ impl EventStream {
         Self::open_at(&service.url(""), query, last)
     }
 
-    /// Of whatever listens at an address.
+    /// Opens the events of a service at a URL.
     pub(crate) fn open_at(url: &str, query: &str, last: Option<&str>) -> Self {
         let last = last.map_or_else(String::new, |last| format!("last-event-id: {last}\r\n"));
         Self::open_path(url, &format!("/v1/events{query}"), &last)
     }
 
-    /// Another stream of events; `head` are lines of the request's head.
+    /// Opens another event stream; `head` has additional header lines of the request.
     pub(crate) fn open_path(url: &str, path: &str, head: &str) -> Self {
         let address = url.trim_start_matches("http://").to_string();
         let mut stream = TcpStream::connect(address).unwrap();
@@ -48,17 +48,17 @@ impl EventStream {
         self.next_or_end().expect("the stream ended")
     }
 
-    /// The next event; none where the server ended the stream.
+    /// Returns the next event; `None` if the server ended the stream.
     pub(crate) fn next_or_end(&mut self) -> Option<Received> {
         let (mut kind, mut id, mut data) = (String::new(), String::new(), None);
         loop {
             let mut line = String::new();
             let read = self.0.read_line(&mut line).unwrap();
-            // The chunk of no length, or the connection's end.
+            // The last chunk, or the end of the connection.
             if read == 0 || line == "0\r\n" {
                 return None;
             }
-            // Lines with the lengths of chunks fall through.
+            // Lines with chunk lengths are ignored.
             if let Some(text) = line.strip_prefix("event: ") {
                 kind = text.trim().to_string();
             } else if let Some(text) = line.strip_prefix("id: ") {

@@ -1,4 +1,4 @@
-//! The program in a process of its own.
+//! The program in its own process.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read};
@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::running::record;
 
-/// A running program and what it said.
+/// A running program and its log.
 pub(crate) struct Program {
     child: Child,
     url: String,
@@ -25,7 +25,7 @@ impl Program {
         Self::start_with(folder, &[])
     }
 
-    /// Starts with further options.
+    /// Starts with additional options.
     pub(crate) fn start_with(folder: &Path, options: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
             .args(["serve", "--data-dir"])
@@ -40,13 +40,13 @@ impl Program {
         let mut out = BufReader::new(child.stdout.take().unwrap());
         let mut err = child.stderr.take().unwrap();
         let log = Arc::new(Mutex::new(String::new()));
-        let said = Arc::clone(&log);
+        let sink = Arc::clone(&log);
         std::thread::spawn(move || {
             let mut piece = [0; 4096];
             while let Ok(count) = err.read(&mut piece)
                 && count > 0
             {
-                said.lock().unwrap().push_str(&String::from_utf8_lossy(&piece[..count]));
+                sink.lock().unwrap().push_str(&String::from_utf8_lossy(&piece[..count]));
             }
         });
         let mut url = String::new();
@@ -84,7 +84,7 @@ impl Program {
         self.agent.run(request.body(body).unwrap()).unwrap()
     }
 
-    /// The segment of an upload that was acknowledged; none where the program is gone.
+    /// Uploads a record; returns the acknowledged segment, or `None` if the program is gone.
     pub(crate) fn upload(&self, asset: &str, n: u32) -> Option<Value> {
         let body = encode_block(&record("1", n), BlockEncoding::Protobuf);
         let request = self.agent.post(format!("{}/v1/assets/{asset}/segments", self.url));
@@ -101,17 +101,17 @@ impl Program {
         assert!([201, 409].contains(&response.status().as_u16()));
     }
 
-    /// Its address.
+    /// Returns the base URL.
     pub(crate) fn url(&self) -> &str {
         &self.url
     }
 
-    /// What it has logged.
+    /// Returns the log so far.
     pub(crate) fn log(&self) -> String {
         self.log.lock().unwrap().clone()
     }
 
-    /// Its process.
+    /// Returns the process ID.
     pub(crate) fn id(&self) -> u32 {
         self.child.id()
     }
@@ -124,7 +124,7 @@ impl Program {
         log.clone()
     }
 
-    /// Number of segments by identifier over all pages.
+    /// Returns how often each segment identifier is listed, over all pages.
     pub(crate) fn segments(&self, asset: &str) -> BTreeMap<String, u32> {
         let mut found = BTreeMap::new();
         let mut cursor = String::new();
@@ -140,7 +140,7 @@ impl Program {
         }
     }
 
-    /// Every number of every record in the order of time.
+    /// Returns all values of all records in time order.
     pub(crate) fn history(&self, asset: &str) -> Vec<Value> {
         let mut rows = Vec::new();
         for path in ["wear/history", "indicators"] {

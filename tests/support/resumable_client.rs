@@ -1,4 +1,4 @@
-//! A client of resumable uploads.
+//! A client for resumable uploads.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use crate::running::{Answer, Service, mcap, record};
 pub(crate) const TUS: (&str, &str) = ("tus-resumable", "1.0.0");
 pub(crate) const OFFSET_TYPE: (&str, &str) = ("content-type", "application/offset+octet-stream");
 
-/// Asks for an upload of so many bytes for the asset `pump`.
+/// Requests an upload of `length` bytes for the asset `pump`.
 pub(crate) fn ask(service: &Service, length: usize) -> Answer {
     let length = length.to_string();
     // "pump" in base64
@@ -17,7 +17,7 @@ pub(crate) fn ask(service: &Service, length: usize) -> Answer {
     service.send("POST", "/v1/uploads", &headers, b"")
 }
 
-/// Begins an upload for the asset `pump` and returns its path.
+/// Starts an upload for the asset `pump` and returns its path.
 #[track_caller]
 pub(crate) fn begin(service: &Service, length: usize) -> String {
     ask(service, length).expect(201).header("location").to_owned()
@@ -34,7 +34,7 @@ pub(crate) fn offset(service: &Service, path: &str) -> usize {
     head.header("upload-offset").parse().unwrap()
 }
 
-/// Waits until an upload is read, and checks that so many records of it are stored.
+/// Waits until an upload is read, and checks the number of stored records.
 #[track_caller]
 pub(crate) fn expect_read(service: &Service, path: &str, records: u64) {
     let done =
@@ -44,12 +44,12 @@ pub(crate) fn expect_read(service: &Service, path: &str, records: u64) {
     assert_eq!((&done["error"], &done["waits_for"]), (&Value::Null, &Value::Null), "{done}");
 }
 
-/// The folder of an upload's pieces.
+/// Returns the folder of an upload's parts.
 pub(crate) fn pieces(service: &Service, path: &str) -> PathBuf {
     service.folder().join("raw/uploads").join(path.rsplit('/').next().unwrap())
 }
 
-/// A recording of the records `from..to`.
+/// Returns a recording of the records `from..to`.
 pub(crate) fn recording(from: u32, to: u32) -> Vec<u8> {
     mcap(&(from..to).map(|n| record("1", n)).collect::<Vec<_>>())
 }

@@ -15,7 +15,7 @@ use jiff::Timestamp;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// A clock that stands still until it is moved.
+/// A clock that advances only when told to.
 #[derive(Default)]
 pub(crate) struct ManualClock {
     seconds: AtomicI64,
@@ -43,12 +43,12 @@ pub(crate) struct Service {
     elsewhere: Option<PathBuf>,
     change: fn(&mut ServiceConfig),
     agent: ureq::Agent,
-    /// The database, where the tests are to use one that is not in the folder.
+    /// The database, if the tests use PostgreSQL instead of SQLite.
     #[cfg(feature = "cluster")]
     database: Option<crate::shared_store::TestDatabase>,
 }
 
-/// An answer of the service.
+/// A response of the service.
 pub(crate) struct Answer {
     pub(crate) status: u16,
     pub(crate) headers: ureq::http::HeaderMap,
@@ -71,7 +71,7 @@ impl Answer {
         self
     }
 
-    /// Checks that it is a problem of that status whose detail holds every one of the words.
+    /// Checks that the response is a problem with this status whose detail contains every one of the words.
     #[track_caller]
     pub(crate) fn expect_problem(self, status: u16, words: &[&str]) -> Value {
         let answer = self.expect(status);
@@ -98,7 +98,7 @@ impl Service {
         Self::start_in(tempfile::tempdir().unwrap(), None, change)
     }
 
-    /// Starts with its data in a folder that is somebody else's.
+    /// Starts with its data in a given folder.
     pub(crate) fn start_at(path: &Path) -> Self {
         Self::start_in(tempfile::tempdir().unwrap(), Some(path.join("data")), |_| {})
     }
@@ -131,13 +131,13 @@ impl Service {
         self.try_launch().unwrap();
     }
 
-    /// The same, or why it does not start.
+    /// Starts the service; returns the error if it does not start.
     pub(crate) fn try_launch(&mut self) -> Result<(), String> {
         let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), self.folder());
         config.http.grace = Duration::from_secs(30);
         // The clock stands still while records of later times come.
         config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
-        // What a test sees does not depend on when a build in the background ends.
+        // No ensemble in the background, so that results do not depend on timing.
         config.work.neighbours = EnsembleSettings::described_alone();
         #[cfg(feature = "cluster")]
         if let Some(database) = &self.database {
@@ -155,18 +155,18 @@ impl Service {
         self.runtime.block_on(running.stop()).unwrap();
     }
 
-    /// Stops the service and starts it again on the same folder.
+    /// Restarts the service on the same folder.
     pub(crate) fn restart(&mut self) {
         self.stop();
         self.launch();
     }
 
-    /// The path of records, for what works inside the process.
+    /// Returns the service, for tests that call it directly.
     pub(crate) fn service(&self) -> std::sync::Arc<flankwatch::service::Service> {
         self.running.as_ref().unwrap().service().clone()
     }
 
-    /// Runs something on the service's own threads.
+    /// Runs a future on the service's runtime.
     pub(crate) fn run<T>(&self, work: impl Future<Output = T>) -> T {
         self.runtime.block_on(work)
     }
@@ -212,8 +212,8 @@ impl Service {
         }
     }
 
-    /// Lets a day and an hour pass for resumable uploads: by the clock of the service or, where they are rows
-    /// of a shared database, by the database's, which nobody moves.
+    /// Lets 25 hours pass for resumable uploads: advances the service's clock or, with a shared database,
+    /// ages the rows, as the database's clock cannot be set.
     pub(crate) fn let_uploads_expire(&self) {
         self.clock.advance(25 * 3600);
         #[cfg(feature = "cluster")]
@@ -222,12 +222,12 @@ impl Service {
         }
     }
 
-    /// Makes an asset without a gear pair: indicators, but no wear.
+    /// Creates an asset without a gear pair, which has indicators but no wear.
     pub(crate) fn plain_asset(&self, id: &str) {
         self.post_json("/v1/assets", &plain_asset(id)).expect(201);
     }
 
-    /// Asks until the answer is as wanted.
+    /// Polls a path until the response satisfies a condition.
     #[track_caller]
     pub(crate) fn wait_for(&self, path: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
         let began = Instant::now();
@@ -250,7 +250,7 @@ impl Service {
     }
 }
 
-/// The description of an asset without a gear pair.
+/// Returns the description of an asset without a gear pair.
 pub(crate) fn plain_asset(id: &str) -> Value {
     json!({
         "id": id,
@@ -260,13 +260,13 @@ pub(crate) fn plain_asset(id: &str) -> Value {
     })
 }
 
-/// Minutes after midnight of 2026-01-01.
+/// Returns the time `n` minutes after 2026-01-01T00:00:00Z.
 pub(crate) fn minute(n: i64) -> Timestamp {
     let start: Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
     start + jiff::SignedDuration::from_mins(n)
 }
 
-/// Half a second at 4 kHz of a mesh of 310 Hz with harmonics in noise; `n` makes each one different.
+/// Returns half a second at 4 kHz of a 310 Hz mesh with harmonics and noise; `n` varies the samples.
 pub(crate) fn samples(n: u32) -> Vec<f32> {
     let mut state = n.wrapping_mul(2_654_435_761).wrapping_add(12_345);
     (0..2000)
@@ -282,12 +282,12 @@ pub(crate) fn samples(n: u32) -> Vec<f32> {
         .collect()
 }
 
-/// Record `n` of a channel, one a minute.
+/// Returns record `n` of a channel, one per minute.
 pub(crate) fn record(channel: &str, n: u32) -> Record {
     Record::new(channel, minute(n.into()), 4000.0, "m/s2", samples(n)).unwrap()
 }
 
-/// A WAV of 32-bit floats at 4 kHz with these channels.
+/// Encodes channels as a WAV of 32-bit floats at 4 kHz.
 pub(crate) fn wav(channels: &[Vec<f32>]) -> Vec<u8> {
     let spec = hound::WavSpec {
         channels: channels.len() as u16,
@@ -306,7 +306,7 @@ pub(crate) fn wav(channels: &[Vec<f32>]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// An MCAP of these records.
+/// Encodes records as MCAP.
 pub(crate) fn mcap(records: &[Record]) -> Vec<u8> {
     use flankwatch::recording::{McapOptions, McapWriter};
     let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();

@@ -9,19 +9,19 @@ use sqlx::Connection;
 
 static SCHEMAS: AtomicU32 = AtomicU32::new(0);
 
-/// A schema of its own in the database that `FLANKWATCH_TEST_DATABASE` names.
+/// A temporary schema in the database of `FLANKWATCH_TEST_DATABASE`.
 pub(crate) struct TestDatabase {
     server: String,
     schema: String,
 }
 
 impl TestDatabase {
-    /// None where no database is named.
+    /// Returns a schema, or `None` without `FLANKWATCH_TEST_DATABASE`.
     pub(crate) fn named() -> Option<Self> {
         Some(Self::on(std::env::var("FLANKWATCH_TEST_DATABASE").ok()?))
     }
 
-    /// A schema of its own in a database.
+    /// Creates a schema in a database.
     pub(crate) fn on(server: String) -> Self {
         let schema = format!("test_{}_{}", std::process::id(), SCHEMAS.fetch_add(1, Ordering::Relaxed));
         let database = Self { server, schema };
@@ -29,8 +29,8 @@ impl TestDatabase {
         database
     }
 
-    /// Where a store keeps its rows in this schema, and its objects in the folder or in the bucket that
-    /// `FLANKWATCH_TEST_BUCKET` names: `http://host:port/bucket`.
+    /// Returns settings of a store with its rows in this schema and its objects in the folder, or in the
+    /// bucket of `FLANKWATCH_TEST_BUCKET` (`http://host:port/bucket`).
     pub(crate) fn settings(&self, folder: &Path) -> SharedSettings {
         let url = format!("{}?options[search_path]={}", self.server, self.schema);
         let objects = match std::env::var("FLANKWATCH_TEST_BUCKET") {
@@ -52,19 +52,19 @@ impl TestDatabase {
         SharedSettings {
             write_connections: 2,
             read_connections: 3,
-            // Nobody else stores here.
+            // No other process uses this folder.
             orphan_age: Duration::ZERO,
             ..SharedSettings::new(url, objects)
         }
     }
 
-    /// Has all resumable uploads expire earlier by `age`.
+    /// Makes all resumable uploads older by `age`.
     pub(crate) fn age_uploads(&self, age: Duration) {
         let (schema, age_ns) = (&self.schema, age.as_nanos());
         self.run(&format!("UPDATE {schema}.resumable_uploads SET expires_at_ns = expires_at_ns - {age_ns}"));
     }
 
-    /// Has PostgreSQL answer every new segment that its disk is full, or not any more.
+    /// Makes PostgreSQL reject every new segment with a full-disk error, or stops that.
     pub(crate) fn set_full(&self, is_full: bool) {
         let schema = &self.schema;
         let begin = format!(
@@ -76,8 +76,7 @@ impl TestDatabase {
         self.run(if is_full { &begin } else { &end });
     }
 
-    /// Has PostgreSQL refuse every change of a number that processes share, as a database that only reads
-    /// does.
+    /// Makes PostgreSQL reject every change of a shared counter, as a read-only database does.
     pub(crate) fn set_read_only(&self, is_read_only: bool) {
         let schema = &self.schema;
         let begin = format!(
@@ -89,7 +88,7 @@ impl TestDatabase {
         self.run(if is_read_only { &begin } else { &end });
     }
 
-    /// Runs statements beside the service's.
+    /// Runs statements on another connection than the service's.
     pub(crate) fn run(&self, statements: &str) {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let outcome = runtime.block_on(async {

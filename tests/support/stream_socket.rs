@@ -7,16 +7,16 @@ use serde_json::Value;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{HandshakeError, Message, WebSocket};
 
-/// A connection that sends a stream.
+/// A WebSocket connection that sends a stream.
 pub(crate) struct StreamSocket {
     socket: WebSocket<TcpStream>,
-    /// Where the service goes on.
+    /// The index that the service expects next.
     pub(crate) next: Option<u64>,
 }
 
 impl StreamSocket {
-    /// Begins a stream at an address such as `http://127.0.0.1:8600/v1/assets/a/stream?…`; the status of the
-    /// answer where that is refused.
+    /// Opens a stream at a URL such as `http://127.0.0.1:8600/v1/assets/a/stream?…`; returns the status if
+    /// the service rejects it.
     pub(crate) fn open(url: &str, headers: &[(&'static str, &str)]) -> Result<Self, u16> {
         let address = url.trim_start_matches("http://");
         let stream = TcpStream::connect(&address[..address.find('/').unwrap()]).unwrap();
@@ -28,9 +28,9 @@ impl StreamSocket {
         match tungstenite::client(request, stream) {
             Ok((socket, _)) => {
                 let mut socket = Self { socket, next: None };
-                let told = socket.hear().unwrap();
-                assert_eq!(told["type"], "stream");
-                socket.next = told["next"].as_u64();
+                let message = socket.receive().unwrap();
+                assert_eq!(message["type"], "stream");
+                socket.next = message["next"].as_u64();
                 Ok(socket)
             }
             Err(HandshakeError::Failure(tungstenite::Error::Http(answer))) => Err(answer.status().as_u16()),
@@ -38,18 +38,19 @@ impl StreamSocket {
         }
     }
 
-    /// Sends samples from an index on, with the sender's time of the first one.
+    /// Sends samples starting at an index, with the sender's time of the first one.
     pub(crate) fn send(&mut self, first: u64, time_ns: i64, samples: &[u8]) {
         let message = [&first.to_le_bytes()[..], &time_ns.to_le_bytes(), samples].concat();
         self.socket.send(Message::Binary(message.into())).unwrap();
     }
 
-    pub(crate) fn say(&mut self, said: &Value) {
-        self.socket.send(Message::Text(said.to_string().into())).unwrap();
+    pub(crate) fn send_json(&mut self, message: &Value) {
+        self.socket.send(Message::Text(message.to_string().into())).unwrap();
     }
 
-    /// What the service says next; the code and reason where it closes, 0 where the connection is lost.
-    pub(crate) fn hear(&mut self) -> Result<Value, (u16, String)> {
+    /// Receives the next message; returns code and reason if the service closes, code 0 if the connection is
+    /// lost.
+    pub(crate) fn receive(&mut self) -> Result<Value, (u16, String)> {
         loop {
             match self.socket.read() {
                 Ok(Message::Text(text)) => return Ok(serde_json::from_str(text.as_str()).unwrap()),
@@ -62,14 +63,16 @@ impl StreamSocket {
         }
     }
 
-    /// Waits until everything before an index is kept; returns the gaps that were told.
+    /// Waits until everything before an index is acknowledged; returns the reported gaps.
     pub(crate) fn wait_for(&mut self, next: u64) -> Vec<[u64; 2]> {
         let mut gaps = Vec::new();
         loop {
-            let told = self.hear().unwrap();
-            match told["type"].as_str().unwrap() {
-                "gap" => gaps.push([told["first"].as_u64().unwrap(), told["samples"].as_u64().unwrap()]),
-                "ack" if told["next"].as_u64().is_some_and(|kept| kept >= next) => return gaps,
+            let message = self.receive().unwrap();
+            match message["type"].as_str().unwrap() {
+                "gap" => {
+                    gaps.push([message["first"].as_u64().unwrap(), message["samples"].as_u64().unwrap()])
+                }
+                "ack" if message["next"].as_u64().is_some_and(|kept| kept >= next) => return gaps,
                 "ack" => {}
                 other => panic!("{other}"),
             }

@@ -1,4 +1,4 @@
-//! Records through the analysis and, channel by channel, into the wear estimate.
+//! Analysis of the records and, channel by channel, the wear estimate.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ use crate::signal::{
     EnvelopeSearch, MeshContext, OperatingPoint, Record, ShaftSpeed, Spectrum,
 };
 
-/// The records of a command's files.
+/// The analysed records of all files given on the command line.
 pub(super) struct Analysis<'a> {
     args: &'a AnalyzeArgs,
     asset: Option<AssetSpec>,
@@ -35,7 +35,7 @@ pub(super) struct Analysis<'a> {
 }
 
 impl<'a> Analysis<'a> {
-    /// Without any record yet.
+    /// Creates an analysis without records.
     pub(super) fn new(args: &'a AnalyzeArgs, asset: Option<AssetSpec>) -> Self {
         Self {
             args,
@@ -58,7 +58,9 @@ impl<'a> Analysis<'a> {
         }
     }
 
-    pub(super) fn take_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
+    /// Analyses every record of a file; a recording without a time starts at `next_start`, which moves to the
+    /// end of the file's last record.
+    pub(super) fn analyze_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
         let mut defaults = RecordDefaults {
             start_time: *next_start,
             sample_rate_hz: self.args.rate,
@@ -76,7 +78,7 @@ impl<'a> Analysis<'a> {
         let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::recording(path))?;
         if let Some(seconds) = file.default_cut_seconds() {
             eprintln!(
-                "note: {}: a long recording, cut into records of {seconds} s; --record-seconds chooses another length",
+                "note: {}: long recording split into records of {seconds} s; set another length with --record-seconds",
                 path.display()
             );
         }
@@ -84,26 +86,27 @@ impl<'a> Analysis<'a> {
             let recorded = recorded.map_err(CliError::recording(path))?;
             let length = SignedDuration::from_secs_f64(recorded.record.duration_s());
             *next_start = (*next_start).max(recorded.record.start_time() + length);
-            self.take_record(path, recorded);
+            self.analyze_record(path, recorded);
         }
         Ok(())
     }
 
-    fn take_record(&mut self, path: &Path, recorded: Recorded) {
+    fn analyze_record(&mut self, path: &Path, recorded: Recorded) {
         let record = recorded.record;
-        // Without a description there is no mesh to speak of, and no reason to name what it would have given.
-        let unknown = ConditionSettings {
+        // Without a description there is no mesh, so its indicators are not listed as absent either.
+        let undescribed = ConditionSettings {
             mesh: MeshContext::unknown(),
             bands: &[],
             gear_indicators: false,
             bearings: BearingSettings::default(),
         };
         let bearings = self.asset.as_ref().map_or_else(Vec::new, AssetSpec::bearings);
-        let settings = self.asset.as_ref().map_or(unknown, |asset| asset.condition_settings(&bearings));
-        let seen = self.asset.as_ref().map_or(Cow::Borrowed(&record), |asset| asset.seen_from_shaft(&record));
-        let Condition { analysis, basis } = self.analyzer.condition(&seen, &settings);
+        let settings = self.asset.as_ref().map_or(undescribed, |asset| asset.condition_settings(&bearings));
+        let at_shaft =
+            self.asset.as_ref().map_or(Cow::Borrowed(&record), |asset| asset.seen_from_shaft(&record));
+        let Condition { analysis, basis } = self.analyzer.condition(&at_shaft, &settings);
         let envelope =
-            self.args.envelope.map(|asked| self.envelope(&record, analysis.shaft_speed.as_ref(), asked));
+            self.args.envelope.map(|arg| self.envelope(&record, analysis.shaft_speed.as_ref(), arg));
         if self.args.report.is_some() {
             self.last_spectrum = Some(self.analyzer.amplitude_spectrum(&record));
         }
@@ -125,7 +128,7 @@ impl<'a> Analysis<'a> {
             indicators: analysis.indicators,
             envelope,
             wear: None,
-            wear_reason: "no asset is described, see --asset".to_owned(),
+            wear_reason: "no asset description, see --asset".to_owned(),
             reference_wear_um: recorded.reference_wear_um,
             has_mesh: self.asset.as_ref().is_some_and(|asset| asset.gear.is_some()),
             features: analysis.features,
@@ -136,14 +139,14 @@ impl<'a> Analysis<'a> {
         &mut self,
         record: &Record,
         speed: Option<&ShaftSpeed>,
-        asked: EnvelopeArg,
+        arg: EnvelopeArg,
     ) -> AnalyzedEnvelope {
         let asset = self.asset.as_ref();
-        let search = match asked {
+        let search = match arg {
             EnvelopeArg::Search(search) => search,
             _ => asset.map_or_else(EnvelopeSearch::default, |asset| asset.envelope_band),
         };
-        let given = match asked {
+        let given = match arg {
             EnvelopeArg::Hertz(band_hz) => Some(EnvelopeBand::given(band_hz, BandSource::Query)),
             EnvelopeArg::Asset => asset.and_then(AssetSpec::given_envelope_band),
             EnvelopeArg::Search(_) => None,
@@ -153,9 +156,9 @@ impl<'a> Analysis<'a> {
         AnalyzedEnvelope::new(band, &spectrum)
     }
 
-    /// Folds each channel's records in time order, as the service does. Where the pairs like the described one
-    /// are not kept yet, a first answer from some of them is told while the rest are simulated; Ctrl-C leaves
-    /// it at that.
+    /// Estimates wear from each channel's records in time order, as the service does. While the ensemble is not
+    /// complete, prints a provisional estimate from its first members and simulates the rest; Ctrl-C keeps the
+    /// provisional estimate.
     pub(super) fn estimate_wear(&mut self) -> Result<(), CliError> {
         let Some(asset) = &self.asset else { return Ok(()) };
         let settings = EstimatorSettings {
@@ -167,7 +170,7 @@ impl<'a> Analysis<'a> {
             self.fold(&ChannelEstimator::without_library(settings, MissingLibrary::NoMesh, rules));
             return Ok(());
         }
-        // A library is worth its simulation only if some channel gets past its baseline.
+        // Simulate a library only if some channel has records after its baseline.
         let needed = by_channel(&self.records)
             .values()
             .any(|records| records.len() > settings.baseline_records as usize);
@@ -177,7 +180,7 @@ impl<'a> Analysis<'a> {
         };
         let ensembles = Ensembles::new(&self.args.data_dir, self.args.members);
         let first = Arc::new(ensembles.first(pair)?);
-        if ensembles.is_whole(&first) {
+        if ensembles.is_complete(&first) {
             self.fold(&ChannelEstimator::new(settings, Some(first), rules));
             return Ok(());
         }
@@ -185,13 +188,15 @@ impl<'a> Analysis<'a> {
         let interrupted = interrupted();
         let (have, all) = (first.members().len(), ensembles.members());
         for (channel, records) in by_channel(&self.records) {
-            eprintln!("channel {channel}, from {have} of {all} pairs like it: {}", verdict(&records));
+            eprintln!("channel {channel}, with {have} of {all} ensemble members: {}", verdict(&records));
         }
-        match ensembles.whole(&first, Some(&interrupted)) {
-            Ok(whole) => self.fold(&ChannelEstimator::new(settings, Some(Arc::new(whole)), rules)),
-            Err(LibraryError::Cancelled) => eprintln!(
-                "stopped: the table has the first answer, the command without Ctrl-C has a better one"
-            ),
+        match ensembles.complete(&first, Some(&interrupted)) {
+            Ok(complete) => self.fold(&ChannelEstimator::new(settings, Some(Arc::new(complete)), rules)),
+            Err(LibraryError::Cancelled) => {
+                eprintln!(
+                    "interrupted: the estimates are provisional; run the command to its end for final ones"
+                );
+            }
             Err(error) => return Err(error.into()),
         }
         Ok(())

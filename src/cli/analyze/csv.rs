@@ -1,20 +1,19 @@
-//! A line a record, every indicator in a column.
+//! CSV output: one line per record, one column per indicator.
 
 use std::collections::BTreeSet;
 
 use super::record::AnalyzedRecord;
 use crate::report::angle_words;
 
-/// The first ones of the indicators' columns.
+/// Indicators whose columns come first.
 const FIRST: [&str; 5] = ["rms", "kurtosis", "crest_factor", "omx", "mesh_2"];
 
 pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let known: BTreeSet<&String> =
-        records.iter().flat_map(|record| record.indicators.values.keys()).collect();
+    let all: BTreeSet<&String> = records.iter().flat_map(|record| record.indicators.values.keys()).collect();
     let others: Vec<&str> =
-        known.into_iter().map(String::as_str).filter(|name| !FIRST.contains(name)).collect();
+        all.into_iter().map(String::as_str).filter(|name| !FIRST.contains(name)).collect();
     let mut header: Vec<&str> = vec![
         "file",
         "channel",

@@ -1,4 +1,4 @@
-//! The envelope spectrum of a record: which band is asked for, and its highest lines.
+//! The envelope spectrum of a record: the requested band and its highest lines.
 
 use std::str::FromStr;
 
@@ -6,11 +6,13 @@ use serde::Serialize;
 
 use crate::signal::{BandError, EnvelopeBand, EnvelopeSearch, Spectrum};
 
-/// Which band's envelope is wanted.
+/// The band of `--envelope`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum EnvelopeArg {
+    /// The band or search that the asset describes.
     Asset,
     Search(EnvelopeSearch),
+    /// Lower and upper limit in Hz.
     Hertz([f64; 2]),
 }
 
@@ -38,17 +40,17 @@ impl FromStr for EnvelopeArg {
     }
 }
 
-/// Highest lines of an envelope spectrum that are printed.
+/// Number of spectral lines that are printed, the highest ones.
 const ENVELOPE_LINES: usize = 8;
 
-/// The envelope spectrum of a record in short.
+/// The band and the highest lines of a record's envelope spectrum.
 #[derive(Debug, Serialize)]
 pub(super) struct AnalyzedEnvelope {
     #[serde(flatten)]
     pub(super) band: EnvelopeBand,
-    /// Its highest lines, the highest first.
+    /// The highest lines, in descending order.
     pub(super) lines: Vec<EnvelopeLine>,
-    /// Why there is no spectrum of this band.
+    /// Why the spectrum of this band could not be computed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) absent: Option<String>,
 }
@@ -66,7 +68,7 @@ impl AnalyzedEnvelope {
             |_| Vec::new(),
             |spectrum| {
                 let amplitude = &spectrum.amplitude;
-                // The first two bins hold what is left of the mean under the window.
+                // The first two bins hold the window's leakage of the mean.
                 let mut peaks: Vec<usize> = (2..amplitude.len().saturating_sub(1))
                     .filter(|&bin| {
                         amplitude[bin] > amplitude[bin - 1] && amplitude[bin] >= amplitude[bin + 1]

@@ -1,4 +1,4 @@
-//! `flankwatch analyze`: indicators and wear of recordings, without a server.
+//! `flankwatch analyze`: computes indicators and wear of recordings, without a server.
 
 mod analysis;
 mod csv;
@@ -24,72 +24,76 @@ use crate::library::EnsembleSettings;
 /// Arguments of `flankwatch analyze`.
 #[derive(Args)]
 pub(super) struct AnalyzeArgs {
-    /// WAV, FLAC, MCAP, CSV (.csv.gz too), MATLAB (.mat, v5) or NumPy (.npy) recordings in time order, or
-    /// folders of them and patterns such as `day-*.wav`, which are taken in the order of names
+    /// Recordings in time order, folders or patterns such as `day-*.wav`
+    ///
+    /// Reads WAV, FLAC, MCAP, CSV (also .csv.gz), MATLAB (.mat, v5) and NumPy (.npy). The files of folders and
+    /// patterns are read in order of their names.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Sampling rate in hertz of CSV and MATLAB files that do not say it, and of NumPy arrays
+    /// Sampling rate in Hz of NumPy arrays, and of CSV and MATLAB files without one
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     #[command(flatten)]
     values: RecordingValues,
-    /// The machine: tooth numbers, nominal speed, gear pair. Without it, indicators that need no speed
-    #[arg(long)]
+    /// Asset file (TOML): tooth counts, nominal speed, gear pair [default: only indicators that need no speed]
+    #[arg(long, value_name = "FILE")]
     asset: Option<PathBuf>,
-    /// How to print
+    /// Output format
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
-    /// Further columns of the table: indicators by name, `channel`, `file`, `angle`
+    /// Additional table columns: names of indicators, `channel`, `file` or `angle`
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     columns: Vec<String>,
-    /// Write a report for a browser or a printer
-    #[arg(long)]
+    /// Write an HTML report to this file
+    #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Cut recordings into records of this length in seconds; a rest of less than half of it is left out
-    #[arg(long)]
+    /// Split recordings into records of this length in seconds; a remainder below half of it is dropped
+    #[arg(long, value_name = "S")]
     record_seconds: Option<f64>,
-    /// Time of the first sample of the first recording that does not say; later ones follow on it
-    #[arg(long, default_value = "1970-01-01T00:00:00Z")]
+    /// Time of the first sample, for recordings without one; later recordings follow on
+    #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
     start_time: Timestamp,
-    /// Rotational frequency of the driving shaft in hertz, where the recording does not say
-    #[arg(long)]
+    /// Rotational frequency of the driving shaft in Hz, for recordings without one
+    #[arg(long, value_name = "HZ")]
     shaft_speed_hz: Option<f64>,
-    /// Torque on the driving shaft in N·m, where the recording does not say
-    #[arg(long)]
+    /// Torque on the driving shaft in N·m, for recordings without one
+    #[arg(long, value_name = "NM")]
     torque_nm: Option<f64>,
-    /// Envelope spectrum of each record, in JSON, in the asset's band (asset), around the strongest mesh
-    /// harmonic (mesh), in the band that the fast kurtogram finds (kurtogram), or from LOW to HIGH hertz
+    /// Add each record's envelope spectrum to the JSON output, in this band
+    ///
+    /// asset: the band of the asset file; mesh: around the strongest mesh harmonic; kurtogram: the band with the
+    /// highest spectral kurtosis; LOW,HIGH: limits in Hz.
     #[arg(long, value_name = "asset|mesh|kurtogram|LOW,HIGH")]
     envelope: Option<EnvelopeArg>,
-    /// Folder of the service's data; libraries are kept in its `libraries`
-    #[arg(long, default_value = "flankwatch-data")]
+    /// Data folder; libraries are cached in its folder `libraries`
+    #[arg(long, value_name = "DIR", default_value = "flankwatch-data")]
     data_dir: PathBuf,
-    /// Pairs like the described one that the estimate is made with; 0 for the described pair alone
+    /// Number of varied gear pairs (ensemble members) to estimate with; 0 uses only the described pair
     #[arg(long, default_value_t = EnsembleSettings::default().members)]
     members: usize,
 }
 
-/// How results are printed.
+/// Output formats.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// Aligned columns for people
+    /// Aligned columns
     Table,
-    /// One array, an object a record
+    /// One JSON array with an object per record
     Json,
-    /// A line a record
+    /// One line per record
     Csv,
 }
 
 /// Runs the command.
 pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
     let asset = args.asset.as_deref().map(read_asset).transpose()?;
-    let columns = Column::chosen(&args.columns, asset.as_ref())?;
+    let columns = Column::parse(&args.columns, asset.as_ref())?;
     let mut analysis = Analysis::new(args, asset);
     let mut next_start = args.start_time;
     let mut failed = 0;
     let files = recording_files(&args.files)?;
     for path in &files {
-        if let Err(error) = analysis.take_file(path, &mut next_start) {
+        if let Err(error) = analysis.analyze_file(path, &mut next_start) {
             eprintln!("error: {error}");
             failed += 1;
         }

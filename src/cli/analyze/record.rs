@@ -1,4 +1,4 @@
-//! One analysed record.
+//! An analysed record.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use crate::estimate::WearEstimate;
 use crate::report::ReportedRecord;
 use crate::signal::{Basis, Features, Indicators, SpeedDoubt, SpeedSource};
 
-/// One analysed record, as it is printed.
+/// An analysed record, as it is printed.
 #[derive(Debug, Serialize)]
 pub(super) struct AnalyzedRecord {
     pub(super) file: String,
@@ -28,13 +28,12 @@ pub(super) struct AnalyzedRecord {
     pub(super) basis: Basis,
     #[serde(flatten)]
     pub(super) indicators: Indicators,
-    /// The envelope spectrum where it was asked for.
+    /// The envelope spectrum, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) envelope: Option<AnalyzedEnvelope>,
-    /// The wear estimate with its status, whether or not it has a depth; null without a description of the
-    /// asset.
+    /// The wear estimate with its status, whether or not it has a depth; null without an asset description.
     pub(super) wear: Option<WearEstimate>,
-    /// The estimate in words, or why there is none.
+    /// The estimate in words, or the reason why there is none.
     pub(super) wear_reason: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) reference_wear_um: Option<f64>,
@@ -46,13 +45,12 @@ pub(super) struct AnalyzedRecord {
 }
 
 impl AnalyzedRecord {
-    /// The name of the status, as everywhere; none without a description of the asset.
+    /// Returns the name of the status; `None` without an asset description.
     pub(super) fn status(&self) -> Option<String> {
         self.wear.as_ref().map(|wear| name_of(&wear.status))
     }
 
-    /// The name of what a record shows that wear does not explain: of a fault of the sensor, else of a sign
-    /// of the machine.
+    /// Returns the name of what wear does not explain: the sensor fault or, without one, the machine sign.
     pub(super) fn cause(&self) -> Option<String> {
         let novelty = self.wear.as_ref()?.novelty.as_ref()?;
         let sign = || novelty.machine_sign.as_ref().map(name_of);
@@ -60,8 +58,7 @@ impl AnalyzedRecord {
     }
 }
 
-/// The name that a value has in JSON.
-/// Each channel's records in the order of time.
+/// Groups records by channel, each channel in time order.
 pub(super) fn by_channel(records: &[AnalyzedRecord]) -> BTreeMap<&str, Vec<&AnalyzedRecord>> {
     let mut channels: BTreeMap<&str, Vec<&AnalyzedRecord>> = BTreeMap::new();
     for record in records {
@@ -71,6 +68,7 @@ pub(super) fn by_channel(records: &[AnalyzedRecord]) -> BTreeMap<&str, Vec<&Anal
     channels
 }
 
+/// Returns the name of a value in JSON.
 fn name_of(value: &impl Serialize) -> String {
     let name = serde_json::to_value(value).ok();
     name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()

@@ -1,4 +1,4 @@
-//! Aligned columns for people, at most 80 wide where no further ones are asked for.
+//! Table output: aligned columns, at most 80 characters wide without additional ones.
 
 use super::record::{AnalyzedRecord, by_channel};
 use super::verdict::verdict;
@@ -8,25 +8,25 @@ use crate::estimate::WearStatus;
 use crate::report::angle_words;
 use crate::signal::{IndicatorScope, Indicators};
 
-/// A column that is asked for beyond those that are always there.
+/// An additional column of `--columns`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Column {
     Channel,
     File,
-    /// Where the shaft's angle came from.
+    /// Source of the shaft angle.
     Angle,
     Indicator(String),
 }
 
-/// Names of the columns that are no indicators.
+/// Names of the additional columns that are not indicators.
 const OTHERS: [&str; 3] = ["channel", "file", "angle"];
 
-/// Indicators that are always there, and their headings.
+/// Indicators that every table has, with their headings.
 const INDICATORS: [(&str, &str); 3] = [("rms", "RMS"), ("kurtosis", "kurtosis"), ("omx", "OMX")];
 
 impl Column {
-    /// The columns of these names.
-    pub(super) fn chosen(names: &[String], asset: Option<&AssetSpec>) -> Result<Vec<Self>, CliError> {
+    /// Parses the column names of `--columns`.
+    pub(super) fn parse(names: &[String], asset: Option<&AssetSpec>) -> Result<Vec<Self>, CliError> {
         let any = || Indicators::names(&IndicatorScope::default());
         let indicators = asset.map_or_else(any, AssetSpec::indicator_names);
         let column = |name: &String| match name.as_str() {
@@ -64,7 +64,7 @@ impl Column {
     }
 }
 
-/// A block for each channel, its records in the order of time, and at its end what a person would say.
+/// Formats a block for each channel: its records in time order and a summary line.
 pub(super) fn table(records: &[AnalyzedRecord], columns: &[Column]) -> String {
     let channels = by_channel(records);
     let blocks = channels.into_iter().map(|(channel, records)| block(channel, &records, columns));
@@ -99,7 +99,7 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
     for (heading, values) in &further {
         text += &format!(" {heading:>width$}", width = width(heading, values));
     }
-    text += if has_wear { "  wear in µm, or why none\n" } else { "\n" };
+    text += if has_wear { "  wear in µm, or status\n" } else { "\n" };
     for (n, record) in records.iter().enumerate() {
         let doubt = if record.shaft_speed_doubt.is_some() { "?" } else { "" };
         let speed = record.shaft_speed_hz.map_or_else(none, |hz| format!("{hz:.2}{doubt}"));
@@ -125,7 +125,7 @@ fn width(heading: &str, values: &[String]) -> usize {
     widths.fold(heading.chars().count().max(8), usize::max)
 }
 
-/// The depth with its interval, else the names of the status and of what is seen instead of wear.
+/// Formats the depth with its interval or, without one, the status and its cause.
 fn wear(record: &AnalyzedRecord) -> String {
     let Some(wear) = &record.wear else { return none() };
     let status = record.status().unwrap_or_default();
@@ -141,7 +141,7 @@ fn wear(record: &AnalyzedRecord) -> String {
     }
 }
 
-/// Four significant digits in at most 8 characters.
+/// Formats a number with four significant digits in at most 8 characters.
 fn number(value: Option<f64>) -> String {
     let Some(value) = value else { return none() };
     let size = value.abs();
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_have_four_digits_and_fit() {
+    fn numbers_have_four_digits_in_at_most_8_characters() {
         let of = |value| number(Some(value));
         assert_eq!(
             [of(0.0), of(0.01234), of(1.0), of(12.345), of(99_999.4)],
@@ -180,11 +180,11 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_there_are_not_are_refused_with_the_nearest() {
-        let chosen =
-            |names: &[&str]| Column::chosen(&names.iter().map(ToString::to_string).collect::<Vec<_>>(), None);
-        assert_eq!(chosen(&["fm4", "file"]).unwrap(), [Column::Indicator("fm4".into()), Column::File]);
-        let error = chosen(&["kurtossis"]).unwrap_err().to_string();
+    fn unknown_columns_are_rejected_with_the_nearest_names() {
+        let parse =
+            |names: &[&str]| Column::parse(&names.iter().map(ToString::to_string).collect::<Vec<_>>(), None);
+        assert_eq!(parse(&["fm4", "file"]).unwrap(), [Column::Indicator("fm4".into()), Column::File]);
+        let error = parse(&["kurtossis"]).unwrap_err().to_string();
         assert!(
             error.contains("--columns is \"kurtossis\"") && error.contains("the nearest are kurtosis"),
             "{error}"

@@ -1,11 +1,11 @@
-//! What a person would say of a channel's records, in one line.
+//! The one-line summary of a channel's records.
 
 use jiff::Timestamp;
 
 use super::record::AnalyzedRecord;
 use crate::estimate::{Novelty, WearEstimate, WearStatus};
 
-/// The line about records of one channel in the order of time.
+/// Summarises the records of one channel, in time order.
 pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
     let Some(last) = records.last() else {
         return String::new();
@@ -13,11 +13,11 @@ pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
     let estimates: Option<Vec<&WearEstimate>> = records.iter().map(|record| record.wear.as_ref()).collect();
     match estimates {
         Some(estimates) => of_estimates(&estimates, last.start_time, last.has_mesh),
-        None => format!("no wear: {}", last.wear_reason),
+        None => format!("no wear estimate: {}", last.wear_reason),
     }
 }
 
-/// What estimates say after the last of them, of the record that starts at `last`.
+/// Summarises a channel's estimates; the last of them is of the record that starts at `last`.
 fn of_estimates(estimates: &[&WearEstimate], last: Timestamp, has_mesh: bool) -> String {
     let Some(latest) = estimates.last() else {
         return String::new();
@@ -25,29 +25,29 @@ fn of_estimates(estimates: &[&WearEstimate], last: Timestamp, has_mesh: bool) ->
     match latest.status {
         WearStatus::Estimated => worn(estimates, latest, last),
         WearStatus::Provisional if latest.median_um.is_some() => {
-            format!("first answer: {}", worn(estimates, latest, last))
+            format!("provisional: {}", worn(estimates, latest, last))
         }
-        WearStatus::NoMesh => "the last record is like the healthy ones".to_owned(),
+        WearStatus::NoMesh => "normal: the last record matches the baseline".to_owned(),
         WearStatus::CollectingBaseline if !has_mesh => {
             let baseline = latest.baseline;
-            format!("learning what healthy looks like: {} of {} records", baseline.have, baseline.need)
+            format!("collecting the baseline: {} of {} records", baseline.have, baseline.need)
         }
         WearStatus::OutsideLibrary if !has_mesh => {
-            format!("{} is unlike the healthy ones: {}", since(estimates), cause_without_mesh(latest))
+            format!("abnormal {}: {}", since(estimates), cause_without_mesh(latest))
         }
-        WearStatus::OutsideLibrary => format!("{} is not wear: {}", since(estimates), cause(latest)),
-        WearStatus::SensorFault => format!("{} cannot be judged: {}", since(estimates), cause(latest)),
+        WearStatus::OutsideLibrary => format!("not wear {}: {}", since(estimates), cause(latest)),
+        WearStatus::SensorFault => format!("sensor fault {}: {}", since(estimates), cause(latest)),
         WearStatus::CollectingBaseline => {
             let baseline = latest.baseline;
             format!(
-                "learning what healthy looks like: {} of {} records; wear is told after that",
+                "collecting the baseline: {} of {} records; wear is estimated after that",
                 baseline.have, baseline.need
             )
         }
         WearStatus::NotIdentifiable => {
-            format!("the records do not tell how worn the gear is: {}", latest.reason)
+            format!("wear cannot be determined from these records: {}", latest.reason)
         }
-        _ => format!("no wear is told: {}", latest.reason),
+        _ => format!("no wear estimate: {}", latest.reason),
     }
 }
 
@@ -67,35 +67,35 @@ fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> St
     }
     match wear.above_limit {
         Some(probability) if probability >= 0.5 => {
-            format!("{depth}; past the limit with {:.0} % probability", 100.0 * probability)
+            format!("{depth}; above the limit with {:.0} % probability", 100.0 * probability)
         }
         _ => depth + &growth(estimates, wear),
     }
 }
 
-/// Since when the wear has grown, by intervals that do not meet: what is foreseen needs a limit, this does
-/// not.
+/// Says since which record the wear has grown: growth means that the first and the last interval do not
+/// overlap. Unlike a prognosis, this needs no limit.
 fn growth(estimates: &[&WearEstimate], latest: &WearEstimate) -> String {
     let first = estimates.iter().position(|estimate| estimate.status == latest.status);
     let before = first.and_then(|first| Some((first + 1, estimates[first].p95_um?)));
     match before.zip(latest.p05_um) {
         Some(((record, highest), lowest)) if highest < lowest => {
-            format!("; it has grown since record {record}")
+            format!("; growing since record {record}")
         }
-        _ => "; no growth to be seen".to_owned(),
+        _ => "; no growth detected".to_owned(),
     }
 }
 
-/// From which record on it has been as it is now.
+/// Says which of the latest records have the status of the last one.
 fn since(estimates: &[&WearEstimate]) -> String {
     let is_same =
         |estimate: &&&WearEstimate| Some(estimate.status) == estimates.last().map(|last| last.status);
     let count = estimates.iter().rev().take_while(is_same).count();
     let first = estimates.len() - count + 1;
-    if count == 1 { format!("record {first}") } else { format!("record {first} on") }
+    if count == 1 { format!("in record {first}") } else { format!("since record {first}") }
 }
 
-/// What is seen, without what the line has said already.
+/// Names the sensor fault or the machine sign, without the "not wear" that the line already says.
 fn cause(wear: &WearEstimate) -> String {
     let words = |novelty: &Novelty| {
         let sign = || novelty.machine_sign.map(|sign| sign.words());
@@ -105,7 +105,7 @@ fn cause(wear: &WearEstimate) -> String {
     words.strip_suffix(", not wear").unwrap_or(words).to_owned()
 }
 
-/// The same of a machine without a gear mesh.
+/// Names the sign of a machine without a gear mesh, with its line in the envelope spectrum.
 fn cause_without_mesh(wear: &WearEstimate) -> String {
     let Some((novelty, sign)) =
         wear.novelty.as_ref().and_then(|novelty| Some((novelty, novelty.machine_sign?)))
@@ -116,7 +116,7 @@ fn cause_without_mesh(wear: &WearEstimate) -> String {
     sign.words_without_mesh().to_owned() + &line.unwrap_or_default()
 }
 
-/// The time from one moment to a later one, in the largest unit that leaves two of it.
+/// Formats the time between two moments, in the largest unit of which there are at least two.
 fn span(from: Timestamp, to: Timestamp) -> String {
     let seconds = to.duration_since(from).as_secs_f64().max(0.0);
     let units = [(365.25 * 86_400.0, "years"), (86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes")];
@@ -136,19 +136,19 @@ mod tests {
         WearEstimate::without_number(status, "reason".to_owned(), BaselineProgress { have: 8, need: 20 })
     }
 
-    fn said(estimates: &[WearEstimate]) -> String {
+    fn summary(estimates: &[WearEstimate]) -> String {
         of_estimates(&estimates.iter().collect::<Vec<_>>(), Timestamp::UNIX_EPOCH, true)
     }
 
     #[test]
-    fn wear_is_told_with_its_growth() {
+    fn wear_is_reported_with_its_growth() {
         let mut worn = WearEstimate {
             median_um: Some(85.2),
             p05_um: Some(60.0),
             p95_um: Some(110.0),
             ..wear(WearStatus::Estimated)
         };
-        assert_eq!(said(&[worn.clone()]), "worn 85 µm (60 to 110); no growth to be seen");
+        assert_eq!(summary(&[worn.clone()]), "worn 85 µm (60 to 110); no growth detected");
         let little = WearEstimate {
             median_um: Some(10.0),
             p05_um: Some(0.0),
@@ -156,7 +156,7 @@ mod tests {
             ..wear(WearStatus::Estimated)
         };
         let grown = [wear(WearStatus::CollectingBaseline), little, worn.clone()];
-        assert_eq!(said(&grown), "worn 85 µm (60 to 110); it has grown since record 2");
+        assert_eq!(summary(&grown), "worn 85 µm (60 to 110); growing since record 2");
         let after = |days: i64| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(24 * days);
         worn.prognosis = Some(Prognosis {
             rate_um_per_day: 5.0,
@@ -165,21 +165,21 @@ mod tests {
             p05: after(10),
             p95: None,
         });
-        let words = "worn 85 µm (60 to 110) and growing; reaches the limit of 200 µm in about 23 days (10 days to much later)";
-        assert_eq!(said(&[worn]), words);
+        let expected = "worn 85 µm (60 to 110) and growing; reaches the limit of 200 µm in about 23 days (10 days to much later)";
+        assert_eq!(summary(&[worn]), expected);
     }
 
     #[test]
-    fn a_machine_without_a_mesh_is_told_without_wear() {
-        let said = |status| of_estimates(&[&wear(status)], Timestamp::UNIX_EPOCH, false);
-        assert_eq!(said(WearStatus::NoMesh), "the last record is like the healthy ones");
+    fn a_machine_without_a_mesh_is_summarised_without_wear() {
+        let summary = |status| of_estimates(&[&wear(status)], Timestamp::UNIX_EPOCH, false);
+        assert_eq!(summary(WearStatus::NoMesh), "normal: the last record matches the baseline");
         for status in [WearStatus::CollectingBaseline, WearStatus::OutsideLibrary] {
-            assert!(!said(status).contains("wear is"), "{}", said(status));
+            assert!(!summary(status).contains("wear"), "{}", summary(status));
         }
     }
 
     #[test]
-    fn what_is_not_wear_is_told_from_where_it_began() {
+    fn a_fault_is_reported_with_its_first_record() {
         let novelty = Novelty {
             p_value: 1e-9,
             score: 9.0,
@@ -200,11 +200,9 @@ mod tests {
             cracked.clone(),
             cracked,
         ];
-        assert_eq!(said(&all), "record 4 on is not wear: one tooth differs from the others: a crack or chip");
-        assert_eq!(
-            said(&all[..2]),
-            "record 2 is not wear: one tooth differs from the others: a crack or chip"
-        );
-        assert!(said(&all[..1]).contains("8 of 20 records"));
+        let cause = "one tooth differs from the others: a crack or chip";
+        assert_eq!(summary(&all), format!("not wear since record 4: {cause}"));
+        assert_eq!(summary(&all[..2]), format!("not wear in record 2: {cause}"));
+        assert!(summary(&all[..1]).contains("8 of 20 records"));
     }
 }

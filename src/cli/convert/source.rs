@@ -1,4 +1,4 @@
-//! The recording to convert, frame by frame.
+//! Reads the recording to convert, frame by frame.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -9,20 +9,21 @@ use jiff::Timestamp;
 use super::{ConvertArgs, ConvertError, argument};
 use crate::recording::{CsvFrames, CsvTiming, Format, RecordDefaults, RecordingError, WavFrames};
 
-/// Frames of the input, with the chosen channels only.
+/// Frames of the input, reduced to the selected channels.
 pub(super) struct Source {
     frames: Frames,
     pub(super) sample_rate_hz: f64,
-    /// Time of the first sample, where the recording says it.
+    /// Time of the first sample, if the recording has one.
     pub(super) start_time: Option<Timestamp>,
     pub(super) channels: Vec<String>,
-    /// Units by channel, where the recording says them.
+    /// Units by channel, for channels whose unit the recording has.
     pub(super) channel_units: BTreeMap<String, String>,
-    /// An upper bound of the number of frames.
+    /// Upper bound of the number of frames.
     pub(super) frames_at_most: u64,
-    /// All channels of a WAV frame, and which of them are wanted.
+    /// Buffer for all channels of a WAV frame.
     whole_frame: Vec<f32>,
-    chosen: Vec<usize>,
+    /// Indices of the selected channels in a WAV frame.
+    selected: Vec<usize>,
 }
 
 enum Frames {
@@ -42,51 +43,51 @@ impl Source {
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         match Format::detect(&beginning) {
             Ok(Format::Mcap) => {
-                Err(argument("IN", path.display(), "CSV or WAV: it is an MCAP recording already"))
+                Err(argument("IN", path.display(), "CSV or WAV: this is already an MCAP recording"))
             }
             Ok(Format::Wav) => {
                 let frames = WavFrames::new(BufReader::new(file)).map_err(input)?;
                 frames.check_length(bytes).map_err(input)?;
                 let format = frames.format();
                 let names = RecordDefaults::default().names_of(format.channels);
-                let chosen = choose(&names, &args.channels)?;
+                let selected = select(&names, &args.channels)?;
                 Ok(Self {
                     frames_at_most: frames.frames_at_most(bytes),
                     sample_rate_hz: args.rate.unwrap_or(format.sample_rate_hz.into()),
                     start_time: None,
                     channel_units: BTreeMap::new(),
-                    channels: chosen.iter().map(|&k| names[k].clone()).collect(),
+                    channels: selected.iter().map(|&k| names[k].clone()).collect(),
                     whole_frame: vec![0.0; names.len()],
-                    chosen,
+                    selected,
                     frames: Frames::Wav(frames),
                 })
             }
             Ok(Format::Csv) => {
                 let frames = CsvFrames::new(BufReader::new(&file), &args.channels).map_err(input)?;
                 if args.rate.is_none() && !frames.has_rate() {
-                    let expected = "the sampling rate in hertz, which neither a column of times nor a line before the header says";
+                    let expected = "the sampling rate in hertz: neither a time column nor a line before the header gives it";
                     return Err(argument("--rate", "missing", expected));
                 }
                 if args.unit.is_none() && frames.units().iter().any(Option::is_none) {
                     let expected =
-                        "the samples' unit (for example m/s2), which the header does not say of every column";
+                        "the samples' unit (such as m/s2): the header does not give it for every column";
                     return Err(argument("--unit", "missing", expected));
                 }
                 let timing = CsvTiming::scan(frames).map_err(input)?;
                 let sample_rate_hz = timing.sample_rate_hz(args.rate).map_err(input)?;
                 file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
                 let frames = CsvFrames::new(BufReader::new(file), &args.channels).map_err(input)?;
-                let said = frames.channels().iter().zip(frames.units());
+                let units = frames.channels().iter().zip(frames.units());
                 Ok(Self {
                     frames_at_most: timing.frames,
                     sample_rate_hz,
                     start_time: timing.start_time,
-                    channel_units: said
+                    channel_units: units
                         .filter_map(|(channel, unit)| Some((channel.clone(), unit.as_ref()?.to_string())))
                         .collect(),
                     channels: frames.channels().to_vec(),
                     whole_frame: Vec::new(),
-                    chosen: Vec::new(),
+                    selected: Vec::new(),
                     frames: Frames::Csv(Box::new(frames)),
                 })
             }
@@ -103,7 +104,7 @@ impl Source {
             Frames::Csv(frames) => frames.next_frame(frame),
             Frames::Wav(frames) => {
                 let more = frames.next_frame(&mut self.whole_frame)?;
-                for (sample, &k) in frame.iter_mut().zip(&self.chosen) {
+                for (sample, &k) in frame.iter_mut().zip(&self.selected) {
                     *sample = self.whole_frame[k];
                 }
                 Ok(more)
@@ -112,16 +113,16 @@ impl Source {
     }
 }
 
-/// Indices of the wanted channels among a WAV's.
-fn choose(names: &[String], wanted: &[String]) -> Result<Vec<usize>, ConvertError> {
-    if wanted.is_empty() {
+/// Returns the indices of the requested channels among those of a WAV; all where none is requested.
+fn select(names: &[String], requested: &[String]) -> Result<Vec<usize>, ConvertError> {
+    if requested.is_empty() {
         return Ok((0..names.len()).collect());
     }
     let find = |name: &String| {
         names
             .iter()
-            .position(|own| own == name)
+            .position(|other| other == name)
             .ok_or_else(|| argument("--channels", name, "numbers of the WAV's channels, counted from 1"))
     };
-    wanted.iter().map(find).collect()
+    requested.iter().map(find).collect()
 }

@@ -13,11 +13,11 @@ struct Cli {
     convert: ConvertArgs,
 }
 
-/// Converts in a new folder: `IN` holds `text`, the other arguments are separated by spaces.
+/// A temporary folder with an input file.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
-    fn with(name: &str, bytes: &[u8]) -> Self {
+    fn with_file(name: &str, bytes: &[u8]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join(name), bytes).unwrap();
         Self(folder)
@@ -52,8 +52,8 @@ impl Folder {
 }
 
 #[test]
-fn csv_to_mcap_keeps_samples_names_and_circumstances() {
-    let folder = Folder::with("in.csv", b"no,a1,a2\n0,1.5,2\n1,-3e-5,4\n2,0.1,6\n");
+fn csv_to_mcap_keeps_samples_names_and_operating_point() {
+    let folder = Folder::with_file("in.csv", b"no,a1,a2\n0,1.5,2\n1,-3e-5,4\n2,0.1,6\n");
     let options = "--rate 12800.5 --unit m/s2 --asset rig --channels a2,a1 --start-time 2026-01-02T03:04:05.5Z --shaft-speed-hz 29.7 --torque-nm -3";
     folder.convert("in.csv", "out.mcap", options).unwrap();
     let records = folder.records("out.mcap");
@@ -67,9 +67,9 @@ fn csv_to_mcap_keeps_samples_names_and_circumstances() {
 }
 
 #[test]
-fn rate_unit_and_start_come_from_the_file_where_it_says_them() {
+fn rate_unit_and_start_time_of_the_file_are_used() {
     let text = "Messung;7\nwhen;a\n;m/s2\n01.03.2026 08:00:00,000;1,5\n01.03.2026 08:00:00,010;2,5\n";
-    let folder = Folder::with("in.csv", text.as_bytes());
+    let folder = Folder::with_file("in.csv", text.as_bytes());
     folder.convert("in.csv", "out.mcap", "").unwrap();
     let record = folder.records("out.mcap").remove(0);
     assert_eq!((record.samples(), record.unit(), record.sample_rate_hz()), (&[1.5, 2.5][..], "m/s2", 100.0));
@@ -77,9 +77,9 @@ fn rate_unit_and_start_come_from_the_file_where_it_says_them() {
 }
 
 #[test]
-fn records_are_cut_as_asked() {
+fn records_have_the_requested_length() {
     let text: String = (0..25).map(|k| format!("{k}\n")).collect();
-    let folder = Folder::with("in.csv", text.as_bytes());
+    let folder = Folder::with_file("in.csv", text.as_bytes());
     folder.convert("in.csv", "out.mcap", "--rate 10 --unit g --record-seconds 1").unwrap();
     let records = folder.records("out.mcap");
     assert_eq!(records.iter().map(|r| r.samples().len()).collect::<Vec<_>>(), [10, 10, 5]);
@@ -88,8 +88,8 @@ fn records_are_cut_as_asked() {
 }
 
 #[test]
-fn csv_to_wav_to_mcap_is_csv_to_mcap() {
-    let folder = Folder::with("in.csv", b"a,b\n1.25,-7\n3.7e5,0.001\n");
+fn conversion_by_way_of_wav_gives_the_same_records() {
+    let folder = Folder::with_file("in.csv", b"a,b\n1.25,-7\n3.7e5,0.001\n");
     folder.convert("in.csv", "out.wav", "--rate 8000 --unit g").unwrap();
     folder.convert("out.wav", "over.mcap", "--unit g --channels 2,1").unwrap();
     folder.convert("in.csv", "direct.mcap", "--rate 8000 --unit g --channels b,a").unwrap();
@@ -102,8 +102,8 @@ fn csv_to_wav_to_mcap_is_csv_to_mcap() {
 }
 
 #[test]
-fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
-    let folder = Folder::with("in.csv", b"a\n1\nx\n");
+fn invalid_input_is_rejected_and_leaves_no_file() {
+    let folder = Folder::with_file("in.csv", b"a\n1\nx\n");
     fs::write(folder.path("there.mcap"), b"mine").unwrap();
     fs::write(folder.path("empty.csv"), b"").unwrap();
     fs::write(folder.path("good.csv"), b"a\n1\n").unwrap();
@@ -129,7 +129,7 @@ fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
         ("empty.csv", "out.mcap", "--rate 10 --unit g", "0 bytes"),
         ("bare.csv", "out.mcap", "--rate 10 --unit g", "channel \"a\" has no samples"),
         ("bare.csv", "out.wav", "--rate 10 --unit g", "the number of samples is 0"),
-        ("magic.csv", "out.mcap", "--rate 10 --unit g", "an MCAP recording already"),
+        ("magic.csv", "out.mcap", "--rate 10 --unit g", "already an MCAP recording"),
         ("binary.csv", "out.mcap", "--rate 10 --unit g", "begins with the bytes 00 01 02"),
         ("timed.csv", "out.mcap", "--rate 11 --unit g", "the sampling rate is 11 Hz, expected 10 Hz"),
         ("bare.csv", "sub/out.wav", "--rate 10 --unit g", "out.wav"),
@@ -142,8 +142,8 @@ fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
 }
 
 #[test]
-fn a_replaced_file_is_whole() {
-    let folder = Folder::with("in.csv", b"1\n2\n");
+fn force_replaces_the_output() {
+    let folder = Folder::with_file("in.csv", b"1\n2\n");
     fs::write(folder.path("out.wav"), b"old").unwrap();
     folder.convert("in.csv", "out.wav", "--rate 10 --unit g --force").unwrap();
     assert_eq!(folder.records("out.wav")[0].samples(), [1.0, 2.0]);
@@ -158,7 +158,7 @@ fn real_gearbox_recordings_agree_in_wav_and_mcap() {
         let mut text = Vec::new();
         let packed = fs::File::open(recordings.join(format!("{name}.csv.gz"))).unwrap();
         GzDecoder::new(packed).read_to_end(&mut text).unwrap();
-        let folder = Folder::with("in.csv", &text);
+        let folder = Folder::with_file("in.csv", &text);
         let rows = text.iter().filter(|&&byte| byte == b'\n').count() - 1;
         folder.convert("in.csv", "out.wav", "--rate 12800 --unit g").unwrap();
         folder.convert("in.csv", "out.mcap", "--rate 12800 --unit g").unwrap();

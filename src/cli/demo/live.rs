@@ -1,4 +1,4 @@
-//! The sample gearbox as its sensor hears it now: the latest record over and over, in real time.
+//! The demonstration's live stream: repeats the latest record in real time.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,16 +16,16 @@ use crate::signal::Record;
 /// The stream's name.
 const NAME: &str = "sensor";
 
-/// How often samples are sent.
-const EVERY: Duration = Duration::from_millis(100);
+/// Time between two chunks.
+const CHUNK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Most samples sent at once, after the machine was suspended for example.
-const MAX_AT_ONCE: u64 = 1 << 16;
+/// Maximum samples in a chunk, for example after the machine was suspended.
+const MAX_CHUNK_SAMPLES: u64 = 1 << 16;
 
-/// Seconds over which one record passes into the next.
-const BLEND_S: f64 = 0.02;
+/// Seconds of cross-fade from one record into the next.
+const CROSSFADE_S: f64 = 0.02;
 
-/// Sends the stream until the service ends or somebody else sends it.
+/// Sends the stream until the service stops or another sender takes it over.
 pub(super) async fn send(
     service: Arc<Service>,
     asset: AssetId,
@@ -41,7 +41,7 @@ pub(super) async fn send(
     let mut sender = service.streams.open(&asset, NAME, format, None).await?;
     let mut next = sender.next().unwrap_or(0);
     let mut playback = Playback::new(first);
-    let (mut due, began, mut sent) = (interval(EVERY), Instant::now(), 0);
+    let (mut due, began, mut sent) = (interval(CHUNK_INTERVAL), Instant::now(), 0);
     due.set_missed_tick_behavior(MissedTickBehavior::Skip);
     loop {
         let now = tokio::select! {
@@ -49,7 +49,7 @@ pub(super) async fn send(
             () = sender.taken_over() => return Ok(()),
         };
         let all = (now.duration_since(began).as_secs_f64() * rate_hz) as u64;
-        let count = all.saturating_sub(sent).min(MAX_AT_ONCE);
+        let count = all.saturating_sub(sent).min(MAX_CHUNK_SAMPLES);
         sent = all;
         let upcoming = latest.borrow().clone();
         let samples = (0..count).map(|_| playback.next(upcoming.as_ref()));
@@ -62,39 +62,41 @@ pub(super) async fn send(
     }
 }
 
-/// Plays records one after the other, each blended into the next.
+/// Plays records one after the other with a cross-fade between them.
 struct Playback {
     current: Arc<Record>,
-    at: usize,
-    /// The record that the current one passes into, while it does.
+    /// Index of the next sample of the current record.
+    position: usize,
+    /// The record that the current one fades into, during the cross-fade.
     upcoming: Option<Arc<Record>>,
-    blend: usize,
+    /// Length of the cross-fade in samples.
+    crossfade: usize,
 }
 
 impl Playback {
     fn new(first: Arc<Record>) -> Self {
-        let blend = (BLEND_S * first.sample_rate_hz()) as usize;
-        let blend = blend.clamp(1, (first.samples().len() / 2).max(1));
-        Self { current: first, at: 0, upcoming: None, blend }
+        let crossfade = (CROSSFADE_S * first.sample_rate_hz()) as usize;
+        let crossfade = crossfade.clamp(1, (first.samples().len() / 2).max(1));
+        Self { current: first, position: 0, upcoming: None, crossfade }
     }
 
-    /// The next sample; a record that ends passes into `latest`.
+    /// Returns the next sample; at its end the current record fades into `latest`.
     fn next(&mut self, latest: Option<&Arc<Record>>) -> f32 {
         let samples = self.current.samples();
-        let left = samples.len().saturating_sub(self.at);
-        let sample = samples.get(self.at).copied().unwrap_or_default();
-        self.at += 1;
-        if left > self.blend {
+        let remaining = samples.len().saturating_sub(self.position);
+        let sample = samples.get(self.position).copied().unwrap_or_default();
+        self.position += 1;
+        if remaining > self.crossfade {
             return sample;
         }
         let upcoming = self.upcoming.get_or_insert_with(|| Arc::clone(latest.unwrap_or(&self.current)));
-        let begun = self.blend - left;
-        // Two records are not in phase: their powers add.
-        let part = std::f32::consts::FRAC_PI_2 * (begun + 1) as f32 / self.blend as f32;
+        let faded = self.crossfade - remaining;
+        // The records are not in phase, so their powers add: an equal-power cross-fade.
+        let phase = std::f32::consts::FRAC_PI_2 * (faded + 1) as f32 / self.crossfade as f32;
         let blended =
-            sample * part.cos() + upcoming.samples()[begun.min(upcoming.samples().len() - 1)] * part.sin();
-        if left <= 1 {
-            (self.current, self.at) = (Arc::clone(upcoming), self.blend);
+            sample * phase.cos() + upcoming.samples()[faded.min(upcoming.samples().len() - 1)] * phase.sin();
+        if remaining <= 1 {
+            (self.current, self.position) = (Arc::clone(upcoming), self.crossfade);
             self.upcoming = None;
         }
         blended
@@ -112,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn records_pass_into_the_latest_one() {
+    fn a_record_fades_into_the_latest_one() {
         let [one, two] = [record(1.0), record(2.0)];
         let mut playback = Playback::new(one);
         let played: Vec<f32> = (0..400).map(|_| playback.next(Some(&two))).collect();

@@ -1,5 +1,4 @@
-//! `flankwatch figures`: the paper's figures from this model on one page, with what its text says about them
-//! held against it.
+//! `flankwatch figures`: reproduces the paper's figures on one page and checks the paper's statements about them.
 
 mod page;
 mod panel;
@@ -16,27 +15,27 @@ use crate::gear::ContactRule;
 /// Arguments of `flankwatch figures`.
 #[derive(Debug, Args)]
 pub(super) struct FiguresArgs {
-    /// The page, an HTML file that needs no other
-    #[arg(long)]
+    /// HTML file to write, self-contained
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// All numbers and checks as JSON
-    #[arg(long)]
+    /// JSON file to write all numbers and checks to
+    #[arg(long, value_name = "FILE")]
     data: Option<PathBuf>,
-    /// The gear pair; the pair of Shen et al. 2022 where not given
-    #[arg(long)]
+    /// Gear pair file (TOML) [default: the pair of Shen et al. 2022]
+    #[arg(long, value_name = "FILE")]
     pair: Option<PathBuf>,
-    /// Greatest wear depths of Wear01, Wear02 and Wear03 in µm
+    /// Maximum wear depths of Wear01, Wear02 and Wear03 in µm
     #[arg(long, num_args = 3, value_names = ["SLIGHT", "MODERATE", "SEVERE"])]
     wear_um: Option<Vec<f64>>,
     /// Length of each simulated record in seconds
-    #[arg(long, default_value_t = FigureSettings::default().seconds)]
+    #[arg(long, value_name = "S", default_value_t = FigureSettings::default().seconds)]
     seconds: f64,
-    /// Sampling rate of each simulated record in hertz
-    #[arg(long, default_value_t = FigureSettings::default().sample_rate_hz)]
+    /// Sampling rate of each simulated record in Hz
+    #[arg(long, value_name = "HZ", default_value_t = FigureSettings::default().sample_rate_hz)]
     rate: f64,
 }
 
-/// Runs the command. A statement that does not hold is a result, not a failure.
+/// Runs the command. A statement that fails its check is a result, not an error.
 pub(super) fn run(args: &FiguresArgs) -> Result<(), CliError> {
     let mut settings =
         FigureSettings { seconds: args.seconds, sample_rate_hz: args.rate, ..FigureSettings::default() };
@@ -44,7 +43,7 @@ pub(super) fn run(args: &FiguresArgs) -> Result<(), CliError> {
         settings.wear_um = [slight, moderate, severe];
     }
     let mut pair = pair_file::read(args.pair.as_deref())?;
-    // The figures are about the paper's own multi-tooth rule, whatever the pair file asks for otherwise.
+    // The figures show the paper's multi-tooth rule, whatever rule the pair file has.
     pair.dynamics.contact = ContactRule::Threshold;
     let bar = progress_bar(u64::from(settings.states), "wear states");
     let figures = figures::compute(&pair, &settings, &|done| bar.set_position(done as u64))?;
@@ -58,7 +57,7 @@ pub(super) fn run(args: &FiguresArgs) -> Result<(), CliError> {
     let holding = figures.checks.iter().filter(|check| check.holds).count();
     let mut text = String::new();
     for check in &figures.checks {
-        let verdict = if check.holds { "holds   " } else { "does not" };
+        let verdict = if check.holds { "holds" } else { "fails" };
         text += &format!("Fig. {:<2}  {verdict}  {} {}\n", check.figure, check.statement, check.measured);
     }
     text += &format!(

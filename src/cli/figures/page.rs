@@ -1,13 +1,13 @@
-//! The page of all figures.
+//! The HTML page of all figures.
 
 use super::panel::{COLOURS, Panel};
 use crate::figures::{Check, Figures, IndicatorState, Lines, MeshState, Vibration};
 use crate::http::plotly_js;
 
-/// Greatest Δφ₂ in 1e-4 rad that Fig. 13's last diagram shows.
-const LEAD_SHOWN: f64 = 6.0;
+/// Limit of Δφ₂ in Fig. 13 (c), in 1e-4 rad.
+const MAX_LEAD: f64 = 6.0;
 
-/// The page; self-contained, so that it can be kept and sent.
+/// Builds the page, which is self-contained.
 pub(super) fn html(figures: &Figures) -> String {
     let holding = figures.checks.iter().filter(|check| check.holds).count();
     let settings = &figures.settings;
@@ -32,10 +32,10 @@ pub(super) fn html(figures: &Figures) -> String {
     format!(
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title>\
          <style>{STYLE}</style><script>{script}</script></head><body><h1>{title}</h1>\
-         <p>Gear pair “{pair}”, model version {version}. Numbers of figures are those of Z. Shen et al., Front. Mech. Eng. 17 (2022); every curve is \
-         this model's. Wear01, Wear02 and Wear03 have a greatest wear depth of {slight}, {moderate} and {severe} µm: the paper does not give \
-         its own. Vibration: {states} states of {step} µm each, records of {seconds} s at {rate} Hz.</p>\
-         <h2>Statements</h2><p>{holding} of {count} hold.</p><table><thead><tr><th>Figure</th><th>Statement</th><th>Holds</th><th>Measured</th></tr></thead>\
+         <p>Gear pair “{pair}”, model version {version}. Figure numbers are those of Z. Shen et al., Front. Mech. Eng. 17 (2022); all curves are \
+         computed with this model. Wear01, Wear02 and Wear03 have a maximum wear depth of {slight}, {moderate} and {severe} µm: the paper does not \
+         state its values. Vibration: {states} states in steps of {step} µm, records of {seconds} s at {rate} Hz.</p>\
+         <h2>Statements</h2><p>{holding} of {count} hold.</p><table><thead><tr><th>Figure</th><th>Statement</th><th>Result</th><th>Measured</th></tr></thead>\
          <tbody>{summary}</tbody></table>{sections}</body></html>",
         title = "The model's figures",
         // An end tag within the script's own strings must not end the element.
@@ -67,12 +67,12 @@ fn summary_row(check: &Check) -> String {
 }
 
 fn verdict(check: &Check) -> &'static str {
-    if check.holds { "<td class=\"yes\">✓ holds</td>" } else { "<td class=\"no\">✗ does not</td>" }
+    if check.holds { "<td class=\"yes\">✓ holds</td>" } else { "<td class=\"no\">✗ fails</td>" }
 }
 
 /// One figure with its checks.
 fn section(figures: &Figures, number: u32, heading: &str, caption: &str, panels: Vec<Panel>) -> String {
-    // Each is drawn as it is read: the first of several must not take the width of those to come.
+    // Each panel is drawn while the page loads: the first one must not take the width of those after it.
     let several = if panels.len() > 1 { " several" } else { "" };
     let panels: String = panels.into_iter().map(Panel::html).collect();
     let rows: String = figures
@@ -81,7 +81,7 @@ fn section(figures: &Figures, number: u32, heading: &str, caption: &str, panels:
         .filter(|check| check.figure == number)
         .map(|check| {
             format!(
-                "<tr><td>{}<br><span class=\"how\">Counts as holding: {}.</span></td>{}<td>{}</td></tr>",
+                "<tr><td>{}<br><span class=\"how\">Criterion: {}.</span></td>{}<td>{}</td></tr>",
                 escape(check.statement),
                 escape(check.criterion),
                 verdict(check),
@@ -97,7 +97,7 @@ fn section(figures: &Figures, number: u32, heading: &str, caption: &str, panels:
     )
 }
 
-/// One line for each state.
+/// Adds a line for each state to a panel.
 fn of_states(panel: Panel, figures: &Figures, curve: impl Fn(&MeshState) -> (Vec<f64>, Vec<f64>)) -> Panel {
     figures.states.iter().zip(COLOURS).fold(panel, |panel, (state, colour)| {
         let (x, y) = curve(state);
@@ -141,7 +141,7 @@ fn relationship(figures: &Figures) -> String {
         (state.tooth_pair.phi1_rad.clone(), state.tooth_pair.phi2_rad.clone())
     });
     let caption =
-        "Where the flanks of one pair of teeth touch, and how far the gears have turned when they do.";
+        "Contact points of the flanks of one tooth pair, and the gear rotations at which they touch.";
     section(figures, 8, "mesh relationship of one pair of teeth", caption, vec![points, rotations])
 }
 
@@ -150,11 +150,11 @@ fn single_stiffness(figures: &Figures) -> String {
         let pair = &state.tooth_pair;
         (pair.phi1_rad.clone(), scaled(&pair.stiffness_n_per_m, 1e-8))
     });
-    let caption = "Stiffness of one pair of teeth wherever its flanks can touch.";
+    let caption = "Stiffness of one tooth pair over its whole range of possible contact.";
     section(figures, 11, "single-tooth stiffness", caption, vec![panel])
 }
 
-/// Three pairs of teeth in a row.
+/// Draws three consecutive tooth pairs.
 fn three_pairs(title: &str, figures: &Figures, state: &MeshState) -> Panel {
     let pitch = |i: usize| std::f64::consts::TAU / f64::from(figures.pair.geometry.teeth[i]);
     let pair = &state.tooth_pair;
@@ -178,7 +178,7 @@ fn perfect_pairs(figures: &Figures) -> String {
         state.tooth_pair.phi1_rad.clone(),
         state.tooth_pair.phi2_rad.clone(),
     );
-    let caption = "Perfect flanks: each pair follows the one before it after one pitch; where two touch they lie on one line.";
+    let caption = "Perfect flanks: each pair follows the previous one after one pitch; where two pairs touch, their curves coincide.";
     let panels = vec![single, three_pairs("(b) three pairs", figures, state)];
     section(figures, 12, "rotations with perfect flanks", caption, panels)
 }
@@ -188,7 +188,7 @@ fn worn_pairs(figures: &Figures) -> String {
     let mesh = &state.mesh;
     let touching: Vec<usize> =
         (0..mesh.pair_phi1_rad.len()).filter(|i| mesh.neighbour_lead_rad[*i] > -0.9).collect();
-    // The places where a neighbour touches are two stretches: a gap keeps them apart.
+    // Neighbours touch in two separate ranges: a NaN leaves a gap between them.
     let (mut x, mut y) = (Vec::new(), Vec::new());
     for (k, i) in touching.iter().enumerate() {
         if k > 0 && touching[k - 1] + 1 < *i {
@@ -216,10 +216,10 @@ fn worn_pairs(figures: &Figures) -> String {
     let panels = vec![
         three_pairs("(a) three pairs", figures, state),
         lead("(b) lead of the neighbour over the pair"),
-        lead("(c) the same near the threshold").y_range(name, -LEAD_SHOWN, LEAD_SHOWN),
+        lead("(c) the same near the threshold").y_range(name, -MAX_LEAD, MAX_LEAD),
         carries,
     ];
-    let caption = "Wear01: of two pairs that could touch, one pushes the driven gear further. A pair carries while no neighbour leads it by more than the threshold.";
+    let caption = "Wear01: of two pairs in possible contact, one turns the driven gear further. A pair carries load while no neighbour leads it by more than the threshold.";
     section(figures, 13, "rotations with worn flanks", caption, panels)
 }
 
@@ -229,7 +229,7 @@ fn carried_stiffness(figures: &Figures) -> String {
         let carried = (0..mesh.carries.len()).filter(|i| mesh.carries[*i]);
         carried.map(|i| (mesh.pair_phi1_rad[i], 1e-8 * mesh.pair_stiffness_n_per_m[i])).unzip()
     });
-    let caption = "Stiffness of one pair of teeth where it carries under the multi-tooth rule.";
+    let caption = "Stiffness of one tooth pair where it carries load under the multi-tooth rule.";
     section(figures, 14, "single-tooth stiffness in the mesh", caption, vec![panel])
 }
 
@@ -241,7 +241,7 @@ fn mesh_stiffness(figures: &Figures) -> String {
     section(figures, 15, "mesh stiffness", caption, vec![panel])
 }
 
-/// Two periods of a periodic row, thinned to every fourth point.
+/// Repeats one period to two, thinned to every fourth point.
 fn twice(phi1_rad: &[f64], values: &[f64], factor: f64) -> (Vec<f64>, Vec<f64>) {
     let period = (phi1_rad[1] - phi1_rad[0]) * phi1_rad.len() as f64;
     let all = (0..2 * phi1_rad.len()).step_by(4);
@@ -267,12 +267,12 @@ fn finite_elements(figures: &Figures) -> String {
             figures.finite_elements.iter().map(|point| 1e-8 * point.stiffness_n_per_m).collect(),
         );
     let caption = if figures.finite_elements.is_empty() {
-        "There is no finite-element table of this gear pair."
+        "There is no finite-element table for this gear pair."
     } else {
-        "One mesh period beside a plane-strain finite-element model of the same pair (1300 N·m, bore radius 20 mm, perfect flanks). There elastic \
-         teeth touch early: ramps stand where the model jumps, and two pairs share the body of their gear."
+        "One mesh period compared with a plane-strain finite-element model of the same pair (1300 N·m, bore radius 20 mm, perfect flanks). In the \
+         finite-element model, elastic teeth touch early, which gives ramps instead of this model's jumps, and two pairs share the gear body."
     };
-    section(figures, 17, "mesh stiffness beside finite elements", caption, vec![panel])
+    section(figures, 17, "mesh stiffness compared with finite elements", caption, vec![panel])
 }
 
 fn transmission_error(figures: &Figures) -> String {
@@ -282,11 +282,11 @@ fn transmission_error(figures: &Figures) -> String {
         |state| twice(&state.mesh.phi1_rad, &state.mesh.e_wear_rad, 1e6),
     );
     let whole = of_states(
-        Panel::new("(b) whole error over one shaft turn", "turns of the driving shaft", "e (µm)"),
+        Panel::new("(b) total error over one shaft turn", "turns of the driving shaft", "e (µm)"),
         figures,
         |state| (figures.turns.clone(), state.transmission_error_um.clone()),
     );
-    let caption = "Unloaded static transmission error: the part of wear, Eq. (31), and the whole of Eq. (25) along the line of action without its random part.";
+    let caption = "Unloaded static transmission error: the wear component, Eq. (31), and the total, Eq. (25), along the line of action without its random component.";
     section(figures, 18, "transmission error", caption, vec![wear, whole])
 }
 
@@ -318,8 +318,8 @@ fn time_signals(figures: &Figures) -> String {
         let panel = panel.line("", COLOURS[2], places, state.mean_period_m_per_s2.clone());
         state.changes.iter().fold(panel, |panel, change| panel.mark(*change))
     });
-    let caption = "Acceleration of the response coordinate over the first mesh periods, and the mean of all mesh periods of the record; dotted: the number of \
-                   carrying pairs changes.";
+    let caption = "Acceleration of the response coordinate over the first mesh periods, and the mean of all mesh periods of the record. Dotted lines: the \
+                   number of loaded tooth pairs changes.";
     section(figures, 19, "time signals", caption, signals.chain(means).collect())
 }
 
@@ -337,13 +337,13 @@ fn line_panels(figures: &Figures, lines: impl Fn(&Vibration) -> &Lines) -> Vec<P
 
 fn spectra(figures: &Figures) -> String {
     let caption =
-        "Amplitude spectra (Hann window, of each 2 Hz the strongest line) up to ten mesh harmonics.";
+        "Amplitude spectra (Hann window, the strongest line of each 2 Hz) up to ten mesh harmonics.";
     section(figures, 20, "spectra", caption, line_panels(figures, |state| &state.spectrum))
 }
 
 fn envelopes(figures: &Figures) -> String {
     let caption =
-        "Amplitude spectra of the envelope of the whole band (modulus of the analytic signal, mean removed).";
+        "Amplitude spectra of the full-band envelope (modulus of the analytic signal, mean removed).";
     section(figures, 21, "envelope spectra", caption, line_panels(figures, |state| &state.envelope))
 }
 
@@ -359,7 +359,8 @@ fn indicators(figures: &Figures) -> String {
         panel(format!("(b) kurtosis, ρ = {kurtosis:.3}"), "kurtosis", |state| state.kurtosis),
         panel(format!("(c) OMX, ρ = {omx:.3}"), "first mesh amplitude (m/s²)", |state| state.omx),
     ];
-    let caption = "Condition indicators of all wear states; ρ is Spearman's rank correlation with the number of the state.";
+    let caption =
+        "Condition indicators of all wear states; ρ is Spearman's rank correlation with the state number.";
     section(figures, 22, "condition indicators", caption, panels)
 }
 

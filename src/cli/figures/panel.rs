@@ -4,8 +4,7 @@ use plotly::common::{Anchor, DashType, Line, Marker, MarkerSymbol, Mode, Orienta
 use plotly::layout::{Axis, Legend, Margin, Shape, ShapeLayer, ShapeLine, ShapeType};
 use plotly::{Configuration, Layout, Plot, Scatter};
 
-/// Colours of no wear and of the three degrees of wear: told apart by every kind of sight, from light to dark
-/// with the wear.
+/// Colours of no wear and of the three wear degrees: safe for colour blindness, darker with more wear.
 pub(super) const COLOURS: [&str; 4] = ["#7f7f7f", "#56b4e9", "#0072b2", "#d55e00"];
 
 /// A diagram under construction.
@@ -35,7 +34,7 @@ impl Panel {
         }
     }
 
-    /// A line; without a name it has no entry in the legend.
+    /// Adds a line; without a name it has no legend entry.
     pub(super) fn line(mut self, name: &str, colour: &str, x: Vec<f64>, y: Vec<f64>) -> Self {
         let line = Line::new().color(colour.to_owned()).width(1.6);
         let trace = Scatter::new(x, y).mode(Mode::Lines).line(line).name(name).show_legend(!name.is_empty());
@@ -43,7 +42,7 @@ impl Panel {
         self
     }
 
-    /// Points.
+    /// Adds points; without a name they have no legend entry.
     pub(super) fn points(mut self, name: &str, colour: &str, x: Vec<f64>, y: Vec<f64>) -> Self {
         let marker = Marker::new().color(colour.to_owned()).size(5).symbol(MarkerSymbol::CircleOpen);
         let trace =
@@ -52,7 +51,7 @@ impl Panel {
         self
     }
 
-    /// A dashed line across at the height `y`.
+    /// Adds a dashed horizontal line at `y`.
     pub(super) fn level(mut self, name: &str, y: f64, [from, to]: [f64; 2]) -> Self {
         let line = Line::new().color("#000000").width(1.0).dash(DashType::Dash);
         let trace = Scatter::new(vec![from, to], vec![y, y]).mode(Mode::Lines).line(line).name(name);
@@ -60,7 +59,7 @@ impl Panel {
         self
     }
 
-    /// A thin upright line at `x`.
+    /// Adds a thin dotted vertical line at `x`.
     pub(super) fn mark(mut self, x: f64) -> Self {
         self.layout.add_shape(
             Shape::new()
@@ -77,7 +76,7 @@ impl Panel {
         self
     }
 
-    /// Keeps the y axis within these limits.
+    /// Sets the title and the limits of the y axis.
     pub(super) fn y_range(mut self, title: &str, low: f64, high: f64) -> Self {
         let axis = Axis::new()
             .title(Title::with_text(title))

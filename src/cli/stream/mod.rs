@@ -1,8 +1,8 @@
-//! `flankwatch stream`: send samples to a server while they are measured.
+//! `flankwatch stream`: sends samples to a server as they are measured.
 //!
-//! One thread reads, so that a source never waits for the server; this one sends. What the server has
-//! answered to be kept is forgotten here. Indices count from 1970 at the stream's rate, so that a sender that
-//! was stopped leaves a gap of the right length, also where nobody remembers how far it had come.
+//! A second thread reads, so that the source never waits for the server; the main thread sends. A block is
+//! dropped once the server has acknowledged it. Sample indices count from 1970 at the stream's rate: a sender
+//! that was stopped leaves a gap of the right length without storing its position.
 
 mod sender;
 mod source;
@@ -22,89 +22,88 @@ use super::{CliError, output};
 use crate::asset::AssetId;
 use crate::recording::RawSample;
 use crate::recording::stream::StreamFormat;
-use sender::{Sender, Sent};
+use sender::{SendOutcome, Sender};
 use source::Source;
 use spool::{Block, Spool};
 
-/// How long is tried to send what is left after Ctrl-C.
-const LAST_TRY: Duration = Duration::from_secs(5);
+/// Time to send the remaining blocks after Ctrl-C.
+const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How often is looked whether Ctrl-C was pressed, or samples have come.
-const LOOK_INTERVAL: Duration = Duration::from_millis(100);
+/// Interval at which Ctrl-C and new samples are polled.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Arguments of `flankwatch stream`.
 #[derive(Args)]
 pub(super) struct StreamArgs {
-    /// What is read: a file, or - for the standard input. WAV of any length, or bare samples with --sample
-    /// and --rate
+    /// File to read, or - for standard input: WAV of any length, or raw samples with --sample and --rate
     #[arg(default_value = "-")]
     source: String,
-    /// The asset that the samples belong to
-    #[arg(long)]
+    /// Identifier of the asset that the samples belong to
+    #[arg(long, value_name = "ID")]
     asset: String,
-    /// The server
+    /// URL of the server
     #[arg(long, default_value = "http://127.0.0.1:8600")]
     url: String,
-    /// Name of the stream among those of the asset
+    /// Name of the stream, unique within the asset
     #[arg(long, default_value = "main")]
     name: String,
-    /// How bare samples are written: f32 or i16, little-endian, channels interleaved
+    /// Type of raw samples: f32 or i16, little-endian, channels interleaved
     #[arg(long, value_name = "TYPE", requires = "rate")]
     sample: Option<String>,
-    /// Sampling rate of bare samples in hertz
+    /// Sampling rate of raw samples in Hz
     #[arg(long, value_name = "HZ", requires = "sample")]
     rate: Option<f64>,
-    /// Channels of bare samples
+    /// Number of channels of raw samples
     #[arg(long, default_value_t = 1, requires = "sample")]
     channels: u32,
     /// Value of one count in the unit [default: 1 for f32, 1/32768 for i16]
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
     scale: Option<f64>,
     /// Unit of the samples [default: that of the asset]
     #[arg(long)]
     unit: Option<String>,
-    /// Names of the channels in their order, with commas between them
-    #[arg(long, value_delimiter = ',')]
+    /// Names of the channels, comma-separated, in order
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     channel_names: Vec<String>,
-    /// Time of the first sample; a file needs it [default: now]
-    #[arg(long)]
+    /// Time of the first sample; required for a file [default: now]
+    #[arg(long, value_name = "TIME")]
     start_time: Option<Timestamp>,
-    /// Go on at the end of a file: it grows
+    /// Continue at the end of the file as it grows
     #[arg(long)]
     follow: bool,
-    /// Folder for samples that cannot be sent yet; without it 64 MiB are kept in memory
+    /// Folder to buffer samples in while the server is unreachable [default: 64 MiB in memory]
     #[arg(long, value_name = "DIR")]
     spool: Option<PathBuf>,
-    /// Most bytes in that folder; beyond them the oldest samples go
+    /// Maximum size of the spool folder in bytes; above it the oldest samples are dropped
     #[arg(long, value_name = "BYTES", default_value_t = 1 << 30)]
     spool_bytes: u64,
-    /// Certificates (PEM) that the server's certificate rests on, in place of the public ones
+    /// CA certificates (PEM) to verify the server with [default: the public CAs]
     #[arg(long, value_name = "FILE")]
     ca: Option<PathBuf>,
-    /// Token to show to the server [default: the variable FLANKWATCH_TOKEN]
+    /// API token [default: the environment variable FLANKWATCH_TOKEN]
     #[arg(long)]
     token: Option<String>,
 }
 
-/// What the reading thread and the sending one share.
+/// State shared by the reading and the sending thread.
 struct Shared {
-    waiting: Mutex<Waiting>,
+    buffer: Mutex<Buffer>,
     changed: Condvar,
 }
 
-struct Waiting {
+struct Buffer {
     spool: Spool,
-    /// The source is at its end; or why it cannot be read.
+    /// Set when the source ends, or with the error that ended reading.
     end: Option<Result<(), CliError>>,
 }
 
 impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Waiting> {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, Buffer> {
+        self.buffer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn wait<'a>(&self, waiting: MutexGuard<'a, Waiting>) -> MutexGuard<'a, Waiting> {
-        self.changed.wait_timeout(waiting, LOOK_INTERVAL).unwrap_or_else(PoisonError::into_inner).0
+    fn wait<'a>(&self, buffer: MutexGuard<'a, Buffer>) -> MutexGuard<'a, Buffer> {
+        self.changed.wait_timeout(buffer, POLL_INTERVAL).unwrap_or_else(PoisonError::into_inner).0
     }
 }
 
@@ -118,7 +117,7 @@ pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
     }
     let stop = interrupted();
     let mut source =
-        Source::open(&args.source, args.bare_format()?, args.follow && is_file, Arc::clone(&stop))?;
+        Source::open(&args.source, args.raw_format()?, args.follow && is_file, Arc::clone(&stop))?;
     let start = args.start_time.unwrap_or_else(Timestamp::now);
     let begin = index_of(start, &source.format)?;
     let mut sender = Sender::new(args, &asset, &source.format)?;
@@ -129,34 +128,34 @@ pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
             source.skip(&args.source, sent)?;
             begin_index += sent;
         } else if next > begin && args.start_time.is_none() {
-            // The clock went back since the last run: nothing new may look like a repeat.
+            // The clock was set back since the last run: new samples must not look like repeated ones.
             begin_index = next;
         }
     }
     let spool = Spool::open(args.spool.clone().filter(|_| !is_file), args.spool_bytes, &sender.format)?;
     let shared =
-        Arc::new(Shared { waiting: Mutex::new(Waiting { spool, end: None }), changed: Condvar::new() });
-    let reading = Reading {
+        Arc::new(Shared { buffer: Mutex::new(Buffer { spool, end: None }), changed: Condvar::new() });
+    let reader = Reader {
         shared: Arc::clone(&shared),
-        given: args.start_time.map(|start| (begin, start)),
+        start: args.start_time.map(|start| (begin, start)),
         next: begin_index,
-        waits: is_file,
+        blocks_when_full: is_file,
         stop: Arc::clone(&stop),
     };
-    // A thread that waits for its source ends with the process.
-    thread::spawn(move || reading.run(source));
-    let ended = send_all(&shared, &mut sender, &stop);
+    // Not joined: a thread that waits for its source ends with the process.
+    thread::spawn(move || reader.run(source));
+    let result = send_all(&shared, &mut sender, &stop);
     let lost = shared.lock().spool.save()?;
     if lost > 0 {
-        eprintln!("{lost} bytes of samples are not sent and not kept: --spool keeps them for the next run");
+        eprintln!("lost {lost} bytes of unsent samples: use --spool to keep them for the next run");
     }
-    ended?;
+    result?;
     output::print(&format!("{} samples of each channel sent to {}\n", sender.sent, sender.url))
 }
 
 impl StreamArgs {
-    /// The format of bare samples; none for WAV.
-    fn bare_format(&self) -> Result<Option<StreamFormat>, CliError> {
+    /// Returns the format of raw samples; `None` for WAV.
+    fn raw_format(&self) -> Result<Option<StreamFormat>, CliError> {
         let Some((sample, rate_hz)) = self.sample.as_deref().zip(self.rate) else { return Ok(None) };
         let format = sample
             .parse()
@@ -165,7 +164,7 @@ impl StreamArgs {
     }
 }
 
-/// The index of a sample that is measured at a time.
+/// Returns the index of the sample measured at a time.
 fn index_of(time: Timestamp, format: &StreamFormat) -> Result<u64, CliError> {
     let index = time.as_nanosecond() as f64 / 1e9 * format.sample_rate_hz();
     if (0.0..crate::recording::stream::MAX_INDEX as f64).contains(&index) {
@@ -174,63 +173,64 @@ fn index_of(time: Timestamp, format: &StreamFormat) -> Result<u64, CliError> {
     Err(CliError::Argument(format!("--start-time is {time}, expected a time after 1970 and before 2200")))
 }
 
-/// Sends until the source is at its end and everything is sent, or Ctrl-C.
+/// Sends until the source has ended and everything is sent, or until [`STOP_TIMEOUT`] after Ctrl-C.
 fn send_all(shared: &Shared, sender: &mut Sender, stop: &AtomicBool) -> Result<(), CliError> {
     let mut stopped_at: Option<Instant> = None;
     loop {
         if stop.load(Ordering::Relaxed) {
             let since = stopped_at.get_or_insert_with(Instant::now);
-            if since.elapsed() > LAST_TRY {
+            if since.elapsed() > STOP_TIMEOUT {
                 return Ok(());
             }
         }
-        let mut waiting = shared.lock();
-        let Some(block) = waiting.spool.front()? else {
-            match waiting.end.take() {
-                Some(ended) => return ended,
+        let mut buffer = shared.lock();
+        let Some(block) = buffer.spool.front()? else {
+            match buffer.end.take() {
+                Some(result) => return result,
                 None if stopped_at.is_some() => return Ok(()),
-                None => drop(shared.wait(waiting)),
+                None => drop(shared.wait(buffer)),
             }
             continue;
         };
-        drop(waiting);
+        drop(buffer);
         match sender.send(&block)? {
-            Sent::Kept => {
-                let mut waiting = shared.lock();
-                // Another block is the oldest where there was no room for this one any more.
-                if waiting.spool.front()?.is_some_and(|oldest| oldest.first == block.first) {
-                    waiting.spool.pop()?;
+            SendOutcome::Stored => {
+                let mut buffer = shared.lock();
+                // The spool may have dropped this block meanwhile: then another one is the oldest.
+                if buffer.spool.front()?.is_some_and(|oldest| oldest.first == block.first) {
+                    buffer.spool.pop()?;
                 }
-                if sender.was_away() && waiting.spool.is_empty() {
+                if sender.is_behind() && buffer.spool.is_empty() {
                     sender.caught_up();
                 }
                 shared.changed.notify_all();
             }
-            Sent::Later(wait) => {
+            SendOutcome::RetryAfter(wait) => {
                 let until = Instant::now() + wait;
                 while Instant::now() < until && !stop.load(Ordering::Relaxed) {
-                    thread::sleep(LOOK_INTERVAL.min(until - Instant::now().min(until)));
+                    thread::sleep(POLL_INTERVAL.min(until - Instant::now().min(until)));
                 }
             }
         }
     }
 }
 
-/// The thread that reads.
-struct Reading {
+/// The reading thread.
+struct Reader {
     shared: Arc<Shared>,
-    /// The index and time of the first sample, where the time is given.
-    given: Option<(u64, Timestamp)>,
+    /// Index and time of the first sample, if --start-time is given.
+    start: Option<(u64, Timestamp)>,
+    /// Index of the next sample.
     next: u64,
-    /// The source waits for the server: a file does.
-    waits: bool,
+    /// Whether reading waits while the spool is full, as for a file, instead of dropping the oldest samples.
+    blocks_when_full: bool,
     stop: Arc<AtomicBool>,
 }
 
-impl Reading {
+impl Reader {
     fn run(mut self, mut source: Source) {
-        let ended = self.read_all(&mut source);
-        self.shared.lock().end = Some(ended);
+        let result = self.read_all(&mut source);
+        self.shared.lock().end = Some(result);
         self.shared.changed.notify_all();
     }
 
@@ -240,26 +240,26 @@ impl Reading {
             && let Some(bytes) = source.next()?
         {
             let frames = (bytes.len() / format.frame_bytes()) as u64;
-            let (from, time) = match self.given {
+            let (from, time) = match self.start {
                 Some((begin, time)) => (self.next - begin, time),
-                // The last sample is of now.
+                // The last sample was measured just now.
                 None => (0, Timestamp::now() - seconds(&format, frames)),
             };
             let time = time + seconds(&format, from);
             let time_ns = i64::try_from(time.as_nanosecond()).unwrap_or_default();
             let block = Block { first: self.next, time_ns, bytes };
             self.next += frames;
-            let mut waiting = self.shared.lock();
-            while self.waits && waiting.spool.is_full() && !self.stop.load(Ordering::Relaxed) {
-                waiting = self.shared.wait(waiting);
+            let mut buffer = self.shared.lock();
+            while self.blocks_when_full && buffer.spool.is_full() && !self.stop.load(Ordering::Relaxed) {
+                buffer = self.shared.wait(buffer);
             }
-            let was_on_disk = waiting.spool.is_on_disk();
-            let given_up = waiting.spool.push(block)?;
-            if given_up > 0 {
-                let frames = given_up / format.frame_bytes() as u64;
-                eprintln!("no room: the oldest {frames} samples that were not sent are given up");
-            } else if !was_on_disk && waiting.spool.is_on_disk() {
-                eprintln!("samples wait on the disk until they can be sent");
+            let was_on_disk = buffer.spool.is_on_disk();
+            let dropped_bytes = buffer.spool.push(block)?;
+            if dropped_bytes > 0 {
+                let frames = dropped_bytes / format.frame_bytes() as u64;
+                eprintln!("buffer full: dropped the oldest {frames} unsent samples");
+            } else if !was_on_disk && buffer.spool.is_on_disk() {
+                eprintln!("buffering samples on disk until they can be sent");
             }
             self.shared.changed.notify_all();
         }

@@ -1,4 +1,4 @@
-//! Blocks sent to the server, each in a request that is answered when it is kept.
+//! Sends blocks to the server, each in a request that is answered once the block is stored.
 
 use std::time::Duration;
 
@@ -7,41 +7,41 @@ use serde::Deserialize;
 use ureq::tls::TlsConfig;
 
 use super::super::CliError;
-use super::super::replay::trusted;
+use super::super::replay::root_certificates;
 use super::StreamArgs;
 use super::spool::Block;
 use crate::asset::AssetId;
 use crate::recording::stream::StreamFormat;
 
-/// Wait before a block is sent again, and the longest one.
+/// First and longest wait before a block is sent again.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
 const MAX_WAIT: Duration = Duration::from_secs(10);
 
-/// How long one request may take.
+/// Timeout of a request.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Sends the blocks of one stream.
 pub(super) struct Sender {
     agent: ureq::Agent,
     token: Option<String>,
-    /// Where it sends to.
+    /// URL that blocks are sent to.
     pub(super) url: String,
     name: String,
-    /// The samples' format as it stands in the address.
+    /// The samples' format as URL query parameters.
     pub(super) format: String,
     frame_bytes: usize,
-    /// Samples of each channel that are kept.
+    /// Samples per channel that the server has stored.
     pub(super) sent: u64,
     wait: Duration,
-    was_away: bool,
+    is_behind: bool,
 }
 
-/// What became of a block.
-pub(super) enum Sent {
-    /// The server keeps it.
-    Kept,
-    /// It is to be sent again, after a while.
-    Later(Duration),
+/// Outcome of sending a block.
+pub(super) enum SendOutcome {
+    /// The server has stored the block.
+    Stored,
+    /// The block must be sent again after this wait.
+    RetryAfter(Duration),
 }
 
 #[derive(Deserialize)]
@@ -54,9 +54,9 @@ impl Sender {
         let agent = ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(TIMEOUT))
-            .tls_config(TlsConfig::builder().root_certs(trusted(args.ca.as_deref())?).build())
+            .tls_config(TlsConfig::builder().root_certs(root_certificates(args.ca.as_deref())?).build())
             .build();
-        let mut described = format!(
+        let mut query = format!(
             "sample={}&sample_rate_hz={}&channels={}",
             format.sample().name(),
             format.sample_rate_hz(),
@@ -64,7 +64,7 @@ impl Sender {
         );
         let mut add = |name: &str, value: Option<String>| {
             if let Some(value) = value {
-                described.push_str(&format!("&{name}={}", escaped(&value)));
+                query.push_str(&format!("&{name}={}", escaped(&value)));
             }
         };
         add("scale", args.scale.map(|scale| scale.to_string()));
@@ -75,15 +75,15 @@ impl Sender {
             token: args.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()),
             url: format!("{}/v1/assets/{asset}/stream", args.url.trim_end_matches('/')),
             name: args.name.clone(),
-            format: described,
+            format: query,
             frame_bytes: format.frame_bytes(),
             sent: 0,
             wait: FIRST_WAIT,
-            was_away: false,
+            is_behind: false,
         })
     }
 
-    /// The index that the server goes on with; none where it has no such stream or is away.
+    /// Returns the index that the server expects next; `None` if it has no such stream or is unreachable.
     pub(super) fn server_next(&self) -> Option<u64> {
         let request = self.agent.get(format!("{}?name={}", self.url, escaped(&self.name)));
         let mut response = self.authorized(request).call().ok()?;
@@ -94,10 +94,10 @@ impl Sender {
     /// Sends a block.
     ///
     /// # Errors
-    /// The server refuses it for good.
-    pub(super) fn send(&mut self, block: &Block) -> Result<Sent, CliError> {
+    /// The server rejects the block permanently.
+    pub(super) fn send(&mut self, block: &Block) -> Result<SendOutcome, CliError> {
         let time = Timestamp::from_nanosecond(block.time_ns.into()).unwrap_or_default();
-        // Blocks come in their order: what is missing before this one is lost.
+        // Blocks are sent in order, so samples missing before this one are lost.
         let address = format!(
             "{}?name={}&{}&first_index={}&start_time={time}&after_gap=true",
             self.url,
@@ -114,7 +114,7 @@ impl Sender {
                     (200, Ok(_)) => {
                         self.sent += (block.bytes.len() / self.frame_bytes) as u64;
                         self.wait = FIRST_WAIT;
-                        return Ok(Sent::Kept);
+                        return Ok(SendOutcome::Stored);
                     }
                     (200, Err(error)) => error.to_string(),
                     (408 | 429 | 500 | 502 | 503 | 504 | 507, text) => {
@@ -128,23 +128,23 @@ impl Sender {
             }
             Err(error) => error.to_string(),
         };
-        if !std::mem::replace(&mut self.was_away, true) {
-            eprintln!("cannot send now, samples are kept here: {reason}");
+        if !std::mem::replace(&mut self.is_behind, true) {
+            eprintln!("failed to send, buffering samples: {reason}");
         }
         let wait = self.wait;
         self.wait = (wait * 2).min(MAX_WAIT);
-        Ok(Sent::Later(wait))
+        Ok(SendOutcome::RetryAfter(wait))
     }
 
-    /// Whether samples could not be sent before.
-    pub(super) fn was_away(&self) -> bool {
-        self.was_away
+    /// Whether sending has failed since the sender last caught up.
+    pub(super) fn is_behind(&self) -> bool {
+        self.is_behind
     }
 
-    /// Everything that was read is sent.
+    /// Notes that everything read so far is sent.
     pub(super) fn caught_up(&mut self) {
-        self.was_away = false;
-        eprintln!("all samples that waited are sent");
+        self.is_behind = false;
+        eprintln!("sent all buffered samples");
     }
 
     fn authorized<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
@@ -155,7 +155,7 @@ impl Sender {
     }
 }
 
-/// A value as it may stand in an address.
+/// Percent-encodes a value for a URL query.
 fn escaped(value: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.,~".contains(&byte);
     let escape = |byte: u8| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };

@@ -1,4 +1,4 @@
-//! Where samples come from: a pipe or a file that may grow, bare or as WAV.
+//! The source of the samples: a pipe or a growing file, with raw samples or WAV.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -14,25 +14,25 @@ use crate::recording::{RawSample, WavFormat};
 /// Seconds of samples in one block.
 const BLOCK_S: f64 = 0.25;
 
-/// How often a file is looked at that grows.
+/// Interval at which a growing file is polled.
 const GROWTH_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Samples that are read block by block.
+/// Samples, read block by block.
 pub(super) struct Source {
     reader: Box<dyn Read + Send>,
     name: String,
     pub(super) format: StreamFormat,
-    /// How a WAV stores samples that are sent as another type.
+    /// Format of a WAV whose samples are converted before they are sent.
     converted: Option<WavFormat>,
-    /// Bytes that are still to come, where that is known.
-    left: Option<u64>,
-    /// A file goes on after its end.
+    /// Bytes not read yet, where their number is known.
+    remaining: Option<u64>,
+    /// Whether to wait at the end of the file for it to grow.
     is_followed: bool,
     stop: Arc<AtomicBool>,
 }
 
 impl Source {
-    /// Opens a file, or the standard input for `-`. Without a `format` it is a WAV.
+    /// Opens a file, or standard input for `-`. Without a `format`, it must be a WAV.
     pub(super) fn open(
         path: &str,
         format: Option<StreamFormat>,
@@ -43,13 +43,13 @@ impl Source {
             "-" => Box::new(io::stdin()),
             path => Box::new(File::open(path).map_err(CliError::io(Path::new(path)))?),
         };
-        let (mut converted, mut left) = (None, None);
+        let (mut converted, mut remaining) = (None, None);
         let format = match format {
             Some(format) => format,
             None => {
                 let failed = |source| CliError::Recording { path: path.into(), source };
                 let (wav, declared) = WavFormat::read_open_ended(&mut reader).map_err(failed)?;
-                left = declared.filter(|_| !is_followed);
+                remaining = declared.filter(|_| !is_followed);
                 let (sample, is_same) = match (wav.float, wav.bits, wav.container) {
                     (false, 16, 2) => (RawSample::I16, !wav.big_endian),
                     (true, 32, 4) => (RawSample::F32, !wav.big_endian),
@@ -62,15 +62,15 @@ impl Source {
             }
         };
         let name = if path == "-" { "standard input" } else { path }.to_owned();
-        Ok(Self { reader, name, format, converted, left, is_followed, stop })
+        Ok(Self { reader, name, format, converted, remaining, is_followed, stop })
     }
 
-    /// Passes over so many frames of a file.
+    /// Skips frames of a file.
     pub(super) fn skip(&mut self, path: &str, frames: u64) -> Result<(), CliError> {
         let bytes = frames.saturating_mul(self.read_frame_bytes() as u64);
         let failed = CliError::io(Path::new(path));
         let skipped = (|| {
-            // The header is behind; where it ends says how much of the file there is.
+            // The header is read already: reading the rest of the file tells where the samples begin.
             let mut file = File::open(path)?;
             let length = file.metadata()?.len();
             let begin = length - io::copy(&mut self.reader, &mut io::sink())?;
@@ -78,15 +78,15 @@ impl Source {
             self.reader = Box::new(file);
             Ok(())
         })();
-        self.left = self.left.map(|left| left.saturating_sub(bytes));
+        self.remaining = self.remaining.map(|remaining| remaining.saturating_sub(bytes));
         skipped.map_err(failed)
     }
 
-    /// The next frames, up to a block of them; none at the end. Half a frame at the end is left out.
+    /// Returns the next block of frames, `None` at the end. An incomplete frame at the end is dropped.
     pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, CliError> {
         let width = self.read_frame_bytes();
         let wanted = (self.format.frames_in(BLOCK_S).max(1) as usize).saturating_mul(width);
-        let wanted = self.left.map_or(wanted, |left| wanted.min(left as usize));
+        let wanted = self.remaining.map_or(wanted, |remaining| wanted.min(remaining as usize));
         let mut bytes = vec![0; wanted];
         let mut filled = 0;
         while filled < wanted && !self.stop.load(Ordering::Relaxed) {
@@ -99,7 +99,7 @@ impl Source {
             }
         }
         bytes.truncate(filled / width * width);
-        self.left = self.left.map(|left| left - bytes.len() as u64);
+        self.remaining = self.remaining.map(|remaining| remaining - bytes.len() as u64);
         if bytes.is_empty() {
             return Ok(None);
         }
@@ -111,7 +111,7 @@ impl Source {
         }))
     }
 
-    /// Bytes of a frame as it is read.
+    /// Size of a frame in the source.
     fn read_frame_bytes(&self) -> usize {
         self.converted.as_ref().map_or(self.format.frame_bytes(), WavFormat::frame_bytes)
     }

@@ -1,4 +1,4 @@
-//! What is read and not sent yet: a little in memory, more on the disk, the oldest first.
+//! Buffer of unsent samples: a few MiB in memory, more on disk; oldest first.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -6,27 +6,27 @@ use std::path::{Path, PathBuf};
 
 use super::super::CliError;
 
-/// Bytes in memory before the disk is used, where there is a folder for that.
-const MEMORY_BYTES: u64 = 4 << 20;
+/// Maximum bytes in memory before the disk is used, with a spool folder.
+const MAX_WITH_FOLDER: u64 = 4 << 20;
 
-/// Bytes in memory where there is none.
+/// Maximum bytes in memory without a spool folder.
 const MAX_WITHOUT_FOLDER: u64 = 64 << 20;
 
-/// Bytes of the time in front of the samples in a file.
-const HEAD_BYTES: usize = 8;
+/// Size of a file's header: the time of the first sample.
+const HEADER_BYTES: usize = 8;
 
 /// Consecutive samples.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Block {
-    /// Index of the first one.
+    /// Index of the first sample.
     pub(super) first: u64,
-    /// When it was measured, in nanoseconds since 1970.
+    /// Time of the first sample, in nanoseconds since 1970.
     pub(super) time_ns: i64,
-    /// Frames.
+    /// The frames.
     pub(super) bytes: Vec<u8>,
 }
 
-/// Blocks in their order. What is in memory is older than what is on the disk.
+/// Blocks in order. Those in memory are older than those on disk.
 #[derive(Debug)]
 pub(super) struct Spool {
     memory: VecDeque<Block>,
@@ -35,16 +35,12 @@ pub(super) struct Spool {
     /// First index and length of each file.
     files: VecDeque<(u64, u64)>,
     file_bytes: u64,
-    most_file_bytes: u64,
+    max_file_bytes: u64,
 }
 
 impl Spool {
-    /// Begins with what an earlier run left in the folder, of the same `format`.
-    pub(super) fn open(
-        folder: Option<PathBuf>,
-        most_file_bytes: u64,
-        format: &str,
-    ) -> Result<Self, CliError> {
+    /// Opens the folder with the blocks that an earlier run left in it, which must have the same `format`.
+    pub(super) fn open(folder: Option<PathBuf>, max_file_bytes: u64, format: &str) -> Result<Self, CliError> {
         let mut files = Vec::new();
         if let Some(folder) = &folder {
             fs::create_dir_all(folder).map_err(CliError::io(folder))?;
@@ -59,7 +55,8 @@ impl Spool {
             let before = fs::read_to_string(&path).unwrap_or_default();
             if !files.is_empty() && before != format {
                 let folder = folder.display();
-                let detail = format!("--spool {folder} has samples of {before}, expected those of {format}");
+                let detail =
+                    format!("--spool {folder} has samples in the format {before}, expected {format}");
                 return Err(CliError::Argument(detail));
             }
             fs::write(&path, format).map_err(CliError::io(&path))?;
@@ -67,43 +64,43 @@ impl Spool {
         files.sort_unstable();
         let file_bytes = files.iter().map(|(_, bytes)| bytes).sum();
         let (memory, files) = (VecDeque::new(), files.into());
-        Ok(Self { memory, memory_bytes: 0, folder, files, file_bytes, most_file_bytes })
+        Ok(Self { memory, memory_bytes: 0, folder, files, file_bytes, max_file_bytes })
     }
 
-    /// Adds a block; returns the bytes of samples that were given up for it, the oldest.
+    /// Adds a block and drops the oldest blocks above the limits; returns the bytes of samples dropped.
     pub(super) fn push(&mut self, block: Block) -> Result<u64, CliError> {
         let bytes = block.bytes.len() as u64;
-        let most = if self.folder.is_some() { MEMORY_BYTES } else { MAX_WITHOUT_FOLDER };
-        if self.folder.is_none() || self.files.is_empty() && self.memory_bytes + bytes <= most {
+        let max_bytes = if self.folder.is_some() { MAX_WITH_FOLDER } else { MAX_WITHOUT_FOLDER };
+        if self.folder.is_none() || self.files.is_empty() && self.memory_bytes + bytes <= max_bytes {
             self.memory_bytes += bytes;
             self.memory.push_back(block);
         } else {
             self.write(&block)?;
         }
-        let mut given_up = 0;
-        while self.memory_bytes > most || self.file_bytes > self.most_file_bytes {
+        let mut dropped = 0;
+        while self.memory_bytes > max_bytes || self.file_bytes > self.max_file_bytes {
             let Some(oldest) = self.front()? else { break };
-            given_up += oldest.bytes.len() as u64;
+            dropped += oldest.bytes.len() as u64;
             self.pop()?;
         }
-        Ok(given_up)
+        Ok(dropped)
     }
 
-    /// Whether a reader that can wait is to wait.
+    /// Whether the memory is full: a reader that can wait should wait.
     pub(super) fn is_full(&self) -> bool {
-        self.memory_bytes >= MEMORY_BYTES || !self.files.is_empty()
+        self.memory_bytes >= MAX_WITH_FOLDER || !self.files.is_empty()
     }
 
     pub(super) fn is_empty(&self) -> bool {
         self.memory.is_empty() && self.files.is_empty()
     }
 
-    /// Whether the disk is used.
+    /// Whether any block is on disk.
     pub(super) fn is_on_disk(&self) -> bool {
         !self.files.is_empty()
     }
 
-    /// The oldest block.
+    /// Returns the oldest block.
     pub(super) fn front(&mut self) -> Result<Option<Block>, CliError> {
         if let Some(block) = self.memory.front() {
             return Ok(Some(block.clone()));
@@ -112,12 +109,12 @@ impl Spool {
             return Ok(None);
         };
         let bytes = fs::read(&path).map_err(CliError::io(&path))?;
-        let (head, samples) = bytes.split_at(bytes.len().min(HEAD_BYTES));
-        let time_ns = head.try_into().map_or(0, i64::from_le_bytes);
+        let (header, samples) = bytes.split_at(bytes.len().min(HEADER_BYTES));
+        let time_ns = header.try_into().map_or(0, i64::from_le_bytes);
         Ok(Some(Block { first, time_ns, bytes: samples.to_vec() }))
     }
 
-    /// Forgets the oldest block: it is sent.
+    /// Removes the oldest block.
     pub(super) fn pop(&mut self) -> Result<(), CliError> {
         if let Some(block) = self.memory.pop_front() {
             self.memory_bytes -= block.bytes.len() as u64;
@@ -129,8 +126,8 @@ impl Spool {
         Ok(())
     }
 
-    /// Writes what is in memory to the folder, for the next run; returns the bytes of samples that are lost
-    /// because there is none.
+    /// Writes the blocks in memory to the folder, for the next run; without a folder, returns the bytes of
+    /// samples lost.
     pub(super) fn save(&mut self) -> Result<u64, CliError> {
         if self.folder.is_none() {
             return Ok(self.memory_bytes);
@@ -157,7 +154,7 @@ impl Spool {
     }
 
     fn path(&self, first: u64) -> PathBuf {
-        // Twenty digits: by name they are in the order of samples.
+        // Twenty digits, so that the order of names is the order of samples.
         self.folder.as_deref().unwrap_or(Path::new("")).join(format!("{first:020}.block"))
     }
 }
@@ -181,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_come_back_in_their_order_from_memory_and_disk() {
+    fn blocks_are_returned_in_order_from_memory_and_disk() {
         let folder = tempfile::tempdir().unwrap();
         let open = || Spool::open(Some(folder.path().join("spool")), u64::MAX, "f32").unwrap();
         let mut spool = open();
@@ -191,7 +188,7 @@ mod tests {
         }
         assert!(spool.is_full() && spool.is_on_disk());
         assert_eq!(drain(&mut spool), blocks);
-        // The rest of a run is what the next one begins with.
+        // The next run starts with the blocks that this one leaves.
         for block in &blocks {
             spool.push(block.clone()).unwrap();
         }
@@ -207,15 +204,15 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_goes_where_there_is_no_room() {
+    fn a_full_spool_drops_the_oldest_blocks() {
         let folder = tempfile::tempdir().unwrap();
         let mut spool = Spool::open(Some(folder.path().to_owned()), 3 << 20, "f32").unwrap();
-        let given_up: u64 = (0..10).map(|n| spool.push(block(n, 1 << 20)).unwrap()).sum();
-        assert_eq!(given_up, 8 << 20);
+        let dropped: u64 = (0..10).map(|n| spool.push(block(n, 1 << 20)).unwrap()).sum();
+        assert_eq!(dropped, 8 << 20);
         assert_eq!(drain(&mut spool), [block(8, 1 << 20), block(9, 1 << 20)]);
         let mut spool = Spool::open(None, 0, "f32").unwrap();
-        let given_up: u64 = (0..66).map(|n| spool.push(block(n, 1 << 20)).unwrap()).sum();
-        assert_eq!((given_up, spool.front().unwrap().unwrap().first), (2 << 20, 200));
+        let dropped: u64 = (0..66).map(|n| spool.push(block(n, 1 << 20)).unwrap()).sum();
+        assert_eq!((dropped, spool.front().unwrap().unwrap().first), (2 << 20, 200));
         assert_eq!(spool.save().unwrap(), 64 << 20);
     }
 }
