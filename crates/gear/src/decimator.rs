@@ -16,8 +16,8 @@ const BLOCK: usize = 1 << 10;
 /// to 0.4 of the output rate.
 ///
 /// Two stages: the first decimates to twice the output rate and removes only what the second cannot; the
-/// second is the steep one. Input n is the mean around step n weighted by a triangle that ends at n − 1 and n
-/// + 1 (the second difference of the quantity whose second derivative the input is), so jumps between steps
+/// second is the steep one. Input n is the mean around step n weighted by a triangle that ends at n − 1 and
+/// n + 1 (the second difference of the quantity whose second derivative the input is), so jumps between steps
 /// hardly alias. The first stage compensates the droop of that mean. Output j is exactly at the instant
 /// j·factor.
 #[derive(Debug)]

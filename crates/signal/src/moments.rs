@@ -94,7 +94,7 @@ impl Moments {
         let shift = picked.clone().map(|&x| f64::from(x)).sum::<f64>() / picked.len() as f64;
         shifted.resize(samples.len(), 0.0);
         let ((blocks, rest), (shifted, room_left)) = (samples.as_chunks(), shifted.as_chunks_mut());
-        let mut sums = Arch::new().dispatch(BlockSums { samples: blocks, shift, shifted: shifted });
+        let mut sums = Arch::new().dispatch(BlockSums { samples: blocks, shift, shifted });
         for (lane, (&sample, shifted)) in rest.iter().zip(room_left).enumerate() {
             (sums.low[lane], sums.high[lane]) = (sums.low[lane].min(sample), sums.high[lane].max(sample));
             *shifted = f64::from(sample) - shift;

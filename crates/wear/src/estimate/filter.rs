@@ -12,7 +12,7 @@ use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::exponential::exp;
-use super::growth::{Growth, PRIOR, RATES};
+use super::growth::{Growth, Jumps, PRIOR, RATES};
 use super::likelihood::Likelihood;
 use crate::library::DEPTHS;
 
@@ -115,13 +115,20 @@ impl Filter {
     }
 
     /// Lets wear grow over `units`, then updates with one record.
-    pub(super) fn update(&mut self, growth: &Growth, units: f64, likelihood: &Likelihood) -> JointPosterior {
+    pub(super) fn update(
+        &mut self,
+        growth: &Growth,
+        units: f64,
+        jumps: Jumps,
+        likelihood: &Likelihood,
+    ) -> JointPosterior {
         let (mut cells, mut parts) = self.unpacked();
-        growth.advance(&mut self.prior, units);
+        growth.advance(&mut self.prior, units, jumps);
         normalise(&mut self.prior);
         let step = Step {
             growth,
             units,
+            jumps,
             carried: CARRIED * (units as f32).min(1.0),
             prior: &self.prior,
             likelihood,
@@ -194,6 +201,7 @@ impl Filter {
 struct Step<'a> {
     growth: &'a Growth,
     units: f64,
+    jumps: Jumps,
     /// Exponent of the record's likelihood.
     carried: f32,
     prior: &'a [f32],
@@ -207,8 +215,8 @@ impl WithSimd for Step<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> JointPosterior {
-        let Self { growth, units, carried, prior, likelihood, cells, parts } = self;
-        growth.advance(cells, units);
+        let Self { growth, units, jumps, carried, prior, likelihood, cells, parts } = self;
+        growth.advance(cells, units, jumps);
         let groups = cells.len() / BLOCK;
         let variants = parts.len() / groups;
         let mut joint = Vec::with_capacity(groups * DEPTHS);

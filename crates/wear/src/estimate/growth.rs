@@ -25,8 +25,27 @@ pub(super) const PRIOR: [f32; RATES] = [0.3, 0.2, 0.2, 0.2, 0.1];
 /// Probability per unit that the rate is redrawn from its prior.
 const CHANGES: f64 = 0.05;
 
-/// Probability per unit of a jump to any greater depth: a tooth was damaged, or the oil was lost.
-const JUMPS: f64 = 0.003;
+/// How likely wear jumps to any greater depth: a tooth was damaged, or the oil was lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Jumps {
+    /// Records come as usual and agree with the estimate.
+    Rare,
+    /// Records are missing, so a jump would have gone unseen.
+    InGap,
+    /// Several records in a row are best explained by greater depths than the interval holds.
+    Indicated,
+}
+
+impl Jumps {
+    /// Probability per unit of growth.
+    fn per_unit(self) -> f64 {
+        match self {
+            Self::Rare => 0.0005,
+            Self::InGap => 0.01,
+            Self::Indicated => 0.02,
+        }
+    }
+}
 
 /// Longest interval in units that is computed at a constant rate.
 const MAX_PART: f64 = 5.0;
@@ -54,19 +73,19 @@ impl Growth {
 
     /// Advances probabilities by rate and depth, in blocks of [`RATES`] × [`DEPTHS`], by `units` of growth.
     #[inline(always)]
-    pub(super) fn advance(&self, blocks: &mut [f32], units: f64) {
+    pub(super) fn advance(&self, blocks: &mut [f32], units: f64, jumps: Jumps) {
         // The rate may change within a long interval.
         let parts = (units / MAX_PART).ceil().max(1.0);
         for _ in 0..parts as usize {
-            self.advance_part(blocks, units / parts);
+            self.advance_part(blocks, units / parts, jumps);
         }
     }
 
     #[inline(always)]
-    fn advance_part(&self, blocks: &mut [f32], units: f64) {
+    fn advance_part(&self, blocks: &mut [f32], units: f64, jumps: Jumps) {
         let moves = self.rates_um.map(|rate_um| self.moves(rate_um * units));
         let drawn_anew = (1.0 - (1.0 - CHANGES).powf(units)) as f32;
-        let jumping = (1.0 - (1.0 - JUMPS).powf(units)) as f32;
+        let jumping = (1.0 - (1.0 - jumps.per_unit()).powf(units)) as f32;
         for block in blocks.as_chunks_mut::<{ RATES * DEPTHS }>().0 {
             let (rows, _) = block.as_chunks_mut::<DEPTHS>();
             for (row, (steps, moving)) in rows.iter_mut().zip(&moves) {
@@ -147,7 +166,7 @@ mod tests {
             block[rate * DEPTHS + 10] = *prior;
         }
         for _ in 0..30 {
-            growth.advance(&mut block, 1.0);
+            growth.advance(&mut block, 1.0, Jumps::Rare);
         }
         assert!((block.iter().sum::<f32>() - 1.0).abs() < 1e-4);
         let below: f32 = block.chunks(DEPTHS).map(|row| row[..10].iter().sum::<f32>()).sum();
@@ -174,8 +193,8 @@ mod tests {
             block
         };
         let (mut long, mut short) = (start(), start());
-        growth.advance(&mut long, 20.0);
-        (0..20).for_each(|_| growth.advance(&mut short, 1.0));
+        growth.advance(&mut long, 20.0, Jumps::Rare);
+        (0..20).for_each(|_| growth.advance(&mut short, 1.0, Jumps::Rare));
         let mean = |block: &[f32]| -> f64 {
             let depths = grid();
             block.iter().enumerate().map(|(i, p)| f64::from(*p) * depths[i % DEPTHS]).sum()

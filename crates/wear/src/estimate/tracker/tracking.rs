@@ -16,6 +16,7 @@ use crate::estimate::event::Inspection;
 use crate::estimate::expectation::{Expectations, Reference};
 use crate::estimate::extrapolation::Extrapolation;
 use crate::estimate::filter::{Filter, JointPosterior};
+use crate::estimate::growth::Jumps;
 use crate::estimate::healthy_checks::Drift;
 use crate::estimate::healthy_lines::MeasuredLines;
 use crate::estimate::levels::{Levels, is_impulsive};
@@ -38,6 +39,15 @@ const NEWEST_PART: f32 = 0.3;
 
 /// Records in a row whose own best depth may lie outside the interval before the estimate is withdrawn.
 const MAX_DISAGREEING: u8 = 10;
+
+/// Records in a row whose own best depth is greater than the interval before jumps of the wear count as likely.
+const MIN_DEEPER: u8 = 3;
+
+/// A gap is an interval this many times as long as the mean interval between records.
+const GAP: f64 = 5.0;
+
+/// Weight of the newest interval in that mean.
+const NEWEST_INTERVAL: f64 = 0.2;
 
 /// Probability of no wear at all where the lines moved as load moves them.
 const LOAD_INSTEAD: f32 = 0.2;
@@ -64,6 +74,12 @@ pub(super) struct Tracking {
     recent: Vec<Option<f32>>,
     /// Number of records in a row whose own best depth lies outside the interval.
     disagreeing: u8,
+    /// Number of records in a row whose own best depth is greater than the interval.
+    #[serde(default)]
+    deeper: u8,
+    /// Moving mean of the time between records that update the filter, in seconds.
+    #[serde(default)]
+    interval_s: f64,
     #[serde(default, rename = "charts")]
     cusums: Cusums,
     #[serde(default)]
@@ -82,6 +98,22 @@ impl Tracking {
             (to.duration_since(from).as_secs_f64() / self.unit_s).clamp(0.0, MAX_UNITS)
         } else {
             1.0
+        }
+    }
+
+    /// Returns how likely wear jumped before a record at this time, which becomes the newest one.
+    fn jumps_before(&mut self, at: Timestamp) -> Jumps {
+        let interval_s = at.duration_since(self.newest).as_secs_f64().max(0.0);
+        let usual_s = if self.interval_s > 0.0 { self.interval_s } else { interval_s };
+        let is_gap = interval_s > GAP * usual_s;
+        // One gap, however long, does not make the next one usual.
+        self.interval_s = usual_s + NEWEST_INTERVAL * (interval_s.min(GAP * usual_s) - usual_s);
+        if self.deeper >= MIN_DEEPER {
+            Jumps::Indicated
+        } else if is_gap {
+            Jumps::InGap
+        } else {
+            Jumps::Rare
         }
     }
 
@@ -121,11 +153,12 @@ impl Tracker {
         carried: Option<Filter>,
     ) -> Tracking {
         let intervals = records.len().saturating_sub(1).max(1) as f64;
+        let unit_s = ended.duration_since(began).as_secs_f64().max(0.0) / intervals;
         let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
         let filter = carried.filter(|filter| filter.fits(members, self.variants()));
         Tracking {
             baseline: Baseline::of(records),
-            unit_s: ended.duration_since(began).as_secs_f64().max(0.0) / intervals,
+            unit_s,
             newest: ended,
             seen: ended,
             drift: Drift::default(),
@@ -134,6 +167,8 @@ impl Tracker {
             anchor: None,
             recent: vec![None; MESH_LINES],
             disagreeing: 0,
+            deeper: 0,
+            interval_s: unit_s,
             cusums: Cusums::default(),
             levels: Levels::default(),
             model: CachedModel::default(),
@@ -245,8 +280,11 @@ impl Tracker {
             posterior = posterior.or_no_wear(LOAD_INSTEAD);
         }
         let mut answer = self.answer(ensemble, &posterior, &likelihood);
-        let disagrees = self.disagrees(&answer, &likelihood);
-        tracking.disagreeing = if disagrees { tracking.disagreeing.saturating_add(1) } else { 0 };
+        let best_um = self.grid.depths_um()[likelihood.best.1];
+        let is_deeper = answer.p95_um.is_some_and(|high| best_um > high);
+        let is_outside = is_deeper || answer.p05_um.is_some_and(|low| best_um < low);
+        tracking.deeper = counted(tracking.deeper, is_deeper);
+        tracking.disagreeing = counted(tracking.disagreeing, is_outside);
         let is_disputed = tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated;
         if is_disputed {
             answer.status = WearStatus::NotIdentifiable;
@@ -312,15 +350,6 @@ impl Tracker {
         answer
     }
 
-    /// Whether the depth that explains a record best by itself lies outside the interval.
-    fn disagrees(&self, answer: &WearEstimate, likelihood: &Likelihood) -> bool {
-        let best_um = self.grid.depths_um()[likelihood.best.1];
-        match (answer.p05_um, answer.p95_um) {
-            (Some(low), Some(high)) => !(low..=high).contains(&best_um),
-            _ => false,
-        }
-    }
-
     /// Lets wear grow up to a record, then updates the filter with the record.
     fn update_filter(
         &self,
@@ -331,6 +360,7 @@ impl Tracker {
     ) -> JointPosterior {
         let members = likelihood.log.len() / DEPTHS;
         let units = tracking.units(tracking.newest, at);
+        let jumps = tracking.jumps_before(at);
         tracking.newest = at.max(tracking.newest);
         for line in &measured.lines {
             let recent = &mut tracking.recent[line.index];
@@ -338,8 +368,13 @@ impl Tracker {
             *recent = Some(recent.map_or(change, |mean| mean + NEWEST_PART * (change - mean)));
         }
         let filter = self.filter_for(tracking.filter.take(), members);
-        tracking.filter.insert(filter).update(&self.growth, units * measured.load, likelihood)
+        tracking.filter.insert(filter).update(&self.growth, units * measured.load, jumps, likelihood)
     }
+}
+
+/// Counts records in a row of which something holds.
+fn counted(so_far: u8, holds: bool) -> u8 {
+    if holds { so_far.saturating_add(1) } else { 0 }
 }
 
 /// Returns why a record is rejected where its sampling rate leaves it too few of the baseline's lines.
