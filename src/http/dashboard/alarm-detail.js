@@ -47,7 +47,7 @@ export class AlarmDetail {
   );
   #shelve = h("button", { type: "button", onclick: () => this.#act("shelve") }, "Shelve for");
   #unshelve = h("button", { type: "button", onclick: () => this.#act("unshelve") }, "Unshelve");
-  #showNotice = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
+  #addComment = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
   #result = h("p", { class: "result", role: "status" });
   #notice = h("p", { class: "notice" }, "Select an alarm to see its history, acknowledge it or shelve it.");
   #shelving = h(
@@ -63,7 +63,7 @@ export class AlarmDetail {
     { class: "alarm-actions", onsubmit: (event) => event.preventDefault() },
     h("label", { class: "field", for: "alarm-by" }, h("span", {}, "Your name"), this.#by),
     h("label", { class: "field", for: "alarm-comment" }, h("span", {}, "Comment"), this.#comment),
-    h("div", { class: "form-buttons" }, this.#acknowledge, this.#unshelve, this.#showNotice, this.#shelving),
+    h("div", { class: "form-buttons" }, this.#acknowledge, this.#unshelve, this.#addComment, this.#shelving),
     this.#result,
   );
   #body = h(

@@ -117,7 +117,7 @@ export class CursorLayer {
       handle.setAttribute("aria-valuenow", String(Number(x.toPrecision(7))));
       handle.setAttribute("aria-valuemin", "0");
       handle.setAttribute("aria-valuemax", String(this.#spectrum.frequency_hz.at(-1)));
-      handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).showNotice(x));
+      handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).format(x));
     };
     const { kind, base, spacing } = this.#cursor;
     if (kind === "b") this.#handles.base.hidden = true;
@@ -151,7 +151,7 @@ export class CursorLayer {
   #words(shown) {
     const { kind, base, spacing } = this.#cursor;
     const spectrum = this.#spectrum;
-    const { say } = axisOf(spectrum);
+    const { format } = axisOf(spectrum);
     const amplitudes = shown.map(({ x, label }) => ({ label, amplitude: amplitudeAt(spectrum, x) }));
     // dragged beyond the fetched lines: the rest is fetched on release
     const value = (amplitude) =>
@@ -163,22 +163,22 @@ export class CursorLayer {
       const first = amplitudes.filter(({ label }) => !label.includes("×"));
       const words = first.map(({ label, amplitude }, n) => {
         const x = shown.find((line) => line.label === first[n].label).x;
-        return `${label} ${say(x)} at ${value(amplitude)}`;
+        return `${label} ${format(x)} at ${value(amplitude)}`;
       });
-      const speed = axisOf(spectrum).name === "order" ? "" : `, shaft ${say(base)}`;
+      const speed = axisOf(spectrum).name === "order" ? "" : `, shaft ${format(base)}`;
       return `Bearing ${this.#cursor.name}${speed}: ${words.join("; ")}`;
     }
     if (kind === "h") {
-      if (shown.length === 0) return `Harmonics: ${say(base)} lies beyond the spectrum`;
+      if (shown.length === 0) return `Harmonics: ${format(base)} lies beyond the spectrum`;
       const strongest = amplitudes.reduce((a, b) => (b.amplitude > a.amplitude ? b : a));
       const shaft = spectrum.shaft_speed_hz ? ` = ${number(base / spectrum.shaft_speed_hz, 4)} × shaft` : "";
-      return `Harmonics: spacing ${say(base)}${shaft}; ${shown.length} lines to ${say(shown.at(-1).x)}; strongest ${strongest.label} at ${value(strongest.amplitude)}`;
+      return `Harmonics: spacing ${format(base)}${shaft}; ${shown.length} lines to ${format(shown.at(-1).x)}; strongest ${strongest.label} at ${value(strongest.amplitude)}`;
     }
     const centre = amplitudes.find(({ label }) => label === "0");
     const sides = amplitudes.filter(({ label }) => label !== "0");
     const rss = Math.sqrt(sides.reduce((sum, { amplitude }) => sum + amplitude ** 2, 0));
     const shaft = spectrum.shaft_speed_hz ? ` = ${number(spacing / spectrum.shaft_speed_hz, 4)} × shaft` : "";
-    return `Sidebands: centre ${say(base)} at ${value(centre?.amplitude ?? 0)}; spacing ${say(spacing)}${shaft}; ${sides.length} lines, root sum square ${value(rss)}`;
+    return `Sidebands: centre ${format(base)} at ${value(centre?.amplitude ?? 0)}; spacing ${format(spacing)}${shaft}; ${sides.length} lines, root sum square ${value(rss)}`;
   }
 
   #move(what, x) {

@@ -20,11 +20,11 @@ const QUANTITIES = {
   psd: "Power spectral density",
 };
 
-const HERTZ = { title: "Frequency (Hz)", name: "frequency_hz", say: hertz, wide: hertz, suffix: " Hz" };
+const HERTZ = { title: "Frequency (Hz)", name: "frequency_hz", format: hertz, wide: hertz, suffix: " Hz" };
 export const ORDERS = {
   title: "Order of the driving shaft (–)",
   name: "order",
-  say: (value) => `order ${number(value, 5)}`,
+  format: (value) => `order ${number(value, 5)}`,
   wide: (value) => `${number(value, 3)} orders`,
   suffix: ". order",
 };
@@ -219,7 +219,7 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
     frequency_hz: frequency,
     amplitude,
     label: `${order}×`,
-    words: `mesh harmonic ${order}×: ${axis.showNotice(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
+    words: `mesh harmonic ${order}×: ${axis.format(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
   }));
   const shapes = harmonics.map(({ frequency_hz: frequency }) =>
     verticalLine(frequency, colour.reference, "dot"),
@@ -230,13 +230,13 @@ export function spectrumDrawing(layers, { scale, sidebands, zoom, part, note = "
     .filter((_, index) => !crowded || index % 2 === 0)
     .map((point) => label(point, colour, scale));
   const entries = points.length
-    ? [["diamond", colour.reference, `mesh harmonics of ${axis.showNotice(mesh)}`]]
+    ? [["diamond", colour.reference, `mesh harmonics of ${axis.format(mesh)}`]]
     : [];
   if (sidebands && shaft && mesh) {
     const lines = sidebandLines(harmonics, shaft, colour, zoom);
     shapes.push(...lines.shapes);
     annotations.push(...lines.annotations);
-    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.showNotice(shaft)} shaft speed`]);
+    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.format(shaft)} shaft speed`]);
   }
   const range = part ?? zoomRange(spectrum, zoom) ?? [0, endOf(layers)];
   const axisRevision = `${revision} ${zoom} ${axis.name}`;
@@ -350,7 +350,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
       return {
         ...point,
         amplitude,
-        words: `${point.name}: ${axis.showNotice(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
+        words: `${point.name}: ${axis.format(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
       };
     });
   return {
@@ -361,7 +361,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
     legend: [
       ...recordEntries(layers),
       ...(points.length
-        ? [["diamond", colour.reference, `lines of the shafts (${axis.showNotice(shaft)}) and related lines`]]
+        ? [["diamond", colour.reference, `lines of the shafts (${axis.format(shaft)}) and related lines`]]
         : []),
     ],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.${note}`,
