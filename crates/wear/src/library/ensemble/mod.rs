@@ -41,7 +41,7 @@ pub const VARIANTS: usize = 4;
 pub const FIRST_MEMBERS: usize = 96;
 
 /// Version of the prior; it changes when other pairs are drawn, or when they are simulated differently.
-const PRIOR_VERSION: &str = "prior-7";
+const PRIOR_VERSION: &str = "prior-8";
 
 /// Size of the ensemble.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
