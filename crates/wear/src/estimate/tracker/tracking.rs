@@ -281,9 +281,8 @@ impl Tracker {
         }
         let mut answer = self.answer(ensemble, &posterior, &likelihood);
         let best_um = self.grid.depths_um()[likelihood.best.1];
-        let is_deeper = answer.p95_um.is_some_and(|high| best_um > high);
-        let is_outside = is_deeper || answer.p05_um.is_some_and(|low| best_um < low);
-        tracking.deeper = counted(tracking.deeper, is_deeper);
+        let is_outside = answer.p05_um.is_some_and(|low| best_um < low)
+            || answer.p95_um.is_some_and(|high| best_um > high);
         tracking.disagreeing = counted(tracking.disagreeing, is_outside);
         let is_disputed = tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated;
         if is_disputed {
@@ -368,7 +367,13 @@ impl Tracker {
             *recent = Some(recent.map_or(change, |mean| mean + NEWEST_PART * (change - mean)));
         }
         let filter = self.filter_for(tracking.filter.take(), members);
-        tracking.filter.insert(filter).update(&self.growth, units * measured.load, jumps, likelihood)
+        let filter = tracking.filter.insert(filter);
+        let posterior = filter.update(&self.growth, units * measured.load, jumps, likelihood);
+        // Of the filter itself: hindsight changes the answer, and must not change the filter.
+        let high_um = self.grid.quantile_um(&posterior.by_depth(), 0.95);
+        let is_deeper = self.grid.depths_um()[likelihood.best.1] > high_um;
+        tracking.deeper = counted(tracking.deeper, is_deeper);
+        posterior
     }
 }
 
