@@ -197,7 +197,7 @@ fn ctrl_c_keeps_finished_simulations() {
 
     let refused = build(&straight, "0.5,1.5").output().unwrap();
     let words = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(words.contains("torques is [0.5, 1.5]") && words.contains("with 1"), "{words}");
+    assert!(words.contains("torques is [0.5, 1.5]") && words.contains("include 1"), "{words}");
 }
 
 /// Only states worn by Archard's law have a number of turns.
