@@ -18,7 +18,7 @@ const PAGES = {
   records: [`#/assets/${asset}/records`, (page) => page.locator(".record-table tbody tr").first().waitFor()],
   import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
   "alarm levels": [`#/assets/${asset}?trend=rms&levels=rms`, (page) => drawn(page, "trends")],
-  tokens: ["#/tokens", (page) => page.getByText("Create token").waitFor()],
+  tokens: ["#/tokens", (page) => page.getByRole("button", { name: "Create token" }).waitFor()],
   "new asset": [
     "#/new",
     async (page) => {

@@ -392,7 +392,7 @@ export const CHECKS = {
     await page.mouse.up();
     await page.waitForFunction(() => location.hash.includes("band="));
     const [from, to] = parameters(page).get("band").split("~").map(Number);
-    await page.locator(".peak-list", { hasText: `from ${Number(from.toPrecision(5))} to` }).waitFor();
+    await page.locator(".peak-list", { hasText: `Range: ${Number(from.toPrecision(5))} to` }).waitFor();
     assert.ok(to > 1.5 * from);
     await close(opened, name);
   },

@@ -99,7 +99,7 @@ export const CHECKS = {
       .waitFor();
     await card(page, "run.mcap").locator("svg.sketch").first().waitFor();
     await card(page, "run.mcap").getByText("its first record").first().waitFor();
-    await card(page, "export.mcap").getByText("No vibration in it").waitFor();
+    await card(page, "export.mcap").getByText("No vibration found").waitFor();
     await card(page, "block.pb").getByText("protobuf · 1 channel · 20 kHz · 1 s").waitFor();
     await card(page, "block.pb")
       .getByText(`start times in the file: ${shownTime(record.start_time)}`)
@@ -133,9 +133,9 @@ export const CHECKS = {
       audio("two_20260401_100000.wav", stereo(2000)),
     ]);
     await send(page);
-    await good(page, "a_20260401_080000.wav: channel");
+    await good(page, "a_20260401_080000.wav: record of");
     await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was rejected" }).waitFor();
-    await good(page, "two_20260401_100000.wav: channel");
+    await good(page, "two_20260401_100000.wav: record of");
     const undo = page.getByRole("button", { name: "Undo this import: delete 4 records…" });
     await undo.waitFor();
     assert.equal((await json(`assets/${id}`)).summary.segments, 5);
@@ -172,7 +172,7 @@ export const CHECKS = {
     await page.locator("summary", { hasText: "sampling rate" }).click();
     await page.getByLabel("Unit", { exact: true }).first().fill("m/s2");
     await send(page);
-    await good(page, "a_20260401_080000.wav: channel");
+    await good(page, "a_20260401_080000.wav: record of");
     assert.ok(await page.getByRole("button", { name: /Undo this import/ }).isHidden());
     assert.equal((await json(`assets/${id}`)).summary.segments, 1);
     await end(opened);
@@ -280,7 +280,7 @@ export const CHECKS = {
     await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
     await page.getByLabel("Full scale of a_20260401_080000.wav").fill("50");
     await send(page);
-    await good(page, "a_20260401_080000.wav: channel");
+    await good(page, "a_20260401_080000.wav: record of");
     const { items } = await json(`assets/${id}/segments`);
     const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
     const greatest = Math.max(...wave.value);

@@ -14,7 +14,7 @@ const PAGES = {
   settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],
   records: [`#/assets/${asset}/records`, (page) => page.locator(".record-table tbody tr").first().waitFor()],
   import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
-  tokens: ["#/tokens", (page) => page.getByText("Create token").waitFor()],
+  tokens: ["#/tokens", (page) => page.getByRole("button", { name: "Create token" }).waitFor()],
   alarms: [
     async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`,
     (page) => page.locator(".alarm-history li").first().waitFor(),

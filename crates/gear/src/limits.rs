@@ -105,7 +105,7 @@ pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearErro
         let max_nm = max_torque_nm(spec, base_mm);
         if let Some(torque_nm) = torque_nm.filter(|torque| *torque > max_nm) {
             let expected = format!(
-                "at max {max_nm:.4}: teeth of this width and material would bend by a quarter of the module"
+                "at most {max_nm:.4}: teeth of this width and material would bend by a quarter of the module"
             );
             return Err(GearError::field(field, torque_nm, expected));
         }
@@ -171,7 +171,7 @@ pub(super) fn check_tooth(
     let bore = basic.bore_radius_mm[i];
     if root <= 0.0 || bore * MIN_ROOT_TO_BORE > root {
         let expected = format!(
-            "at max {:.4}: the root radius {root:.4} of gear {number} over {MIN_ROOT_TO_BORE}",
+            "at most {:.4}: the root radius {root:.4} of gear {number} over {MIN_ROOT_TO_BORE}",
             root / MIN_ROOT_TO_BORE
         );
         refusals.add(GearError::field("geometry.bore_radius_mm", bore, expected));
@@ -302,9 +302,9 @@ mod tests {
             spec.resolve().unwrap_err().to_string()
         };
         let steel = refusal(|s| s.operation.torque_nm = 130_000.0);
-        assert!(steel.starts_with("operation.torque_nm is 130000, expected at max 83219."), "{steel}");
+        assert!(steel.starts_with("operation.torque_nm is 130000, expected at most 83219."), "{steel}");
         let plastic = refusal(|s| s.material.youngs_modulus_pa = 2.8e9);
-        assert!(plastic.starts_with("operation.torque_nm is 1300, expected at max 1136."), "{plastic}");
+        assert!(plastic.starts_with("operation.torque_nm is 1300, expected at most 1136."), "{plastic}");
         let output = refusal(|s| s.operation.output_torque_nm = Some(1e9));
         assert!(output.starts_with("operation.output_torque_nm is 1000000000"), "{output}");
     }

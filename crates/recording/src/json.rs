@@ -236,7 +236,7 @@ fn check_texts(bytes: &[u8]) -> Result<(), RecordingError> {
             return Err(RecordingError::field(
                 "the length of a text in the message",
                 length,
-                "at max 1024 bytes",
+                "at most 1024 bytes",
             ));
         }
         left = text.get(length + 1..).unwrap_or_default();
@@ -374,7 +374,7 @@ mod tests {
             format!(r#"{{"sample_rate_hz": 1, "samples": [1], "unit": "\"{}"#, &long[2..]),
         ] {
             let error = decode(&json).unwrap_err();
-            assert_eq!(error, "the length of a text in the message is 1025, expected at max 1024 bytes");
+            assert_eq!(error, "the length of a text in the message is 1025, expected at most 1024 bytes");
         }
         let quoted = r#"{"sample_rate_hz": 1, "samples": [1], "unit": "\\", "channel": "\"x\""}"#;
         assert_eq!(decode(quoted).unwrap().channel(), "\"x\"");
