@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use flankwatch_wear::library::{
     BuildControl, EnsembleSettings, GridSettings, LibraryError, build, decode, decode_ensemble,
-    encode_ensemble, keep,
+    encode_ensemble, save_library,
 };
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::PyOSError;
@@ -131,7 +131,7 @@ impl Library {
     }
 
     fn save(&self, path: PathBuf) -> PyResult<()> {
-        keep(&path, &self.library).map_err(library_error)
+        save_library(&path, &self.library).map_err(library_error)
     }
 
     #[getter]
