@@ -12,11 +12,12 @@ use tokio::task::{JoinHandle, JoinSet};
 
 use super::delivery::{DeliveryOutcome, deliver};
 use super::error::MqttError;
+use super::incoming::{Incoming, acknowledge};
 use super::message::Message;
 use super::pending_rejections::PendingRejections;
-use super::rejection::Rejection;
 use super::settings::MqttSettings;
-use super::topic;
+use super::stream_blocks::StreamBlocks;
+use super::topic::{self, Content};
 use crate::service::{Feed, FeedCount, Service};
 
 /// First and longest wait before a reconnect.
@@ -132,6 +133,7 @@ struct Connection<'a> {
     /// Whether messages were dropped for lack of a slot: the broker sends them again over the next connection.
     has_dropped: bool,
     rejections: Arc<PendingRejections>,
+    streams: StreamBlocks,
     /// Aborted with the connection, without which they could not acknowledge.
     deliveries: JoinSet<()>,
 }
@@ -153,6 +155,7 @@ impl<'a> Connection<'a> {
             slots: Arc::new(Semaphore::new(settings.in_flight.into())),
             has_dropped: false,
             rejections: Arc::default(),
+            streams: StreamBlocks::default(),
             deliveries: JoinSet::new(),
         }
     }
@@ -182,9 +185,9 @@ impl<'a> Connection<'a> {
                         .iter()
                         .find(|code| !matches!(code, SubscribeReasonCode::Success(QoS::AtLeastOnce)))
                     {
-                        let filter = topic::filter(self.settings);
+                        let filters = topic::filters(self.settings).join(" and ");
                         return End::Lost(format!(
-                            "the broker rejected the subscription to {filter} with QoS 1: {code:?}"
+                            "the broker rejected the subscription to {filters} with QoS 1: {code:?}"
                         ));
                     }
                     *connections += 1;
@@ -224,13 +227,16 @@ impl<'a> Connection<'a> {
     }
 
     async fn subscribe(&self) -> Result<(), String> {
-        let mut filter = Filter::new(topic::filter(self.settings), QoS::AtLeastOnce);
-        // A retained message was received when the subscription was first made.
-        filter.retain_forward_rule = RetainForwardRule::OnNewSubscribe;
-        self.client.subscribe_many([filter]).await.map_err(|error| error.to_string())
+        let filters = topic::filters(self.settings).map(|topics| {
+            let mut filter = Filter::new(topics, QoS::AtLeastOnce);
+            // A retained message was received when the subscription was first made.
+            filter.retain_forward_rule = RetainForwardRule::OnNewSubscribe;
+            filter
+        });
+        self.client.subscribe_many(filters).await.map_err(|error| error.to_string())
     }
 
-    /// Handles a message in a task of its own.
+    /// Handles a record in a task of its own, and a block in the task of its stream.
     ///
     /// Where no slot is free it waits for one, and no further packet is read meanwhile. That happens only if the
     /// broker exceeds the receive maximum: with messages at QoS 0, or with those of a session (seen with Mosquitto
@@ -247,27 +253,30 @@ impl<'a> Connection<'a> {
             self.has_dropped |= publish.qos == QoS::AtLeastOnce;
             return;
         };
-        let (service, feed, client) = (self.service.clone(), Arc::clone(self.feed), self.client.clone());
-        let (rejections, stop) = (Arc::clone(&self.rejections), self.stop.clone());
         let message = Message::read(self.settings, &publish);
-        self.deliveries.spawn(async move {
-            let outcome = match &message {
-                Ok(message) => deliver(&service, &feed, message, stop).await,
-                Err(rejection) => DeliveryOutcome::Rejected(rejection.clone()),
-            };
-            match outcome {
-                DeliveryOutcome::Stored => {
-                    feed.count(FeedCount::Accepted);
-                    acknowledge(&client, &publish);
-                }
-                DeliveryOutcome::Rejected(rejection) => {
-                    feed.count(FeedCount::Refused);
-                    reject(&service, &client, &rejections, rejection, publish).await;
-                }
-                DeliveryOutcome::Stopped => {}
+        let incoming = Incoming {
+            service: Arc::clone(self.service),
+            feed: Arc::clone(self.feed),
+            client: self.client.clone(),
+            rejections: Arc::clone(&self.rejections),
+            publish,
+            _slot: slot,
+        };
+        let stop = self.stop.clone();
+        match message {
+            Ok(message) if message.content == Content::Block => {
+                self.streams.pass(message, incoming, stop, &mut self.deliveries);
             }
-            drop(slot);
-        });
+            Ok(message) => {
+                self.deliveries.spawn(async move {
+                    let outcome = deliver(&incoming.service, &incoming.feed, &message, stop).await;
+                    incoming.finish(outcome).await;
+                });
+            }
+            Err(rejection) => {
+                self.deliveries.spawn(incoming.finish(DeliveryOutcome::Rejected(rejection)));
+            }
+        }
     }
 
     async fn acquire_slot(&self) -> Option<OwnedSemaphorePermit> {
@@ -293,31 +302,4 @@ impl<'a> Connection<'a> {
             }
         });
     }
-}
-
-/// Publishes the rejection of a message for its sender.
-async fn reject(
-    service: &Arc<Service>,
-    client: &AsyncClient,
-    rejections: &PendingRejections,
-    rejection: Rejection,
-    mut publish: Publish,
-) {
-    let topic = String::from_utf8_lossy(&publish.topic).into_owned();
-    tracing::warn!(topic, reason = rejection.detail(), "rejected a message");
-    let payload = std::mem::take(&mut publish.payload);
-    let (received_at, of) = (service.now(), topic.clone());
-    // Hashing the payload may block.
-    let json = tokio::task::spawn_blocking(move || rejection.to_json(&of, received_at, &payload));
-    if let Ok(json) = json.await
-        && let Err(error) = rejections.send(client, topic::rejected(&topic), json, publish)
-    {
-        // Usually the connection is lost. The message is not acknowledged, so the broker sends it again.
-        tracing::debug!(%error, topic, "failed to send the rejection of a message");
-    }
-}
-
-/// Acknowledges a message. An error means that the connection is lost: the broker sends the message again.
-fn acknowledge(client: &AsyncClient, publish: &Publish) {
-    let _ = client.try_ack(publish);
 }

@@ -7,7 +7,8 @@ use tokio::sync::watch;
 
 use super::message::{Message, NO_TIME};
 use super::rejection::{FailureAction, Rejection};
-use crate::service::{Feed, Service, ServiceError};
+use super::topic::Address;
+use crate::service::{Feed, HeldMessage, Service, ServiceError};
 
 /// First and longest wait between two attempts.
 const FIRST_WAIT: Duration = Duration::from_millis(20);
@@ -27,38 +28,61 @@ pub(super) enum DeliveryOutcome {
     Stopped,
 }
 
+/// The attempts to store one message.
+pub(super) struct Attempts<'a> {
+    feed: &'a Arc<Feed>,
+    address: &'a Address,
+    stop: watch::Receiver<bool>,
+    wait: Duration,
+    internal_errors: u32,
+    holding: Option<HeldMessage>,
+}
+
+impl<'a> Attempts<'a> {
+    pub(super) fn new(feed: &'a Arc<Feed>, address: &'a Address, stop: watch::Receiver<bool>) -> Self {
+        Self { feed, address, stop, wait: FIRST_WAIT, internal_errors: 0, holding: None }
+    }
+
+    /// Handles a failed attempt: returns the outcome if it is the last one, or else waits before the next.
+    pub(super) async fn failed(&mut self, failure: FailureAction) -> Option<DeliveryOutcome> {
+        let reason = match failure {
+            FailureAction::Reject(rejection) => return Some(DeliveryOutcome::Rejected(rejection)),
+            FailureAction::RetryThenReject(rejection) => {
+                self.internal_errors += 1;
+                if self.internal_errors == MAX_INTERNAL_ERRORS {
+                    return Some(DeliveryOutcome::Rejected(rejection));
+                }
+                rejection.detail().to_owned()
+            }
+            FailureAction::Retry(reason) => reason,
+        };
+        if self.holding.is_none() {
+            tracing::debug!(reason, asset = %self.address.asset, "failed to store a message, retrying");
+        }
+        // Renewed before the old one is dropped, so that the feed shows the trouble without a gap.
+        let renewed = self.feed.hold(reason);
+        self.holding.replace(renewed);
+        if tokio::time::timeout(self.wait, self.stop.wait_for(|stop| *stop)).await.is_ok() {
+            return Some(DeliveryOutcome::Stopped);
+        }
+        self.wait = (2 * self.wait).min(MAX_WAIT);
+        None
+    }
+}
+
 /// Stores the record of a message; retries until it succeeds, is rejected, or the service stops.
 pub(super) async fn deliver(
     service: &Arc<Service>,
     feed: &Arc<Feed>,
     message: &Message,
-    mut stop: watch::Receiver<bool>,
+    stop: watch::Receiver<bool>,
 ) -> DeliveryOutcome {
-    let (mut wait, mut internal_errors, mut holding) = (FIRST_WAIT, 0, None);
+    let mut attempts = Attempts::new(feed, &message.address, stop);
     loop {
-        let reason = match store(service, message).await {
-            Ok(()) => return DeliveryOutcome::Stored,
-            Err(FailureAction::Reject(rejection)) => return DeliveryOutcome::Rejected(rejection),
-            Err(FailureAction::RetryThenReject(rejection)) => {
-                internal_errors += 1;
-                if internal_errors == MAX_INTERNAL_ERRORS {
-                    return DeliveryOutcome::Rejected(rejection);
-                }
-                rejection.detail().to_owned()
-            }
-            Err(FailureAction::Retry(reason)) => reason,
-        };
-        if holding.is_none() {
-            tracing::debug!(reason, asset = %message.address.asset, "failed to store a message, retrying");
+        let Err(failure) = store(service, message).await else { return DeliveryOutcome::Stored };
+        if let Some(outcome) = attempts.failed(failure).await {
+            return outcome;
         }
-        // Renewed before the old one is dropped, so that the feed shows the trouble without a gap.
-        let renewed = feed.hold(reason);
-        holding.replace(renewed);
-        tokio::select! {
-            () = tokio::time::sleep(wait) => {}
-            _ = stop.wait_for(|stop| *stop) => return DeliveryOutcome::Stopped,
-        }
-        wait = (2 * wait).min(MAX_WAIT);
     }
 }
 

@@ -1,4 +1,4 @@
-//! An MQTT message as a record upload.
+//! An MQTT message: a record to upload, or a block of a stream.
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -6,8 +6,10 @@ use rumqttc::v5::mqttbytes::v5::Publish;
 
 use super::rejection::Rejection;
 use super::settings::MqttSettings;
-use super::topic::{self, Address};
+use super::topic::{self, Address, Content};
+use crate::recording::{BlockEncoding, RecordDefaults, decode_indexed_block};
 use crate::service::{RecordFormat, UploadMetadata};
+use crate::signal::Record;
 
 /// Default start time, which is invalid for a record, so that a message without a time is rejected. The time of
 /// receipt cannot be used, as the same message sent again would become another record.
@@ -17,6 +19,7 @@ pub(super) const NO_TIME: Timestamp = Timestamp::MIN;
 #[derive(Debug, Clone)]
 pub(super) struct Message {
     pub(super) address: Address,
+    pub(super) content: Content,
     pub(super) format: RecordFormat,
     pub(super) payload: Bytes,
 }
@@ -27,7 +30,7 @@ impl Message {
         let Ok(topic) = std::str::from_utf8(&publish.topic) else {
             return Err(Rejection::field(400, "topic", &publish.topic.escape_ascii().to_string(), "UTF-8"));
         };
-        let address = topic::read(&settings.root, topic)?;
+        let (address, content) = topic::read(&settings.root, topic)?;
         let max_bytes = settings.message_bytes;
         if publish.payload.len() > max_bytes {
             let detail = format!(
@@ -40,9 +43,29 @@ impl Message {
             publish.properties.as_ref().and_then(|properties| properties.content_type.as_deref());
         Ok(Self {
             address,
+            content,
             format: format(content_type, &publish.payload)?,
             payload: publish.payload.clone(),
         })
+    }
+
+    /// Decodes the block of a stream: the index of its first sample and its samples, with the point as channel.
+    pub(super) fn block(&self) -> Result<(u64, Record), Rejection> {
+        let encoding = match self.format {
+            RecordFormat::Json => BlockEncoding::Json,
+            _ => BlockEncoding::Protobuf,
+        };
+        let defaults = RecordDefaults {
+            channel_names: vec![self.address.point.clone()],
+            start_time: NO_TIME,
+            ..RecordDefaults::default()
+        };
+        let (first, record) = decode_indexed_block(&self.payload, encoding, &defaults)
+            .map_err(|error| Rejection::new(422, error.to_string()))?;
+        if record.start_time() == NO_TIME {
+            return Err(Rejection::field(422, "start_time", "missing", "the time of the first sample"));
+        }
+        Ok((first, record))
     }
 
     /// Returns the metadata of the upload.

@@ -55,6 +55,7 @@ impl Rejection {
                 413 => "Payload Too Large",
                 415 => "Unsupported Media Type",
                 422 => "Unprocessable Entity",
+                501 => "Not Implemented",
                 _ => "Internal Server Error",
             },
             status,
@@ -132,9 +133,12 @@ impl From<ServiceError> for FailureAction {
                 Self::Retry(error.to_string())
             }
             ServiceError::Store(source) => Self::of_store(&source),
-            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => {
-                Self::Reject(Rejection::new(409, error.to_string()))
-            }
+            ServiceError::SensorOfOther { .. }
+            | ServiceError::SensorShared { .. }
+            | ServiceError::StreamFormat { .. } => Self::Reject(Rejection::new(409, error.to_string())),
+            ServiceError::StreamsShared => Self::Reject(Rejection::new(501, error.to_string())),
+            // The next attempt takes the stream back, and continues where the other sender stopped.
+            ServiceError::StreamTaken => Self::Retry(error.to_string()),
             ServiceError::RawDeleted(_) => Self::Reject(Rejection::new(410, error.to_string())),
             // An incoming record causes none of these, unless by an internal error.
             ServiceError::WorkerLost(_)
@@ -143,9 +147,6 @@ impl From<ServiceError> for FailureAction {
             | ServiceError::ReplayFile { .. }
             | ServiceError::ReplayUnknown(_)
             | ServiceError::StreamUnknown { .. }
-            | ServiceError::StreamFormat { .. }
-            | ServiceError::StreamTaken
-            | ServiceError::StreamsShared
             | ServiceError::AlarmUnknown(_)
             | ServiceError::Alarm(_)
             | ServiceError::MaintenanceUnknown(_) => {
@@ -203,6 +204,11 @@ mod tests {
         assert!(
             matches!(&action, FailureAction::Reject(rejection) if rejection.0.status == 409),
             "{action:?}"
+        );
+        let shared = FailureAction::from(ServiceError::StreamsShared);
+        assert!(
+            matches!(&shared, FailureAction::Reject(rejection) if rejection.0.status == 501),
+            "{shared:?}"
         );
         let missing = StoreError::ObjectMissing("ab".to_owned());
         assert!(matches!(

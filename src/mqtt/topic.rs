@@ -1,14 +1,16 @@
-//! Topics: `{root}/{asset}/{point}/waveform` for records and `{root}/{asset}/{point}/rejected` for rejections.
+//! Topics: `{root}/{asset}/{point}/waveform` for records, `…/samples` for blocks of a stream, and `…/rejected`
+//! for rejections of both.
 
 use super::rejection::Rejection;
 use super::settings::MqttSettings;
 use crate::asset::AssetId;
 
 const WAVEFORM: &str = "waveform";
+const SAMPLES: &str = "samples";
 const REJECTED: &str = "rejected";
 
 /// The asset and the measuring point of a topic.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct Address {
     /// The asset.
     pub(super) asset: AssetId,
@@ -16,13 +18,24 @@ pub(super) struct Address {
     pub(super) point: String,
 }
 
-/// Returns the topic filter to subscribe to.
-pub(super) fn filter(settings: &MqttSettings) -> String {
-    let topics = format!("{}/+/+/{WAVEFORM}", settings.root);
-    match &settings.share {
-        Some(share) => format!("$share/{share}/{topics}"),
-        None => topics,
-    }
+/// What the messages of a topic are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Content {
+    /// Each is a record.
+    Record,
+    /// Each is a block of a stream.
+    Block,
+}
+
+/// Returns the topic filters to subscribe to.
+pub(super) fn filters(settings: &MqttSettings) -> [String; 2] {
+    [WAVEFORM, SAMPLES].map(|kind| {
+        let topics = format!("{}/+/+/{kind}", settings.root);
+        match &settings.share {
+            Some(share) => format!("$share/{share}/{topics}"),
+            None => topics,
+        }
+    })
 }
 
 /// Returns the topic for rejections of messages of a topic.
@@ -32,13 +45,16 @@ pub(super) fn rejected(topic: &str) -> String {
 }
 
 /// Parses a topic.
-pub(super) fn read(root: &str, topic: &str) -> Result<Address, Rejection> {
+pub(super) fn read(root: &str, topic: &str) -> Result<(Address, Content), Rejection> {
     let rest = topic.strip_prefix(root).and_then(|rest| rest.strip_prefix('/')).unwrap_or_default();
     let mut levels = rest.split('/');
-    let (Some(asset), Some(point), Some(WAVEFORM), None) =
-        (levels.next(), levels.next(), levels.next(), levels.next())
-    else {
-        return Err(Rejection::field(400, "topic", topic, "{root}/{asset}/{point}/waveform"));
+    let (asset, point, content) = match (levels.next(), levels.next(), levels.next(), levels.next()) {
+        (Some(asset), Some(point), Some(WAVEFORM), None) => (asset, point, Content::Record),
+        (Some(asset), Some(point), Some(SAMPLES), None) => (asset, point, Content::Block),
+        _ => {
+            let expected = "{root}/{asset}/{point}/waveform or {root}/{asset}/{point}/samples";
+            return Err(Rejection::field(400, "topic", topic, expected));
+        }
     };
     let Ok(asset) = AssetId::new(asset) else {
         let expected = "an asset of 1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit";
@@ -52,7 +68,7 @@ pub(super) fn read(root: &str, topic: &str) -> Result<Address, Rejection> {
             "a point of 1 to 200 bytes without control characters",
         ));
     }
-    Ok(Address { asset, point: point.to_owned() })
+    Ok((Address { asset, point: point.to_owned() }, content))
 }
 
 #[cfg(test)]
@@ -61,8 +77,10 @@ mod tests {
 
     #[test]
     fn asset_and_point_are_parsed() {
-        let address = read("plant/7", "plant/7/gearbox-1/input/waveform").unwrap();
+        let (address, content) = read("plant/7", "plant/7/gearbox-1/input/waveform").unwrap();
         assert_eq!((address.asset.as_str(), address.point.as_str()), ("gearbox-1", "input"));
+        assert_eq!(content, Content::Record);
+        assert_eq!(read("plant/7", "plant/7/gearbox-1/input/samples").unwrap(), (address, Content::Block));
         assert_eq!(rejected("plant/7/gearbox-1/input/waveform"), "plant/7/gearbox-1/input/rejected");
     }
 

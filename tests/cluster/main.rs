@@ -7,6 +7,7 @@ mod faults;
 mod many_workers;
 mod mqtt;
 mod mqtt_faults;
+mod mqtt_streams;
 mod nodes;
 mod postgres;
 mod processes;

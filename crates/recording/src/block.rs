@@ -104,6 +104,19 @@ pub fn decode_block(
     decode_message(bytes, encoding)?.into_record(None, defaults)
 }
 
+/// Decodes one block of a stream, as [`decode_block`] does, and returns the index of its first sample with it.
+///
+/// # Errors
+/// Those of [`decode_block`].
+pub fn decode_indexed_block(
+    bytes: &[u8],
+    encoding: BlockEncoding,
+    defaults: &RecordDefaults,
+) -> Result<(u64, Record), RecordingError> {
+    let block = decode_message(bytes, encoding)?;
+    Ok((block.first_sample_index, block.into_record(None, defaults)?))
+}
+
 /// Encodes one block.
 ///
 /// Samples, rate, operating point and quality are preserved exactly, pulse times to a nanosecond. The start
@@ -121,6 +134,7 @@ pub fn encode_block(record: &Record, encoding: BlockEncoding) -> Vec<u8> {
 pub(crate) struct DecodedBlock {
     pub(crate) start_time: Option<Timestamp>,
     pub(crate) sample_rate_hz: f64,
+    pub(crate) first_sample_index: u64,
     pub(crate) unit: String,
     pub(crate) channel: String,
     pub(crate) samples: Vec<f32>,
@@ -154,6 +168,7 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
             Ok(DecodedBlock {
                 start_time: timestamp_of(block.start_time_ns)?,
                 sample_rate_hz: block.sample_rate_hz,
+                first_sample_index: block.first_sample_index,
                 unit: block.unit,
                 channel: block.channel,
                 samples: block.samples,

@@ -200,6 +200,7 @@ impl JsonBlock {
         Ok(DecodedBlock {
             start_time,
             sample_rate_hz: self.sample_rate_hz,
+            first_sample_index: self.first_sample_index,
             unit: self.unit,
             channel: self.channel,
             samples: self.samples,

@@ -81,7 +81,7 @@ mod wav;
 mod wav_format;
 mod wav_frames;
 
-pub use block::{BlockEncoding, RecordDefaults, decode_block, encode_block};
+pub use block::{BlockEncoding, RecordDefaults, decode_block, decode_indexed_block, encode_block};
 pub use csv::CsvFrames;
 pub use csv_layout::CsvLayout;
 pub use csv_preview::{ColumnRole, CsvColumn, CsvContents, CsvPreview};

@@ -403,7 +403,18 @@ mod tests {
                 assert!((background - want.ln()).abs() < 0.3, "{name} {order}: {background} {}", want.ln());
             }
         }
-        assert!(got.features.background.keys().all(|name| got.features.values.contains_key(name)));
+        let Features { values, checks, background, .. } = &got.features;
+        assert!(background.keys().all(|name| values.contains_key(name) || checks.contains_key(name)));
+        // Without lines of the shaft its checks are read in noise alone.
+        for order in 1..=3 {
+            let name = format!("ln_shaft_{order}");
+            assert!(
+                (checks[&name] - background[&name]).abs() < 0.3,
+                "{name}: {} {}",
+                checks[&name],
+                background[&name]
+            );
+        }
     }
 
     /// A gain shifts every feature but the kurtosis by its logarithm; an offset changes none.

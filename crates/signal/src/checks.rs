@@ -110,12 +110,10 @@ pub(super) fn insert_shaft_lines(
         let Some(noise) = background(amplitude, position, Some(shaft_bins), 2.0 * shaft_bins, sorting) else {
             continue;
         };
-        let floor = SHAFT_FLOOR * SHAFT_FLOOR * noise * noise * count;
-        features.insert_check(
-            format!("ln_shaft_{order}"),
-            ((squares + floor) / NOISE_BANDWIDTH_BINS).sqrt(),
-            deviation,
-        );
+        let in_noise = noise * noise * count;
+        let floor = SHAFT_FLOOR * SHAFT_FLOOR * in_noise;
+        let amplitude = |squares: f64| ((squares + floor) / NOISE_BANDWIDTH_BINS).sqrt();
+        features.insert_shaft_line(order, amplitude(squares), amplitude(in_noise), deviation);
     }
 }
 

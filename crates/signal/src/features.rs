@@ -37,10 +37,10 @@ pub const PREPROCESSING: &str = "steadied-lines-6";
 pub struct Features {
     /// Value by feature name, for example `ln_mesh_1`.
     pub values: BTreeMap<String, f64>,
-    /// For each line feature (`ln_mesh_h`, `ln_sideband_h`, `ln_env_h`) the natural logarithm of its mean
-    /// reading in local noise alone: the root-mean-square amplitude of noise in as many bins as the feature
-    /// sums, from the median of the bins between the neighbouring lines. Omitted if there are too few such
-    /// bins.
+    /// For each line feature (`ln_mesh_h`, `ln_sideband_h`, `ln_env_h`, and `ln_shaft_k` of the checks) the
+    /// natural logarithm of its mean reading in local noise alone: the root-mean-square amplitude of noise in
+    /// as many bins as the feature sums, from the median of the bins between the neighbouring lines. Omitted
+    /// if there are too few such bins.
     ///
     /// A line is read at the highest peak within 1.5 bins, so in pure noise the value lies some tenths above
     /// this.
@@ -120,6 +120,13 @@ impl Features {
             self.background.insert(name.clone(), noise.max(floor).ln());
         }
         self.values.insert(name, amplitude.max(floor).ln());
+    }
+
+    /// Inserts the check of one line of the shaft: its `amplitude` and that of `noise` alone.
+    pub(super) fn insert_shaft_line(&mut self, order: usize, amplitude: f64, noise: f64, deviation: f64) {
+        let name = format!("ln_shaft_{order}");
+        self.background.insert(name.clone(), noise.max(AMPLITUDE_FLOOR * deviation).ln());
+        self.insert_check(name, amplitude, deviation);
     }
 
     /// Inserts one value that wear hardly affects.

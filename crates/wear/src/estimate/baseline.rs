@@ -20,7 +20,7 @@ pub(super) struct HealthyFeature {
     pub(super) name: String,
     /// Value by record.
     pub(super) values: Vec<f32>,
-    /// Mean logarithm of the noise amplitude beside it, for a line.
+    /// Mean logarithm of the noise amplitude beside it, for a line and for a check that is one.
     pub(super) background: Option<f64>,
 }
 
@@ -56,18 +56,18 @@ impl Baseline {
         let is_line = |name: &&String| {
             ["ln_mesh_", "ln_sideband_", "ln_env_"].iter().any(|kind| name.starts_with(kind))
         };
+        let background = |name: &String| -> Option<f64> {
+            let noise: Option<Vec<f64>> =
+                records.iter().map(|record| record.background.get(name).copied()).collect();
+            noise.map(|noise| noise.iter().sum::<f64>() / noise.len() as f64)
+        };
         let first = records.first();
         let lines = first.into_iter().flat_map(|record| record.values.keys().filter(is_line));
         let lines = lines.filter_map(|name| {
             let values: Option<Vec<f32>> =
                 records.iter().map(|record| Some(*record.values.get(name)? as f32)).collect();
-            let noise: Option<Vec<f64>> =
-                records.iter().map(|record| record.background.get(name).copied()).collect();
-            let feature = HealthyFeature {
-                name: name.clone(),
-                values: values?,
-                background: noise.map(|noise| noise.iter().sum::<f64>() / noise.len() as f64),
-            };
+            let feature =
+                HealthyFeature { name: name.clone(), values: values?, background: background(name) };
             let drowned =
                 feature.background.is_some_and(|noise| feature.mean() < noise + MIN_LINE_TO_BACKGROUND.ln());
             (!drowned).then_some(feature)
@@ -75,7 +75,7 @@ impl Baseline {
         let checks = first.into_iter().flat_map(|record| record.checks.keys()).filter_map(|name| {
             let values: Option<Vec<f32>> =
                 records.iter().map(|record| Some(*record.checks.get(name)? as f32)).collect();
-            Some(HealthyFeature { name: name.clone(), values: values?, background: None })
+            Some(HealthyFeature { name: name.clone(), values: values?, background: background(name) })
         });
         let kurtosis: Option<Vec<f32>> =
             records.iter().map(|record| Some(*record.values.get(KURTOSIS)? as f32)).collect();

@@ -48,6 +48,8 @@ struct Check {
     weights: Vec<f64>,
     /// Expected change by depth; one number without a library.
     change: Vec<f64>,
+    /// Mean height of a line above the noise beside it, as a logarithm.
+    height: Option<f64>,
 }
 
 /// Drift of the checks through wear so far: slow, and limited in proportion to the spread of the mesh lines.
@@ -113,9 +115,16 @@ fn max_drift_part(check: &str) -> f64 {
 ///
 /// A check of what the teeth repeat is 0 for noise alone, and negative where the noise differs between even
 /// and odd turns. Less of that noise is no sign of a tooth fault: such a check counts as grown from 0 on.
-fn residual(check: &str, value: f64, expected: f64) -> f64 {
+///
+/// A line of the shaft counts as grown only as far as it has `risen` above the noise beside it: wear adds noise
+/// there too.
+fn residual(check: &str, value: f64, expected: f64, risen: Option<f64>) -> f64 {
     let grown = value - expected;
-    if check.starts_with(REPEATED) && grown > 0.0 { grown.min(value.max(0.0)) } else { grown }
+    if grown <= 0.0 {
+        return grown;
+    }
+    let most = if check.starts_with(REPEATED) { Some(value) } else { risen };
+    most.map_or(grown, |most| grown.min(most.max(0.0)))
 }
 
 /// Number of turns that a tooth check averages.
@@ -158,6 +167,7 @@ impl HealthyChecks {
                 }
             };
             let (constant, weights) = kernels.fit(kernel, &values);
+            let height = feature.background.map(|background| feature.mean() - background);
             Check {
                 name: feature.name.clone(),
                 kernel,
@@ -165,6 +175,7 @@ impl HealthyChecks {
                 constant,
                 weights,
                 change,
+                height,
             }
         };
         let checks = baseline.checks.iter().map(fit).collect();
@@ -200,9 +211,11 @@ impl HealthyChecks {
             let (offset, drift_variance) = drift.of(&check.name);
             let wrong = CHECK_DISCREPANCY + CHECK_RELATIVE_DISCREPANCY * change.abs();
             let expected = check.constant + at.path(check.kernel, &check.weights) + change + offset;
+            let height = record.background.get(&check.name).map(|background| value - background);
+            let risen = height.zip(check.height).map(|(height, healthy)| height - healthy);
             Some(Deviation {
                 name: check.name.clone(),
-                residual: residual(&check.name, *value, expected),
+                residual: residual(&check.name, *value, expected, risen),
                 deviation: (wrong * wrong
                     + drift_variance
                     + check.variance * (scatter + at.variance(check.kernel)))
@@ -256,9 +269,17 @@ mod tests {
 
     #[test]
     fn less_noise_between_turns_is_no_tooth_fault() {
-        let of = |value, expected| residual("ln_tooth_repeated_8", value, expected);
+        let of = |value, expected| residual("ln_tooth_repeated_8", value, expected, None);
         assert_eq!((of(0.0, -0.6), of(-0.2, -0.6)), (0.0, 0.0));
         assert_eq!((of(0.5, -0.6), of(0.5, 0.25), of(-0.6, -0.25)), (0.5, 0.25, -0.35));
-        assert_eq!(residual("ln_floor_500hz", -2.0, -3.0), 1.0);
+        assert_eq!(residual("ln_floor_500hz", -2.0, -3.0, None), 1.0);
+    }
+
+    #[test]
+    fn a_line_of_the_shaft_grows_above_the_noise_beside_it() {
+        let of = |value, risen| residual("ln_shaft_2", value, 1.0, risen);
+        assert_eq!((of(2.0, Some(0.1)), of(2.0, Some(-0.2))), (0.1, 0.0), "noise has grown");
+        assert_eq!((of(2.0, Some(1.5)), of(2.0, None)), (1.0, 1.0), "the line has grown");
+        assert_eq!(of(0.5, Some(0.8)), -0.5, "noise has fallen more than the line");
     }
 }

@@ -1,0 +1,158 @@
+//! Streams over MQTT: every acknowledged sample is stored once, by its index.
+
+use flankwatch::recording::{BlockEncoding, encode_block};
+use flankwatch::signal::{OperatingPoint, Record};
+use jiff::{SignedDuration, Timestamp};
+use serde_json::{Value, json};
+
+use crate::broker::{Broker, LONGEST, Listener, Sender, unique};
+use crate::mqtt::{feed, wait_for_outcome};
+use crate::running::{Service, plain_asset};
+
+const RATE_HZ: u64 = 1000;
+const BLOCK: u64 = 100;
+
+/// Starts a service on its own database, as a shared one has no streams; all samples become records of 2 s.
+fn service() -> Service {
+    let service = Service::start_with(|config| config.store = None);
+    let mut asset = plain_asset("pump");
+    asset["stream"] = json!({ "record_s": 2.0, "interval_s": 2.0 });
+    service.post_json("/v1/assets", &asset).expect(201);
+    service
+}
+
+fn value(index: u64) -> f32 {
+    (index.wrapping_mul(2_654_435_761) % 10_007) as f32 / 100.0
+}
+
+fn time_of(index: u64) -> Timestamp {
+    let start: Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
+    start + SignedDuration::from_millis((index * 1000 / RATE_HZ) as i64)
+}
+
+/// The block from an index on, with another time or rate where the test wants one.
+fn block(first: u64, at: Timestamp, rate_hz: f64) -> Vec<u8> {
+    let samples = (first..first + BLOCK).map(value).collect();
+    let point = OperatingPoint { shaft_speed_hz: Some(12.5), ..OperatingPoint::default() };
+    let record = Record::new("1", at, rate_hz, "m/s2", samples).unwrap();
+    let record = record.with_operating_point(point).unwrap();
+    // Field 3, the index, as a varint.
+    let mut bytes = [encode_block(&record, BlockEncoding::Protobuf), vec![3 << 3]].concat();
+    let mut rest = first;
+    while rest >= 0x80 {
+        bytes.push(rest as u8 | 0x80);
+        rest >>= 7;
+    }
+    bytes.push(rest as u8);
+    bytes
+}
+
+fn json_block(first: u64) -> Vec<u8> {
+    let samples: Vec<f32> = (first..first + BLOCK).map(value).collect();
+    let block = json!({
+        "start_time": time_of(first).to_string(), "sample_rate_hz": RATE_HZ, "unit": "m/s2",
+        "first_sample_index": first, "samples": samples, "operating_point": { "shaft_speed_hz": 12.5 },
+    });
+    block.to_string().into_bytes()
+}
+
+fn status(service: &Service) -> Value {
+    service.get("/v1/assets/pump/stream?name=in").expect(200).json()
+}
+
+#[test]
+#[ignore = "needs mosquitto"]
+fn blocks_become_a_stream_and_its_records() {
+    let broker = Broker::start();
+    let port = broker.port;
+    let service = service();
+    let (root, client) = (unique("stream"), unique("service"));
+    let settings = format!("client_id = \"{client}\"");
+    let first_feed = feed(&service, port, &root, &settings);
+    let topic = format!("{root}/pump/in/samples");
+    let mut sender = Sender::connect(port);
+    let mut sent = 0;
+    // 33 is lost; 10 and 11 are swapped, as are 24 and 25; some are sent twice.
+    let mut send = |n: u64| {
+        let first = n * BLOCK;
+        let bytes = if n % 3 == 0 { json_block(first) } else { block(first, time_of(first), RATE_HZ as f64) };
+        for _ in 0..1 + u64::from(n % 7 == 0) {
+            sender.send(&topic, &bytes);
+            sent += 1;
+        }
+    };
+    for n in (0..45).filter(|n| *n != 33) {
+        let swapped = match n {
+            10 | 24 => n + 1,
+            11 | 25 => n - 1,
+            _ => n,
+        };
+        send(swapped);
+    }
+    // The broker keeps what comes meanwhile.
+    service.run(first_feed.stop(LONGEST));
+    (45..60).for_each(&mut send);
+    let second_feed = feed(&service, port, &root, &settings);
+    (60..80).for_each(&mut send);
+    let stream = service.wait_for("/v1/assets/pump/stream?name=in", |stream| stream["next"] == 80 * BLOCK);
+    assert_eq!((&stream["gaps"], &stream["gap_samples"]), (&json!(1), &json!(BLOCK)), "{stream}");
+    wait_for_outcome(&service, "accepted", f64::from(sent));
+
+    // [0, 2000), then the rest of an interrupted record is left out: [3400, 5400), [5400, 7400).
+    let page = service
+        .wait_for("/v1/assets/pump/segments?limit=1000", |page| page["items"].as_array().unwrap().len() >= 3);
+    for record in page["items"].as_array().unwrap() {
+        let raw = service.get(&format!("/v1/segments/{}/raw", record["id"].as_str().unwrap())).expect(200);
+        let at: Timestamp = record["start_time"].as_str().unwrap().parse().unwrap();
+        let first = at.duration_since(time_of(0)).as_millis() as u64 * RATE_HZ / 1000;
+        let count = record["samples"].as_u64().unwrap();
+        let expected: Vec<u8> = (first..first + count).flat_map(|n| value(n).to_le_bytes()).collect();
+        assert!(count == 2 * RATE_HZ && raw.bytes == expected, "{first}: {record}");
+        assert_eq!((&record["channel"], &record["unit"]), (&json!("in"), &json!("m/s2")));
+        assert_eq!(record["operating_point"]["shaft_speed_hz"], 12.5);
+    }
+    service.run(second_feed.stop(LONGEST));
+    let open = status(&service);
+    assert_eq!(open["next"], 80 * BLOCK);
+}
+
+#[test]
+#[ignore = "needs mosquitto"]
+fn invalid_blocks_are_rejected_with_the_reason() {
+    let broker = Broker::start();
+    let port = broker.port;
+    let service = service();
+    let root = unique("blocks");
+    let listener = Listener::connect(port, &format!("{root}/+/+/rejected"));
+    let feed = feed(&service, port, &root, "");
+    let mut sender = Sender::connect(port);
+    let mut send = |asset: &str, point: &str, payload: &[u8]| {
+        sender.send(&format!("{root}/{asset}/{point}/samples"), payload);
+    };
+    let rate_hz = RATE_HZ as f64;
+    send("pump", "in", &block(0, time_of(0), rate_hz));
+    service.wait_for("/v1/assets/pump/streams", |streams| streams["items"][0]["next"] == BLOCK);
+    let restarted = time_of(0) + SignedDuration::from_secs(60);
+    let mut timeless: Value = serde_json::from_slice(&json_block(BLOCK)).unwrap();
+    timeless.as_object_mut().unwrap().remove("start_time");
+    let cases = [
+        ("nobody", "in", block(BLOCK, time_of(BLOCK), rate_hz), 404, "nobody"),
+        ("pump", "in", block(0, restarted, rate_hz), 409, "first_sample_index is 0, expected at least 100"),
+        ("pump", "in", block(BLOCK, time_of(BLOCK), 2000.0), 409, "format"),
+        ("pump", "in", timeless.to_string().into_bytes(), 422, "start_time is missing"),
+        ("pump", "in", vec![0xff; 50], 422, "not a WaveformBlock in protobuf"),
+        ("pump", "input shaft", block(0, time_of(0), rate_hz), 422, "name is"),
+    ];
+    for (n, (asset, point, payload, status, words)) in cases.iter().enumerate() {
+        send(asset, point, payload);
+        // One by one, as streams reject at their own pace.
+        let (topic, problem) = listener.wait_for(n + 1).pop().unwrap();
+        assert_eq!(topic, format!("{root}/{asset}/{point}/rejected"));
+        assert_eq!(problem["status"], *status, "{problem}");
+        assert!(problem["detail"].as_str().unwrap().contains(words), "{words}: {problem}");
+    }
+    // They do not disturb the stream.
+    send("pump", "in", &block(BLOCK, time_of(BLOCK), rate_hz));
+    service.wait_for("/v1/assets/pump/stream?name=in", |stream| stream["next"] == 2 * BLOCK);
+    service.run(feed.stop(LONGEST));
+}
