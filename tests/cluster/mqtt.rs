@@ -75,7 +75,7 @@ fn outcome(service: &Service, outcome: &str) -> f64 {
 
 /// Waits until `count` messages have an outcome.
 #[track_caller]
-pub(crate) fn wait_for_outcome(service: &Service, what: &str, count: f64) {
+fn wait_for_outcome(service: &Service, what: &str, count: f64) {
     let began = std::time::Instant::now();
     while outcome(service, what) < count {
         assert!(began.elapsed() < LONGEST, "{} of {count} {what}", outcome(service, what));
