@@ -73,7 +73,7 @@ struct Block {
 
 impl Block {
     fn end(&self) -> u64 {
-        self.first + self.record.samples().len() as u64
+        self.first.saturating_add(self.record.samples().len() as u64)
     }
 
     fn end_time(&self) -> Timestamp {

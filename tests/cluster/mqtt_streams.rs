@@ -146,7 +146,10 @@ fn invalid_blocks_are_rejected_with_the_reason() {
     let restarted = time_of(0) + SignedDuration::from_secs(60);
     let mut timeless: Value = serde_json::from_slice(&json_block(BLOCK)).unwrap();
     timeless.as_object_mut().unwrap().remove("start_time");
+    let mut far: Value = serde_json::from_slice(&json_block(BLOCK)).unwrap();
+    far["first_sample_index"] = json!(u64::MAX);
     let cases = [
+        ("pump", "in", far.to_string().into_bytes(), 422, "first index"),
         ("nobody", "in", block(BLOCK, time_of(BLOCK), rate_hz), 404, "nobody"),
         ("pump", "in", block(0, restarted, rate_hz), 409, "first_sample_index is 0, expected at least 100"),
         ("pump", "in", block(BLOCK, time_of(BLOCK), 2000.0), 409, "format"),
