@@ -7,9 +7,9 @@ use flankwatch::asset::AssetSpec;
 use flankwatch::estimate::MaintenanceEvent;
 use flankwatch::gear::PairSpec;
 use flankwatch::recording::{
-    BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, FlacBlocks, Format, McapReader, NpyBlocks,
-    RawLayout, RawSample, RecordDefaults, WavBlocks, decode_block, decode_csv, decode_mat, decode_raw,
-    decode_wav,
+    BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, FlacFrames, Format, Frames, McapReader, NpyFrames,
+    RawLayout, RawSample, RecordBlocks, RecordDefaults, RecordingError, WavFrames, decode_block, decode_csv,
+    decode_mat, decode_raw, decode_wav,
 };
 use flankwatch::service::ReplayRequest;
 use flankwatch::signal::Record;
@@ -41,11 +41,14 @@ pub fn wav(bytes: &[u8]) {
     for record in decode_wav(bytes, &defaults).into_iter().flatten() {
         check(&record);
     }
-    let cut = Some(Cut::Samples(16));
-    if let Ok(blocks) = WavBlocks::new(Cursor::new(bytes), bytes.len() as u64, &defaults, cut) {
-        for record in blocks.take(MAX_ITEMS).flatten() {
-            check(&record);
-        }
+    check_cut(WavFrames::new(bytes, bytes.len() as u64), &defaults);
+}
+
+/// Reads a recording cut into short records.
+fn check_cut<F: Frames>(frames: Result<F, RecordingError>, defaults: &RecordDefaults) {
+    let blocks = frames.and_then(|frames| RecordBlocks::new(frames, defaults, Some(Cut::Samples(16))));
+    for record in blocks.into_iter().flatten().take(MAX_ITEMS).flatten() {
+        check(&record);
     }
 }
 
@@ -67,21 +70,13 @@ pub fn mat(bytes: &[u8]) {
 
 /// A FLAC recording, cut into short records.
 pub fn flac(bytes: &[u8]) {
-    if let Ok(blocks) = FlacBlocks::new(bytes, &RecordDefaults::default(), Some(Cut::Samples(16))) {
-        for record in blocks.take(MAX_ITEMS).flatten() {
-            check(&record);
-        }
-    }
+    check_cut(FlacFrames::new(bytes), &RecordDefaults::default());
 }
 
 /// A NumPy array, cut into short records.
 pub fn npy(bytes: &[u8]) {
     let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
-    if let Ok(blocks) = NpyBlocks::new(bytes, &defaults, Some(Cut::Samples(16))) {
-        for record in blocks.take(MAX_ITEMS).flatten() {
-            check(&record);
-        }
-    }
+    check_cut(NpyFrames::new(bytes), &defaults);
 }
 
 /// A CSV file.

@@ -1,4 +1,4 @@
-//! `flankwatch convert`: converts CSV or WAV recordings to MCAP or WAV.
+//! `flankwatch convert`: converts recordings to MCAP or WAV.
 
 mod source;
 
@@ -7,12 +7,15 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use thiserror::Error;
 
+use super::CliError;
+use super::recording_files::recording_files;
+use super::recording_values::RecordingValues;
 use crate::asset::{AssetError, AssetId};
 use crate::recording::{
-    Cut, CutPlan, Cutter, McapOptions, McapWriter, RecordDefaults, RecordingError, WavWriter,
+    Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, WavWriter,
 };
 use crate::signal::OperatingPoint;
 use source::Source;
@@ -20,16 +23,16 @@ use source::Source;
 /// Arguments of `flankwatch convert`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ConvertArgs {
-    /// Recording to read: CSV (one channel per column) or WAV
-    #[arg(value_name = "IN")]
-    pub input: PathBuf,
+    /// Recordings to read: WAV, FLAC, CSV (may be .csv.gz), MATLAB v5 or NumPy files, folders or patterns
+    #[arg(value_name = "IN", required = true)]
+    pub inputs: Vec<PathBuf>,
     /// File to write: .mcap, or .wav with 32-bit floating-point samples
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
-    /// Sampling rate in Hz; required for CSV without one, overrides that of a WAV header
+    /// Sampling rate in Hz; required where a recording has none, overrides that of a WAV or FLAC header
     #[arg(long, value_name = "HZ")]
     pub rate: Option<f64>,
-    /// Unit of the samples, such as m/s2 or g; required for CSV columns without one
+    /// Unit of the samples, such as m/s2 or g; required for MCAP where the recording does not state it
     #[arg(long)]
     pub unit: Option<String>,
     /// Asset that the recording belongs to: the first part of its MCAP topics
@@ -38,7 +41,9 @@ pub(super) struct ConvertArgs {
     /// Channels to convert, in this order, by header name or number from 1 [default: all]
     #[arg(long, value_delimiter = ',', value_name = "A,B")]
     pub channels: Vec<String>,
-    /// Time of the first sample (RFC 3339), for recordings without one
+    /// Time of the first sample (RFC 3339) of recordings without one; several follow one another
+    ///
+    /// A time of day in a recording counts from this time on.
     #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
     pub start_time: Timestamp,
     /// Rotational frequency of the driving shaft in Hz
@@ -52,6 +57,8 @@ pub(super) struct ConvertArgs {
     /// A remainder below half a record is dropped.
     #[arg(long, value_name = "S")]
     pub record_seconds: Option<f64>,
+    #[command(flatten)]
+    values: RecordingValues,
     /// Replace OUT if it exists
     #[arg(long)]
     pub force: bool,
@@ -68,8 +75,11 @@ pub enum ConvertError {
         /// Value of the argument.
         value: String,
         /// Description of a valid value.
-        expected: &'static str,
+        expected: String,
     },
+    /// A name, a pattern or an option that other commands have too is invalid.
+    #[error(transparent)]
+    Files(#[from] Box<CliError>),
     /// The asset identifier is invalid.
     #[error("--asset: {0}")]
     Asset(#[from] AssetError),
@@ -94,18 +104,18 @@ pub enum ConvertError {
     },
 }
 
-/// Converts one recording, in bounded memory. The output appears under its name only when it is complete.
+/// Converts recordings, in bounded memory. The output appears under its name only when it is complete.
 pub(super) fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
     let target = Target::of(&args.output)?;
     if args.output.exists() && !args.force {
         return Err(ConvertError::Exists(args.output.clone()));
     }
     let asset = AssetId::new(args.asset.as_str())?;
-    let mut source = Source::open(args)?;
+    let inputs = recording_files(&args.inputs).map_err(Box::new)?;
     let partial = Partial::create(&args.output)?;
     let written = match target {
-        Target::Mcap => write_mcap(args, &asset, &mut source, &partial.file),
-        Target::Wav => write_wav(args, &mut source, &partial.file),
+        Target::Mcap => write_mcap(args, &asset, &inputs, &partial.file),
+        Target::Wav => write_wav(args, &inputs, &partial.file),
     }?;
     partial.complete(&args.output)?;
     eprintln!("{}: {written}", args.output.display());
@@ -130,19 +140,16 @@ impl Target {
     }
 }
 
-/// Writes one message per record and channel; returns a summary.
-fn write_mcap(
+/// Returns the values that a recording may lack; it begins at `start_time`.
+fn defaults_of(
     args: &ConvertArgs,
-    asset: &AssetId,
-    source: &mut Source,
-    file: &File,
-) -> Result<String, ConvertError> {
-    let input = |source: RecordingError| ConvertError::Input { path: args.input.clone(), source };
-    let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
-    let defaults = RecordDefaults {
-        start_time: source.start_time.unwrap_or(args.start_time),
+    path: &Path,
+    start_time: Timestamp,
+) -> Result<RecordDefaults, ConvertError> {
+    let mut defaults = RecordDefaults {
+        start_time,
+        sample_rate_hz: args.rate,
         unit: args.unit.clone(),
-        channel_units: source.channel_units.clone(),
         operating_point: OperatingPoint {
             shaft_speed_hz: args.shaft_speed_hz,
             torque_nm: args.torque_nm,
@@ -150,49 +157,77 @@ fn write_mcap(
         },
         ..RecordDefaults::default()
     };
-    let cut = args.record_seconds.map(Cut::Seconds);
-    let plan = CutPlan::new(cut, source.frames_at_most, source.sample_rate_hz, source.channels.len())
-        .map_err(input)?;
-    let mut cutter = Cutter::new(source.channels.clone(), source.sample_rate_hz, &defaults, plan);
+    args.values.apply(path, &mut defaults).map_err(Box::new)?;
+    Ok(defaults)
+}
+
+/// Writes one message per record and channel; returns a summary.
+fn write_mcap(
+    args: &ConvertArgs,
+    asset: &AssetId,
+    inputs: &[PathBuf],
+    file: &File,
+) -> Result<String, ConvertError> {
+    let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
     let mut writer = McapWriter::new(BufWriter::new(file), McapOptions::default()).map_err(output)?;
-    let mut frame = vec![0.0; source.channels.len()];
-    let mut records = 0_u64;
-    loop {
-        let more = source.next_frame(&mut frame).map_err(input)?;
-        if more && !cutter.push(&frame) {
-            continue;
+    let mut next_start = args.start_time;
+    let (mut records, mut channels, mut cut_seconds) = (0_u64, Vec::<String>::new(), None);
+    for path in inputs {
+        let input = |source: RecordingError| ConvertError::Input { path: path.clone(), source };
+        let defaults = defaults_of(args, path, next_start)?;
+        let source = Source::open(path, args, &defaults)?;
+        if let Some(channel) = source.channel_without_unit().filter(|_| defaults.unit.is_none()) {
+            let expected =
+                format!("the samples' unit, such as m/s2: {path:?} does not give that of {channel:?}");
+            return Err(argument("--unit", "missing", expected));
         }
-        for record in cutter.take() {
+        for channel in source.channels() {
+            if !channels.contains(channel) {
+                channels.push(channel.clone());
+            }
+        }
+        let blocks =
+            RecordBlocks::new(source, &defaults, args.record_seconds.map(Cut::Seconds)).map_err(input)?;
+        cut_seconds = cut_seconds.or(blocks.default_cut_seconds());
+        for record in blocks {
             let record = record.map_err(input)?;
             let topic = format!("/{asset}/{}/waveform", record.channel());
             writer.write(&topic, &record).map_err(output)?;
             records += 1;
-        }
-        if !more {
-            break;
+            let length = SignedDuration::from_secs_f64(record.duration_s());
+            next_start = next_start.max(record.start_time().saturating_add(length).unwrap_or(next_start));
         }
     }
     let mut inner = writer.finish().map_err(output)?;
     inner.flush().map_err(|error| output(error.into()))?;
-    let note = plan
-        .default_seconds
+    let note = cut_seconds
         .map_or(String::new(), |seconds| format!(" of {seconds} s (change with --record-seconds)"));
-    Ok(format!("{records} records{note}, channels {}", source.channels.join(", ")))
+    Ok(format!("{records} records{note}, channels {}", channels.join(", ")))
 }
 
-/// Writes the selected channels, interleaved; returns a summary.
-fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<String, ConvertError> {
+/// Writes the selected channels of one recording, interleaved; returns a summary.
+fn write_wav(args: &ConvertArgs, inputs: &[PathBuf], file: &File) -> Result<String, ConvertError> {
+    let [path] = inputs else {
+        let expected = "a name that ends in .mcap for several recordings: a WAV has one".to_owned();
+        return Err(argument("OUT", args.output.display(), expected));
+    };
     let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
-    let input = |source: RecordingError| ConvertError::Input { path: args.input.clone(), source };
+    let input = |source: RecordingError| ConvertError::Input { path: path.clone(), source };
+    let defaults = defaults_of(args, path, args.start_time)?;
+    let mut source = Source::open(path, args, &defaults)?;
+    let channels = source.channels().to_vec();
     let mut writer =
-        WavWriter::new(BufWriter::new(file), source.channels.len(), source.sample_rate_hz).map_err(output)?;
-    let mut frame = vec![0.0; source.channels.len()];
+        WavWriter::new(BufWriter::new(file), channels.len(), source.sample_rate_hz()).map_err(output)?;
+    let mut frame = vec![0.0; channels.len()];
     let mut frames = 0_u64;
     while source.next_frame(&mut frame).map_err(input)? {
+        if let Some(scale) = defaults.scale {
+            frame.iter_mut().for_each(|sample| *sample = (f64::from(*sample) * scale) as f32);
+        }
         if let Some(k) = frame.iter().position(|sample| !sample.is_finite()) {
             return Err(input(RecordingError::field(
                 "a sample",
-                format!("{} (channel {:?}, sample {frames})", frame[k], source.channels[k]),
+                format!("{} (channel {:?}, sample {frames})", frame[k], channels[k]),
                 "a finite number",
             )));
         }
@@ -203,7 +238,7 @@ fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<Str
         return Err(input(RecordingError::field("the number of samples", 0, "at least 1")));
     }
     writer.finish().map_err(output)?;
-    Ok(format!("{frames} samples, channels {}", source.channels.join(", ")))
+    Ok(format!("{frames} samples, channels {}", channels.join(", ")))
 }
 
 /// The output under a temporary name in the same folder; removed on drop unless it is completed.
@@ -248,8 +283,8 @@ fn failed(path: &Path, error: std::io::Error) -> ConvertError {
     ConvertError::Output { path: path.to_owned(), source: error.into() }
 }
 
-fn argument(argument: &'static str, value: impl ToString, expected: &'static str) -> ConvertError {
-    ConvertError::Argument { argument, value: value.to_string(), expected }
+fn argument(argument: &'static str, value: impl ToString, expected: impl Into<String>) -> ConvertError {
+    ConvertError::Argument { argument, value: value.to_string(), expected: expected.into() }
 }
 
 #[cfg(test)]

@@ -139,8 +139,8 @@ impl Sender {
         let before = bar.position();
         while let Some(recorded) = file.next() {
             let recorded = recorded.map_err(CliError::recording(path))?;
-            let end = recorded.record.start_time()
-                + jiff::SignedDuration::from_secs_f64(recorded.record.duration_s());
+            let length = jiff::SignedDuration::from_secs_f64(recorded.record.duration_s());
+            let end = recorded.record.start_time().saturating_add(length).unwrap_or(*next_start);
             *next_start = (*next_start).max(end);
             self.wait_until_due(recorded.record.start_time());
             self.send(&recorded)?;

@@ -1,9 +1,8 @@
 //! A real bearing's run to failure (Nectoux et al. 2012): indicators, envelope and kurtogram of every record.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 
-use flankwatch::recording::{Cut, RecordDefaults, WavBlocks};
+use flankwatch::recording::{Cut, FileFrames, RecordBlocks, RecordDefaults};
 use flankwatch::signal::{
     AnalysisSettings, Analyzer, BandSource, Bearing, BearingLine, BearingOrders, BearingSettings,
     ConditionSettings, EnvelopeSearch, MeshContext,
@@ -23,12 +22,11 @@ fn median(values: &[f64]) -> f64 {
     sorted[sorted.len() / 2]
 }
 
-fn records() -> WavBlocks<File> {
+fn records() -> RecordBlocks<FileFrames> {
     let folder = recordings("bearing-femto-1_1");
     let path = folder.join("horizontal-2803x2560-25600Hz.wav");
-    let bytes = path.metadata().unwrap().len();
     let defaults = RecordDefaults { unit: Some("g".to_owned()), ..RecordDefaults::default() };
-    WavBlocks::new(File::open(&path).unwrap(), bytes, &defaults, Some(Cut::Samples(2560))).unwrap()
+    RecordBlocks::new(FileFrames::open(path, &[]).unwrap(), &defaults, Some(Cut::Samples(2560))).unwrap()
 }
 
 #[test]

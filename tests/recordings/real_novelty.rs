@@ -11,7 +11,7 @@ use flankwatch::estimate::{
 };
 use flankwatch::gear::PairSpec;
 use flankwatch::library::{BuildControl, Ensemble, GridSettings, build};
-use flankwatch::recording::{Cut, RecordDefaults, WavBlocks};
+use flankwatch::recording::{Cut, FileFrames, RecordBlocks, RecordDefaults};
 use flankwatch::signal::{AnalysisSettings, Analyzer, Features, MeshContext, OtherMeshes, Record};
 use flate2::read::GzDecoder;
 use jiff::{SignedDuration, Timestamp};
@@ -71,10 +71,10 @@ fn estimate(
 }
 
 fn bearing_records(path: &Path) -> Vec<Record> {
-    let bytes = path.metadata().unwrap().len();
     let defaults = RecordDefaults { unit: Some("g".to_owned()), ..RecordDefaults::default() };
-    let records =
-        WavBlocks::new(File::open(path).unwrap(), bytes, &defaults, Some(Cut::Samples(2560))).unwrap();
+    let records = FileFrames::open(path, &[])
+        .and_then(|frames| RecordBlocks::new(frames, &defaults, Some(Cut::Samples(2560))))
+        .unwrap();
     records.map(Result::unwrap).collect()
 }
 

@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use flankwatch::recording::{RecordDefaults, WavBlocks, WavWriter};
+use flankwatch::recording::{RecordDefaults, RecordingFile, WavWriter};
 use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
 use flankwatch_test_support::recordings;
 use jiff::Timestamp;
@@ -96,10 +96,8 @@ fn the_interval_covers_the_truth_on_another_simulators_runs() {
 /// Returns record `n` of a run, resampled as if the machine had run faster by a factor.
 fn turned_faster(run: &str, n: usize, factor: f64) -> Record {
     let path = packed(run).join(format!("rec_{n:04}.wav"));
-    let bytes = path.metadata().unwrap().len();
-    let defaults = RecordDefaults { unit: Some("m/s2".to_owned()), ..RecordDefaults::default() };
-    let mut records = WavBlocks::new(File::open(path).unwrap(), bytes, &defaults, None).unwrap();
-    let record = records.next().unwrap().unwrap();
+    let mut records = RecordingFile::open(path, RecordDefaults::default(), None).unwrap();
+    let record = records.next().unwrap().unwrap().record;
     let rate_hz = factor * record.sample_rate_hz();
     Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, "m/s2", record.samples().to_vec()).unwrap()
 }

@@ -9,6 +9,7 @@ use super::csv_field::{Decimals, Moment, text};
 use super::csv_head::{BEGINNING_BYTES, Column, Head};
 use super::csv_layout::CsvLayout;
 use super::csv_preview::ColumnRole;
+use super::csv_time::Clock;
 use super::error::shortened;
 
 /// Longest line in bytes: a file without line ends must not exhaust memory.
@@ -109,9 +110,9 @@ impl<R: Read> CsvFrames<R> {
         self.head.stated_rate_hz
     }
 
-    /// Returns whether the file provides a sampling rate: in a line before the header, or by a time column.
-    pub fn has_rate(&self) -> bool {
-        self.head.stated_rate_hz.is_some() || self.head.clock.is_some()
+    /// Returns whether the file has times of day.
+    pub(super) fn shows_time_of_day(&self) -> bool {
+        self.head.clock.is_some_and(Clock::shows_time_of_day)
     }
 
     /// Returns all columns with their roles.

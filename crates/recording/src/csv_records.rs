@@ -2,9 +2,9 @@
 
 use std::io::Read;
 
-use super::block::check_sample_count;
-use super::cut::{Blocks, Frames};
-use super::{CsvFrames, CsvLayout, CsvTiming, Cut, CutPlan, Cutter, RecordDefaults, RecordingError};
+use super::{
+    CsvFrames, CsvLayout, CsvTiming, Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError,
+};
 use flankwatch_signal::Record;
 
 /// Reads a CSV file, whose columns are given by `layout`, as one record per channel.
@@ -24,70 +24,55 @@ pub fn decode_csv(
         ..defaults.clone()
     };
     let timing = CsvTiming::scan(CsvFrames::with_layout(bytes, layout)?)?;
-    check_sample_count("1", usize::try_from(timing.frames).unwrap_or(usize::MAX))?;
-    let plan = CutPlan {
-        frames: usize::try_from(timing.frames).unwrap_or(usize::MAX).max(1),
-        default_seconds: None,
-    };
-    CsvBlocks::with_plan(CsvFrames::with_layout(bytes, layout)?, &timing, defaults, plan)?.collect()
+    let frames = TimedCsvFrames::new(CsvFrames::with_layout(bytes, layout)?, timing);
+    RecordBlocks::whole(frames, defaults)?.collect()
 }
 
-/// Reads a CSV file of any length as consecutive records: all channels of one block, then those of the next.
-pub struct CsvBlocks<R> {
-    blocks: Blocks<CsvFrames<R>>,
+/// The frames of a CSV file whose timing is known.
+pub struct TimedCsvFrames<R> {
+    frames: CsvFrames<R>,
+    timing: CsvTiming,
+    follows_start_time: bool,
 }
 
-impl<R: Read> Frames for CsvFrames<R> {
+impl<R: Read> TimedCsvFrames<R> {
+    /// Joins the frames of a file with its timing.
+    pub fn new(frames: CsvFrames<R>, timing: CsvTiming) -> Self {
+        Self { frames, timing, follows_start_time: false }
+    }
+
+    /// Places a time of day in the file at its first occurrence from the start time of the defaults on.
+    /// Without this call, the defaults alone give the start time of a file without dates.
+    #[must_use]
+    pub fn following_start_time(self) -> Self {
+        Self { follows_start_time: true, ..self }
+    }
+}
+
+impl<R: Read> Frames for TimedCsvFrames<R> {
+    fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
+        let own = self.frames.channels();
+        let channels = defaults.names_or(own.to_vec());
+        let units = channels.iter().zip(self.frames.units());
+        let by_time_of_day = || self.timing.start_time_from(defaults.start_time);
+        let start_time = match self.timing.start_time {
+            Some(time) => time,
+            None if self.follows_start_time => by_time_of_day().unwrap_or(defaults.start_time),
+            None => defaults.start_time,
+        };
+        Ok(FramesInfo {
+            channel_units: units
+                .filter_map(|(channel, unit)| Some((channel.clone(), (*unit)?.to_owned())))
+                .collect(),
+            channels,
+            sample_rate_hz: self.timing.sample_rate_hz(defaults.sample_rate_hz)?,
+            start_time,
+            frames_at_most: self.timing.frames,
+        })
+    }
+
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
-        Self::next_frame(self, frame)
-    }
-}
-
-impl<R: Read> CsvBlocks<R> {
-    /// Creates a reader of the records of a file whose timing is known.
-    pub fn new(
-        frames: CsvFrames<R>,
-        timing: &CsvTiming,
-        defaults: &RecordDefaults,
-        cut: Option<Cut>,
-    ) -> Result<Self, RecordingError> {
-        let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
-        let plan = CutPlan::new(cut, timing.frames, rate_hz, frames.channels().len())?;
-        Self::with_plan(frames, timing, defaults, plan)
-    }
-
-    fn with_plan(
-        frames: CsvFrames<R>,
-        timing: &CsvTiming,
-        defaults: &RecordDefaults,
-        plan: CutPlan,
-    ) -> Result<Self, RecordingError> {
-        let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
-        let channels = frames.channels();
-        let names = defaults.names_or(channels.to_vec());
-        let mut completed = defaults.clone();
-        completed.start_time = timing.start_time.unwrap_or(defaults.start_time);
-        for (name, unit) in names.iter().zip(frames.units()) {
-            if let Some(unit) = unit {
-                completed.channel_units.insert(name.clone(), (*unit).to_owned());
-            }
-        }
-        let channels = channels.len();
-        let cutter = Cutter::new(names, rate_hz, &completed, plan);
-        Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
-    }
-
-    /// Returns the length of the records in seconds if a long recording is cut by default.
-    pub fn default_cut_seconds(&self) -> Option<f64> {
-        self.blocks.default_cut_seconds()
-    }
-}
-
-impl<R: Read> Iterator for CsvBlocks<R> {
-    type Item = Result<Record, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.blocks.next()
+        self.frames.next_frame(frame)
     }
 }
 

@@ -13,6 +13,10 @@ const RATE_TOLERANCE: f64 = 1e-3;
 /// Above this number of seconds, a time counts from 1970: no recording is that long.
 const SINCE_1970_S: f64 = 1e8;
 
+/// Nanoseconds in a second and in a day.
+const SECOND_NS: i128 = 1_000_000_000;
+const DAY_NS: i128 = 86_400 * SECOND_NS;
+
 /// Location and representation of the time in a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Clock {
@@ -36,6 +40,11 @@ impl Clock {
             Self::Seconds { column, .. } | Self::Moment(column) => column == at,
             Self::Parts => at < 4,
         }
+    }
+
+    /// Returns whether times without a date are times of day, not seconds since the start.
+    pub(super) fn shows_time_of_day(self) -> bool {
+        !matches!(self, Self::Seconds { .. })
     }
 
     /// Reads the time in nanoseconds.
@@ -90,6 +99,8 @@ pub struct CsvTiming {
     pub stated_rate_hz: Option<f64>,
     /// Time of the first sample, if a column contains dates.
     pub start_time: Option<Timestamp>,
+    /// Time of day of the first sample in nanoseconds, if a column contains times of day without dates.
+    time_of_day_ns: Option<i64>,
     /// Relative uncertainty of the rate from the time columns.
     uncertainty: f64,
 }
@@ -132,6 +143,7 @@ impl CsvTiming {
         let mut first = None;
         let mut count = 0_u64;
         let mut ramp = Ramp::default();
+        let shows_time_of_day = frames.shows_time_of_day();
         while frames.next_frame(&mut frame)? {
             count += 1;
             ramp.add(frame.first().copied().unwrap_or_default());
@@ -143,9 +155,10 @@ impl CsvTiming {
         if frames.may_be_unnamed_time() && ramp.is_even() {
             return Err(frames.unnamed_time());
         }
-        let start_time = match first {
-            Some(Moment::Since1970(ns)) => Timestamp::from_nanosecond(i128::from(ns)).ok(),
-            _ => None,
+        let (start_time, since_midnight_ns) = match first {
+            Some(Moment::Since1970(ns)) => (Timestamp::from_nanosecond(i128::from(ns)).ok(), None),
+            Some(Moment::SinceMidnight(ns)) => (None, Some(ns)),
+            None => (None, None),
         };
         let (clock_rate_hz, uncertainty) =
             steps.rate_hz()?.map_or((None, 0.0), |(rate, uncertainty)| (Some(rate), uncertainty));
@@ -154,8 +167,19 @@ impl CsvTiming {
             clock_rate_hz,
             stated_rate_hz: frames.stated_rate_hz(),
             start_time,
+            // Times from zero count from the start of the recording.
+            time_of_day_ns: since_midnight_ns.filter(|ns| shows_time_of_day && *ns != 0),
             uncertainty,
         })
+    }
+
+    /// Returns the first time from `earliest` on that has the time of day (UTC) of the first sample; `None`
+    /// without times of day. It may be up to a second before `earliest`, which is the computed end of another
+    /// recording.
+    pub(super) fn start_time_from(&self, earliest: Timestamp) -> Option<Timestamp> {
+        let earliest_ns = earliest.as_nanosecond() - SECOND_NS;
+        let wait_ns = (i128::from(self.time_of_day_ns?) - earliest_ns).rem_euclid(DAY_NS);
+        Timestamp::from_nanosecond(earliest_ns + wait_ns).ok()
     }
 
     /// Returns the sampling rate in hertz: the given one, else that of a line before the header, else that of

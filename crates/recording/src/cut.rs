@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::{RecordDefaults, RecordingError};
+use super::block::check_sample_count;
+use super::{Frames, FramesInfo, RecordDefaults, RecordingError};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
 
 /// Longest recording that becomes one record per channel by default, in seconds and in samples per channel.
@@ -30,11 +31,11 @@ pub enum Cut {
 
 /// Plan for cutting a recording into records.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CutPlan {
+struct CutPlan {
     /// Samples per channel in a record.
-    pub frames: usize,
+    frames: usize,
     /// Length of the records in seconds if the recording is cut by default.
-    pub default_seconds: Option<f64>,
+    default_seconds: Option<f64>,
 }
 
 impl CutPlan {
@@ -42,7 +43,7 @@ impl CutPlan {
     ///
     /// # Errors
     /// The sampling rate is not positive, or the records have no samples or too many.
-    pub fn new(
+    fn new(
         cut: Option<Cut>,
         total_frames: u64,
         sample_rate_hz: f64,
@@ -77,9 +78,9 @@ impl CutPlan {
     }
 }
 
-/// Collects frames (one sample of every channel) into records.
+/// Collects frames into records.
 #[derive(Debug)]
-pub struct Cutter {
+struct Cutter {
     channels: Vec<String>,
     /// Units of the channels.
     units: Vec<String>,
@@ -95,13 +96,16 @@ pub struct Cutter {
 
 impl Cutter {
     /// Creates an empty cutter for records of `plan.frames` frames.
-    pub fn new(channels: Vec<String>, sample_rate_hz: f64, defaults: &RecordDefaults, plan: CutPlan) -> Self {
+    fn new(info: &FramesInfo, defaults: &RecordDefaults, plan: CutPlan) -> Self {
+        let unit = |channel: &String| {
+            info.channel_units.get(channel).map_or(defaults.unit_of(channel), String::as_str).to_owned()
+        };
         Self {
-            columns: vec![Vec::new(); channels.len()],
-            units: channels.iter().map(|channel| defaults.unit_of(channel).to_owned()).collect(),
-            channels,
-            sample_rate_hz,
-            start_time: defaults.start_time,
+            columns: vec![Vec::new(); info.channels.len()],
+            units: info.channels.iter().map(unit).collect(),
+            channels: info.channels.clone(),
+            sample_rate_hz: info.sample_rate_hz,
+            start_time: info.start_time,
             operating_point: defaults.operating_point,
             scale: defaults.scale,
             frames: plan.frames,
@@ -110,7 +114,7 @@ impl Cutter {
     }
 
     /// Adds one frame; returns true when the records are complete and must be taken.
-    pub fn push(&mut self, frame: &[f32]) -> bool {
+    fn push(&mut self, frame: &[f32]) -> bool {
         for (column, &sample) in self.columns.iter_mut().zip(frame) {
             column.push(match self.scale {
                 None => sample,
@@ -123,7 +127,7 @@ impl Cutter {
     /// Takes the collected frames as one record per channel. Returns nothing if there are none, except for an
     /// empty recording. A remainder of less than half a record is dropped if the recording was cut: its
     /// features would have another resolution than the others'.
-    pub fn take(&mut self) -> Vec<Result<Record, RecordingError>> {
+    fn take(&mut self) -> Vec<Result<Record, RecordingError>> {
         let frames = self.columns.first().map_or(0, Vec::len);
         if self.first_frame > 0 && 2 * frames < self.frames {
             self.columns.iter_mut().for_each(Vec::clear);
@@ -152,15 +156,12 @@ impl Cutter {
     }
 }
 
-/// A source of frames, each with one sample of every channel.
-pub(crate) trait Frames {
-    /// Reads the next frame; returns false at the end.
-    fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError>;
-}
-
-/// The records of a recording, block by block over all channels; one block is in memory at a time.
+/// The records of a recording that is read frame by frame: all channels of one block, then those of the next.
+///
+/// Only one block is in memory at a time. A block with an invalid sample is an error, and reading continues
+/// after it; a truncated or damaged recording is an error and the last item.
 #[derive(Debug)]
-pub(crate) struct Blocks<F> {
+pub struct RecordBlocks<F> {
     frames: F,
     cutter: Cutter,
     plan: CutPlan,
@@ -169,18 +170,45 @@ pub(crate) struct Blocks<F> {
     ended: bool,
 }
 
-impl<F: Frames> Blocks<F> {
-    pub(crate) fn new(frames: F, channels: usize, cutter: Cutter, plan: CutPlan) -> Self {
-        Self { frames, cutter, plan, frame: vec![0.0; channels], ready: VecDeque::new(), ended: false }
+impl<F: Frames> RecordBlocks<F> {
+    /// Cuts a recording into records.
+    ///
+    /// Without a cut, up to 2 minutes (and 4 194 304 samples) are one record per channel; longer recordings
+    /// are cut into records of 10 s.
+    ///
+    /// # Errors
+    /// Those of [`Frames::info`]; an invalid cut.
+    pub fn new(frames: F, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
+        let info = frames.info(defaults)?;
+        let plan = CutPlan::new(cut, info.frames_at_most, info.sample_rate_hz, info.channels.len())?;
+        Ok(Self::with_plan(frames, &info, defaults, plan))
+    }
+
+    /// Reads a recording as one record per channel.
+    ///
+    /// # Errors
+    /// Those of [`Frames::info`]; a recording longer than a record may be.
+    pub fn whole(frames: F, defaults: &RecordDefaults) -> Result<Self, RecordingError> {
+        let info = frames.info(defaults)?;
+        let count = usize::try_from(info.frames_at_most).unwrap_or(usize::MAX);
+        check_sample_count(info.channels.first().map_or("1", String::as_str), count)?;
+        let plan = CutPlan { frames: count.max(1), default_seconds: None };
+        Ok(Self::with_plan(frames, &info, defaults, plan))
+    }
+
+    fn with_plan(frames: F, info: &FramesInfo, defaults: &RecordDefaults, plan: CutPlan) -> Self {
+        let cutter = Cutter::new(info, defaults, plan);
+        let frame = vec![0.0; info.channels.len()];
+        Self { frames, cutter, plan, frame, ready: VecDeque::new(), ended: false }
     }
 
     /// Returns the length of the records in seconds if a long recording is cut by default.
-    pub(crate) fn default_cut_seconds(&self) -> Option<f64> {
+    pub fn default_cut_seconds(&self) -> Option<f64> {
         self.plan.default_seconds
     }
 }
 
-impl<F: Frames> Iterator for Blocks<F> {
+impl<F: Frames> Iterator for RecordBlocks<F> {
     type Item = Result<Record, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -219,10 +247,16 @@ fn time_after(time: Timestamp, seconds: f64) -> Result<Timestamp, RecordingError
 mod tests {
     use super::*;
 
+    fn cutter(channels: &[&str], plan: CutPlan) -> Cutter {
+        let channels = channels.iter().map(|&channel| channel.to_owned()).collect();
+        let defaults = RecordDefaults::default();
+        Cutter::new(&FramesInfo::without_time(channels, 8.0, 1, &defaults), &defaults, plan)
+    }
+
     #[test]
     fn records_follow_each_other_without_gap_or_overlap() {
         let plan = CutPlan::new(Some(Cut::Samples(4)), 10, 8.0, 2).unwrap();
-        let mut cutter = Cutter::new(vec!["a".into(), "b".into()], 8.0, &RecordDefaults::default(), plan);
+        let mut cutter = cutter(&["a", "b"], plan);
         let mut records = Vec::new();
         for k in 0..10 {
             if cutter.push(&[k as f32, -(k as f32)]) {
@@ -243,7 +277,7 @@ mod tests {
     fn a_remainder_below_half_a_record_is_dropped() {
         let lengths = |frames: usize, cut: Option<Cut>| -> Vec<usize> {
             let plan = CutPlan::new(cut, frames as u64, 8.0, 1).unwrap();
-            let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
+            let mut cutter = cutter(&["a"], plan);
             let mut records = Vec::new();
             for k in 0..frames {
                 if cutter.push(&[k as f32]) {
@@ -292,7 +326,7 @@ mod tests {
     #[test]
     fn an_error_in_a_later_record_gives_its_position() {
         let plan = CutPlan::new(Some(Cut::Samples(2)), 4, 8.0, 1).unwrap();
-        let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
+        let mut cutter = cutter(&["a"], plan);
         cutter.push(&[0.0]);
         cutter.push(&[0.0]);
         assert!(cutter.take()[0].is_ok());

@@ -8,36 +8,44 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use flate2::read::MultiGzDecoder;
 
-use super::flac::FlacBlocks;
-use super::mat::{MAX_BYTES, MatBlocks, MatFrames};
-use super::npy::NpyBlocks;
-use super::wav::WavBlocks;
+use super::mat::MAX_BYTES;
 use super::{
-    BlockEncoding, CsvBlocks, CsvFrames, CsvTiming, Cut, Format, McapReader, RecordDefaults, Recorded,
-    RecordingError, encode_block,
+    BlockEncoding, CsvFrames, CsvTiming, Cut, FlacFrames, Format, Frames, FramesInfo, MatFrames, McapReader,
+    NpyFrames, RecordBlocks, RecordDefaults, Recorded, RecordingError, TimedCsvFrames, WavFrames,
+    encode_block,
 };
 
 /// Magic number of gzip.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// The records of a WAV, FLAC, MCAP, CSV, MATLAB (v5) or NumPy file, read on demand. CSV may be compressed
-/// with gzip; it is read twice, first for its timing. A MATLAB file is read into memory.
+/// The records of a WAV, FLAC, MCAP, CSV, MATLAB (v5) or NumPy file, read on demand.
 ///
 /// A file of up to 2 minutes (and 4 194 304 samples) is one record per channel. A longer one is cut into
 /// records of 10 s, or as given by `cut`; a remainder of less than half a record is dropped. MCAP records are
-/// returned as recorded.
+/// returned as recorded. Times of day in a CSV file count from the start time of the defaults on.
 pub struct RecordingFile {
     records: Records,
+    format: Format,
     read: Arc<AtomicU64>,
 }
 
 enum Records {
-    Wav(Box<WavBlocks<CountedFile>>),
     Mcap(Box<McapReader>),
-    Csv(Box<CsvBlocks<Box<dyn Read + Send>>>),
-    Flac(Box<FlacBlocks<CountedFile>>),
-    Npy(Box<NpyBlocks<CountedFile>>),
-    Mat(Box<MatBlocks>),
+    Cut(Box<RecordBlocks<FileFrames>>),
+}
+
+/// The frames of a WAV, FLAC, CSV, MATLAB (v5) or NumPy file. CSV may be compressed with gzip; it is read
+/// twice, first for its timing. A MATLAB file is read into memory.
+pub struct FileFrames {
+    frames: AnyFrames,
+}
+
+enum AnyFrames {
+    Wav(Box<WavFrames<CountedFile>>),
+    Csv(Box<TimedCsvFrames<Box<dyn Read + Send>>>),
+    Flac(Box<FlacFrames<CountedFile>>),
+    Npy(Box<NpyFrames<CountedFile>>),
+    Mat(Box<MatFrames>),
 }
 
 /// A file that counts the bytes read.
@@ -56,41 +64,26 @@ impl Read for CountedFile {
 
 impl RecordingFile {
     /// Opens a file and reads its header.
+    ///
+    /// # Errors
+    /// The file cannot be read, is in no supported format, or is damaged; neither it nor the defaults give
+    /// the sampling rate; the cut is invalid.
     pub fn open(
         path: impl AsRef<Path>,
         defaults: RecordDefaults,
         cut: Option<Cut>,
     ) -> Result<Self, RecordingError> {
-        let path = path.as_ref();
-        let cannot_open = |source| RecordingError::Open { path: path.to_owned(), source };
-        let mut file = File::open(path).map_err(cannot_open)?;
-        let bytes = file.metadata().map_err(cannot_open)?.len();
-        let mut beginning = Vec::new();
-        file.by_ref().take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
-        file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         let read = Arc::new(AtomicU64::new(0));
-        if let Some(zipped) = csv_of(&mut file, &beginning)? {
-            let timing = CsvTiming::scan(CsvFrames::new(BufReader::new(unzipped(&mut file, zipped)), &[])?)?;
-            file.seek(SeekFrom::Start(0))?;
-            let counted = CountedFile { file: BufReader::with_capacity(1 << 16, file), read: read.clone() };
-            let frames = CsvFrames::new(
-                Box::new(BufReader::new(unzipped(counted, zipped))) as Box<dyn Read + Send>,
-                &[],
-            )?;
-            let records = Records::Csv(Box::new(CsvBlocks::new(frames, &timing, &defaults, cut)?));
-            return Ok(Self { records, read });
-        }
-        let reader = CountedFile { file: BufReader::with_capacity(1 << 16, file), read: read.clone() };
-        let records = match Format::detect(&beginning)? {
-            Format::Csv | Format::Wav => {
-                Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?))
+        let file = OpenFile::new(path.as_ref())?;
+        let format = file.format;
+        let records = match format {
+            Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(file.counted(&read), defaults))),
+            _ => {
+                let blocks = RecordBlocks::new(file.frames(&[], &read)?, &defaults, cut)?;
+                Records::Cut(Box::new(blocks))
             }
-            Format::Flac => Records::Flac(Box::new(FlacBlocks::new(reader, &defaults, cut)?)),
-            Format::Npy => Records::Npy(Box::new(NpyBlocks::new(reader, &defaults, cut)?)),
-            Format::Mat => Records::Mat(Box::new(MatBlocks::new(mat_frames(reader)?, &defaults, cut)?)),
-            Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(reader, defaults))),
         };
-        Ok(Self { records, read })
+        Ok(Self { records, format, read })
     }
 
     /// Returns the number of bytes of the file read so far.
@@ -100,26 +93,116 @@ impl RecordingFile {
 
     /// Returns the file's format.
     pub fn format(&self) -> Format {
-        match self.records {
-            Records::Wav(_) => Format::Wav,
-            Records::Mcap(_) => Format::Mcap,
-            Records::Csv(_) => Format::Csv,
-            Records::Flac(_) => Format::Flac,
-            Records::Npy(_) => Format::Npy,
-            Records::Mat(_) => Format::Mat,
-        }
+        self.format
     }
 
     /// Returns the length in seconds of the records if a long file is cut by default.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         match &self.records {
-            Records::Wav(blocks) => blocks.default_cut_seconds(),
-            Records::Csv(blocks) => blocks.default_cut_seconds(),
-            Records::Flac(blocks) => blocks.default_cut_seconds(),
-            Records::Npy(blocks) => blocks.default_cut_seconds(),
-            Records::Mat(blocks) => blocks.default_cut_seconds(),
+            Records::Cut(blocks) => blocks.default_cut_seconds(),
             Records::Mcap(_) => None,
         }
+    }
+}
+
+impl FileFrames {
+    /// Opens a file and reads its header. `channels` names the columns of a CSV file to read, in order; if
+    /// empty, all columns with samples are read. Of other formats, all channels are read.
+    ///
+    /// # Errors
+    /// The file cannot be read, is in no supported format or an MCAP file, or is damaged.
+    pub fn open(path: impl AsRef<Path>, channels: &[String]) -> Result<Self, RecordingError> {
+        OpenFile::new(path.as_ref())?.frames(channels, &Arc::default())
+    }
+
+    /// Returns the file's format.
+    pub fn format(&self) -> Format {
+        match &self.frames {
+            AnyFrames::Wav(_) => Format::Wav,
+            AnyFrames::Csv(_) => Format::Csv,
+            AnyFrames::Flac(_) => Format::Flac,
+            AnyFrames::Npy(_) => Format::Npy,
+            AnyFrames::Mat(_) => Format::Mat,
+        }
+    }
+}
+
+impl Frames for FileFrames {
+    fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
+        match &self.frames {
+            AnyFrames::Wav(frames) => frames.info(defaults),
+            AnyFrames::Csv(frames) => frames.info(defaults),
+            AnyFrames::Flac(frames) => frames.info(defaults),
+            AnyFrames::Npy(frames) => frames.info(defaults),
+            AnyFrames::Mat(frames) => frames.info(defaults),
+        }
+    }
+
+    fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
+        match &mut self.frames {
+            AnyFrames::Wav(frames) => frames.next_frame(frame),
+            AnyFrames::Csv(frames) => frames.next_frame(frame),
+            AnyFrames::Flac(frames) => frames.next_frame(frame),
+            AnyFrames::Npy(frames) => frames.next_frame(frame),
+            AnyFrames::Mat(frames) => frames.next_frame(frame),
+        }
+    }
+}
+
+/// A file whose format is known, at its beginning.
+struct OpenFile {
+    file: File,
+    bytes: u64,
+    format: Format,
+    /// Whether the file is compressed with gzip.
+    zipped: bool,
+}
+
+impl OpenFile {
+    fn new(path: &Path) -> Result<Self, RecordingError> {
+        let cannot_open = |source| RecordingError::Open { path: path.to_owned(), source };
+        let mut file = File::open(path).map_err(cannot_open)?;
+        let bytes = file.metadata().map_err(cannot_open)?.len();
+        let mut beginning = Vec::new();
+        file.by_ref().take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
+        file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
+        let zipped = beginning.starts_with(&GZIP) && has_zipped_csv(&mut file)?;
+        let format = if zipped { Format::Csv } else { Format::detect(&beginning)? };
+        Ok(Self { file, bytes, format, zipped })
+    }
+
+    fn counted(self, read: &Arc<AtomicU64>) -> CountedFile {
+        CountedFile { file: BufReader::with_capacity(1 << 16, self.file), read: read.clone() }
+    }
+
+    fn frames(mut self, channels: &[String], read: &Arc<AtomicU64>) -> Result<FileFrames, RecordingError> {
+        let frames = match self.format {
+            Format::Wav => {
+                let bytes = self.bytes;
+                AnyFrames::Wav(Box::new(WavFrames::new(self.counted(read), bytes)?))
+            }
+            Format::Csv => {
+                let zipped = self.zipped;
+                let first_pass = BufReader::new(unzipped(&mut self.file, zipped));
+                let timing = CsvTiming::scan(CsvFrames::new(first_pass, channels)?)?;
+                self.file.seek(SeekFrom::Start(0))?;
+                let reader: Box<dyn Read + Send> =
+                    Box::new(BufReader::new(unzipped(self.counted(read), zipped)));
+                let frames = TimedCsvFrames::new(CsvFrames::new(reader, channels)?, timing);
+                AnyFrames::Csv(Box::new(frames.following_start_time()))
+            }
+            Format::Flac => AnyFrames::Flac(Box::new(FlacFrames::new(self.counted(read))?)),
+            Format::Npy => AnyFrames::Npy(Box::new(NpyFrames::new(self.counted(read))?)),
+            Format::Mat => AnyFrames::Mat(Box::new(mat_frames(self.counted(read))?)),
+            Format::Mcap => {
+                return Err(RecordingError::field(
+                    "format",
+                    "MCAP",
+                    "a recording that is not cut into records",
+                ));
+            }
+        };
+        Ok(FileFrames { frames })
     }
 }
 
@@ -130,16 +213,13 @@ fn mat_frames(reader: CountedFile) -> Result<MatFrames, RecordingError> {
     MatFrames::new(&bytes)
 }
 
-/// Returns whether a CSV file is compressed, or `None` if it is not CSV. Rewinds the file.
-fn csv_of(file: &mut File, beginning: &[u8]) -> Result<Option<bool>, RecordingError> {
-    if !beginning.starts_with(&GZIP) {
-        return Ok(matches!(Format::detect(beginning), Ok(Format::Csv)).then_some(false));
-    }
+/// Returns whether a gzip file contains CSV. Rewinds the file. An invalid one is rejected later by its first
+/// bytes.
+fn has_zipped_csv(file: &mut File) -> Result<bool, RecordingError> {
     let mut inner = Vec::new();
-    // An invalid gzip file is rejected later by its first bytes.
     let read = MultiGzDecoder::new(&mut *file).take(16).read_to_end(&mut inner);
     file.seek(SeekFrom::Start(0))?;
-    Ok((read.is_ok() && matches!(Format::detect(&inner), Ok(Format::Csv))).then_some(true))
+    Ok(read.is_ok() && matches!(Format::detect(&inner), Ok(Format::Csv)))
 }
 
 fn unzipped<'a, R: Read + Send + 'a>(reader: R, zipped: bool) -> Box<dyn Read + Send + 'a> {
@@ -152,11 +232,7 @@ impl Iterator for RecordingFile {
     fn next(&mut self) -> Option<Self::Item> {
         let record = match &mut self.records {
             Records::Mcap(reader) => return reader.next(),
-            Records::Wav(blocks) => blocks.next()?,
-            Records::Csv(blocks) => blocks.next()?,
-            Records::Flac(blocks) => blocks.next()?,
-            Records::Npy(blocks) => blocks.next()?,
-            Records::Mat(blocks) => blocks.next()?,
+            Records::Cut(blocks) => blocks.next()?,
         };
         Some(record.map(|record| Recorded {
             raw: encode_block(&record, BlockEncoding::Protobuf),

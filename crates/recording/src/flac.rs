@@ -8,15 +8,13 @@ use std::io::{ErrorKind, Read};
 use claxon::frame::Block;
 use claxon::{FlacReader, FlacReaderOptions};
 
-use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
-use super::{RecordDefaults, RecordingError};
-use flankwatch_signal::Record;
+use super::{Frames, FramesInfo, RecordDefaults, RecordingError};
 
 /// Magic number.
 pub(crate) const MAGIC: &[u8] = b"fLaC";
 
 /// The frames (one sample of every channel) of a FLAC recording, read on demand.
-struct FlacFrames<R: Read> {
+pub struct FlacFrames<R: Read> {
     reader: FlacReader<R>,
     channels: usize,
     sample_rate_hz: f64,
@@ -32,7 +30,10 @@ struct FlacFrames<R: Read> {
 
 impl<R: Read> FlacFrames<R> {
     /// Reads the stream information at the beginning.
-    fn new(reader: R) -> Result<Self, RecordingError> {
+    ///
+    /// # Errors
+    /// The recording is damaged or has no sampling rate; reading fails.
+    pub fn new(reader: R) -> Result<Self, RecordingError> {
         // Pictures and comments are skipped.
         let options = FlacReaderOptions { metadata_only: false, read_vorbis_comment: false };
         let reader = FlacReader::new_ext(reader, options).map_err(damaged)?;
@@ -73,6 +74,12 @@ impl<R: Read> FlacFrames<R> {
 }
 
 impl<R: Read> Frames for FlacFrames<R> {
+    fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
+        // A recording of undeclared length is cut like a long one.
+        let frames = self.declared.unwrap_or(u64::MAX);
+        Ok(FramesInfo::without_time(defaults.names_of(self.channels), self.sample_rate_hz, frames, defaults))
+    }
+
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         if self.next >= self.block.duration() && !self.fill()? {
             return Ok(false);
@@ -83,39 +90,6 @@ impl<R: Read> Frames for FlacFrames<R> {
         self.next += 1;
         self.read += 1;
         Ok(true)
-    }
-}
-
-/// Reads a FLAC recording of any length as consecutive records: all channels of one block, then those of the
-/// next.
-pub struct FlacBlocks<R: Read> {
-    blocks: Blocks<FlacFrames<R>>,
-}
-
-impl<R: Read> FlacBlocks<R> {
-    /// Reads the stream information. A recording of undeclared length is cut like a long one.
-    ///
-    /// # Errors
-    /// The recording is damaged or has no sampling rate; the cut is invalid; reading fails.
-    pub fn new(reader: R, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
-        let frames = FlacFrames::new(reader)?;
-        let (channels, rate_hz) = (frames.channels, frames.sample_rate_hz);
-        let plan = CutPlan::new(cut, frames.declared.unwrap_or(u64::MAX), rate_hz, channels)?;
-        let cutter = Cutter::new(defaults.names_of(channels), rate_hz, defaults, plan);
-        Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
-    }
-
-    /// Returns the length of the records in seconds if a long recording is cut by default.
-    pub fn default_cut_seconds(&self) -> Option<f64> {
-        self.blocks.default_cut_seconds()
-    }
-}
-
-impl<R: Read> Iterator for FlacBlocks<R> {
-    type Item = Result<Record, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.blocks.next()
     }
 }
 

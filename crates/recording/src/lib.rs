@@ -1,14 +1,13 @@
 //! Conversion between recordings and records: WAV, FLAC, MCAP, CSV, MATLAB, NumPy arrays, protobuf and JSON.
 //!
-//! - [`decode_wav`], [`WavBlocks`], [`WavWriter`]: read WAV whole or block by block, and write it;
+//! - [`Frames`]: a recording that is read frame by frame, such as [`WavFrames`], [`TimedCsvFrames`],
+//!   [`FlacFrames`], [`NpyFrames`] and [`MatFrames`] (MATLAB, version 5); [`RecordBlocks`] cuts it into records;
+//! - [`decode_wav`], [`decode_csv`], [`decode_mat`], [`decode_raw`]: read an upload whole;
+//! - [`WavWriter`]: writes WAV;
 //! - [`McapReader`], [`McapWriter`]: read and write MCAP with the messages of [`message`];
 //! - [`decode_block`], [`encode_block`]: decode and encode one message in protobuf or JSON
 //!   ([`BlockEncoding`]);
-//! - [`decode_csv`], [`CsvBlocks`]: read CSV whole or block by block; [`CsvTiming`] determines rate and time;
-//! - [`FlacBlocks`]: reads FLAC block by block;
-//! - [`NpyBlocks`]: reads a NumPy array block by block;
-//! - [`decode_mat`], [`MatBlocks`]: read MATLAB files of version 5 whole or block by block;
-//! - [`CsvFrames`], [`WavFrames`]: read frame by frame; a [`Cutter`] turns frames into records;
+//! - [`CsvTiming`]: rate and time of a CSV file; [`CsvPreview`]: what an import of it would be;
 //! - [`stream`]: processes endless streams of samples that arrive in indexed chunks.
 //!
 //! [`RecordDefaults`] provides the values that a recording lacks.
@@ -42,7 +41,7 @@
 //! input is rejected with its position, its value and the expected value ([`RecordingError`]).
 //!
 //! # Features
-//! - `files`: `RecordingFile`, which opens a recording of any format by path. Without it nothing here opens a
+//! - `files`: `RecordingFile` and `FileFrames`, which open a recording of any format by path. Without it nothing here opens a
 //!   file.
 //! - `openapi`: implements `utoipa::ToSchema` for the JSON messages.
 
@@ -60,6 +59,7 @@ mod error;
 mod file;
 mod flac;
 mod format;
+mod frames;
 mod json;
 mod mat;
 mod mat_variables;
@@ -85,23 +85,24 @@ pub use block::{BlockEncoding, RecordDefaults, decode_block, decode_indexed_bloc
 pub use csv::CsvFrames;
 pub use csv_layout::CsvLayout;
 pub use csv_preview::{ColumnRole, CsvColumn, CsvContents, CsvPreview};
-pub use csv_records::{CsvBlocks, decode_csv};
+pub use csv_records::{TimedCsvFrames, decode_csv};
 pub use csv_time::CsvTiming;
-pub use cut::{Cut, CutPlan, Cutter};
+pub use cut::{Cut, RecordBlocks};
 pub use error::RecordingError;
 #[cfg(feature = "files")]
-pub use file::RecordingFile;
-pub use flac::FlacBlocks;
+pub use file::{FileFrames, RecordingFile};
+pub use flac::FlacFrames;
 pub use format::Format;
+pub use frames::{Frames, FramesInfo};
 #[cfg(feature = "openapi")]
 pub use json::JsonBlock;
-pub use mat::{MatBlocks, MatFrames, decode_mat};
+pub use mat::{MatFrames, decode_mat};
 pub use mcap_history::{HistoryKind, HistoryWriter};
 pub use mcap_reader::{McapReader, REFERENCE_WEAR, Recorded};
 pub use mcap_writer::{McapCompression, McapOptions, McapWriter};
-pub use npy::{NpyBlocks, NpyFrames};
+pub use npy::NpyFrames;
 pub use raw::{RawLayout, RawSample, decode_raw};
-pub use wav::{WavBlocks, WavWriter, decode_wav};
+pub use wav::{WavWriter, decode_wav};
 pub use wav_format::WavFormat;
 pub use wav_frames::WavFrames;
 

@@ -4,11 +4,9 @@
 //! longest ones are not channels. Fields of structs count like variables, with dotted names. `scale` of the
 //! defaults converts the numbers to a unit; the start time is that of the defaults.
 
-use super::block::check_sample_count;
-use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
 use super::error::shortened;
 use super::mat_variables::{Variable, variables};
-use super::{RecordDefaults, RecordingError};
+use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
 
 /// Magic number.
@@ -106,22 +104,12 @@ impl MatFrames {
         Ok(Self { variables, channels, frames, stated_rate_hz, clock_rate_hz, next: 0 })
     }
 
-    /// Returns the number of samples per channel.
-    pub fn frames(&self) -> u64 {
-        self.frames as u64
-    }
-
-    /// Returns the names of the channels: those of their variables.
-    pub fn channels(&self) -> impl ExactSizeIterator<Item = &str> {
-        self.channels.iter().map(|channel| channel.name.as_str())
-    }
-
     /// Returns the sampling rate in hertz: the given one, else that of a scalar such as `fs`, else that of
     /// the times.
     ///
     /// # Errors
     /// There is none, or the times contradict it by more than 0.1 %.
-    pub fn sample_rate_hz(&self, given_hz: Option<f64>) -> Result<f64, RecordingError> {
+    fn sample_rate_hz(&self, given_hz: Option<f64>) -> Result<f64, RecordingError> {
         match (given_hz.or(self.stated_rate_hz), self.clock_rate_hz) {
             (Some(stated), Some(clock)) if (stated / clock - 1.0).abs() > RATE_TOLERANCE => {
                 Err(RecordingError::Rate { stated, clock })
@@ -137,6 +125,13 @@ impl MatFrames {
 }
 
 impl Frames for MatFrames {
+    fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
+        let rate_hz = self.sample_rate_hz(defaults.sample_rate_hz)?;
+        let names = self.channels.iter().map(|channel| channel.name.clone()).collect();
+        let names = defaults.names_or(names);
+        Ok(FramesInfo::without_time(names, rate_hz, self.frames as u64, defaults))
+    }
+
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         if self.next == self.frames {
             return Ok(false);
@@ -158,53 +153,7 @@ pub fn decode_mat(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
     }
-    let frames = MatFrames::within(bytes, MAX_UPLOAD_BYTES)?;
-    check_sample_count(defaults.channel.as_deref().unwrap_or("1"), frames.frames)?;
-    let plan = CutPlan { frames: frames.frames, default_seconds: None };
-    MatBlocks::with_plan(frames, defaults, plan)?.collect()
-}
-
-/// Reads a MATLAB file as consecutive records: all channels of one block, then those of the next.
-pub struct MatBlocks {
-    blocks: Blocks<MatFrames>,
-}
-
-impl MatBlocks {
-    /// Creates a reader of the records of a file in memory.
-    pub fn new(
-        frames: MatFrames,
-        defaults: &RecordDefaults,
-        cut: Option<Cut>,
-    ) -> Result<Self, RecordingError> {
-        let rate_hz = frames.sample_rate_hz(defaults.sample_rate_hz)?;
-        let plan = CutPlan::new(cut, frames.frames(), rate_hz, frames.channels.len())?;
-        Self::with_plan(frames, defaults, plan)
-    }
-
-    fn with_plan(
-        frames: MatFrames,
-        defaults: &RecordDefaults,
-        plan: CutPlan,
-    ) -> Result<Self, RecordingError> {
-        let rate_hz = frames.sample_rate_hz(defaults.sample_rate_hz)?;
-        let channels = frames.channels.len();
-        let names = defaults.names_or(frames.channels().map(str::to_owned).collect());
-        let cutter = Cutter::new(names, rate_hz, defaults, plan);
-        Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
-    }
-
-    /// Returns the length of the records in seconds if a long recording is cut by default.
-    pub fn default_cut_seconds(&self) -> Option<f64> {
-        self.blocks.default_cut_seconds()
-    }
-}
-
-impl Iterator for MatBlocks {
-    type Item = Result<Record, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.blocks.next()
-    }
+    RecordBlocks::whole(MatFrames::within(bytes, MAX_UPLOAD_BYTES)?, defaults)?.collect()
 }
 
 /// Returns the longer dimension of a variable.

@@ -5,11 +5,9 @@
 
 use std::io::Read;
 
-use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
 use super::error::shortened;
 use super::number::Number;
-use super::{RecordDefaults, RecordingError};
-use flankwatch_signal::Record;
+use super::{Frames, FramesInfo, RecordDefaults, RecordingError};
 
 /// Magic number.
 pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
@@ -59,16 +57,6 @@ impl<R: Read> NpyFrames<R> {
         Ok(Self { reader, number, big_endian, frames, channels, read: 0, buffer: Vec::new(), next: 0 })
     }
 
-    /// Returns the declared number of frames.
-    pub fn frames(&self) -> u64 {
-        self.frames
-    }
-
-    /// Returns the number of channels.
-    pub fn channels(&self) -> usize {
-        self.channels
-    }
-
     fn frame_bytes(&self) -> usize {
         self.channels * self.number.bytes()
     }
@@ -90,6 +78,14 @@ impl<R: Read> NpyFrames<R> {
 }
 
 impl<R: Read> Frames for NpyFrames<R> {
+    fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
+        let rate_hz = defaults.sample_rate_hz.ok_or_else(|| {
+            let expected = "a rate in hertz, as a NumPy array does not contain it";
+            RecordingError::field("sample rate", "missing", expected)
+        })?;
+        Ok(FramesInfo::without_time(defaults.names_of(self.channels), rate_hz, self.frames, defaults))
+    }
+
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         if self.next == self.buffer.len() {
             self.fill()?;
@@ -107,43 +103,6 @@ impl<R: Read> Frames for NpyFrames<R> {
         }
         self.next = end;
         Ok(true)
-    }
-}
-
-/// Reads a NumPy array of any length as consecutive records: all channels of one block, then those of the
-/// next.
-pub struct NpyBlocks<R> {
-    blocks: Blocks<NpyFrames<R>>,
-}
-
-impl<R: Read> NpyBlocks<R> {
-    /// Reads the header of an array; the sampling rate is that of the defaults.
-    pub fn new(reader: R, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
-        let frames = NpyFrames::new(reader)?;
-        let rate_hz = defaults.sample_rate_hz.ok_or_else(|| {
-            RecordingError::field(
-                "sample rate",
-                "missing",
-                "a rate in hertz, as a NumPy array does not contain it",
-            )
-        })?;
-        let plan = CutPlan::new(cut, frames.frames(), rate_hz, frames.channels())?;
-        let channels = frames.channels();
-        let cutter = Cutter::new(defaults.names_of(channels), rate_hz, defaults, plan);
-        Ok(Self { blocks: Blocks::new(frames, channels, cutter, plan) })
-    }
-
-    /// Returns the length of the records in seconds if a long recording is cut by default.
-    pub fn default_cut_seconds(&self) -> Option<f64> {
-        self.blocks.default_cut_seconds()
-    }
-}
-
-impl<R: Read> Iterator for NpyBlocks<R> {
-    type Item = Result<Record, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.blocks.next()
     }
 }
 
@@ -239,6 +198,8 @@ fn shape_of(shape: &str) -> Result<(u64, usize), RecordingError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::RecordBlocks;
+    use flankwatch_signal::Record;
 
     /// A file as NumPy writes it.
     fn file(description: &str, data: &[u8]) -> Vec<u8> {
@@ -255,7 +216,8 @@ mod tests {
 
     fn read(bytes: &[u8], scale: Option<f64>) -> Result<Vec<Record>, String> {
         let defaults = RecordDefaults { sample_rate_hz: Some(100.0), scale, ..RecordDefaults::default() };
-        NpyBlocks::new(bytes, &defaults, None).and_then(Iterator::collect).map_err(|error| error.to_string())
+        let blocks = NpyFrames::new(bytes).and_then(|frames| RecordBlocks::new(frames, &defaults, None));
+        blocks.and_then(Iterator::collect).map_err(|error| error.to_string())
     }
 
     fn only(bytes: &[u8]) -> Vec<f32> {
@@ -317,7 +279,8 @@ mod tests {
             }
         }
         let bytes = array("<f4", "(1,)", &[0; 4]);
-        let error = NpyBlocks::new(&bytes[..], &RecordDefaults::default(), None).err().unwrap();
+        let frames = NpyFrames::new(&bytes[..]).unwrap();
+        let error = frames.info(&RecordDefaults::default()).unwrap_err();
         assert!(error.to_string().contains("sample rate"), "{error}");
     }
 

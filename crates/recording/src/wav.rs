@@ -4,12 +4,9 @@
 //! scaled to a full scale of −1…1; `scale` of the defaults converts them to a unit. Without a unit it is
 //! `"1"`. WAV has no time: the defaults give the start time.
 
-use std::io::{Cursor, Read, Seek, Write};
+use std::io::{Read, Seek, Write};
 
-use super::block::check_sample_count;
-use super::cut::{Blocks, Cut, CutPlan, Cutter, Frames};
-use super::wav_frames::WavFrames;
-use super::{RecordDefaults, RecordingError};
+use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError, WavFormat, WavFrames};
 use flankwatch_signal::Record;
 
 /// Largest number of sample bytes in a written WAV: the lengths in its header have 32 bits.
@@ -25,71 +22,20 @@ pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
     }
-    let frames = WavFrames::new(Cursor::new(bytes))?;
-    frames.check_length(bytes.len() as u64)?;
-    let count = usize::try_from(frames.frames_at_most(bytes.len() as u64)).unwrap_or(usize::MAX);
-    check_sample_count(defaults.channel.as_deref().unwrap_or("1"), count)?;
-    let plan = CutPlan { frames: count.max(1), default_seconds: None };
-    WavBlocks::with_plan(frames, defaults, plan).collect()
-}
-
-/// Reads a WAV recording of any length as consecutive records: all channels of one block, then those of the
-/// next.
-///
-/// Only one block is in memory at a time. A block with an invalid sample is an error, and reading continues
-/// after it; a truncated file is an error and the last item.
-#[derive(Debug)]
-pub struct WavBlocks<R> {
-    blocks: Blocks<WavFrames<R>>,
+    let frames = WavFrames::new(bytes, bytes.len() as u64)?;
+    frames.check_length()?;
+    RecordBlocks::whole(frames, defaults)?.collect()
 }
 
 impl<R: Read> Frames for WavFrames<R> {
+    fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
+        let WavFormat { channels, sample_rate_hz, .. } = self.format();
+        let names = defaults.names_of(channels);
+        Ok(FramesInfo::without_time(names, sample_rate_hz.into(), self.frames_at_most(), defaults))
+    }
+
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         Self::next_frame(self, frame)
-    }
-}
-
-impl<R: Read> WavBlocks<R> {
-    /// Reads the header of a file of `file_bytes` bytes.
-    ///
-    /// Without a cut, up to 2 minutes (and 4 194 304 samples) are one record per channel; longer recordings
-    /// are cut into records of 10 s.
-    pub fn new(
-        reader: R,
-        file_bytes: u64,
-        defaults: &RecordDefaults,
-        cut: Option<Cut>,
-    ) -> Result<Self, RecordingError> {
-        let frames = WavFrames::new(reader)?;
-        let format = frames.format();
-        let plan = CutPlan::new(
-            cut,
-            frames.frames_at_most(file_bytes),
-            format.sample_rate_hz.into(),
-            format.channels,
-        )?;
-        Ok(Self::with_plan(frames, defaults, plan))
-    }
-
-    fn with_plan(frames: WavFrames<R>, defaults: &RecordDefaults, plan: CutPlan) -> Self {
-        let format = frames.format();
-        let names = defaults.names_of(format.channels);
-        let channels = format.channels;
-        let cutter = Cutter::new(names, format.sample_rate_hz.into(), defaults, plan);
-        Self { blocks: Blocks::new(frames, channels, cutter, plan) }
-    }
-
-    /// Returns the length of the records in seconds if a long recording is cut by default.
-    pub fn default_cut_seconds(&self) -> Option<f64> {
-        self.blocks.default_cut_seconds()
-    }
-}
-
-impl<R: Read> Iterator for WavBlocks<R> {
-    type Item = Result<Record, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.blocks.next()
     }
 }
 

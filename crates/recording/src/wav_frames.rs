@@ -24,6 +24,8 @@ pub(crate) enum Justification {
 #[derive(Debug)]
 pub struct WavFrames<R> {
     reader: R,
+    /// Length of the file in bytes.
+    file_bytes: u64,
     format: WavFormat,
     declared: Option<u64>,
     data_start: u64,
@@ -35,14 +37,15 @@ pub struct WavFrames<R> {
 }
 
 impl<R: Read> WavFrames<R> {
-    /// Reads the header.
+    /// Reads the header of a file of `file_bytes` bytes.
     ///
     /// # Errors
     /// A header that is not a WAV recording's, or samples in an unsupported format.
-    pub fn new(mut reader: R) -> Result<Self, RecordingError> {
+    pub fn new(mut reader: R, file_bytes: u64) -> Result<Self, RecordingError> {
         let header = WavHeader::read(&mut reader)?;
         Ok(Self {
             reader,
+            file_bytes,
             format: header.format,
             declared: header.data_bytes,
             data_start: header.data_start,
@@ -59,21 +62,22 @@ impl<R: Read> WavFrames<R> {
         self.format
     }
 
-    /// Returns the largest possible number of frames in a file of `file_bytes` bytes.
-    pub fn frames_at_most(&self, file_bytes: u64) -> u64 {
-        let available = file_bytes.saturating_sub(self.data_start);
+    /// Returns the largest possible number of frames in the file.
+    pub fn frames_at_most(&self) -> u64 {
+        let available = self.file_bytes.saturating_sub(self.data_start);
         self.declared.unwrap_or(available).min(available) / self.format.frame_bytes() as u64
     }
 
-    /// Rejects a truncated recording, if the file's length is known.
+    /// Rejects a truncated recording.
     ///
     /// # Errors
     /// [`RecordingError::WavEnds`].
-    pub fn check_length(&self, file_bytes: u64) -> Result<(), RecordingError> {
-        let found = file_bytes.saturating_sub(self.data_start);
+    pub fn check_length(&self) -> Result<(), RecordingError> {
+        let byte = self.file_bytes;
+        let found = byte.saturating_sub(self.data_start);
         match self.declared {
             Some(declared) if declared > found => {
-                Err(RecordingError::WavEnds { part: "the data chunk", byte: file_bytes, declared, found })
+                Err(RecordingError::WavEnds { part: "the data chunk", byte, declared, found })
             }
             _ => Ok(()),
         }

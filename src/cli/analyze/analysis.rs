@@ -85,7 +85,8 @@ impl<'a> Analysis<'a> {
         for recorded in &mut file {
             let recorded = recorded.map_err(CliError::recording(path))?;
             let length = SignedDuration::from_secs_f64(recorded.record.duration_s());
-            *next_start = (*next_start).max(recorded.record.start_time() + length);
+            let end = recorded.record.start_time().saturating_add(length).unwrap_or(*next_start);
+            *next_start = (*next_start).max(end);
             self.analyze_record(path, recorded);
         }
         Ok(())

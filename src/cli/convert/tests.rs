@@ -1,7 +1,9 @@
 use std::io::Read;
 
 use clap::Parser;
+use flate2::Compression;
 use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
 
 use super::*;
 use crate::recording::RecordingFile;
@@ -28,10 +30,11 @@ impl Folder {
     }
 
     fn convert(&self, input: &str, output: &str, options: &str) -> Result<(), String> {
-        let (input, output) = (self.path(input), self.path(output));
-        let mut words = vec!["convert", input.to_str().unwrap(), output.to_str().unwrap()];
-        words.extend(options.split_whitespace());
-        run(&Cli::parse_from(words).convert).map_err(|error| error.to_string())
+        let names = input.split_whitespace().chain([output]);
+        let paths: Vec<String> = names.map(|name| self.path(name).to_str().unwrap().to_owned()).collect();
+        let words = ["convert"].into_iter().chain(paths.iter().map(String::as_str));
+        let cli = Cli::parse_from(words.chain(options.split_whitespace()));
+        run(&cli.convert).map_err(|error| error.to_string())
     }
 
     fn records(&self, name: &str) -> Vec<Record> {
@@ -115,8 +118,12 @@ fn invalid_input_is_rejected_and_leaves_no_file() {
     for (input, output, options, expected) in [
         ("in.csv", "out.mcap", "--rate 10 --unit g", "in.csv\": csv line 3, column \"a\": \"x\""),
         ("in.csv", "out.wav", "--rate 10 --unit g", "csv line 3"),
-        ("in.csv", "out.mcap", "--unit g", "--rate is missing"),
-        ("in.csv", "out.mcap", "--rate 10", "--unit is missing"),
+        ("good.csv", "out.mcap", "--unit g", "the sampling rate is missing"),
+        ("good.csv", "out.mcap", "--rate 10", "--unit is missing"),
+        ("good.csv in.csv", "out.mcap", "--rate 10 --unit g", "in.csv\": csv line 3"),
+        ("good.csv good.csv", "out.wav", "--rate 10 --unit g", "in .mcap for several recordings"),
+        ("none-*.csv", "out.mcap", "--rate 10 --unit g", "no file matches"),
+        ("good.csv", "out.mcap", "--rate 10 --unit g --scale 0", "--scale is 0"),
         ("good.csv", "out.mcap", "--rate 0 --unit g", "sample_rate_hz is 0"),
         ("good.csv", "out.mcap", "--rate 10 --unit g --shaft-speed-hz -2", "shaft_speed_hz is -2"),
         ("good.csv", "out.mcap", "--rate 10 --unit g --record-seconds 0", "the cut is 0 samples"),
@@ -129,7 +136,7 @@ fn invalid_input_is_rejected_and_leaves_no_file() {
         ("empty.csv", "out.mcap", "--rate 10 --unit g", "0 bytes"),
         ("bare.csv", "out.mcap", "--rate 10 --unit g", "channel \"a\" has no samples"),
         ("bare.csv", "out.wav", "--rate 10 --unit g", "the number of samples is 0"),
-        ("magic.csv", "out.mcap", "--rate 10 --unit g", "already an MCAP recording"),
+        ("magic.csv", "out.mcap", "--rate 10 --unit g", "format is MCAP"),
         ("binary.csv", "out.mcap", "--rate 10 --unit g", "begins with the bytes 00 01 02"),
         ("timed.csv", "out.mcap", "--rate 11 --unit g", "the sampling rate is 11 Hz, expected 10 Hz"),
         ("bare.csv", "sub/out.wav", "--rate 10 --unit g", "out.wav"),
@@ -139,6 +146,39 @@ fn invalid_input_is_rejected_and_leaves_no_file() {
         assert_eq!(folder.names(), before, "{input} {output} {options}");
     }
     assert_eq!(fs::read(folder.path("there.mcap")).unwrap(), b"mine");
+}
+
+#[test]
+fn recordings_of_many_formats_follow_one_another() {
+    let folder = Folder::with_file("a.csv", b"x\n1\n2\n");
+    folder.convert("a.csv", "b.wav", "--rate 2").unwrap();
+    let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
+    packed.write_all(b"x,y\n5,6\n7,8\n").unwrap();
+    fs::write(folder.path("c.csv.gz"), packed.finish().unwrap()).unwrap();
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    fs::copy(fixtures.join("flac/one-sample.flac"), folder.path("d.flac")).unwrap();
+    folder.convert("a.csv b.wav c.csv.gz d.flac", "out.mcap", "--rate 2 --unit g --scale 10").unwrap();
+    let records = folder.records("out.mcap");
+    let found: Vec<_> =
+        records.iter().map(|r| (r.channel(), r.start_time().as_second(), r.samples()[0])).collect();
+    let flac = records[4].samples()[0];
+    assert_eq!(found, [("x", 0, 10.0), ("1", 1, 10.0), ("x", 2, 50.0), ("y", 2, 60.0), ("1", 3, flac)]);
+    folder.convert("*.flac", "whole.wav", "--scale 10").unwrap();
+    assert_eq!(folder.records("whole.wav")[0].samples(), [flac]);
+}
+
+#[test]
+fn times_of_day_count_from_the_given_day_on() {
+    let clock = |hour: u32, minute: u32| -> String {
+        (0..4).map(|k| format!("{hour},{minute},10,{},{k},0.5\n", 250_000 * k)).collect()
+    };
+    let folder = Folder::with_file("acc_1.csv", clock(23, 59).as_bytes());
+    fs::write(folder.path("acc_2.csv"), clock(0, 9)).unwrap();
+    fs::write(folder.path("acc_3.csv"), clock(0, 19)).unwrap();
+    folder.convert("acc_*.csv", "out.mcap", "--unit g --start-time 2010-11-17T00:00:00Z").unwrap();
+    let times: Vec<String> =
+        folder.records("out.mcap").iter().step_by(2).map(|record| record.start_time().to_string()).collect();
+    assert_eq!(times, ["2010-11-17T23:59:10Z", "2010-11-18T00:09:10Z", "2010-11-18T00:19:10Z"]);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::{Cut, FlacBlocks, Format, RecordDefaults, RecordingFile};
+use crate::{Cut, FlacFrames, Format, RecordBlocks, RecordDefaults, RecordingFile};
 use flankwatch_signal::Record;
 
 fn path(name: &str) -> PathBuf {
@@ -50,7 +50,8 @@ fn recordings_of_libsndfile_are_read_sample_for_sample() {
 fn a_recording_is_scaled_and_cut() {
     let defaults = RecordDefaults { scale: Some(50.0), unit: Some("g".into()), ..RecordDefaults::default() };
     let bytes = bytes("stereo-16");
-    let blocks = FlacBlocks::new(&bytes[..], &defaults, Some(Cut::Samples(1000))).unwrap();
+    let frames = FlacFrames::new(&bytes[..]).unwrap();
+    let blocks = RecordBlocks::new(frames, &defaults, Some(Cut::Samples(1000))).unwrap();
     let records: Vec<Record> = blocks.map(Result::unwrap).collect();
     assert_eq!(records.iter().map(|record| record.samples().len()).collect::<Vec<_>>(), [1000; 6]);
     let third = &records[5];
@@ -61,7 +62,10 @@ fn a_recording_is_scaled_and_cut() {
 #[test]
 fn damaged_or_truncated_recordings_are_rejected() {
     let read = |bytes: &[u8]| -> Result<Vec<Record>, String> {
-        let blocks = FlacBlocks::new(bytes, &RecordDefaults::default(), None);
+        let blocks = RecordBlocks::whole(
+            FlacFrames::new(bytes).map_err(|error| error.to_string())?,
+            &RecordDefaults::default(),
+        );
         blocks.and_then(Iterator::collect).map_err(|error| error.to_string())
     };
     let whole = bytes("mono-16");

@@ -126,10 +126,11 @@ fn a_cut_wav_equals_the_whole_one() {
     let length = bytes.len() as u64;
     let defaults = RecordDefaults::default();
     let whole = decode_wav(&bytes, &defaults).unwrap();
-    let cut: Vec<Record> = WavBlocks::new(Cursor::new(bytes), length, &defaults, Some(Cut::Seconds(7.0)))
-        .unwrap()
-        .map(Result::unwrap)
-        .collect();
+    let cut: Vec<Record> =
+        RecordBlocks::new(WavFrames::new(&bytes[..], length).unwrap(), &defaults, Some(Cut::Seconds(7.0)))
+            .unwrap()
+            .map(Result::unwrap)
+            .collect();
     assert_eq!(cut.len(), 30);
     for (k, channel) in whole.iter().enumerate() {
         let joined: Vec<f32> =
@@ -150,7 +151,8 @@ fn a_two_hour_wav_is_read_ten_seconds_at_a_time() {
     header[40..44].copy_from_slice(&u32::try_from(data_bytes).unwrap().to_le_bytes());
     let stream =
         std::io::Read::chain(Cursor::new(header), std::io::Read::take(std::io::repeat(1), data_bytes));
-    let blocks = WavBlocks::new(stream, 44 + data_bytes, &RecordDefaults::default(), None).unwrap();
+    let frames = WavFrames::new(stream, 44 + data_bytes).unwrap();
+    let blocks = RecordBlocks::new(frames, &RecordDefaults::default(), None).unwrap();
     assert_eq!(blocks.default_cut_seconds(), Some(10.0));
     let mut count = 0;
     for record in blocks {
