@@ -15,7 +15,7 @@ use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
 use crate::asset::{AssetError, AssetId};
 use crate::recording::{
-    Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, WavWriter,
+    Cut, Frames, McapOptions, McapWriter, RecordBlocks, RecordDefaults, RecordingError, TimeOfDay, WavWriter,
 };
 use crate::signal::OperatingPoint;
 use source::Source;
@@ -148,6 +148,7 @@ fn defaults_of(
 ) -> Result<RecordDefaults, ConvertError> {
     let mut defaults = RecordDefaults {
         start_time,
+        time_of_day: TimeOfDay::FromStart,
         sample_rate_hz: args.rate,
         unit: args.unit.clone(),
         operating_point: OperatingPoint {

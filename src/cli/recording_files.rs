@@ -4,12 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::CliError;
+use crate::recording::{EXTENSIONS, RecordingFile};
 
-/// File name extensions of recordings.
-const EXTENSIONS: [&str; 7] = [".wav", ".flac", ".mcap", ".csv", ".csv.gz", ".mat", ".npy"];
-
-/// Expands folders to the recordings in them, and patterns that the shell did not expand to the files that match;
-/// both in order of file names.
+/// Expands folders to the recordings in them and in their subfolders, and patterns that the shell did not expand
+/// to the files that match; both in order of their paths.
 pub(super) fn recording_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     let mut files = Vec::new();
     for path in paths {
@@ -21,14 +19,7 @@ pub(super) fn recording_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliErro
             files.push(path.clone());
             continue;
         }
-        let entries = fs::read_dir(path).map_err(CliError::io(path))?;
-        let mut found = Vec::new();
-        for entry in entries {
-            let file = entry.map_err(CliError::io(path))?.path();
-            if file.is_file() && is_recording(&file) {
-                found.push(file);
-            }
-        }
+        let mut found = recordings_in(path)?;
         if found.is_empty() {
             let extensions = EXTENSIONS.join(", ");
             return Err(CliError::Argument(format!(
@@ -59,9 +50,22 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>, CliError> {
     Ok(found)
 }
 
-fn is_recording(file: &Path) -> bool {
-    let name = file.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-    EXTENSIONS.iter().any(|extension| name.ends_with(extension))
+/// The recordings in a folder and its subfolders; links to folders are not followed.
+fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).map_err(CliError::io(&folder))? {
+            let entry = entry.map_err(CliError::io(&folder))?;
+            let path = entry.path();
+            if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                folders.push(path);
+            } else if path.is_file() && RecordingFile::has_extension(&path) {
+                found.push(path);
+            }
+        }
+    }
+    Ok(found)
 }
 
 #[cfg(test)]
@@ -76,8 +80,13 @@ mod tests {
             fs::write(path(name), "").unwrap();
         }
         fs::create_dir(path("empty")).unwrap();
+        fs::create_dir(path("second")).unwrap();
+        fs::write(path("second/a.npy"), "").unwrap();
         let found = recording_files(&[path("x.bin"), folder.path().to_owned()]).unwrap();
-        assert_eq!(found, [path("x.bin"), path("a.csv.gz"), path("b.CSV"), path("c.wav")]);
+        assert_eq!(
+            found,
+            [path("x.bin"), path("a.csv.gz"), path("b.CSV"), path("c.wav"), path("second/a.npy")]
+        );
         assert_eq!(recording_files(&[path("*.[cC]*")]).unwrap(), [path("a.csv.gz"), path("b.CSV")]);
         for (pattern, expected) in [("*.flac", "no file matches"), ("[", "pattern")] {
             let error = recording_files(&[path(pattern)]).unwrap_err().to_string();

@@ -14,7 +14,9 @@ use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
 use super::{CliError, output};
 use crate::asset::AssetId;
-use crate::recording::{BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, encode_block};
+use crate::recording::{
+    BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, TimeOfDay, encode_block,
+};
 use crate::service::Pace;
 
 /// Maximum attempts to send a record while the server is busy or unreachable.
@@ -130,6 +132,7 @@ impl Sender {
     ) -> Result<(), CliError> {
         let mut defaults = RecordDefaults {
             start_time: *next_start,
+            time_of_day: TimeOfDay::FromStart,
             sample_rate_hz: args.rate,
             ..RecordDefaults::default()
         };

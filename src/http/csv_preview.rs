@@ -172,7 +172,7 @@ impl CsvPreviewView {
             columns: columns.collect(),
             rate_source: layout.sample_rate_hz.map(|_| CsvRateSource::Given).or(stated).or(clock),
             sample_rate_hz: contents.as_ref().and_then(|contents| contents.sample_rate_hz),
-            start_time: timing.and_then(|timing| timing.start_time),
+            start_time: timing.and_then(|timing| timing.dated_start),
             lines: timing.map_or(0, |timing| timing.frames),
             fault,
         }

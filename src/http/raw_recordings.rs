@@ -19,7 +19,8 @@ use crate::asset::Segment;
     tag = "records",
     params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, description = "The recording, in its original media type", content(
-        (Vec<u8> = "audio/wav"), (Vec<u8> = "application/x-protobuf"), (Vec<u8> = "application/octet-stream"), (Vec<u8> = "text/csv"), (Vec<u8> = "application/x-matlab-data"),
+        (Vec<u8> = "audio/wav"), (Vec<u8> = "audio/flac"), (Vec<u8> = "application/x-protobuf"), (Vec<u8> = "application/octet-stream"), (Vec<u8> = "text/csv"),
+        (Vec<u8> = "application/x-matlab-data"), (Vec<u8> = "application/x-npy"),
         (serde_json::Value = "application/json")
     ))),
 )]
@@ -43,7 +44,9 @@ pub(super) async fn download(
 fn form_of(media_type: &str) -> (&'static str, &'static str) {
     match media_type.split(';').next().unwrap_or_default().trim() {
         "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => ("audio/wav", "wav"),
+        "audio/flac" => ("audio/flac", "flac"),
         "text/csv" => ("text/csv", "csv"),
+        "application/x-npy" => ("application/x-npy", "npy"),
         "application/x-matlab-data" => ("application/x-matlab-data", "mat"),
         "application/json" => ("application/json", "json"),
         "application/x-protobuf" | "application/protobuf" => ("application/x-protobuf", "pb"),
@@ -65,6 +68,7 @@ mod tests {
     #[test]
     fn stored_layout_and_unit_parameters_are_not_returned() {
         assert_eq!(form_of("audio/wav; unit=g"), ("audio/wav", "wav"));
+        assert_eq!(form_of("audio/flac;scale=50; unit=g"), ("audio/flac", "flac"));
         assert_eq!(form_of("application/octet-stream; sample=i16").1, "raw");
         assert_eq!(form_of("text/html"), ("application/octet-stream", "raw"));
     }

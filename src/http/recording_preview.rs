@@ -1,4 +1,5 @@
-//! `/v1/recording-preview`: the contents of a MATLAB, protobuf or MCAP recording before the upload.
+//! `/v1/recording-preview`: the contents of a MATLAB, NumPy, FLAC, protobuf or MCAP recording before the
+//! upload.
 
 use std::io::Cursor;
 
@@ -13,7 +14,10 @@ use super::app::App;
 use super::body;
 use super::problem::Problem;
 use super::query::Parameters;
-use crate::recording::{BlockEncoding, McapReader, RecordDefaults, RecordingError, decode_block, decode_mat};
+use crate::recording::{
+    BlockEncoding, McapReader, RecordDefaults, RecordingError, decode_block, decode_flac, decode_mat,
+    decode_npy,
+};
 use crate::signal::Record;
 
 /// Maximum number of bytes read of a file.
@@ -28,14 +32,15 @@ const MAX_RECORDS: usize = 64;
 /// Maximum number of envelope intervals.
 const STRETCHES: usize = 200;
 
-const EXPECTED: &str = "application/x-matlab-data, application/x-protobuf or application/mcap";
+const EXPECTED: &str =
+    "application/x-matlab-data, application/x-npy, audio/flac, application/x-protobuf or application/mcap";
 
 /// Parameters for data missing in the recording.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RecordingParameters {
-    /// Sampling rate in hertz of a MATLAB file that does not contain it.
+    /// Sampling rate in hertz of a NumPy array, or of a MATLAB file that does not contain it.
     #[param(example = 12800.0)]
     sample_rate_hz: Option<f64>,
 }
@@ -67,7 +72,7 @@ struct RecordedChannel {
     envelope: Vec<[f32; 2]>,
 }
 
-/// Preview a MATLAB file, a protobuf block or an MCAP recording
+/// Preview a MATLAB, NumPy or FLAC file, a protobuf block or an MCAP recording
 ///
 /// Inspects a recording, or the beginning of an MCAP recording: channels with names, units, rates, start
 /// times and shapes, as an upload would read them. The body is at most 16 MiB. Nothing is stored.
@@ -78,6 +83,8 @@ struct RecordedChannel {
     params(RecordingParameters),
     request_body(content(
         (Vec<u8> = "application/x-matlab-data"),
+        (Vec<u8> = "application/x-npy"),
+        (Vec<u8> = "audio/flac"),
         (Vec<u8> = "application/x-protobuf"),
         (Vec<u8> = "application/mcap"),
     )),
@@ -90,10 +97,12 @@ pub(super) async fn recording_preview(
     body: Body,
 ) -> Result<Json<RecordingPreviewView>, Problem> {
     let media_type = body::media_type(&headers);
-    let look = match media_type.as_deref() {
-        Some("application/x-matlab-data") => of_mat,
-        Some("application/x-protobuf") => of_block,
-        Some("application/mcap") => of_mcap,
+    let look: Look = match media_type.as_deref() {
+        Some("application/x-matlab-data") => decode_mat,
+        Some("application/x-npy") => decode_npy,
+        Some("audio/flac") => decode_flac,
+        Some("application/x-protobuf") => decode_message,
+        Some("application/mcap") => first_records,
         other => return Err(body::unsupported(other, EXPECTED)),
     };
     if let Some(rate) = params.sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
@@ -106,37 +115,35 @@ pub(super) async fn recording_preview(
         sample_rate_hz: params.sample_rate_hz,
         ..RecordDefaults::default()
     };
-    let preview = move || look(bytes.to_vec(), defaults);
+    let preview = move || RecordingPreviewView::of(look(&bytes, &defaults));
     Ok(Json(app.service.workers.run("preview a recording", preview).await?))
 }
 
-fn of_mat(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
-    RecordingPreviewView::of(decode_mat(&bytes, &defaults))
-}
+/// Reads the record of each channel.
+type Look = fn(&[u8], &RecordDefaults) -> Result<Vec<Record>, RecordingError>;
 
-fn of_block(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
-    RecordingPreviewView::of(
-        decode_block(&bytes, BlockEncoding::Protobuf, &defaults).map(|record| vec![record]),
-    )
+fn decode_message(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+    Ok(vec![decode_block(bytes, BlockEncoding::Protobuf, defaults)?])
 }
 
 /// The first record of each channel; the recording may be truncated.
-fn of_mcap(bytes: Vec<u8>, defaults: RecordDefaults) -> RecordingPreviewView {
+fn first_records(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
     let mut records: Vec<Record> = Vec::new();
-    for recorded in McapReader::with_defaults(Cursor::new(bytes), defaults).take(MAX_RECORDS) {
+    let reader = McapReader::with_defaults(Cursor::new(bytes.to_vec()), defaults.clone());
+    for recorded in reader.take(MAX_RECORDS) {
         match recorded {
             Ok(recorded) if records.iter().all(|known| known.channel() != recorded.record.channel()) => {
                 records.push(recorded.record);
             }
             Ok(_) => {}
-            Err(error) if records.is_empty() => return RecordingPreviewView::of(Err(error)),
+            Err(error) if records.is_empty() => return Err(error),
             Err(_) => break,
         }
         if records.len() == MAX_CHANNELS {
             break;
         }
     }
-    RecordingPreviewView::of(Ok(records))
+    Ok(records)
 }
 
 impl RecordingPreviewView {

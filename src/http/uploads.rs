@@ -21,14 +21,17 @@ use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::{JsonBlock, RawLayout};
 use crate::service::{
-    Accepted, BatchSummary, QueuedRecord, RecordFormat, ServiceError, UploadMetadata, detached,
+    Accepted, BatchSummary, QueuedRecord, RecordFormat, SampleFile, ServiceError, UploadMetadata, detached,
 };
 use crate::signal::OperatingPoint;
 use crate::store::KeyedUpload;
 
 const MCAP: &str = "application/mcap";
 const RAW: &str = "application/octet-stream";
-const EXPECTED: &str = "audio/wav, text/csv, application/x-matlab-data, application/x-protobuf, application/json, application/mcap or application/octet-stream";
+const EXPECTED: &str = "audio/wav, audio/flac, text/csv, application/x-matlab-data, application/x-npy, application/x-protobuf, application/json, application/mcap or application/octet-stream";
+
+/// Millivolts in a volt.
+const MV_PER_V: f64 = 1e3;
 
 /// Maximum length of an Idempotency-Key in bytes.
 const MAX_KEY_BYTES: usize = 255;
@@ -73,7 +76,7 @@ pub(super) struct UploadParameters {
     /// For `application/octet-stream`: sample format, `f32` or `i16`, little-endian, channels interleaved.
     #[serde(skip_serializing_if = "Option::is_none")]
     sample: Option<String>,
-    /// Sampling rate in hertz: for `application/octet-stream`, and for `text/csv` and
+    /// Sampling rate in hertz: for `application/octet-stream` and `application/x-npy`, and for `text/csv` and
     /// `application/x-matlab-data` that do not contain it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 12800.0)]
@@ -91,9 +94,16 @@ pub(super) struct UploadParameters {
     /// For `application/octet-stream`: number of channels, default 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     channels: Option<u32>,
-    /// For `application/octet-stream`: value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`.
+    /// Factor for each value, stored with the record. Full-scale integers of WAV and FLAC are 1 before it. For
+    /// `application/octet-stream`: value of one count in `unit`; default 1 for `f32`, 1/32768 for `i16`. Not
+    /// for messages and MCAP.
     #[serde(skip_serializing_if = "Option::is_none")]
     scale: Option<f64>,
+    /// Sensitivity of the sensor in mV/g: converts values in volts (after `scale`) to g. For WAV, FLAC, CSV,
+    /// MATLAB and NumPy files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = 100.0)]
+    sensitivity_mv_per_g: Option<f64>,
 }
 
 /// The result of one channel's record.
@@ -335,18 +345,60 @@ impl Upload<'_> {
 
     fn format(&self, media_type: Option<&str>) -> Result<RecordFormat, Problem> {
         let params = &self.params;
-        if media_type != Some(RAW) {
-            let format = media_type.and_then(RecordFormat::from_media_type);
-            return match format {
-                Some(RecordFormat::Csv(_)) => {
-                    let columns = params.columns.clone();
-                    let layout = CsvParameters::new(params.sample_rate_hz, params.time_column, columns);
-                    Ok(RecordFormat::Csv(layout.layout()?))
+        let format = match media_type {
+            Some(RAW) => return self.raw_format(),
+            _ => media_type.and_then(RecordFormat::from_media_type),
+        };
+        let format = format.ok_or_else(|| body::unsupported(media_type, EXPECTED))?;
+        // A value that the format does not use is an error: ignoring it would give wrong records.
+        let given: &[(&str, bool)] = &[
+            ("sample", params.sample.is_some()),
+            ("channels", params.channels.is_some()),
+            ("time_column", params.time_column.is_some()),
+            ("columns", params.columns.is_some()),
+            ("sample_rate_hz", params.sample_rate_hz.is_some()),
+            ("scale", params.scale.is_some()),
+            ("sensitivity_mv_per_g", params.sensitivity_mv_per_g.is_some()),
+        ];
+        let used: &[&str] = match format {
+            RecordFormat::File(SampleFile { kind, .. }) if kind.has_rate() => {
+                &["scale", "sensitivity_mv_per_g"]
+            }
+            RecordFormat::File(_) => &["sample_rate_hz", "scale", "sensitivity_mv_per_g"],
+            RecordFormat::Csv(_) => {
+                &["sample_rate_hz", "scale", "sensitivity_mv_per_g", "time_column", "columns"]
+            }
+            _ => &[],
+        };
+        if let Some((name, _)) = given.iter().find(|(name, is_given)| *is_given && !used.contains(name)) {
+            return Err(Problem::query(name, "given", "no value with this content-type"));
+        }
+        let (sample_rate_hz, scale) = (params.sample_rate_hz, params.scale()?);
+        Ok(match format {
+            RecordFormat::Csv(_) => {
+                let columns = params.columns.clone();
+                let mut layout = CsvParameters::new(sample_rate_hz, params.time_column, columns).layout()?;
+                layout.scale = scale;
+                RecordFormat::Csv(layout)
+            }
+            RecordFormat::File(file) => {
+                if let Some(rate) = sample_rate_hz.filter(|rate| !(*rate > 0.0 && rate.is_finite())) {
+                    return Err(Problem::query("sample_rate_hz", rate, "a rate above 0"));
                 }
-                Some(RecordFormat::Mat(_)) => Ok(RecordFormat::Mat(params.sample_rate_hz)),
-                Some(format) => Ok(format),
-                None => Err(body::unsupported(media_type, EXPECTED)),
-            };
+                RecordFormat::File(SampleFile { sample_rate_hz, scale, ..file })
+            }
+            other => other,
+        })
+    }
+
+    fn raw_format(&self) -> Result<RecordFormat, Problem> {
+        let params = &self.params;
+        if params.sensitivity_mv_per_g.is_some() {
+            return Err(Problem::query(
+                "sensitivity_mv_per_g",
+                "given",
+                "no value for raw samples: use scale",
+            ));
         }
         let missing = |field| Problem::query(field, "missing", "a value, as raw samples do not contain it");
         let sample = params.sample.as_deref().ok_or_else(|| missing("sample"))?;
@@ -359,6 +411,10 @@ impl Upload<'_> {
 
     fn metadata(&self) -> Result<UploadMetadata, Problem> {
         let params = &self.params;
+        let in_g = params.sensitivity_mv_per_g.map(|_| "g".to_owned());
+        if let (Some(_), Some(unit)) = (&in_g, params.unit.as_deref().filter(|unit| *unit != "g")) {
+            return Err(Problem::query("unit", unit, "g, or no value, with sensitivity_mv_per_g"));
+        }
         let listed = |list: &Option<String>| {
             let list = list.as_deref();
             list.map(|list| list.split(',').map(|each| each.trim().to_string()).collect()).unwrap_or_default()
@@ -367,7 +423,7 @@ impl Upload<'_> {
             start_time: params.start_time,
             channel: params.channel.clone(),
             channel_names: listed(&params.channel_names),
-            unit: params.unit.clone(),
+            unit: in_g.or_else(|| params.unit.clone()),
             channel_units: listed(&params.channel_units),
             operating_point: OperatingPoint {
                 shaft_speed_hz: params.shaft_speed_hz,
@@ -401,6 +457,20 @@ pub(super) async fn take_recording<R: Read + Send + 'static>(
 }
 
 impl UploadParameters {
+    /// Returns the factor for each value, if one is given.
+    fn scale(&self) -> Result<Option<f64>, Problem> {
+        if let Some(scale) = self.scale.filter(|scale| *scale == 0.0 || !scale.is_finite()) {
+            return Err(Problem::query("scale", scale, "a finite number other than 0"));
+        }
+        match self.sensitivity_mv_per_g {
+            None => Ok(self.scale),
+            Some(sensitivity) if sensitivity > 0.0 && sensitivity.is_finite() => {
+                Ok(Some(self.scale.unwrap_or(1.0) * MV_PER_V / sensitivity))
+            }
+            Some(other) => Err(Problem::query("sensitivity_mv_per_g", other, "a finite number above 0")),
+        }
+    }
+
     fn first_given(&self) -> Option<String> {
         let given = serde_json::to_value(self).ok()?;
         given.as_object()?.keys().next().cloned()

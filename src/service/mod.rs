@@ -77,7 +77,9 @@ pub use precondition::{Precondition, description_tag};
 pub use raw::UploadPieces;
 pub use rebuild::Rebuilt;
 pub use recomputation::{Recomputation, RecomputationState};
-pub use record::{BandChoice, RecordFormat, SegmentEnvelope, StoredRecords, UploadMetadata};
+pub use record::{
+    BandChoice, RecordFormat, SampleFile, SampleFileKind, SegmentEnvelope, StoredRecords, UploadMetadata,
+};
 pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::{ReplayFile, Replays};

@@ -5,7 +5,9 @@ use std::str::FromStr;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::error::ServiceError;
 use crate::asset::AssetId;
+use crate::recording::{RecordDefaults, TimeOfDay};
 
 /// The pace of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -65,6 +67,75 @@ pub struct ReplayRequest {
     #[serde(default = "Pace::max")]
     #[schema(value_type = String, example = "max", pattern = r"^(max|realtime|[0-9.]+x)$")]
     pub pace: Pace,
+    /// What the recording does not contain.
+    #[serde(default)]
+    pub recording: ReplayValues,
+}
+
+/// Values that a replayed recording may lack.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReplayValues {
+    /// Time of the first sample; a time of day in the recording counts from there on. By default the time of
+    /// the request, and a time of day counts up to it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start_time: Option<Timestamp>,
+    /// Sampling rate in hertz.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = 12800.0)]
+    pub sample_rate_hz: Option<f64>,
+    /// Unit of the samples.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "m/s2")]
+    pub unit: Option<String>,
+    /// Factor for each value; full-scale integers of WAV and FLAC are 1 before it is applied.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
+    /// Length in seconds of the records that a long recording is cut into.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub record_seconds: Option<f64>,
+}
+
+impl ReplayValues {
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// [`ServiceError::Field`].
+    pub(crate) fn check(&self) -> Result<(), ServiceError> {
+        let wrong = |field, value: f64, expected| {
+            Err(ServiceError::Field { field, value: value.to_string(), expected })
+        };
+        let is_positive = |value: &f64| *value > 0.0 && value.is_finite();
+        match *self {
+            Self { sample_rate_hz: Some(rate), .. } if !is_positive(&rate) => {
+                wrong("recording.sample_rate_hz", rate, "a rate above 0")
+            }
+            Self { record_seconds: Some(seconds), .. } if !is_positive(&seconds) => {
+                wrong("recording.record_seconds", seconds, "a length above 0")
+            }
+            Self { scale: Some(scale), .. } if scale == 0.0 || !scale.is_finite() => {
+                wrong("recording.scale", scale, "a finite number other than 0")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Completes the default values for an asset's records.
+    pub(crate) fn complete(&self, defaults: &mut RecordDefaults) {
+        if let Some(start_time) = self.start_time {
+            defaults.start_time = start_time;
+        }
+        defaults.time_of_day = match self.start_time {
+            Some(_) => TimeOfDay::FromStart,
+            None => TimeOfDay::UpToStart,
+        };
+        defaults.sample_rate_hz = self.sample_rate_hz;
+        defaults.scale = self.scale;
+        if self.unit.is_some() {
+            defaults.unit.clone_from(&self.unit);
+            defaults.channel_units.clear();
+        }
+    }
 }
 
 impl Pace {
@@ -99,6 +170,9 @@ pub struct Replay {
     /// The pace: `max`, `realtime` or a factor such as `10x`.
     #[schema(value_type = String, example = "max")]
     pub pace: Pace,
+    /// What the recording does not contain.
+    #[serde(default)]
+    pub recording: ReplayValues,
     /// The state.
     pub state: ReplayState,
     /// Why it failed, or why the first refused record was refused.
@@ -135,6 +209,7 @@ impl Replay {
             asset: request.asset,
             file: request.file,
             pace: request.pace,
+            recording: request.recording,
             state: ReplayState::Running,
             error: None,
             records_total: None,

@@ -63,6 +63,34 @@ function stereo(frames) {
 }
 
 export const CHECKS = {
+  "FLAC, NumPy and compressed CSV files are inspected and sent": async (name) => {
+    const { id, page } = await desk();
+    const fixture = (path) => readFile(new URL(`../../fixtures/${path}`, import.meta.url));
+    const type = "application/octet-stream";
+    await page.setInputFiles("#upload-file", [
+      { name: "mono.flac", mimeType: type, buffer: await fixture("flac/mono-16.flac") },
+      { name: "array.npy", mimeType: type, buffer: await fixture("npy/int16-two-channels.npy") },
+      { name: "table.csv.gz", mimeType: type, buffer: await fixture("csv/compressed.csv.gz") },
+    ]);
+    await card(page, "mono.flac").getByText("FLAC · 1 channel · 20 kHz (from the file) · 0.25 s").waitFor();
+    await card(page, "array.npy").getByText("Sample rate is missing").waitFor();
+    await page.getByText("For files other than MCAP: unit").click();
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12800");
+    await page.getByLabel("Unit", { exact: true }).fill("m/s2");
+    await card(page, "array.npy").getByText("NumPy · 2 channels · 12.8 kHz (entered)").waitFor();
+    await card(page, "table.csv").getByText("CSV · 1 channel · 12.8 kHz (entered)").waitFor();
+    await page.getByRole("button", { name: "Upload 3 files" }).click();
+    await page.getByRole("button", { name: "Undo this import: delete 4 records" }).waitFor();
+    const stored = (await json(`assets/${id}/segments`)).items;
+    assert.deepEqual(stored.map((segment) => segment.raw.media_type.split(";")[0]).sort(), [
+      "application/x-npy",
+      "application/x-npy",
+      "audio/flac",
+      "text/csv",
+    ]);
+    await picture(page, name);
+  },
+
   "a preview shows the contents of each file before the upload": async (name) => {
     const opened = await desk();
     const { id, page } = opened;
@@ -107,9 +135,9 @@ export const CHECKS = {
     await card(page, "block.pb").locator("svg.sketch").waitFor();
     // a MATLAB file without a rate is inspected again when one is entered
     await card(page, "two.mat").locator('.result[data-kind="bad"]').waitFor();
-    await page.getByText("For WAV, CSV and MATLAB files: unit").click();
-    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
-    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
+    await page.getByText("For files other than MCAP: unit").click();
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
     assert.equal(await card(page, "two.mat").locator("svg.sketch").count(), 2, "a waveform of each channel");
     await card(page, "broken.wav").getByText("It does not start like a WAV file (RIFF, WAVE).").waitFor();
@@ -205,8 +233,8 @@ export const CHECKS = {
     assert.equal(await file.getByLabel("Unit of in of").inputValue(), "g");
     await file.getByLabel("Name of out of").fill("gear-side");
     await page.locator("summary", { hasText: "sampling rate" }).click();
-    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("2560.5");
-    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("2560.5");
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     await file.getByText("CSV · 2 channels · 2560.5 Hz (entered)").waitFor();
     await shoot(page, `${name} mapped`);
     await send(page);
@@ -240,8 +268,8 @@ export const CHECKS = {
     await page.setInputFiles("#upload-file", [{ name, mimeType: "application/octet-stream", buffer }]);
     await card(page, "m_20260401").locator('.result[data-kind="bad"]').waitFor();
     await page.locator("summary", { hasText: "sampling rate" }).click();
-    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("12000");
-    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").blur();
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     for (const [own, chosen] of [
       ["X097_DE_time", "drive end"],
       ["X097_FE_time", "fan end"],
@@ -345,7 +373,7 @@ export const CHECKS = {
   "files dropped on the import page are listed there": async (name) => {
     const opened = await desk();
     const { page } = opened;
-    await page.getByText("Drop WAV, MCAP, CSV or MATLAB files here").waitFor();
+    await page.getByText("Drop recordings or folders of them here").waitFor();
     await drop(page, { "dropped.wav": wav(1000) });
     await card(page, "dropped.wav").getByText("4000 Hz").waitFor();
     assert.equal(await page.locator("dialog[open]").count(), 0);

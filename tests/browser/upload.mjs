@@ -149,7 +149,7 @@ export const CHECKS = {
     await refused("Zeit [s];a1\n0;1\n0,1;2\n0,2;3\n0,9;4\n1;5", "csv line 5: 0.7 s after the line above");
     await refused("n;a1\n1;0,1\n2;0,5\n3;0,2\n4;0,1", /column "n" rises by the same step from line to line/);
     await page.locator("summary", { hasText: "sampling rate" }).click();
-    await page.getByLabel("Sampling rate of a CSV or MATLAB file, Hz").fill("900");
+    await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("900");
     await refused(
       "Zeit [s];a1\n0;1\n0,001;2\n0,002;3\n0,003;4",
       "the sampling rate is 900 Hz, expected 1000 Hz",
@@ -254,7 +254,7 @@ export const CHECKS = {
       .waitFor();
     await page
       .locator('.result[data-kind="bad"]', {
-        hasText: "notes.txt was rejected: expected a .wav",
+        hasText: "notes.txt was rejected: expected a file of .wav",
       })
       .waitFor();
     assert.equal((await json(`assets/${id}`)).summary.segments, 1);
@@ -350,7 +350,7 @@ export const CHECKS = {
     await refused("broken.wav", "not a recording", "broken.wav was rejected");
     await refused("broken.csv", csv(100, 41), 'line 43, column "a1": "none", expected a finite number');
     await refused("untimed.csv", "a1\n1\n2\n3", "the sampling rate is missing");
-    await refused("notes.txt", "words", "expected a .wav, .mcap, .csv");
+    await refused("notes.txt", "words", "expected a file of .wav, .flac, .csv");
     await page.context().close();
   },
 };

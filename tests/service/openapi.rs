@@ -147,11 +147,14 @@ fn schemathesis_finds_no_error_and_no_undocumented_response() {
             .collect::<String>()
     );
     std::fs::write(folder.path().join("schemathesis.toml"), config).unwrap();
-    let bytes = ["offset+octet-stream", "mcap", "x-matlab-data", "x-protobuf"];
-    let sent_as =
-        bytes.map(|kind| (kind, "application/octet-stream")).into_iter().chain([("toml", "text/plain")]);
-    let aliases = sent_as
-        .map(|(kind, like)| format!("schemathesis.serializer.alias(\"application/{kind}\", \"{like}\")\n"));
+    let bytes = ["offset+octet-stream", "mcap", "x-matlab-data", "x-npy", "x-protobuf"]
+        .map(|kind| (format!("application/{kind}"), "application/octet-stream"));
+    let others = [("application/toml", "text/plain"), ("audio/flac", "application/octet-stream")]
+        .map(|(kind, like)| (kind.to_owned(), like));
+    let aliases = bytes
+        .into_iter()
+        .chain(others)
+        .map(|(kind, like)| format!("schemathesis.serializer.alias(\"{kind}\", \"{like}\")\n"));
     let hooks = ["import schemathesis\n\n".to_owned()].into_iter().chain(aliases).collect::<String>();
     std::fs::write(folder.path().join("hooks.py"), hooks).unwrap();
     let output = Command::new(tool)

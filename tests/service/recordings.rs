@@ -106,6 +106,44 @@ fn a_replay_sends_a_recording_and_reports_its_progress() {
 }
 
 #[test]
+fn a_replay_of_any_format_takes_what_the_file_lacks() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let folder = service.folder().join("recordings");
+    std::fs::copy("fixtures/npy/int16-two-channels.npy", folder.join("a.npy")).unwrap();
+    let clock: String = (0..50).map(|k| format!("9,30,10,{},{k},1\n", 10_000 * k)).collect();
+    std::fs::write(folder.join("acc.csv"), clock).unwrap();
+    let replay = |body: Value| service.post_json("/v1/replays", &body);
+    let start = "2026-01-05T08:00:00Z";
+    let recording = json!({ "sample_rate_hz": 100.0, "unit": "m/s2", "scale": 0.5, "record_seconds": 0.5, "start_time": start });
+    let started =
+        replay(json!({ "asset": "pump", "file": "a.npy", "recording": recording })).expect(202).json();
+    assert_eq!(started["recording"], recording);
+    let ended = wait_for_end(&service, &started);
+    assert_eq!((&ended["state"], &ended["stored"]), (&json!("finished"), &json!(4)), "{ended}");
+    assert_eq!(
+        (&ended["first_start_time"], &ended["last_start_time"]),
+        (&json!(start), &json!("2026-01-05T08:00:00.5Z"))
+    );
+    // A time of day is the last one before the replay, or the first one from a given start.
+    let started = replay(json!({ "asset": "pump", "file": "acc.csv" })).expect(202).json();
+    let ended = wait_for_end(&service, &started);
+    let (first, asked) = (&ended["first_start_time"], &ended["started_at"]);
+    assert!(first.as_str() < asked.as_str() && first.as_str().unwrap().ends_with("T09:30:10Z"), "{ended}");
+    let recording = json!({ "start_time": start });
+    let started =
+        replay(json!({ "asset": "pump", "file": "acc.csv", "recording": recording })).expect(202).json();
+    assert_eq!(wait_for_end(&service, &started)["first_start_time"], "2026-01-05T09:30:10Z");
+    let started = replay(json!({ "asset": "pump", "file": "a.npy" })).expect(202).json();
+    let error = wait_for_end(&service, &started)["error"].as_str().unwrap().to_owned();
+    assert!(error.contains("sample rate is missing"), "{error}");
+    for (field, value) in [("sample_rate_hz", 0), ("scale", 0), ("record_seconds", -1)] {
+        replay(json!({ "asset": "pump", "file": "a.npy", "recording": { field: value } }))
+            .expect_problem(422, &[field, "recording"]);
+    }
+}
+
+#[test]
 fn a_paced_replay_waits_and_can_be_stopped() {
     let service = Service::start();
     service.plain_asset("pump");

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use flankwatch::recording::{RecordDefaults, decode_flac};
 use serde_json::{Value, json};
 
 use crate::running::{Service, mcap, plain_asset, record, samples, wav};
@@ -200,6 +201,94 @@ fn a_matlab_file_is_accepted_with_its_variables_as_channels() {
     let count = |k: usize| (((37 * k + 11) % 201) as f32 - 100.0) / 8.0;
     assert_eq!(waveform(&service, &answer["segments"][1]), (0..100).map(count).collect::<Vec<_>>());
     service.post(path, matlab, b"MATLAB 5.0 MAT-file").expect_problem(422, &["mat: header"]);
+}
+
+#[test]
+fn flac_and_numpy_files_are_accepted_with_a_scale_that_is_stored() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let at = |minute: u32| format!("{SEGMENTS}?start_time=2026-01-05T08:{minute:02}:00Z");
+    let raw_type = |segment: &Value| segment["raw"]["media_type"].as_str().unwrap().to_owned();
+    let flac = include_bytes!("../../fixtures/flac/mono-16.flac");
+    let stored = service
+        .post(&format!("{}&scale=5&sensitivity_mv_per_g=100", at(0)), "audio/flac", flac)
+        .expect(201)
+        .json();
+    assert_eq!(
+        (stored["sample_rate_hz"].as_f64(), raw_type(&stored)),
+        (Some(20_000.0), "audio/flac;scale=50; unit=g".into())
+    );
+    let defaults = RecordDefaults { scale: Some(50.0), unit: Some("g".into()), ..RecordDefaults::default() };
+    let expected = decode_flac(flac, &defaults).unwrap().remove(0);
+    let unit = stored["unit"].as_str().unwrap();
+    assert_eq!(waveform(&service, &stored), expected.in_unit(unit).unwrap().samples());
+
+    let npy = include_bytes!("../../fixtures/npy/int16-two-channels.npy");
+    service.post(&at(1), "application/x-npy", npy).expect_problem(422, &["sample rate", "missing"]);
+    let path = format!("{}&sample_rate_hz=12800&scale=0.5&unit=m/s2", at(1));
+    let stored = service.post(&path, "application/x-npy", npy).expect(201).json();
+    let segments = stored["segments"].as_array().unwrap();
+    assert_eq!(
+        (segments.len(), raw_type(&segments[1])),
+        (2, "application/x-npy;rate=12800;scale=0.5".into())
+    );
+    let raw = service.get(&format!("/v1/segments/{}/raw", segments[1]["id"].as_str().unwrap())).expect(200);
+    assert_eq!((raw.header("content-type"), raw.bytes.as_slice()), ("application/x-npy", &npy[..]));
+
+    let csv = "a [m/s2]\n1\n2\n3\n";
+    let path = format!("{}&sample_rate_hz=100&scale=-2", at(2));
+    let stored = service.post(&path, "text/csv", csv.as_bytes()).expect(201).json();
+    assert_eq!(waveform(&service, &stored), [-2.0, -4.0, -6.0]);
+}
+
+#[test]
+fn parameters_that_a_format_does_not_use_are_refused() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    for (query, media_type, words) in [
+        ("sample_rate_hz=100", "audio/wav", ["sample_rate_hz", "content-type"]),
+        ("columns=1", "audio/flac", ["columns", "content-type"]),
+        ("scale=2", "application/json", ["scale", "content-type"]),
+        ("scale=0", "audio/wav", ["scale", "other than 0"]),
+        ("sensitivity_mv_per_g=-1", "audio/wav", ["sensitivity_mv_per_g", "above 0"]),
+        ("sensitivity_mv_per_g=100&unit=m/s2", "audio/wav", ["unit", "sensitivity_mv_per_g"]),
+        ("sample_rate_hz=0", "application/x-npy", ["sample_rate_hz", "above 0"]),
+        (
+            "sample=f32&sample_rate_hz=10&sensitivity_mv_per_g=1",
+            "application/octet-stream",
+            ["sensitivity", "scale"],
+        ),
+    ] {
+        service.post(&format!("{SEGMENTS}?{query}"), media_type, b"x").expect_problem(400, &words);
+    }
+}
+
+#[test]
+fn a_file_of_another_format_is_named() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    for (bytes, name) in
+        [(&b"\x89HDF\r\n\x1a\n...."[..], "HDF5"), (b"TDSm........", "TDMS"), (b"PAR1....", "Parquet")]
+    {
+        for media_type in ["audio/wav", "text/csv", "application/x-matlab-data"] {
+            service.post(SEGMENTS, media_type, bytes).expect_problem(422, &[name]);
+        }
+    }
+}
+
+#[test]
+fn a_time_of_day_is_the_last_one_before_the_receipt() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let text = "at,x [g]\n08:00:00.5,1\n08:00:00.6,2\n08:00:00.7,3\n";
+    let start = |path: &str| {
+        let stored = service.post(path, "text/csv", text.as_bytes()).expect(201).json();
+        stored["start_time"].as_str().unwrap().parse::<jiff::Timestamp>().unwrap()
+    };
+    let found = start(SEGMENTS);
+    assert_eq!(found.as_millisecond().rem_euclid(86_400_000), 8 * 3_600_000 + 500);
+    let given = "2026-01-05T09:00:00Z";
+    assert_eq!(start(&format!("{SEGMENTS}?start_time={given}")).to_string(), given);
 }
 
 #[test]

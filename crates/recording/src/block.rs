@@ -38,6 +38,18 @@ impl BlockEncoding {
     }
 }
 
+/// What a time of day without a date means for the start of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TimeOfDay {
+    /// Nothing: the start time of the defaults counts.
+    #[default]
+    Ignored,
+    /// The recording starts at the first such time from the start time of the defaults on.
+    FromStart,
+    /// The recording starts at the last such time up to the start time of the defaults.
+    UpToStart,
+}
+
 /// Values of a record that the recording itself does not state.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RecordDefaults {
@@ -47,6 +59,8 @@ pub struct RecordDefaults {
     pub channel_names: Vec<String>,
     /// Time of the first sample of the recording.
     pub start_time: Timestamp,
+    /// What a time of day in the recording, such as that of a CSV file, means for its start.
+    pub time_of_day: TimeOfDay,
     /// Sampling rate in hertz of a recording that may lack it, such as CSV.
     pub sample_rate_hz: Option<f64>,
     /// Factor for each value of a WAV, FLAC, CSV, MATLAB or NumPy recording. A full-scale integer of a WAV is

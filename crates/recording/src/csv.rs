@@ -110,6 +110,11 @@ impl<R: Read> CsvFrames<R> {
         self.head.stated_rate_hz
     }
 
+    /// Returns the resolution of the times in nanoseconds, if their format fixes it.
+    pub(super) fn time_resolution_ns(&self) -> Option<i64> {
+        self.head.clock.and_then(Clock::resolution_ns)
+    }
+
     /// Returns whether the file has times of day.
     pub(super) fn shows_time_of_day(&self) -> bool {
         self.head.clock.is_some_and(Clock::shows_time_of_day)

@@ -95,7 +95,7 @@ fn contents(lines: &[u8], layout: CsvLayout, intervals: usize) -> Result<CsvCont
 impl CsvContents {
     /// Returns the time of the first sample, if a column contains dates.
     pub fn start_time(&self) -> Option<Timestamp> {
-        self.timing.start_time
+        self.timing.dated_start
     }
 }
 

@@ -21,6 +21,7 @@ pub fn decode_csv(
     }
     let defaults = &RecordDefaults {
         sample_rate_hz: layout.sample_rate_hz.or(defaults.sample_rate_hz),
+        scale: layout.scale.or(defaults.scale),
         ..defaults.clone()
     };
     let timing = CsvTiming::scan(CsvFrames::with_layout(bytes, layout)?)?;
@@ -32,20 +33,12 @@ pub fn decode_csv(
 pub struct TimedCsvFrames<R> {
     frames: CsvFrames<R>,
     timing: CsvTiming,
-    follows_start_time: bool,
 }
 
 impl<R: Read> TimedCsvFrames<R> {
     /// Joins the frames of a file with its timing.
     pub fn new(frames: CsvFrames<R>, timing: CsvTiming) -> Self {
-        Self { frames, timing, follows_start_time: false }
-    }
-
-    /// Places a time of day in the file at its first occurrence from the start time of the defaults on.
-    /// Without this call, the defaults alone give the start time of a file without dates.
-    #[must_use]
-    pub fn following_start_time(self) -> Self {
-        Self { follows_start_time: true, ..self }
+        Self { frames, timing }
     }
 }
 
@@ -54,19 +47,13 @@ impl<R: Read> Frames for TimedCsvFrames<R> {
         let own = self.frames.channels();
         let channels = defaults.names_or(own.to_vec());
         let units = channels.iter().zip(self.frames.units());
-        let by_time_of_day = || self.timing.start_time_from(defaults.start_time);
-        let start_time = match self.timing.start_time {
-            Some(time) => time,
-            None if self.follows_start_time => by_time_of_day().unwrap_or(defaults.start_time),
-            None => defaults.start_time,
-        };
         Ok(FramesInfo {
             channel_units: units
                 .filter_map(|(channel, unit)| Some((channel.clone(), (*unit)?.to_owned())))
                 .collect(),
             channels,
             sample_rate_hz: self.timing.sample_rate_hz(defaults.sample_rate_hz)?,
-            start_time,
+            start_time: self.timing.start_time(defaults),
             frames_at_most: self.timing.frames,
         })
     }
@@ -79,6 +66,7 @@ impl<R: Read> Frames for TimedCsvFrames<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::TimeOfDay;
     use proptest::prelude::*;
 
     fn read(text: &str, rate_hz: Option<f64>) -> Result<Vec<Record>, String> {
@@ -135,13 +123,37 @@ mod tests {
         assert_eq!(records.len(), 2);
         assert_eq!(records[1].channel(), "6");
         assert!((records[0].sample_rate_hz() - 1e6 / 39.0).abs() < 1e-6);
+        // Steps of 39 µs may be those of 25.6 kHz, rounded.
+        assert_eq!(read(&text, Some(25_600.0)).unwrap()[0].sample_rate_hz(), 25_600.0);
         assert_eq!(
-            read(&text, Some(25_600.0)).unwrap_err().split(',').next(),
-            Some("the sampling rate is 25600 Hz")
+            read(&text, Some(25_200.0)).unwrap_err().split(',').next(),
+            Some("the sampling rate is 25200 Hz")
         );
-        assert_eq!(read(&text, Some(25_640.0)).unwrap()[0].sample_rate_hz(), 25_640.0);
         // Whole numbers that are no clock are samples.
         assert_eq!(read("9,39,39,5,1\n3,70,2,1,4\n1,1,1,1,1\n", Some(1.0)).unwrap().len(), 5);
+    }
+
+    #[test]
+    fn times_of_day_give_the_start_on_demand() {
+        let start = |text: &str, time_of_day: TimeOfDay, start_time: &str| -> String {
+            let defaults =
+                RecordDefaults { start_time: start_time.parse().unwrap(), time_of_day, ..Default::default() };
+            let records = decode_csv(text.as_bytes(), CsvLayout::default(), &defaults).unwrap();
+            records[0].start_time().to_string()
+        };
+        let text = "at,x\n08:00:00.5,1\n08:00:00.6,2\n";
+        for (time_of_day, start_time, expected) in [
+            (TimeOfDay::Ignored, "2026-03-01T09:00:00Z", "2026-03-01T09:00:00Z"),
+            (TimeOfDay::FromStart, "2026-03-01T09:00:00Z", "2026-03-02T08:00:00.5Z"),
+            (TimeOfDay::FromStart, "2026-03-01T08:00:01Z", "2026-03-01T08:00:00.5Z"),
+            (TimeOfDay::UpToStart, "2026-03-01T09:00:00Z", "2026-03-01T08:00:00.5Z"),
+            (TimeOfDay::UpToStart, "2026-03-01T07:00:00Z", "2026-02-28T08:00:00.5Z"),
+        ] {
+            assert_eq!(start(text, time_of_day, start_time), expected, "{time_of_day:?} {start_time}");
+        }
+        let elapsed = "at,x\n00:00:00.0,1\n00:00:00.1,2\n";
+        let given = "2026-03-01T09:00:00Z";
+        assert_eq!(start(elapsed, TimeOfDay::FromStart, given), given);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::io::Read;
 use jiff::Timestamp;
 
 use super::csv_field::{Decimals, Moment};
-use super::{CsvFrames, RecordingError};
+use super::{CsvFrames, RecordDefaults, RecordingError, TimeOfDay};
 
 /// Largest relative difference between a given rate and that of the time column.
 const RATE_TOLERANCE: f64 = 1e-3;
@@ -40,6 +40,11 @@ impl Clock {
             Self::Seconds { column, .. } | Self::Moment(column) => column == at,
             Self::Parts => at < 4,
         }
+    }
+
+    /// Returns the resolution of times in nanoseconds, if the format fixes it.
+    pub(super) fn resolution_ns(self) -> Option<i64> {
+        matches!(self, Self::Parts).then_some(1000)
     }
 
     /// Returns whether times without a date are times of day, not seconds since the start.
@@ -98,7 +103,7 @@ pub struct CsvTiming {
     /// Sampling rate in hertz stated in a line before the header.
     pub stated_rate_hz: Option<f64>,
     /// Time of the first sample, if a column contains dates.
-    pub start_time: Option<Timestamp>,
+    pub dated_start: Option<Timestamp>,
     /// Time of day of the first sample in nanoseconds, if a column contains times of day without dates.
     time_of_day_ns: Option<i64>,
     /// Relative uncertainty of the rate from the time columns.
@@ -155,31 +160,46 @@ impl CsvTiming {
         if frames.may_be_unnamed_time() && ramp.is_even() {
             return Err(frames.unnamed_time());
         }
-        let (start_time, since_midnight_ns) = match first {
+        let (dated_start, since_midnight_ns) = match first {
             Some(Moment::Since1970(ns)) => (Timestamp::from_nanosecond(i128::from(ns)).ok(), None),
             Some(Moment::SinceMidnight(ns)) => (None, Some(ns)),
             None => (None, None),
         };
-        let (clock_rate_hz, uncertainty) =
+        let (clock_rate_hz, mut uncertainty) =
             steps.rate_hz()?.map_or((None, 0.0), |(rate, uncertainty)| (Some(rate), uncertainty));
+        if let (Some(resolution_ns), Some(step_ns)) = (frames.time_resolution_ns(), steps.constant_ns()) {
+            // The recorder may have rounded its step before it added the steps up.
+            uncertainty += 0.5 * resolution_ns as f64 / step_ns as f64;
+        }
         Ok(Self {
             frames: count,
             clock_rate_hz,
             stated_rate_hz: frames.stated_rate_hz(),
-            start_time,
+            dated_start,
             // Times from zero count from the start of the recording.
             time_of_day_ns: since_midnight_ns.filter(|ns| shows_time_of_day && *ns != 0),
             uncertainty,
         })
     }
 
-    /// Returns the first time from `earliest` on that has the time of day (UTC) of the first sample; `None`
-    /// without times of day. It may be up to a second before `earliest`, which is the computed end of another
-    /// recording.
-    pub(super) fn start_time_from(&self, earliest: Timestamp) -> Option<Timestamp> {
-        let earliest_ns = earliest.as_nanosecond() - SECOND_NS;
-        let wait_ns = (i128::from(self.time_of_day_ns?) - earliest_ns).rem_euclid(DAY_NS);
-        Timestamp::from_nanosecond(earliest_ns + wait_ns).ok()
+    /// Returns the time of the first sample: that of a column with dates, else that of the defaults and the
+    /// time of day (UTC).
+    pub(super) fn start_time(&self, defaults: &RecordDefaults) -> Timestamp {
+        let start_ns = defaults.start_time.as_nanosecond();
+        let by_time_of_day = || {
+            let time_of_day_ns = i128::from(self.time_of_day_ns?);
+            let ns = match defaults.time_of_day {
+                TimeOfDay::Ignored => return None,
+                // The start may be the computed end of another recording, which is a little late.
+                TimeOfDay::FromStart => {
+                    let earliest_ns = start_ns - SECOND_NS;
+                    earliest_ns + (time_of_day_ns - earliest_ns).rem_euclid(DAY_NS)
+                }
+                TimeOfDay::UpToStart => start_ns - (start_ns - time_of_day_ns).rem_euclid(DAY_NS),
+            };
+            Timestamp::from_nanosecond(ns).ok()
+        };
+        self.dated_start.or_else(by_time_of_day).unwrap_or(defaults.start_time)
     }
 
     /// Returns the sampling rate in hertz: the given one, else that of a line before the header, else that of
@@ -236,6 +256,11 @@ impl Steps {
         }
         self.last = ns;
         Ok(())
+    }
+
+    /// Returns the step if all steps are equal.
+    fn constant_ns(&self) -> Option<i64> {
+        self.shortest.filter(|shortest| *shortest == self.longest.0)
     }
 
     /// Returns the rate in hertz and its relative uncertainty.

@@ -45,13 +45,8 @@ pub enum RecordingError {
         hint: &'static str,
     },
     /// An unknown format.
-    #[error(
-        "the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP, CSV, MATLAB or NumPy recording"
-    )]
-    UnknownFormat {
-        /// First bytes in hexadecimal.
-        beginning: String,
-    },
+    #[error("the format is unknown, expected WAV (RIFF, RIFX or RF64), FLAC, MCAP, CSV, MATLAB or NumPy")]
+    UnknownFormat,
     /// An invalid field of a WAV header.
     #[error("wav: {field} is {value}, expected {expected}")]
     Wav {

@@ -15,6 +15,9 @@ use super::{
     encode_block,
 };
 
+/// File name extensions of the supported formats.
+pub const EXTENSIONS: [&str; 7] = [".wav", ".flac", ".mcap", ".csv", ".csv.gz", ".mat", ".npy"];
+
 /// Magic number of gzip.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
@@ -22,7 +25,7 @@ const GZIP: [u8; 2] = [0x1f, 0x8b];
 ///
 /// A file of up to 2 minutes (and 4 194 304 samples) is one record per channel. A longer one is cut into
 /// records of 10 s, or as given by `cut`; a remainder of less than half a record is dropped. MCAP records are
-/// returned as recorded. Times of day in a CSV file count from the start time of the defaults on.
+/// returned as recorded.
 pub struct RecordingFile {
     records: Records,
     format: Format,
@@ -84,6 +87,12 @@ impl RecordingFile {
             }
         };
         Ok(Self { records, format, read })
+    }
+
+    /// Returns whether a file's name ends in one of the [`EXTENSIONS`].
+    pub fn has_extension(path: &Path) -> bool {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+        EXTENSIONS.iter().any(|extension| name.ends_with(extension))
     }
 
     /// Returns the number of bytes of the file read so far.
@@ -188,8 +197,7 @@ impl OpenFile {
                 self.file.seek(SeekFrom::Start(0))?;
                 let reader: Box<dyn Read + Send> =
                     Box::new(BufReader::new(unzipped(self.counted(read), zipped)));
-                let frames = TimedCsvFrames::new(CsvFrames::new(reader, channels)?, timing);
-                AnyFrames::Csv(Box::new(frames.following_start_time()))
+                AnyFrames::Csv(Box::new(TimedCsvFrames::new(CsvFrames::new(reader, channels)?, timing)))
             }
             Format::Flac => AnyFrames::Flac(Box::new(FlacFrames::new(self.counted(read))?)),
             Format::Npy => AnyFrames::Npy(Box::new(NpyFrames::new(self.counted(read))?)),

@@ -8,10 +8,37 @@ use std::io::{ErrorKind, Read};
 use claxon::frame::Block;
 use claxon::{FlacReader, FlacReaderOptions};
 
-use super::{Frames, FramesInfo, RecordDefaults, RecordingError};
+use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError};
+use flankwatch_signal::Record;
 
 /// Magic number.
 pub(crate) const MAGIC: &[u8] = b"fLaC";
+
+/// Largest number of samples of an upload, over all channels: 128 MiB of `f32`. A small file may hold many
+/// samples of silence.
+const MAX_UPLOAD_SAMPLES: u64 = 1 << 25;
+
+/// Reads a FLAC recording as one record per channel.
+///
+/// # Errors
+/// The recording is damaged or longer than a record may be, or has more than 33 554 432 samples.
+pub fn decode_flac(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+    if bytes.is_empty() {
+        return Err(RecordingError::NoBytes);
+    }
+    let mut frames = FlacFrames::new(bytes)?;
+    let max_frames = MAX_UPLOAD_SAMPLES / frames.channels.max(1) as u64;
+    let length = match frames.declared {
+        Some(length) => length,
+        None => FlacFrames::new(bytes)?.count(max_frames)?,
+    };
+    if length > max_frames {
+        let expected = "at most 33554432 samples over all channels in an upload";
+        return Err(flac("length", format!("{length} frames of {} samples", frames.channels), expected));
+    }
+    frames.declared = Some(length);
+    RecordBlocks::whole(frames, defaults)?.collect()
+}
 
 /// The frames (one sample of every channel) of a FLAC recording, read on demand.
 pub struct FlacFrames<R: Read> {
@@ -51,6 +78,14 @@ impl<R: Read> FlacFrames<R> {
             block: Block::empty(),
             next: 0,
         })
+    }
+
+    /// Reads to the end; returns the number of frames, or one more than `most`.
+    fn count(mut self, most: u64) -> Result<u64, RecordingError> {
+        while self.read <= most && self.fill()? {
+            self.read += u64::from(self.block.duration());
+        }
+        Ok(self.read.min(most + 1))
     }
 
     /// Decodes the next block; returns false at the end.

@@ -2,7 +2,8 @@
 //!
 //! - [`Frames`]: a recording that is read frame by frame, such as [`WavFrames`], [`TimedCsvFrames`],
 //!   [`FlacFrames`], [`NpyFrames`] and [`MatFrames`] (MATLAB, version 5); [`RecordBlocks`] cuts it into records;
-//! - [`decode_wav`], [`decode_csv`], [`decode_mat`], [`decode_raw`]: read an upload whole;
+//! - [`decode_wav`], [`decode_csv`], [`decode_flac`], [`decode_mat`], [`decode_npy`], [`decode_raw`]: read an
+//!   upload whole;
 //! - [`WavWriter`]: writes WAV;
 //! - [`McapReader`], [`McapWriter`]: read and write MCAP with the messages of [`message`];
 //! - [`decode_block`], [`encode_block`]: decode and encode one message in protobuf or JSON
@@ -81,7 +82,7 @@ mod wav;
 mod wav_format;
 mod wav_frames;
 
-pub use block::{BlockEncoding, RecordDefaults, decode_block, decode_indexed_block, encode_block};
+pub use block::{BlockEncoding, RecordDefaults, TimeOfDay, decode_block, decode_indexed_block, encode_block};
 pub use csv::CsvFrames;
 pub use csv_layout::CsvLayout;
 pub use csv_preview::{ColumnRole, CsvColumn, CsvContents, CsvPreview};
@@ -90,8 +91,8 @@ pub use csv_time::CsvTiming;
 pub use cut::{Cut, RecordBlocks};
 pub use error::RecordingError;
 #[cfg(feature = "files")]
-pub use file::{FileFrames, RecordingFile};
-pub use flac::FlacFrames;
+pub use file::{EXTENSIONS, FileFrames, RecordingFile};
+pub use flac::{FlacFrames, decode_flac};
 pub use format::Format;
 pub use frames::{Frames, FramesInfo};
 #[cfg(feature = "openapi")]
@@ -100,7 +101,7 @@ pub use mat::{MatFrames, decode_mat};
 pub use mcap_history::{HistoryKind, HistoryWriter};
 pub use mcap_reader::{McapReader, REFERENCE_WEAR, Recorded};
 pub use mcap_writer::{McapCompression, McapOptions, McapWriter};
-pub use npy::NpyFrames;
+pub use npy::{NpyFrames, decode_npy};
 pub use raw::{RawLayout, RawSample, decode_raw};
 pub use wav::{WavWriter, decode_wav};
 pub use wav_format::WavFormat;

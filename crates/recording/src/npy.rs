@@ -7,7 +7,8 @@ use std::io::Read;
 
 use super::error::shortened;
 use super::number::Number;
-use super::{Frames, FramesInfo, RecordDefaults, RecordingError};
+use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError};
+use flankwatch_signal::Record;
 
 /// Magic number.
 pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
@@ -20,6 +21,17 @@ const MAX_CHANNELS: u64 = 256;
 
 /// Largest number of frames read at once.
 const FRAMES_AT_ONCE: u64 = 4096;
+
+/// Reads a NumPy array as one record per channel; the sampling rate is that of the defaults.
+///
+/// # Errors
+/// The array is damaged, not one of real numbers, or longer than a record may be; there is no rate.
+pub fn decode_npy(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+    if bytes.is_empty() {
+        return Err(RecordingError::NoBytes);
+    }
+    RecordBlocks::whole(NpyFrames::new(bytes)?, defaults)?.collect()
+}
 
 /// The frames of a NumPy array, read on demand.
 #[derive(Debug)]
@@ -169,8 +181,10 @@ fn number(descr: &str) -> Result<(Number, bool), RecordingError> {
         Some("u2") => Number::U16,
         Some("i4") => Number::I32,
         Some("u4") => Number::U32,
+        Some("i8") => Number::I64,
+        Some("u8") => Number::U64,
         _ => {
-            let expected = "f4, f8, or i or u with 1, 2 or 4 bytes (numpy.asarray(x, 'f4'))";
+            let expected = "f4, f8, or i or u with 1, 2, 4 or 8 bytes (numpy.asarray(x, 'f4'))";
             return Err(npy("descr", shortened(descr), expected));
         }
     };
@@ -198,8 +212,6 @@ fn shape_of(shape: &str) -> Result<(u64, usize), RecordingError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RecordBlocks;
-    use flankwatch_signal::Record;
 
     /// A file as NumPy writes it.
     fn file(description: &str, data: &[u8]) -> Vec<u8> {

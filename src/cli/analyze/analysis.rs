@@ -17,7 +17,7 @@ use crate::cli::ensemble::Ensembles;
 use crate::cli::interrupt::interrupted;
 use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, MissingLibrary, PanelChange};
 use crate::library::LibraryError;
-use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
+use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile, TimeOfDay};
 use crate::report::{Report, ReportedAlarm, ReportedRecord};
 use crate::signal::{
     AnalysisSettings, Analyzer, BandSource, BearingSettings, Condition, ConditionSettings, EnvelopeBand,
@@ -63,6 +63,7 @@ impl<'a> Analysis<'a> {
     pub(super) fn analyze_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
         let mut defaults = RecordDefaults {
             start_time: *next_start,
+            time_of_day: TimeOfDay::FromStart,
             sample_rate_hz: self.args.rate,
             unit: self.asset.as_ref().and_then(|asset| asset.sensor.unit.clone()),
             channel_units: self.asset.as_ref().map(AssetSpec::channel_units).unwrap_or_default(),

@@ -137,7 +137,7 @@ fn invalid_input_is_rejected_and_leaves_no_file() {
         ("bare.csv", "out.mcap", "--rate 10 --unit g", "channel \"a\" has no samples"),
         ("bare.csv", "out.wav", "--rate 10 --unit g", "the number of samples is 0"),
         ("magic.csv", "out.mcap", "--rate 10 --unit g", "format is MCAP"),
-        ("binary.csv", "out.mcap", "--rate 10 --unit g", "begins with the bytes 00 01 02"),
+        ("binary.csv", "out.mcap", "--rate 10 --unit g", "the format is unknown"),
         ("timed.csv", "out.mcap", "--rate 11 --unit g", "the sampling rate is 11 Hz, expected 10 Hz"),
         ("bare.csv", "sub/out.wav", "--rate 10 --unit g", "out.wav"),
     ] {

@@ -2,6 +2,29 @@
 // them.
 
 import { h } from "./dom.js";
+import { isImportable } from "./import-preview.js";
+
+const answered = (ask) => new Promise((resolve, reject) => ask(resolve, reject));
+
+/** The files of a dropped entry; of a folder, those that can be imported, also in its subfolders. */
+async function filesOf(entry) {
+  if (entry.isFile) return [await answered((...ends) => entry.file(...ends))];
+  const reader = entry.createReader();
+  const inner = [];
+  // a reader gives at most a hundred entries at a time
+  for (let next; (next = await answered((...ends) => reader.readEntries(...ends))).length;)
+    inner.push(...next);
+  inner.sort((a, b) => a.name.localeCompare(b.name));
+  return (await Promise.all(inner.map(filesOf))).flat().filter(isImportable);
+}
+
+/** The dropped files and those in dropped folders. */
+async function filesIn(transfer) {
+  // entries are available only until the event ends
+  const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
+  if (!entries.some(({ isDirectory }) => isDirectory)) return [...transfer.files];
+  return (await Promise.all(entries.map(filesOf))).flat();
+}
 
 /** Calls back with files dropped on `element`. */
 function acceptDrops(element, onFiles) {
@@ -17,7 +40,7 @@ function acceptDrops(element, onFiles) {
     if (!hasFiles(event)) return;
     event.preventDefault(); // otherwise the browser would leave the page to show the file
     mark(false);
-    onFiles([...event.dataTransfer.files]);
+    filesIn(event.dataTransfer).then(onFiles);
   });
 }
 

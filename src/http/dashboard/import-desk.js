@@ -4,6 +4,7 @@ import { deleteRecords } from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { bytes, count } from "./format.js";
 import { ImportFile } from "./import-file.js";
+import { ENDINGS, unpacked } from "./import-preview.js";
 import { refusalWords, sendFile } from "./import-sending.js";
 
 const AT_ONCE = 200; // records named in one request
@@ -24,14 +25,14 @@ export class ImportDesk {
     type: "file",
     id: "upload-file",
     multiple: true,
-    accept: ".wav,.mcap,.csv,.mat,.json,.pb",
+    accept: [...ENDINGS, ".gz"].join(","),
     onchange: () => this.take([...this.#file.files]),
   });
   #unit = field("upload-unit", "Unit", { placeholder: "m/s2", size: 6 });
   #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
   #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
   #temperature = field("upload-temperature", "Temperature, °C", { type: "number", step: "any" });
-  #rate = field("upload-rate", "Sampling rate of a CSV or MATLAB file, Hz", {
+  #rate = field("upload-rate", "Sampling rate of a CSV, MATLAB or NumPy file, Hz", {
     type: "number",
     min: 0,
     step: "any",
@@ -56,7 +57,8 @@ export class ImportDesk {
     const drop = h(
       "label",
       { class: "drop", for: "upload-file" },
-      h("strong", {}, "Drop WAV, MCAP, CSV or MATLAB files here or anywhere on the page"),
+      h("strong", {}, "Drop recordings or folders of them here or anywhere on the page"),
+      h("span", {}, "WAV, FLAC, CSV, MATLAB, NumPy, MCAP"),
       h("span", {}, "or select files:"),
       this.#file,
     );
@@ -69,7 +71,7 @@ export class ImportDesk {
     const optional = h(
       "details",
       {},
-      h("summary", {}, "For WAV, CSV and MATLAB files: unit, operating point, sampling rate"),
+      h("summary", {}, "For files other than MCAP: unit, operating point, sampling rate"),
       h("div", { class: "fields" }, fields),
     );
     this.element = h(
@@ -97,7 +99,9 @@ export class ImportDesk {
   }
 
   /** Lists files and inspects them one after the other. */
-  async take(files) {
+  async take(chosen) {
+    // a file that cannot be unpacked is shown as unsupported
+    const files = await Promise.all(chosen.map((file) => unpacked(file).catch(() => file)));
     const cards = files.map(
       (file) =>
         new ImportFile(
@@ -115,7 +119,7 @@ export class ImportDesk {
   }
 
   async #lookAgain() {
-    const depend = ["text/csv", "application/x-matlab-data"];
+    const depend = ["text/csv", "application/x-matlab-data", "application/x-npy"];
     for (const card of this.#files.filter(({ seen }) => depend.includes(seen?.type))) await card.look();
   }
 

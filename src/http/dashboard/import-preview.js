@@ -8,8 +8,10 @@ import { envelopeOf, wavHead, wavSketch } from "./wav-head.js";
 
 export const TYPES = {
   wav: "audio/wav",
+  flac: "audio/flac",
   csv: "text/csv",
   mat: "application/x-matlab-data",
+  npy: "application/x-npy",
   mcap: "application/mcap",
   json: "application/json",
   pb: "application/x-protobuf",
@@ -21,8 +23,23 @@ const MAX_SKETCHES = 8;
 const MAX_RECORDING = 16 * 1024 * 1024; // largest recording that the service previews
 const MCAP_BEGIN = 4 * 1024 * 1024;
 
+const endingOf = (file) => file.name.split(".").pop().toLowerCase();
+
 /** The media type of a file by its name; undefined when unsupported. */
-export const typeOf = (file) => TYPES[file.name.split(".").pop().toLowerCase()];
+const typeOf = (file) => TYPES[endingOf(file)];
+
+/** The extensions of the files that can be imported. */
+export const ENDINGS = [...Object.keys(TYPES), "csv.gz"].map((ending) => `.${ending}`);
+
+/** Whether a file can be imported, by its name. */
+export const isImportable = ({ name }) => ENDINGS.some((ending) => name.toLowerCase().endsWith(ending));
+
+/** A compressed CSV file without its compression; any other file unchanged. */
+export async function unpacked(file) {
+  if (!file.name.toLowerCase().endsWith(".csv.gz")) return file;
+  const contents = await new Response(file.stream().pipeThrough(new DecompressionStream("gzip"))).blob();
+  return new File([contents], file.name.slice(0, -".gz".length), { lastModified: file.lastModified });
+}
 
 async function ofWav(file) {
   const head = await wavHead(file);
@@ -117,17 +134,21 @@ async function ofMcap(file) {
 }
 
 const LARGE = "too large for a preview";
+const NAMES = { flac: "FLAC", mat: "MATLAB", npy: "NumPy" };
 
-/** A MATLAB file with the entered sampling rate, if any. */
-async function ofMat(file, rate) {
-  if (file.size > MAX_RECORDING) return { channels: [], form: "MATLAB", note: LARGE };
-  const seen = await previewRecording(file, "application/x-matlab-data", { sample_rate_hz: rate });
+/** A MATLAB, NumPy or FLAC file; the first two with the entered sampling rate, if any. */
+async function ofSamples(file, rate) {
+  const ending = endingOf(file);
+  const form = NAMES[ending];
+  if (file.size > MAX_RECORDING) return { channels: [], form, note: LARGE };
+  const given = ending === "flac" ? {} : { sample_rate_hz: rate };
+  const seen = await previewRecording(file, TYPES[ending], given);
   const [first] = seen.channels;
   return {
     channels: seenChannels(seen, true),
-    form: "MATLAB",
+    form,
     rate: first?.sample_rate_hz,
-    rateFrom: rate ? "entered" : "from the file",
+    rateFrom: given.sample_rate_hz ? "entered" : "from the file",
     seconds: first && first.samples / first.sample_rate_hz,
     fault: seen.fault,
   };
@@ -171,7 +192,9 @@ const READERS = {
   "text/csv": ofCsv,
   "application/mcap": ofMcap,
   "application/json": ofJson,
-  "application/x-matlab-data": ofMat,
+  "audio/flac": ofSamples,
+  "application/x-matlab-data": ofSamples,
+  "application/x-npy": ofSamples,
   "application/x-protobuf": ofBlock,
 };
 
@@ -182,7 +205,7 @@ export async function preview(file, rate, roles) {
     return {
       type,
       channels: [],
-      fault: "expected a .wav, .mcap, .csv, .mat, .json or .pb file",
+      fault: `expected a file of ${ENDINGS.slice(0, -1).join(", ")} or ${ENDINGS.at(-1)}`,
     };
   const start = (startTime) => (OWN_TIMES.includes(type) ? null : startOfFile(file, startTime));
   try {

@@ -74,15 +74,8 @@ async function requestsOf(file, { type, head }, entry, common) {
       },
     }));
   }
-  if (type === "application/x-matlab-data")
-    return [
-      {
-        body: file,
-        type,
-        parameters: { ...parameters, unit, sample_rate_hz: rate, ...named(entry.channels) },
-      },
-    ];
-  if (type !== "audio/wav") return [{ body: file, type, parameters: {} }];
+  if (["application/x-matlab-data", "application/x-npy"].includes(type)) parameters.sample_rate_hz = rate;
+  else if (!type.startsWith("audio/")) return [{ body: file, type, parameters: {} }];
   const names = withUnits(entry.channels);
   if (entry.fullScale && head?.format === PCM && head.bits === 16) {
     const body = file.slice(head.at, head.at + head.frames * head.frameBytes);

@@ -21,7 +21,7 @@ export class ReplayPanel {
     list: "replay-files",
   });
   #files = h("datalist", { id: "replay-files" });
-  #empty = h("p", { class: "muted", hidden: true }, "The replay folder contains no MCAP files.");
+  #empty = h("p", { class: "muted", hidden: true }, "The replay folder contains no recordings.");
   #pace = h(
     "select",
     { id: "replay-pace" },

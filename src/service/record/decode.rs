@@ -1,24 +1,23 @@
 //! Decodes the bytes of an upload: one record for each channel.
 
+use std::fmt;
+
 use jiff::Timestamp;
 
 use super::channel_units::ChannelUnits;
 use crate::asset::AssetSpec;
 use crate::recording::{
-    BlockEncoding, CsvLayout, RawLayout, RecordDefaults, RecordingError, decode_block, decode_csv,
-    decode_mat, decode_raw, decode_wav,
+    BlockEncoding, CsvLayout, Format, RawLayout, RecordDefaults, RecordingError, TimeOfDay, decode_block,
+    decode_csv, decode_flac, decode_mat, decode_npy, decode_raw, decode_wav,
 };
 use crate::service::error::ServiceError;
 use crate::signal::{OperatingPoint, Record};
 
-/// The media type of MATLAB files.
-const MATLAB: &str = "application/x-matlab-data";
-
-/// The format of the bytes of one record.
+/// The format of the bytes of one upload.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RecordFormat {
-    /// A WAV file.
-    Wav,
+    /// A file of samples.
+    File(SampleFile),
     /// A `WaveformBlock` message in protobuf.
     Protobuf,
     /// A `WaveformBlock` message in JSON.
@@ -27,14 +26,101 @@ pub enum RecordFormat {
     Raw(RawLayout),
     /// CSV.
     Csv(CsvLayout),
-    /// A MATLAB file of version 5, with the sampling rate in hertz if the file does not contain it.
-    Mat(Option<f64>),
+}
+
+/// A WAV, FLAC, MATLAB or NumPy file, with what it does not contain.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SampleFile {
+    /// The format of the file.
+    pub kind: SampleFileKind,
+    /// Sampling rate in hertz, if the file lacks it.
+    pub sample_rate_hz: Option<f64>,
+    /// Factor for each value; full-scale integers of WAV and FLAC are 1 before it is applied.
+    pub scale: Option<f64>,
+}
+
+/// The format of a file of samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SampleFileKind {
+    /// WAV.
+    Wav,
+    /// FLAC.
+    Flac,
+    /// MATLAB, version 5.
+    Mat,
+    /// A NumPy array.
+    Npy,
+}
+
+impl SampleFileKind {
+    const ALL: [Self; 4] = [Self::Wav, Self::Flac, Self::Mat, Self::Npy];
+
+    /// The media types, the preferred one first.
+    fn media_types(self) -> &'static [&'static str] {
+        match self {
+            Self::Wav => &["audio/wav", "audio/x-wav", "audio/wave", "audio/vnd.wave"],
+            Self::Flac => &["audio/flac", "audio/x-flac"],
+            Self::Mat => &["application/x-matlab-data"],
+            Self::Npy => &["application/x-npy"],
+        }
+    }
+
+    /// Whether every such file contains its sampling rate.
+    pub fn has_rate(self) -> bool {
+        matches!(self, Self::Wav | Self::Flac)
+    }
+}
+
+impl SampleFile {
+    fn from_media_type(media_type: &str) -> Option<Self> {
+        let mut parts = media_type.split(';');
+        let name = parts.next()?;
+        let kind = SampleFileKind::ALL.into_iter().find(|kind| kind.media_types().contains(&name))?;
+        let mut file = Self { kind, sample_rate_hz: None, scale: None };
+        for part in parts {
+            match part.split_once('=')? {
+                ("rate", rate) => file.sample_rate_hz = Some(rate.parse().ok()?),
+                ("scale", scale) => file.scale = Some(scale.parse().ok()?),
+                _ => return None,
+            }
+        }
+        Some(file)
+    }
+
+    fn decode(self, bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+        let defaults = RecordDefaults {
+            sample_rate_hz: self.sample_rate_hz.or(defaults.sample_rate_hz),
+            scale: self.scale.or(defaults.scale),
+            ..defaults.clone()
+        };
+        match self.kind {
+            SampleFileKind::Wav => decode_wav(bytes, &defaults),
+            SampleFileKind::Flac => decode_flac(bytes, &defaults),
+            SampleFileKind::Mat => decode_mat(bytes, &defaults),
+            SampleFileKind::Npy => decode_npy(bytes, &defaults),
+        }
+    }
+}
+
+impl fmt::Display for SampleFile {
+    /// Writes the media type with all parameters that are needed to decode the file.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.kind.media_types()[0])?;
+        if let Some(rate_hz) = self.sample_rate_hz {
+            write!(f, ";rate={rate_hz}")?;
+        }
+        match self.scale {
+            Some(scale) => write!(f, ";scale={scale}"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Metadata that the sender gives with a record; values in the bytes themselves take precedence.
 #[derive(Debug, Clone, Default)]
 pub struct UploadMetadata {
-    /// The time of the first sample; by default the time of receipt.
+    /// The time of the first sample; by default the time of receipt, or the last time before it with the time of
+    /// day in the recording.
     pub start_time: Option<Timestamp>,
     /// The channel's name, for a recording of one channel.
     pub channel: Option<String>,
@@ -56,13 +142,11 @@ impl RecordFormat {
     /// The media type of the format, with all parameters that are needed to decode it.
     pub fn media_type(self) -> String {
         match self {
-            Self::Wav => "audio/wav".to_string(),
+            Self::File(file) => file.to_string(),
             Self::Protobuf => "application/x-protobuf".to_string(),
             Self::Json => "application/json".to_string(),
             Self::Raw(layout) => layout.to_string(),
             Self::Csv(layout) => layout.to_string(),
-            Self::Mat(None) => MATLAB.to_string(),
-            Self::Mat(Some(rate_hz)) => format!("{MATLAB};rate={rate_hz}"),
         }
     }
 
@@ -70,16 +154,11 @@ impl RecordFormat {
     pub fn from_media_type(media_type: &str) -> Option<Self> {
         let (media_type, _) = without_unit(media_type);
         match media_type {
-            "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => Some(Self::Wav),
             "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
             "application/json" => Some(Self::Json),
-            MATLAB => Some(Self::Mat(None)),
-            _ if media_type.starts_with(MATLAB) => {
-                let rate = media_type.strip_prefix(MATLAB)?.strip_prefix(";rate=")?;
-                Some(Self::Mat(Some(rate.parse().ok()?)))
-            }
-            _ => CsvLayout::from_media_type(media_type)
-                .map(Self::Csv)
+            _ => SampleFile::from_media_type(media_type)
+                .map(Self::File)
+                .or_else(|| CsvLayout::from_media_type(media_type).map(Self::Csv))
                 .or_else(|| RawLayout::from_media_type(media_type).map(Self::Raw)),
         }
     }
@@ -92,22 +171,25 @@ impl RecordFormat {
     }
 
     /// Decodes the records in the bytes, one for each channel.
+    ///
+    /// # Errors
+    /// The bytes are in another format, which is named if it is a known one, or they are damaged.
     pub(crate) fn decode(
         self,
         bytes: &[u8],
         defaults: &RecordDefaults,
     ) -> Result<Vec<Record>, RecordingError> {
-        match self {
-            Self::Wav => decode_wav(bytes, defaults),
-            Self::Protobuf => Ok(vec![decode_block(bytes, BlockEncoding::Protobuf, defaults)?]),
-            Self::Json => Ok(vec![decode_block(bytes, BlockEncoding::Json, defaults)?]),
+        let records = match self {
+            Self::File(file) => file.decode(bytes, defaults),
+            Self::Protobuf => decode_block(bytes, BlockEncoding::Protobuf, defaults).map(|one| vec![one]),
+            Self::Json => decode_block(bytes, BlockEncoding::Json, defaults).map(|one| vec![one]),
             Self::Raw(layout) => decode_raw(bytes, layout, defaults),
             Self::Csv(layout) => decode_csv(bytes, layout, defaults),
-            Self::Mat(rate_hz) => {
-                let sample_rate_hz = rate_hz.or(defaults.sample_rate_hz);
-                decode_mat(bytes, &RecordDefaults { sample_rate_hz, ..defaults.clone() })
-            }
-        }
+        };
+        records.map_err(|error| match Format::detect(bytes) {
+            Err(foreign @ RecordingError::Foreign { .. }) => foreign,
+            _ => error,
+        })
     }
 }
 
@@ -155,6 +237,10 @@ pub(crate) fn decode_upload(
         channel: metadata.channel.clone(),
         channel_names: metadata.channel_names.clone(),
         operating_point: metadata.operating_point,
+        time_of_day: match metadata.start_time {
+            Some(_) => TimeOfDay::Ignored,
+            None => TimeOfDay::UpToStart,
+        },
         ..defaults_of(spec, units, metadata.start_time.unwrap_or(received_at))
     };
     if metadata.unit.is_some() {

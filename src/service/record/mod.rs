@@ -9,7 +9,7 @@ mod stored;
 
 pub(crate) use analyse::{analyse, analyse_all};
 pub(crate) use channel_units::ChannelUnits;
-pub use decode::{RecordFormat, UploadMetadata};
+pub use decode::{RecordFormat, SampleFile, SampleFileKind, UploadMetadata};
 pub(crate) use decode::{decode_upload, defaults_of};
 pub(crate) use identify::{IdentifiedRecord, check_time, identify_recorded, identify_upload, known_to_all};
 pub use stored::{BandChoice, SegmentEnvelope, StoredRecords};

@@ -5,6 +5,7 @@ use std::path::{Component, Path, PathBuf};
 
 use jiff::Timestamp;
 
+use crate::recording::RecordingFile;
 use crate::service::error::ServiceError;
 use crate::service::limits::ServiceFolders;
 
@@ -47,7 +48,7 @@ const MAX_FILES: usize = 1000;
 /// Maximum depth of subfolders that are searched.
 const MAX_DEPTH: usize = 4;
 
-/// The MCAP recordings in the folder, the latest first; symbolic links are skipped.
+/// The recordings in the folder, the latest first; symbolic links are skipped.
 pub(crate) fn recordings(folder: &Path) -> Vec<ReplayFile> {
     let mut found = Vec::new();
     let mut left = vec![(folder.to_owned(), 0)];
@@ -58,7 +59,7 @@ pub(crate) fn recordings(folder: &Path) -> Vec<ReplayFile> {
             if kind.is_dir() && depth < MAX_DEPTH {
                 left.push((path, depth + 1));
             } else if kind.is_file()
-                && path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"))
+                && RecordingFile::has_extension(&path)
                 && let (Ok(metadata), Ok(file)) = (entry.metadata(), path.strip_prefix(folder))
                 && let Some(file) = file.to_str()
                 && let Ok(modified_at) =
@@ -108,12 +109,14 @@ mod tests {
         fs::create_dir_all(folder.join("line 1")).unwrap();
         fs::write(folder.join("line 1/run.mcap"), b"abc").unwrap();
         fs::write(folder.join("notes.txt"), b"x").unwrap();
+        fs::write(folder.join("table.csv.gz"), b"x").unwrap();
         fs::write(outside.path().join("secret.mcap"), b"x").unwrap();
         #[cfg(unix)]
         std::os::unix::fs::symlink(outside.path().join("secret.mcap"), folder.join("out.mcap")).unwrap();
         let found = recordings(&folder);
-        assert_eq!(found.len(), 1, "{found:?}");
-        assert_eq!((found[0].file.as_str(), found[0].bytes), ("line 1/run.mcap", 3));
+        let mut files: Vec<_> = found.iter().map(|one| (one.file.as_str(), one.bytes)).collect();
+        files.sort_unstable();
+        assert_eq!(files, [("line 1/run.mcap", 3), ("table.csv.gz", 1)]);
         assert!(recordings(&outside.path().join("none")).is_empty());
     }
 

@@ -21,7 +21,7 @@ use super::sensor_group::SensorGroup;
 use super::work_queue::Role;
 use super::workers::{Workers, blocking};
 use crate::asset::{AssetId, AssetSpec};
-use crate::recording::RecordingFile;
+use crate::recording::{Cut, RecordingFile};
 use crate::store::Store;
 pub use folder::ReplayFile;
 pub(crate) use folder::prepare as prepare_folders;
@@ -85,6 +85,7 @@ impl Replays {
                 reason: "cannot be replayed by an API node, which has no replay folder: send it with `flankwatch replay`",
             });
         }
+        request.recording.check()?;
         let found = self.find(&request.asset, &request.file).await?;
         let mut replay = Replay::begin(request, self.clock.now());
         let number = self.list.number(&mut replay).await;
@@ -138,10 +139,12 @@ impl Replays {
         let (stop, stopped) = watch::channel(false);
         let first = Arc::new(replay.clone());
         self.list.insert_running(number, Arc::clone(&first), stop);
-        let defaults = defaults_of(&spec, &units, replay.started_at);
+        let mut defaults = defaults_of(&spec, &units, replay.started_at);
+        replay.recording.complete(&mut defaults);
+        let cut = replay.recording.record_seconds.map(Cut::Seconds);
         let done = usize::try_from(replay.records_done).unwrap_or(usize::MAX);
         let records = RecordStream::spawn(self.workers.recording_bytes(), move || {
-            Ok(RecordingFile::open(&path, defaults, None)?.skip(done))
+            Ok(RecordingFile::open(&path, defaults, cut)?.skip(done))
         });
         let run = Run {
             pipeline: Arc::clone(&self.pipeline),

@@ -5,6 +5,7 @@ mod fixtures;
 mod flac;
 mod matlab;
 mod memory;
+mod numpy;
 mod real_data;
 mod round_trip;
 mod tachometers;
