@@ -6,6 +6,7 @@ use std::str;
 use flankwatch::asset::AssetSpec;
 use flankwatch::estimate::MaintenanceEvent;
 use flankwatch::gear::PairSpec;
+use flankwatch::library::{BuildControl, GridSettings, build};
 use flankwatch::recording::{
     BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, FlacFrames, Format, Frames, McapReader, NpyFrames,
     RawLayout, RawSample, RecordBlocks, RecordDefaults, RecordingError, WavFrames, decode_block, decode_csv,
@@ -123,12 +124,15 @@ pub fn json_block(bytes: &[u8]) {
     }
 }
 
-/// The description of a pair, in TOML or JSON.
+/// The description of a pair, in TOML or JSON. An accepted one has a library, here one of two short states.
 pub fn pair(bytes: &[u8]) {
     let of_toml = str::from_utf8(bytes).ok().and_then(|text| PairSpec::from_toml(text).ok());
     for spec in of_toml.into_iter().chain(serde_json::from_slice(bytes).ok()) {
         if spec.check().is_ok() {
             let _ = spec.resolve();
+            let grid = GridSettings { states: 2, seconds: 0.1, ..GridSettings::default() };
+            let library = build(&spec, &grid.for_pair(&spec), &BuildControl::silent());
+            assert_eq!(library.expect("an accepted pair has a library").states().len(), 2);
         }
     }
 }

@@ -304,6 +304,8 @@ fn imported_answers(run: &RecordedRun, imported: &Answers) -> Result<Vec<Answer>
         truth_um: observation.wear_um,
         wear_um: *wear_um,
         flagged: false,
+        sensor_fault: None,
+        machine_sign: None,
         reason: String::new(),
     };
     Ok(answers.iter().zip(&run.records).enumerate().map(answer).collect())

@@ -163,6 +163,7 @@ struct LimitsTable {
     requests_at_once: Option<usize>,
     recordings_at_once: Option<usize>,
     workers: Option<usize>,
+    simulation_threads: Option<usize>,
     body_timeout_s: Option<u64>,
     body_idle_s: Option<u64>,
     body_bytes_per_s: Option<u64>,
@@ -278,6 +279,7 @@ impl LimitsTable {
         set(&mut config.work.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
         set(&mut config.work.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));
         set(&mut config.work.workers, self.workers.map(|n| n.max(1)));
+        set(&mut config.work.simulation_threads, self.simulation_threads.map(|n| n.max(1)));
     }
 }
 

@@ -10,6 +10,8 @@ use crate::library::EnsembleSettings;
 pub struct WorkLimits {
     /// Number of worker threads.
     pub workers: usize,
+    /// Number of threads that simulate libraries, which are not those of the records.
+    pub simulation_threads: usize,
     /// Maximum number of requests with a record, waiting or being processed.
     pub requests_at_once: usize,
     /// Maximum number of bytes of records held by all requests together. The same number again applies to all
@@ -33,6 +35,7 @@ impl Default for WorkLimits {
     fn default() -> Self {
         Self {
             workers: std::thread::available_parallelism().map_or(2, usize::from),
+            simulation_threads: std::thread::available_parallelism().map_or(2, usize::from),
             requests_at_once: 64,
             bytes_at_once: 512 << 20,
             recordings_at_once: 4,

@@ -100,7 +100,7 @@ impl Service {
         let cache = Arc::new(LibraryCache::new(folders.libraries));
         let source = LibrarySource::new(cache, &store, &clock, !role.is_api_node());
         let (changed, simulated) = tokio::sync::mpsc::unbounded_channel();
-        let simulations = Arc::new(Simulations::new(source, grid, limits.neighbours, changed));
+        let simulations = Arc::new(Simulations::new(source, grid, limits, changed)?);
         let history = Arc::new(History::new(
             store.clone(),
             Arc::clone(&workers),

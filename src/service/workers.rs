@@ -162,7 +162,8 @@ pub(crate) async fn blocking<T: Send + 'static>(
     tokio::task::spawn_blocking(f).await.map_err(|_| ServiceError::WorkerLost(task))
 }
 
-fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadPool, ServiceError> {
+/// Creates a pool of threads with this name and a number.
+pub(crate) fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadPool, ServiceError> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(count)
         .thread_name(move |n| format!("{name}-{n}"))

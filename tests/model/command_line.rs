@@ -189,6 +189,11 @@ fn a_simulated_run_is_estimated_and_printed_in_every_format() {
     for (row, record) in rows.iter().zip(&records) {
         assert_eq!(column("wear_status", row, &header), status(record));
         assert_eq!(column("wear_reason", row, &header), record["wear_reason"].as_str().unwrap());
+        let novelty = &record["wear"]["novelty"];
+        let score = novelty["score"].as_f64();
+        assert_eq!(column("novelty", row, &header).parse().ok(), score, "{record}");
+        let cause = ["sensor_fault", "machine_sign"].iter().find_map(|name| novelty[name].as_str());
+        assert_eq!(column("wear_cause", row, &header), cause.unwrap_or_default(), "{record}");
     }
     let html = fs::read_to_string(&report).unwrap();
     // The page is self-contained.

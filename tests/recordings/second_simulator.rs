@@ -22,7 +22,8 @@ const WEAR: [(&str, f64, u64, f64); 4] = [
 ];
 
 /// Runs with a fault from record 75 on, and the healthy one.
-const FAULTS: [&str; 2] = ["crack-12", "gain-jump-13"];
+/// Runs with a fault from record 75 on, and its name.
+const FAULTS: [(&str, &str); 2] = [("crack-12", "one_tooth"), ("gain-jump-13", "gain_changed")];
 const HEALTHY: &str = "healthy-11";
 
 /// Returns the folder of a run.
@@ -48,7 +49,7 @@ fn scores(runs: &[PathBuf], further: &[&str]) -> Value {
 #[ignore = "needs the folder of real recordings"]
 fn the_interval_covers_the_truth_on_another_simulators_runs() {
     let worn = WEAR.map(|(run, ..)| packed(run));
-    let others = FAULTS.into_iter().chain([HEALTHY]).map(packed);
+    let others = FAULTS.map(|(run, _)| run).into_iter().chain([HEALTHY]).map(packed);
     let all = scores(&worn.iter().cloned().chain(others).collect::<Vec<_>>(), &[]);
     let score = |run: &str| {
         all["scores"].as_array().unwrap().iter().find(|score| score["run"] == run).unwrap().clone()
@@ -60,21 +61,28 @@ fn the_interval_covers_the_truth_on_another_simulators_runs() {
         assert!(score["longest_miss"].as_u64().unwrap() <= longest, "{score}");
         assert!(score["rank"].as_f64().unwrap() >= rank, "{score}");
         let records = score["records"].as_f64().unwrap();
+        let named = all["answers"][run].as_array().unwrap().iter();
+        let one_tooth = named.filter(|answer| answer["machine_sign"] == "one_tooth").count() as f64;
+        assert!(one_tooth <= 0.01 * records, "{run}: {one_tooth} records of wear named a fault of one tooth");
         assert!(score["flagged"].as_f64().unwrap() <= 0.03 * records, "{score}");
     }
     let healthy = score(HEALTHY);
     assert_eq!(healthy["flagged"], 0, "{healthy}");
     let [median, _, high] = [0, 1, 2].map(|i| healthy["last"][i].as_f64().unwrap());
     assert!(median <= 5.0 && high <= 30.0, "{healthy}");
-    for run in FAULTS {
+    for (run, name) in FAULTS {
         let flagged = |answer: &Value| answer["flagged"].as_bool().unwrap();
         let answers = all["answers"][run].as_array().unwrap().clone();
         let (before, after): (Vec<Value>, Vec<Value>) =
             answers.into_iter().partition(|answer| answer["record"].as_u64().unwrap() < 75);
         assert_eq!(before.iter().filter(|answer| flagged(answer)).count(), 0, "{run}");
         let late = after.iter().skip(10);
-        let found = late.clone().filter(|answer| flagged(answer)).count() as f64;
-        assert!(found >= 0.95 * late.count() as f64, "{run}: {found}");
+        let found: Vec<&Value> = late.clone().filter(|answer| flagged(answer)).collect();
+        assert!(found.len() as f64 >= 0.95 * late.count() as f64, "{run}: {}", found.len());
+        let is_named =
+            |answer: &&&Value| [&answer["machine_sign"], &answer["sensor_fault"]].contains(&&name.into());
+        let named = found.iter().filter(is_named).count();
+        assert!(named as f64 >= 0.95 * found.len() as f64, "{run}: {named} of {} named {name}", found.len());
     }
     // An inspection half-way narrows the intervals of earlier records, which still cover the truth.
     let inspected = scores(&worn, &["--inspection-um", "5"]);
@@ -164,7 +172,7 @@ fn a_detected_speed_is_correct_or_marked_as_doubtful() {
             others: OtherMeshes::NONE,
         };
         let (mut right, mut doubted, mut wrong) = (0, 0, 0);
-        for run in WEAR.map(|(run, ..)| run).into_iter().chain(FAULTS).chain([HEALTHY]) {
+        for run in WEAR.map(|(run, ..)| run).into_iter().chain(FAULTS.map(|(run, _)| run)).chain([HEALTHY]) {
             for (n, speed_hz) in speeds_hz(run).into_iter().enumerate().step_by(5) {
                 // Evenly distributed, in random order.
                 let factor = 1.0 + spread * (2.0 * (n as f64 * 0.618).fract() - 1.0);

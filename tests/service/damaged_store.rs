@@ -3,7 +3,7 @@
 
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use flankwatch::recording::{BlockEncoding, encode_block};
 use rand::{RngExt, SeedableRng};
@@ -69,6 +69,19 @@ fn a_damaged_database_is_reported_and_not_written_to() {
         .expect_problem(503, &["database", "damaged"]);
     service.delete("/v1/assets/pump").expect_problem(503, &["damaged"]);
     service.get("/healthz").expect(200);
+}
+
+#[test]
+fn a_database_with_another_header_is_refused_at_once() {
+    let Some((mut service, copy)) = with_copy() else { return };
+    put(copy.path(), service.folder()).write_all_at(b"no database at all", 0).unwrap();
+    let began = Instant::now();
+    let refusal = service.try_launch().unwrap_err();
+    assert!(refusal.contains("flankwatch.db") && refusal.contains("header"), "{refusal}");
+    assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
+    put(copy.path(), service.folder());
+    service.launch();
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 120);
 }
 
 #[test]

@@ -9,13 +9,14 @@ use flankwatch_test_support::needed;
 
 use crate::deploy::folder;
 
-/// Runs a program and returns its output.
+/// Runs a program and returns what it prints, without its messages.
 #[track_caller]
 fn run(program: &Path, words: &[&str]) -> String {
     // A program for tests is large.
     let output = Command::new(program).args(words).env("DPKG_DEB_COMPRESSOR_TYPE", "none").output().unwrap();
-    let text = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
-    assert!(output.status.success(), "{} {words:?}: {text}", program.display());
+    let [text, errors] =
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    assert!(output.status.success(), "{} {words:?}: {text}{errors}", program.display());
     text
 }
 
@@ -114,4 +115,19 @@ fn a_package_is_installed_started_by_its_unit_and_removed() {
     system.dpkg(&["--purge", "flankwatch"]);
     assert!(!system.path("etc/flankwatch/flankwatch.toml").exists());
     assert!(system.path("var/lib/flankwatch/flankwatch.db").is_file(), "records stay");
+}
+
+#[test]
+fn the_bill_of_materials_lists_what_is_compiled_in() {
+    let bill = run(&folder().join("package/bill"), &["cluster", "x86_64-unknown-linux-gnu"]);
+    let bill: serde_json::Value = serde_json::from_str(&bill).unwrap();
+    assert_eq!((&bill["bomFormat"], &bill["specVersion"]), (&"CycloneDX".into(), &"1.5".into()));
+    let components = bill["components"].as_array().unwrap();
+    let find = |name: &str| components.iter().find(|component| component["name"] == name);
+    for name in ["rustfft", "axum", "async-nats"] {
+        let found = find(name).unwrap_or_else(|| panic!("{name} is missing"));
+        assert_eq!(found["hashes"][0]["content"].as_str().map(str::len), Some(64), "{found}");
+        assert!(found["licenses"][0]["expression"].is_string(), "{found}");
+    }
+    assert!(find("proptest").is_none(), "a crate of the tests alone");
 }

@@ -127,8 +127,10 @@ impl ShaftSpeed {
                 self.harmonics_found, self.harmonics_sought
             ),
             SpeedDoubt::OtherMesh { mesh_frequency_hz } => format!(
-                "the shaft speed is in doubt: the lines fit a mesh frequency of {mesh_frequency_hz:.1} Hz better than {teeth:.0} teeth at {shaft_hz:.2} Hz \
-                 ({mesh_hz:.1} Hz); check teeth, speed and other meshes"
+                "the shaft speed is in doubt: the lines fit a mesh frequency of {mesh_frequency_hz:.1} Hz better than {mesh_hz:.1} Hz, \
+                 {teeth:.0} teeth at {shaft_hz:.2} Hz: rather {teeth:.0} teeth at {:.2} Hz, or {:.1} teeth; check teeth, speed and other meshes",
+                mesh_frequency_hz / teeth,
+                mesh_frequency_hz / shaft_hz
             ),
             SpeedDoubt::OtherShaft { shaft_speed_hz } => format!(
                 "the shaft speed is in doubt: the shaft lines are {shaft_speed_hz:.2} Hz apart, but {teeth:.0} teeth give \

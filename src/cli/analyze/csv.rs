@@ -31,6 +31,7 @@ pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
         "wear_p95_um",
         "wear_status",
         "wear_cause",
+        "novelty",
         "wear_reason",
         "shaft_angle",
     ]);
@@ -53,6 +54,7 @@ pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
                 .map(number),
         );
         row.extend([record.status(), record.cause()].map(Option::unwrap_or_default));
+        row.push(number(wear.and_then(|wear| Some(wear.novelty.as_ref()?.score))));
         row.push(record.wear_reason.clone());
         row.push(record.basis.shaft_angle.as_ref().map_or_else(String::new, angle_words));
         row.extend(others.iter().map(|name| number(record.indicators.get(name))));

@@ -97,12 +97,24 @@ fn since(estimates: &[&WearEstimate]) -> String {
 
 /// Names the sensor fault or the machine sign, without the "not wear" that the line already says.
 fn cause(wear: &WearEstimate) -> String {
-    let words = |novelty: &Novelty| {
-        let sign = || novelty.machine_sign.map(|sign| sign.words());
-        novelty.sensor_fault.map(|fault| fault.words()).or_else(sign)
-    };
-    let words = wear.novelty.as_ref().and_then(words).unwrap_or(&wear.reason);
-    words.strip_suffix(", not wear").unwrap_or(words).to_owned()
+    let Some(novelty) = &wear.novelty else { return wear.reason.clone() };
+    match (novelty.sensor_fault, novelty.machine_sign) {
+        (Some(fault), _) => fault.words().to_owned(),
+        (None, Some(sign)) => {
+            let words = sign.words();
+            likely(words.strip_suffix(", not wear").unwrap_or(words), novelty)
+        }
+        (None, None) => wear.reason.clone(),
+    }
+}
+
+/// Says a sign as a likelihood, with the other signs that the record shows.
+fn likely(words: &str, novelty: &Novelty) -> String {
+    let also: Vec<&str> = novelty.also.iter().map(|sign| sign.short()).collect();
+    match also.is_empty() {
+        true => format!("most likely {words}"),
+        false => format!("most likely {words}; also possible: {}", also.join(", ")),
+    }
 }
 
 /// Names the sign of a machine without a gear mesh, with its line in the envelope spectrum.
@@ -113,7 +125,7 @@ fn cause_without_mesh(wear: &WearEstimate) -> String {
         return wear.reason.clone();
     };
     let line = novelty.envelope_line.as_ref().map(|line| format!("; {}", line.words()));
-    sign.words_without_mesh().to_owned() + &line.unwrap_or_default()
+    likely(sign.words_without_mesh(), novelty) + &line.unwrap_or_default()
 }
 
 /// Formats the time between two moments, in the largest unit of which there are at least two.
@@ -200,9 +212,13 @@ mod tests {
             cracked.clone(),
             cracked,
         ];
-        let cause = "one tooth differs from the others: a crack or chip";
+        let cause = "most likely one tooth differs from the others: a crack or chip";
         assert_eq!(summary(&all), format!("not wear since record 4: {cause}"));
         assert_eq!(summary(&all[..2]), format!("not wear in record 2: {cause}"));
         assert!(summary(&all[..1]).contains("8 of 20 records"));
+        let mut several = all[1].clone();
+        several.novelty.as_mut().unwrap().also = vec![MachineSign::ImpulsiveEnergy];
+        let also = "also possible: a bearing fault or looseness";
+        assert_eq!(summary(&[several]), format!("not wear in record 1: {cause}; {also}"));
     }
 }

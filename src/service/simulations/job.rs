@@ -89,9 +89,9 @@ impl Job {
             self.begin(SimulationStage::Waiting);
         }
         let library = {
-            let _turn = self.turns.wait(SimulationStage::Library);
+            let turn = self.turns.wait(SimulationStage::Library);
             self.begin(SimulationStage::Library);
-            self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?
+            turn.run(|| self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel))?
         };
         let alone = Ensemble::of(Arc::clone(&library));
         if self.neighbours.members == 0 {
@@ -100,9 +100,9 @@ impl Job {
         }
         // Estimates wait only for the first members; histories are folded again when the rest are ready.
         let first = {
-            let _turn = self.turns.wait(SimulationStage::FirstMembers);
+            let turn = self.turns.wait(SimulationStage::FirstMembers);
             self.begin(SimulationStage::FirstMembers);
-            self.members(&alone, &self.neighbours.first(), &self.progress())
+            turn.run(|| self.members(&alone, &self.neighbours.first(), &self.progress()))
         };
         let first = match first {
             Ok(first) => first,
@@ -127,13 +127,13 @@ impl Job {
         for done in (begin..all).step_by(MEMBERS_PER_TURN) {
             let before = (done - begin) / VARIANTS;
             let of_all = |more: usize, _: usize| progress(before + more, (all - begin).div_ceil(VARIANTS));
-            let _turn = self.turns.wait(SimulationStage::Members);
+            let turn = self.turns.wait(SimulationStage::Members);
             let settings = EnsembleSettings { members: done + MEMBERS_PER_TURN };
             if settings.members >= all {
-                return self.members(&ensemble, &self.neighbours, &of_all);
+                return turn.run(|| self.members(&ensemble, &self.neighbours, &of_all));
             }
             let control = BuildControl::with_progress(&of_all).cancelled_by(&self.cancel);
-            ensemble = ensemble.extended(&settings, &control)?;
+            ensemble = turn.run(|| ensemble.extended(&settings, &control))?;
         }
         Ok(ensemble)
     }
@@ -264,7 +264,7 @@ mod tests {
             neighbours: EnsembleSettings { members: 0 },
             source: LibrarySource::alone(folder),
             loading: Arc::default(),
-            turns: Arc::default(),
+            turns: Arc::new(Turns::new(2).unwrap()),
             ensembles: Arc::default(),
             simulation,
             cancel: Arc::default(),

@@ -14,7 +14,9 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 
+use super::error::ServiceError;
 use super::keys::{analysis_keys, fold_key};
+use super::limits::WorkLimits;
 use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::{ChannelEstimator, EstimatorSettings, MissingLibrary};
 use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryCache, library_id};
@@ -92,23 +94,26 @@ pub struct Simulations {
 
 impl Simulations {
     /// Creates the simulations; `changed` receives assets whose histories have to be folded again.
+    ///
+    /// # Errors
+    /// The threads cannot be started.
     pub(crate) fn new(
         source: LibrarySource,
         grid: GridSettings,
-        neighbours: EnsembleSettings,
+        limits: &WorkLimits,
         changed: mpsc::UnboundedSender<Vec<AssetId>>,
-    ) -> Self {
-        Self {
+    ) -> Result<Self, ServiceError> {
+        Ok(Self {
             changed,
             source,
             grid,
             requested: Arc::default(),
             estimators: Mutex::default(),
-            neighbours,
+            neighbours: limits.neighbours,
             ensembles: Arc::default(),
             loading: Arc::default(),
-            turns: Arc::default(),
-        }
+            turns: Arc::new(Turns::new(limits.simulation_threads)?),
+        })
     }
 
     /// The cache of all libraries. Its methods block on the disk.

@@ -1,15 +1,19 @@
-//! The order of simulations. Each uses every core, so they run one after the other; a library that an asset
-//! waits for comes before one that only refines its estimates.
+//! The order of simulations. Each uses all threads for simulations, so they run one after the other; a library
+//! that an asset waits for comes before one that only refines its estimates.
 
 use std::collections::BTreeSet;
 use std::sync::{Condvar, Mutex};
 
 use super::job::lock;
 use super::status::SimulationStage;
+use crate::service::error::ServiceError;
+use crate::service::workers;
 
-/// A priority lock: the earlier stage first, and within a stage in the order of arrival.
-#[derive(Debug, Default)]
+/// A priority lock on the threads for simulations: the earlier stage first, and within a stage in the order of
+/// arrival.
+#[derive(Debug)]
 pub(super) struct Turns {
+    threads: rayon::ThreadPool,
     queue: Mutex<Queue>,
     freed: Condvar,
 }
@@ -25,6 +29,15 @@ struct Queue {
 pub(super) struct Turn<'a>(&'a Turns);
 
 impl Turns {
+    /// Creates the threads.
+    ///
+    /// # Errors
+    /// The system does not give that many threads.
+    pub(super) fn new(threads: usize) -> Result<Self, ServiceError> {
+        let threads = workers::threads(threads, "simulation")?;
+        Ok(Self { threads, queue: Mutex::default(), freed: Condvar::new() })
+    }
+
     /// Waits for a turn at a stage.
     pub(super) fn wait(&self, stage: SimulationStage) -> Turn<'_> {
         let mut queue = lock(&self.queue);
@@ -41,6 +54,13 @@ impl Turns {
     }
 }
 
+impl Turn<'_> {
+    /// Runs `simulate` on the threads for simulations.
+    pub(super) fn run<T: Send>(&self, simulate: impl FnOnce() -> T + Send) -> T {
+        self.0.threads.install(simulate)
+    }
+}
+
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
         lock(&self.0.queue).is_taken = false;
@@ -50,12 +70,14 @@ impl Drop for Turn<'_> {
 
 #[cfg(test)]
 mod tests {
+    use rayon::prelude::*;
+
     use super::*;
 
     #[test]
     fn earlier_stages_come_first() {
         use SimulationStage::{FirstMembers, Library, Members};
-        let turns = Turns::default();
+        let turns = Turns::new(1).unwrap();
         let order = Mutex::new(Vec::new());
         let held = turns.wait(Members);
         std::thread::scope(|scope| {
@@ -74,5 +96,17 @@ mod tests {
         });
         let expected = [(Library, 3), (Library, 4), (FirstMembers, 1), (Members, 0), (Members, 2)];
         assert_eq!(*lock(&order), expected);
+    }
+
+    #[test]
+    fn a_simulation_uses_its_threads_alone() {
+        let turns = Turns::new(3).unwrap();
+        let turn = turns.wait(SimulationStage::Library);
+        let names: BTreeSet<String> = turn.run(|| {
+            let name = |_| std::thread::current().name().unwrap_or_default().to_owned();
+            assert_eq!(rayon::current_num_threads(), 3);
+            (0..1000).into_par_iter().map(name).collect()
+        });
+        assert!(names.len() <= 3 && names.iter().all(|name| name.starts_with("simulation-")), "{names:?}");
     }
 }

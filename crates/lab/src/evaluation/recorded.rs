@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::run::Observation;
 use super::score::rank_correlation;
 use flankwatch_wear::estimate::{
-    EstimatorSettings, HistoryStep, Inspection, JointEstimate, MaintenanceEvent, MaintenanceKind, Tracker,
-    WearEstimate, WearStatus,
+    EstimatorSettings, HistoryStep, Inspection, JointEstimate, MachineSign, MaintenanceEvent,
+    MaintenanceKind, SensorFault, Tracker, WearEstimate, WearStatus,
 };
 use flankwatch_wear::library::{Ensemble, FlankPlace};
 
@@ -46,6 +46,10 @@ pub struct Answer {
     pub wear_um: Option<[f64; 3]>,
     /// Whether the record was attributed to something other than wear.
     pub flagged: bool,
+    /// The fault of the sensor that a flagged record shows, if one is recognised.
+    pub sensor_fault: Option<SensorFault>,
+    /// What the machine most likely has instead of wear, if a flagged record shows it.
+    pub machine_sign: Option<MachineSign>,
     /// Reason of the estimate.
     pub reason: String,
 }
@@ -182,11 +186,15 @@ struct Estimate {
 impl Answer {
     fn of(estimate: Estimate) -> Self {
         let Estimate { record, truth_um, wear } = estimate;
+        let flagged = matches!(wear.status, WearStatus::OutsideLibrary | WearStatus::SensorFault);
+        let novelty = wear.novelty.as_ref().filter(|_| flagged);
         Self {
             record,
             truth_um,
             wear_um: median_and_interval(&wear),
-            flagged: matches!(wear.status, WearStatus::OutsideLibrary | WearStatus::SensorFault),
+            flagged,
+            sensor_fault: novelty.and_then(|novelty| novelty.sensor_fault),
+            machine_sign: novelty.and_then(|novelty| novelty.machine_sign),
             reason: wear.reason,
         }
     }
