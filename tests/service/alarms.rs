@@ -331,6 +331,42 @@ fn levels_below_are_raised_and_cleared_by_records() {
 }
 
 #[test]
+fn a_rate_of_change_raises_an_alarm() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    let quantity = json!({ "rate_per_day": { "indicator": "rms" } });
+    asset["alarms"] =
+        json!([{ "quantity": quantity, "warning": 100, "over_s": 1800, "settings": at_once() }]);
+    service.post_json("/v1/assets", &asset).expect(201);
+    (0..40).for_each(|n| drop(service.upload("pump", &loud(n, 1.0))));
+    assert_eq!(service.get("/v1/alarms?asset=pump").expect(200).json()["items"], json!([]));
+    // The RMS doubles in half an hour: by 0.8 in 1/48 of a day.
+    (40..75).for_each(|n| drop(service.upload("pump", &loud(n, 1.0 + (n - 39) as f32 / 10.0))));
+    let raised = only_alarm(&service, "pump");
+    assert_eq!((&raised["severity"], &raised["quantity"]), (&json!("warning"), &quantity));
+    assert!(raised["value"].as_f64().unwrap() > 100.0, "{raised}");
+}
+
+#[test]
+fn a_sensor_fault_raises_an_alarm_that_names_it() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["alarms"] = json!([{ "quantity": "sensor_fault", "warning": 0.5, "settings": at_once() }]);
+    service.post_json("/v1/assets", &asset).expect(201);
+    for n in 0..12 {
+        let record = Record::new("1", minute(n.into()), 4000.0, "m/s2", samples(n)).unwrap();
+        service.upload("pump", &record);
+    }
+    assert_eq!(service.get("/v1/alarms?asset=pump").expect(200).json()["items"], json!([]));
+    let silent = samples(13).into_iter().map(|sample| 1e-5 * sample).collect();
+    service.upload("pump", &Record::new("1", minute(13), 4000.0, "m/s2", silent).unwrap());
+    let raised = only_alarm(&service, "pump");
+    assert_eq!((&raised["severity"], &raised["value"]), (&json!("warning"), &json!(1.0)));
+    let wear = service.get("/v1/assets/pump/wear").expect(200).json();
+    assert_eq!((&wear["status"], &wear["novelty"]["sensor_fault"]), (&json!("sensor_fault"), &json!("dead")));
+}
+
+#[test]
 fn a_misspelt_indicator_is_rejected_with_the_nearest_names() {
     let service = Service::start();
     let mut asset = plain_asset("pump");

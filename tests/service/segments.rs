@@ -1,9 +1,10 @@
 //! Uploads of single records and the resulting segments.
 
 use flankwatch::recording::{BlockEncoding, encode_block};
+use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
-use crate::running::{Service, record, samples, wav};
+use crate::running::{Service, minute, plain_asset, record, samples, wav};
 
 fn close(a: &Value, b: f64, tolerance: f64) -> bool {
     (a.as_f64().unwrap() - b).abs() <= tolerance
@@ -227,4 +228,21 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
     ] {
         service.get(&format!("/v1/segments/{id}/envelope?{band}")).expect_problem(400, &["band"]);
     }
+}
+
+#[test]
+fn a_speed_in_doubt_is_said_with_its_reason() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    // The record has a mesh of 310 Hz: 31 teeth at 10 Hz.
+    asset["gear"] = json!({ "teeth": [23, 62], "shaft_speed_hz": 10.0 });
+    service.post_json("/v1/assets", &asset).expect(201);
+    let long = (0..16).flat_map(samples).collect();
+    let record = Record::new("1", minute(0), 4000.0, "m/s2", long).unwrap();
+    let segment = service.upload("pump", &record);
+    assert_eq!(segment["shaft_speed"]["doubt"]["reason"], "other_mesh", "{segment}");
+    assert_eq!(segment["wear"]["status"], "speed_in_doubt", "{segment}");
+    let reason = segment["wear"]["reason"].as_str().unwrap();
+    assert!(reason.contains("mesh frequency of 310.") && reason.contains("or 30.7 teeth"), "{reason}");
+    assert_eq!(segment["wear"]["baseline"]["have"], 0);
 }
