@@ -177,7 +177,8 @@ mod tests {
                 assert!(largest > 0.01, "{part} says nothing");
                 for (k, (got, want)) in got.iter().zip(want).enumerate() {
                     let apart = (got - want).abs() / largest;
-                    assert!(apart <= 1e-9, "{}, {part}, {k}: {got}, SciPy has {want}", case.name);
+                    // The record is resampled in single precision.
+                    assert!(apart <= 5e-7, "{}, {part}, {k}: {got}, SciPy has {want}", case.name);
                 }
             }
         }

@@ -24,7 +24,7 @@ pub(super) const NAMES: [&str; 12] = [
 
 /// Below this fraction of the average's standard deviation, a signal is rounding of 32-bit samples and
 /// transforms.
-const ROUNDING: f64 = 1e-9;
+const ROUNDING: f64 = 1e-7;
 
 /// The shaft angle that a record was analysed over.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

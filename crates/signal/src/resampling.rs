@@ -21,7 +21,7 @@ const MAX_GROWTH: f64 = 4.0;
 pub(super) struct Resampler {
     /// Interpolator, created when first needed.
     kernel: Option<Kernel>,
-    centred: Vec<f64>,
+    centred: Vec<f32>,
     /// The angles of one turn's samples, in turns.
     steps: Vec<f64>,
     positions: Vec<f64>,
@@ -124,7 +124,7 @@ impl Resampler {
 /// Removal of a record's mean, as plain loops compiled for each instruction set.
 struct RemoveMean<'a> {
     samples: &'a [f32],
-    centred: &'a mut [f64],
+    centred: &'a mut [f32],
 }
 
 impl WithSimd for RemoveMean<'_> {
@@ -134,7 +134,7 @@ impl WithSimd for RemoveMean<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let mean = mean_of(self.samples, |&x| f64::from(x));
         for (centred, &x) in self.centred.iter_mut().zip(self.samples) {
-            *centred = f64::from(x) - mean;
+            *centred = (f64::from(x) - mean) as f32;
         }
     }
 }

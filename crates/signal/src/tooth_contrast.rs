@@ -20,7 +20,7 @@ const EXCLUDED_ORDERS: usize = 3;
 const MIN_TEETH: usize = 10;
 
 /// Below this fraction of the average's standard deviation, a signal is rounding.
-const ROUNDING: f64 = 1e-9;
+const ROUNDING: f64 = 1e-7;
 
 /// Numbers of turns averaged. The residual noise of an average depends on this number, so records of
 /// different lengths are compared by averages of equal size.
