@@ -34,7 +34,7 @@ from ._flankwatch import (
 )
 from .client import Client, Event, ServiceError
 from .condition import Indicators, indicators, synchronous_average
-from .recording import Channel, Recording
+from .recording import Channel, Recording, RecordingError
 from .reading import read
 
 __all__ = [
@@ -54,6 +54,7 @@ __all__ = [
     "OrderSpectrum",
     "Pair",
     "Recording",
+    "RecordingError",
     "Run",
     "ServiceError",
     "SimulatedRecord",

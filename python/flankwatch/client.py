@@ -13,20 +13,14 @@ import httpx
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import uploads
 from .frames import as_frame
 from .reading import read
 from .reading.guess import as_time
+from .recording import Recording
 
 #: Statuses after which the same request may succeed.
 RETRIED_STATUSES = {429, 502, 503, 504, 507}
-
-#: Media types of files that the service reads itself, by their first bytes.
-READ_BY_SERVICE = {
-    b"RIFF": "audio/wav",
-    b"RIFX": "audio/wav",
-    b"RF64": "audio/wav",
-    b"\x89MCAP0\r\n": "application/mcap",
-}
 
 
 class ServiceError(Exception):
@@ -96,6 +90,7 @@ class Client:
         verify: bool | str = True,
     ) -> None:
         headers = {"authorization": f"Bearer {token}"} if token else {}
+        self.url = url
         self._repeats = repeats
         self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout_s, verify=verify)
 
@@ -236,52 +231,131 @@ class Client:
         rate_hz: float | None = None,
         unit: str | None = None,
         start_time: Any = None,
+        scale: float | None = None,
+        sensitivity_mv_per_g: float | None = None,
         **parameters: Any,
     ) -> dict[str, Any]:
         """Sends a recording in a file.
 
-        WAV, MCAP and CSV are sent unchanged, other formats as :func:`flankwatch.read` reads them.
-        Channels of the same rate, unit, start and length are sent together.
+        MCAP is sent unchanged, and so are WAV and CSV (also ``.csv.gz``) if neither channels nor a scale are
+        given. Others are sent as :func:`flankwatch.read` reads them.
+
+        Args:
+            asset: the asset's id.
+            path: the file.
+            idempotency_key: uploads with the same key are stored once.
+            channels: names of the channels to send.
+            rate_hz: sampling rate in hertz of a file without one.
+            unit: unit of the samples.
+            start_time: time of the first sample of a file without one. Times of day in a CSV file count from
+                it on.
+            scale: factor of the values; full-scale integers of WAV and FLAC are 1 before.
+            sensitivity_mv_per_g: sensor sensitivity in mV/g: converts values in volts (after ``scale``) to g.
+            parameters: as for :meth:`upload`, such as ``shaft_speed_hz``.
 
         Returns:
             The answer to the upload, or ``{"uploads": [...]}`` for several uploads.
+
+        Raises:
+            RecordingError: if the file is damaged, or an argument does not fit it.
+            ServiceError: if the service refuses it.
         """
         path = Path(path)
-        with path.open("rb") as file:
-            beginning = file.read(16)
-        media_type = next(
-            (kind for magic, kind in READ_BY_SERVICE.items() if beginning.startswith(magic)), None
+        if sensitivity_mv_per_g is not None and unit not in (None, "g"):
+            raise ValueError(f'unit is {unit!r}, expected None or "g" with sensitivity_mv_per_g')
+        arguments = {
+            "channels": channels,
+            "rate_hz": rate_hz,
+            "unit": unit,
+            "start_time": start_time,
+            "scale": scale,
+            "sensitivity_mv_per_g": sensitivity_mv_per_g,
+            **parameters,
+        }
+        name = uploads.format_of(path)
+        if name == "mcap":
+            uploads.check_mcap(path, arguments)
+            return self._upload(asset, path.read_bytes(), uploads.MEDIA_TYPES[name], {}, idempotency_key)
+        is_read = channels is not None or scale is not None or sensitivity_mv_per_g is not None
+        if name in ("wav", "csv") and not is_read:
+            return self._upload_unchanged(
+                asset, path, name, rate_hz, start_time, {"unit": unit, **parameters}, idempotency_key
+            )
+        recording = read(
+            path,
+            channels=channels,
+            rate_hz=rate_hz,
+            unit=None if sensitivity_mv_per_g is not None else unit,
+            start_time=start_time,
         )
-        if path.suffix.lower() == ".csv":
-            media_type = "text/csv"
-        if media_type is not None:
-            query = without_none({"unit": unit, "start_time": rfc3339(start_time), **parameters})
-            if media_type == "text/csv" and rate_hz is not None:
-                query["sample_rate_hz"] = repr(float(rate_hz))
-            return self._upload(asset, path.read_bytes(), media_type, query, idempotency_key)
-        recording = read(path, channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time)
+        return self.upload_recording(
+            asset,
+            recording,
+            idempotency_key=idempotency_key,
+            scale=scale,
+            sensitivity_mv_per_g=sensitivity_mv_per_g,
+            **parameters,
+        )
+
+    def _upload_unchanged(
+        self,
+        asset: str,
+        path: Path,
+        name: str,
+        rate_hz: float | None,
+        start_time: Any,
+        parameters: Mapping[str, Any],
+        key: str | None,
+    ) -> dict[str, Any]:
+        query = dict(parameters)
+        if name == "wav" and rate_hz is not None:
+            uploads.header(path, rate_hz)
+        if name == "csv" and rate_hz is not None:
+            query["sample_rate_hz"] = repr(float(rate_hz))
+        if start_time is not None:
+            query["start_time"] = rfc3339(start_time)
+            if name == "csv":
+                query["start_time"] = uploads.start_time(path, rate_hz, query["start_time"])
+        return self._upload(asset, path.read_bytes(), uploads.MEDIA_TYPES[name], without_none(query), key)
+
+    def upload_recording(
+        self,
+        asset: str,
+        recording: Recording,
+        *,
+        idempotency_key: str | None = None,
+        scale: float | None = None,
+        sensitivity_mv_per_g: float | None = None,
+        **parameters: Any,
+    ) -> dict[str, Any]:
+        """Sends a recording as :func:`flankwatch.read` returns it.
+
+        Channels of the same rate, unit, start and length are sent together. The arguments are those of
+        :meth:`upload_file`.
+
+        Returns:
+            The answer to the upload, or ``{"uploads": [...]}`` for several uploads.
+
+        Raises:
+            RecordingError: if a channel has no rate, or is not in volts although a sensitivity is given.
+            ServiceError: if the service refuses it.
+        """
         answers = []
-        groups: dict[tuple[Any, ...], list[Any]] = {}
-        for channel in recording:
-            if channel.rate_hz is None:
-                raise ValueError(f"{path}: channel {channel.name!r} has no sampling rate, expected rate_hz")
-            key = (channel.rate_hz, channel.unit, str(channel.start_time), channel.samples.size)
-            groups.setdefault(key, []).append(channel)
-        for number, group in enumerate(groups.values()):
+        recording = uploads.scaled(recording, scale, sensitivity_mv_per_g)
+        for number, group in enumerate(uploads.groups(recording)):
             first = group[0]
             names = [channel.name.replace(",", " ") for channel in group]
+            key = idempotency_key if number == 0 or idempotency_key is None else f"{idempotency_key}-{number}"
             answers.append(
                 self.upload(
                     asset,
                     np.stack([channel.samples for channel in group]),
-                    first.rate_hz,
+                    first.rate_hz or 0.0,
                     start_time=first.start_time,
                     unit=first.unit,
                     channel=names[0] if len(names) == 1 else None,
                     channel_names=names if len(names) > 1 else None,
-                    idempotency_key=idempotency_key
-                    if idempotency_key is None or number == 0
-                    else f"{idempotency_key}-{number}",
+                    idempotency_key=key,
                     **parameters,
                 )
             )
@@ -291,6 +365,8 @@ class Client:
         self, asset: str, body: bytes, media_type: str, parameters: Mapping[str, Any], key: str | None
     ) -> dict[str, Any]:
         headers = {"content-type": media_type}
+        if media_type == "text/csv" and body.startswith(b"\x1f\x8b"):
+            headers["content-encoding"] = "gzip"
         if key is None and "start_time" in parameters:
             content = hashlib.sha256(
                 json.dumps([asset, media_type, dict(parameters)], sort_keys=True).encode()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import subprocess
@@ -12,6 +13,7 @@ import flankwatch
 import numpy as np
 import pytest
 
+NAMES = itertools.count()
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -43,6 +45,16 @@ def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 def client(service: tuple[str, Path]) -> Iterator[flankwatch.Client]:
     with flankwatch.Client(service[0]) as client:
         yield client
+
+
+@pytest.fixture
+def asset(client: flankwatch.Client) -> str:
+    """A separate asset for each test."""
+    name = f"rig-{next(NAMES)}"
+    client.create_asset(
+        {"id": name, "gear": {"teeth": [24, 36], "shaft_speed_hz": 24.5}, "sensor": {"unit": "m/s2"}}
+    )
+    return name
 
 
 def gear_signal(

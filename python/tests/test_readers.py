@@ -250,8 +250,8 @@ def test_truncated_files_are_refused_by_name(tmp_path, name):
     [
         (b"", "the file is empty"),
         (b"\x89MCAP0\r\n123", "an MCAP recording"),
-        (b"\x1f\x8b\x08\x00", "compressed with gzip"),
-        (b"time,a1\n0,1\n", "the file is text"),
+        (b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x00\x03", "compressed with gzip, without CSV"),
+        (b"MIT License\n\nCopyright\n", "csv line 2"),
         (b"\x7fELF\x02\x01", "the file begins with 7f 45 4c 46"),
         (b"\x93NUMPY\x01\x00\xff\xff", "damaged or incomplete .npy file"),
     ],
