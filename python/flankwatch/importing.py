@@ -59,9 +59,7 @@ def argument_parser() -> argparse.ArgumentParser:
         description="Send the recordings of a folder to a flankwatch service. After an interruption, run the "
         "same command again: it continues with the files that were not sent.",
     )
-    parser.add_argument(
-        "folder", type=Path, help="folder with recordings, searched recursively; or one file"
-    )
+    parser.add_argument("folder", type=Path, help="folder with recordings, searched recursively; or one file")
     parser.add_argument("--asset", required=True, help="asset that the recordings belong to")
     parser.add_argument("--url", default="http://127.0.0.1:8600", help="address of the service")
     parser.add_argument(
@@ -237,7 +235,9 @@ def check(options: argparse.Namespace) -> None:
     except ValueError as error:
         raise ValueError(f"--{str(error).replace('_', '-')}") from error
     if options.sensitivity_mv_per_g is not None and options.unit not in (None, "g"):
-        raise ValueError(f"--unit is {options.unit!r}, expected none with --sensitivity-mv-per-g, which gives g")
+        raise ValueError(
+            f"--unit is {options.unit!r}, expected none with --sensitivity-mv-per-g, which gives g"
+        )
 
 
 def main(argv: Sequence[str] | None = None) -> int:

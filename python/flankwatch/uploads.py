@@ -63,7 +63,9 @@ def scale_factor(scale: float | None, sensitivity_mv_per_g: float | None) -> flo
         factor = scale
     if sensitivity_mv_per_g is not None:
         if not (np.isfinite(sensitivity_mv_per_g) and sensitivity_mv_per_g > 0):
-            raise ValueError(f"sensitivity_mv_per_g is {sensitivity_mv_per_g}, expected a finite number above 0")
+            raise ValueError(
+                f"sensitivity_mv_per_g is {sensitivity_mv_per_g}, expected a finite number above 0"
+            )
         factor = factor * 1000.0 / sensitivity_mv_per_g
     return factor
 

@@ -41,6 +41,14 @@ def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
             process.wait(20)
 
 
+def real_data() -> Path:
+    """The folder of real recordings: FLANKWATCH_DATA, else the one beside the checkout. Skips without it."""
+    folder = Path(os.environ.get("FLANKWATCH_DATA") or ROOT / "../shared/data")
+    if not folder.is_dir():
+        pytest.skip(f"no real recordings in {folder}; FLANKWATCH_DATA names their folder")
+    return folder
+
+
 @pytest.fixture
 def client(service: tuple[str, Path]) -> Iterator[flankwatch.Client]:
     with flankwatch.Client(service[0]) as client:

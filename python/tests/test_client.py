@@ -92,11 +92,17 @@ def test_other_clients_get_trends_as_parquet(client, service, asset, path):
     for name in table.column_names:
         values = table[name].to_pylist()
         if name == "start_time":
-            assert [value.isoformat().replace("+00:00", "Z") for value in values] == [row[name] for row in rows]
+            assert [value.isoformat().replace("+00:00", "Z") for value in values] == [
+                row[name] for row in rows
+            ]
         else:
             assert values == [row[name] for row in rows], name
     units = table.schema.metadata
-    assert units[b"unit.rms" if "rms" in table.column_names else b"unit.median_um"].decode() in ("1", "m/s2", "µm")
+    assert units[b"unit.rms" if "rms" in table.column_names else b"unit.median_um"].decode() in (
+        "1",
+        "m/s2",
+        "µm",
+    )
 
 
 @pytest.mark.parametrize(

@@ -210,7 +210,7 @@ def test_channels_of_csv_and_wav_are_chosen(client, asset, run, tmp_path):
     assert np.array_equal(samples(client, segment), x[1])
     status, out, _ = run(tmp_path, "--channels", "3", "--rate-hz", "1000")
     assert "c.wav: error: no channel '3', expected one of 1, 2" in out
-    assert "a.csv: error: " in out and "no column \"3\", expected one of in [m/s2], out [m/s2]" in out
+    assert "a.csv: error: " in out and 'no column "3", expected one of in [m/s2], out [m/s2]' in out
 
 
 def test_gzipped_csv_is_sent_unchanged(client, asset, run, tmp_path):
@@ -248,7 +248,10 @@ def test_volts_become_g_by_scale_and_sensitivity(client, service, run, tmp_path)
     ("options", "message"),
     [
         (["--scale", "0"], "--scale is 0.0, expected a finite number other than 0"),
-        (["--sensitivity-mv-per-g", "-1"], "--sensitivity-mv-per-g is -1.0, expected a finite number above 0"),
+        (
+            ["--sensitivity-mv-per-g", "-1"],
+            "--sensitivity-mv-per-g is -1.0, expected a finite number above 0",
+        ),
         (["--sensitivity-mv-per-g", "1", "--unit", "m/s2"], "--unit is 'm/s2', expected none with"),
         (["--start-time", "noon"], "--start-time is 'noon', expected an RFC 3339 time"),
         (["--state", "/proc/none/state"], "expected --state FILE"),
