@@ -19,7 +19,7 @@ from .client import Client, ServiceError, rfc3339
 from .import_state import FILE_NAME, ImportState
 from .reading import read
 from .reading.guess import as_time
-from .recording import Recording, RecordingError
+from .recording import Recording, RecordingError, argument_error
 
 #: Extensions of the files that are sent.
 EXTENSIONS = {
@@ -185,7 +185,7 @@ class Importer:
         elif found["states"] == "time of day":
             if given is None:
                 expected = "a time from which the file's times of day count"
-                raise RecordingError.of_argument(path, "start_time", "missing", expected)
+                raise argument_error(path, "start_time", "missing", expected)
             start = uploads.start_time(path, self.values["rate_hz"], given)
         elif start is None:
             start = modification_time(path)

@@ -25,10 +25,10 @@ class RecordingError(ValueError):
         self.argument = argument
         super().__init__(f"{path}: {detail}")
 
-    @classmethod
-    def of_argument(cls, path: str | Path, argument: str, value: object, expected: str) -> RecordingError:
-        """Returns the error for an argument that does not fit the file."""
-        return cls(path, f"{argument} is {value}, expected {expected}", argument)
+
+def argument_error(path: str | Path, argument: str, value: object, expected: str) -> RecordingError:
+    """Returns the error for an argument that does not fit the file."""
+    return RecordingError(path, f"{argument} is {value}, expected {expected}", argument)
 
 
 @dataclass

@@ -12,7 +12,7 @@ from .reading import csv
 from .reading.audio import check_rate
 from .reading.detect import MCAP, detect
 from .reading.guess import Content, Overrides
-from .recording import Channel, Recording, RecordingError
+from .recording import Channel, Recording, RecordingError, argument_error
 
 #: Media types of the formats that the service reads itself.
 MEDIA_TYPES = {"wav": "audio/wav", "csv": "text/csv", "mcap": "application/mcap"}
@@ -37,7 +37,7 @@ def check_mcap(path: Path, arguments: Mapping[str, Any]) -> None:
     given = next((name for name, value in arguments.items() if value is not None), None)
     if given is not None:
         expected = "none: an MCAP recording contains it for each record"
-        raise RecordingError.of_argument(path, given, repr(arguments[given]), expected)
+        raise argument_error(path, given, repr(arguments[given]), expected)
 
 
 def header(path: Path, rate_hz: float | None = None) -> dict[str, Any]:
@@ -81,9 +81,7 @@ def scaled(recording: Recording, scale: float | None, sensitivity_mv_per_g: floa
         if sensitivity_mv_per_g is not None:
             if unit not in VOLTS:
                 expected = f"none: channel {channel.name!r} is in {unit!r}, not in volts"
-                raise RecordingError.of_argument(
-                    recording.path, "sensitivity_mv_per_g", sensitivity_mv_per_g, expected
-                )
+                raise argument_error(recording.path, "sensitivity_mv_per_g", sensitivity_mv_per_g, expected)
             unit = "g"
         channels.append(replace(channel, samples=channel.samples.astype(np.float64) * factor, unit=unit))
     return replace(recording, channels=channels)

@@ -171,6 +171,21 @@ def test_absurd_lengths(tmp_path, name):
         assert "bytes of samples, expected at most 100 times" in detail
 
 
+def test_a_heap_without_an_end_is_refused(tmp_path):
+    """The HDF5 library reads such a heap forever."""
+    path = tmp_path / "recording.h5"
+    ALL_WRITERS["hdf5"](path, signals(0), 0)
+    content = path.read_bytes()
+    heap = content.index(b"GCOL")
+    # The length of the second text skips the rest.
+    second = heap + 16 + 24
+    path.write_bytes(content[: second + 8] + struct.pack("<Q", 257) + content[second + 16 :])
+    with pytest.raises(
+        flankwatch.RecordingError, match=f"heap at byte {heap} has an object without a length"
+    ):
+        flankwatch.read(path)
+
+
 def test_the_cause_is_kept(tmp_path):
     path = tmp_path / "recording.npy"
     path.write_bytes(b"\x93NUMPY\x01\x00\xff\xff")

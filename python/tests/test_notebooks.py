@@ -8,9 +8,11 @@ from pathlib import Path
 
 import matplotlib
 import matplotlib.pyplot
+import numpy as np
 import pytest
+import soundfile
 
-from conftest import ROOT
+from conftest import ROOT, gear_signal
 
 matplotlib.use("Agg")
 NOTEBOOKS = sorted((ROOT / "python/notebooks").glob("*.py"))
@@ -30,6 +32,9 @@ def examples(path: Path) -> list[str]:
 @pytest.mark.parametrize("document", ["docs/python.md", "README.md"])
 def test_examples_run(document, service, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    recordings = service[1] / "recordings"
+    recordings.mkdir(exist_ok=True)
+    soundfile.write(recordings / "run.wav", gear_signal(4).astype(np.float32), 20_000, subtype="FLOAT")
     names: dict[str, object] = {"url": service[0]}
     found = examples(ROOT / document)
     assert found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
-from ..recording import RecordingError
+from ..recording import argument_error
 from .extras import require
 from .guess import RATE_TOLERANCE, Content
 from .limits import check_declared
@@ -45,4 +45,4 @@ def check_rate(path: Path, content: Content, rate_hz: float | None) -> None:
     """Raises :class:`RecordingError` if a given rate is not that of the header."""
     stated = content.common["fs"]
     if rate_hz is not None and abs(rate_hz / stated - 1) > RATE_TOLERANCE:
-        raise RecordingError.of_argument(path, "rate_hz", rate_hz, f"{stated:g} as in the header, or none")
+        raise argument_error(path, "rate_hz", rate_hz, f"{stated:g} as in the header, or none")

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from .. import _flankwatch
-from ..recording import Channel, RecordingError
+from ..recording import Channel, RecordingError, argument_error
 from .guess import Overrides, as_time
 
 
 def read(path: Path, overrides: Overrides) -> list[Channel]:
     """Reads the channels; ``start_time`` gives times of day their day."""
     if overrides.time_column is not None:
-        raise RecordingError.of_argument(
+        raise argument_error(
             path, "time_column", repr(overrides.time_column), "none: those of CSV are detected"
         )
     found = frames(path, overrides)

@@ -9,12 +9,14 @@ import numpy as np
 
 from .extras import require
 from .guess import Content
+from .hdf5_heaps import check
 from .limits import check_declared
 
 
 def read(path: Path) -> Content:
     """Reads all numeric datasets with their attributes; those of groups and of the file apply to all."""
     h5py = require("h5py", "h5py", "HDF5")
+    check(path)
     content = Content()
     declared: list[int] = []
     with h5py.File(path, "r") as file:
