@@ -75,9 +75,7 @@ def test_stubs_repeat_the_native_docstrings():
 #: A shape such as ``(n,)`` or ``(turns, samples_per_turn)``.
 SHAPE = re.compile(r"shape ``\(.+?\)``")
 
-UNITS = re.compile(
-    r"\b(rad|mm|µm|N/m|Hz|hertz|seconds|in ``unit``|m/s²|Orders of|without a unit)(?!\w)"
-)
+UNITS = re.compile(r"\b(rad|mm|µm|N/m|Hz|hertz|seconds|in ``unit``|m/s²|Orders of|without a unit)(?!\w)")
 
 
 def test_arrays_have_a_shape_and_a_unit():
@@ -94,9 +92,9 @@ def test_arrays_have_a_shape_and_a_unit():
             assert name in dimensionless or UNITS.search(doc) or "in the samples' unit" in in_class, name
         for argument in [*node.args.args, *node.args.kwonlyargs]:
             if "ArrayLike" in ast.unparse(argument.annotation or ast.Constant(None)):
-                    at = re.search(rf"\b{argument.arg}(:|`` has)", doc)
-                    entry = doc[at.start() :].split("\n    ")[0] if at else ""
-                    assert SHAPE.search(entry), f"{name}: {argument.arg}"
+                at = re.search(rf"\b{argument.arg}(:|`` has)", doc)
+                entry = doc[at.start() :].split("\n    ")[0] if at else ""
+                assert SHAPE.search(entry), f"{name}: {argument.arg}"
                 arrays += 1
     assert arrays > 40
 
