@@ -93,8 +93,8 @@ def test_arrays_have_a_shape_and_a_unit():
         for argument in [*node.args.args, *node.args.kwonlyargs]:
             if "ArrayLike" in ast.unparse(argument.annotation or ast.Constant(None)):
                 at = re.search(rf"\b{argument.arg}(:|`` has)", doc)
-                entry = doc[at.start() :].split("\n    ")[0] if at else ""
-                assert SHAPE.search(entry), f"{name}: {argument.arg}"
+                entry = re.split(r"\n {4}(?=\w)|\n\n", doc[at.start() :])[0] if at else ""
+                assert SHAPE.search(" ".join(entry.split())), f"{name}: {argument.arg}"
                 arrays += 1
     assert arrays > 40
 
