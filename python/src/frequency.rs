@@ -100,7 +100,7 @@ fn spectrum(py: Python<'_>, spectrum: flankwatch_signal::Spectrum) -> Spectrum {
 
 /// Returns indicators and how they were computed, as a dict; :func:`flankwatch.indicators` describes it.
 ///
-/// ``x`` has shape ``(n,)`` and is in ``unit``.
+/// ``x`` has shape ``(n,)`` and is in ``unit``; ``pulse_times_s`` has shape ``(pulses,)`` and is in seconds.
 ///
 /// Raises:
 ///     ValueError: if samples are not finite or not of shape ``(n,)``, or an argument is out of range.

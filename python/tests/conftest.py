@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import flankwatch
@@ -25,20 +26,27 @@ def program() -> Path:
     return path
 
 
-@pytest.fixture(scope="session")
-def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
-    """The address of a service and its data folder."""
-    folder = tmp_path_factory.mktemp("data")
+@contextmanager
+def serve(program: Path, folder: Path) -> Iterator[str]:
+    """Runs a service on a data folder. Returns its address."""
     command = [str(program), "serve", "--listen", "127.0.0.1:0", "--data-dir", str(folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
             line = process.stdout.readline()
             match = re.search(r"http://\S+", line)
             assert match, f"the service printed {line!r}"
-            yield match[0], folder
+            yield match[0]
         finally:
             process.terminate()
             process.wait(20)
+
+
+@pytest.fixture(scope="session")
+def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
+    """The address of a service and its data folder."""
+    folder = tmp_path_factory.mktemp("data")
+    with serve(program, folder) as url:
+        yield url, folder
 
 
 def real_data() -> Path:
