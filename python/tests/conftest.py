@@ -49,12 +49,16 @@ def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         yield url, folder
 
 
+def data_folder() -> Path:
+    """The folder of real recordings: FLANKWATCH_DATA, else the one beside the checkout."""
+    return Path(os.environ.get("FLANKWATCH_DATA") or ROOT / "../shared/data").resolve()
+
+
 def real_data() -> Path:
-    """The folder of real recordings: FLANKWATCH_DATA, else the one beside the checkout. Skips without it."""
-    folder = Path(os.environ.get("FLANKWATCH_DATA") or ROOT / "../shared/data")
-    if not folder.is_dir():
-        pytest.skip(f"no real recordings in {folder}; FLANKWATCH_DATA names their folder")
-    return folder
+    """The folder of real recordings. Skips the test without it."""
+    if not data_folder().is_dir():
+        pytest.skip(f"no real recordings in {data_folder()}; FLANKWATCH_DATA names their folder")
+    return data_folder()
 
 
 @pytest.fixture
