@@ -32,8 +32,10 @@ from ._flankwatch import (
     order_spectrum,
     power_spectral_density,
 )
-from .client import Client, Event, ServiceError
+from .client import Client
 from .condition import Indicators, indicators, synchronous_average
+from .connection import ServiceError
+from .events import Event
 from .recording import Channel, Recording, RecordingError
 from .reading import read
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import time as clock
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Iterator, Mapping, Sequence
 
@@ -14,45 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import uploads
+from .connection import Connection, ServiceError, without_none
+from .events import Event, parse_events
 from .frames import as_frame
 from .reading import read
 from .reading.guess import as_time
 from .recording import Recording
-
-#: Statuses after which the same request may succeed.
-RETRIED_STATUSES = {429, 502, 503, 504, 507}
-
-
-class ServiceError(Exception):
-    """Raised when the service refuses a request.
-
-    Attributes:
-        status: HTTP status.
-        detail: the reason, in words.
-        field, value, expected: the field at fault, if there is one.
-    """
-
-    def __init__(self, status: int, problem: Mapping[str, Any]) -> None:
-        self.status = status
-        self.detail = str(problem.get("detail") or problem.get("title") or "no reason given")
-        self.field = problem.get("field")
-        self.value = problem.get("value")
-        self.expected = problem.get("expected")
-        super().__init__(f"{status}: {self.detail}")
-
-
-@dataclass
-class Event:
-    """One event of the service: its kind, its identifier for resuming the stream, and its content."""
-
-    kind: str
-    id: str
-    data: Any
-
-
-def without_none(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the values that are not ``None``."""
-    return {name: value for name, value in values.items() if value is not None}
 
 
 def rfc3339(time: Any) -> str | None:
@@ -69,8 +35,12 @@ def rfc3339(time: Any) -> str | None:
     return str(moment) + "Z"
 
 
-class Client:
+class Client(Connection):
     """A connection to the service at ``url``, with a token if the service requires one.
+
+    Every method that sends a request raises :class:`ServiceError` if the service refuses it, and
+    ``httpx.TransportError`` if the service cannot be reached. Rows and dicts have the fields of the HTTP API,
+    with units in their names.
 
     Args:
         url: address of the service.
@@ -79,62 +49,6 @@ class Client:
         repeats: number of retries of a request that the service could not accept.
         verify: ``False`` to accept any certificate, or the path of a private one.
     """
-
-    def __init__(
-        self,
-        url: str = "http://127.0.0.1:8600",
-        token: str | None = None,
-        *,
-        timeout_s: float = 60.0,
-        repeats: int = 5,
-        verify: bool | str = True,
-    ) -> None:
-        headers = {"authorization": f"Bearer {token}"} if token else {}
-        self.url = url
-        self._repeats = repeats
-        self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout_s, verify=verify)
-
-    def __enter__(self) -> Client:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Closes the connection."""
-        self._http.close()
-
-    def request(self, method: str, path: str, **arguments: Any) -> Any:
-        """Sends a request and returns the decoded JSON; retries it if the service is busy.
-
-        Raises:
-            ServiceError: if the service refuses the request.
-            httpx.TransportError: if the service cannot be reached.
-        """
-        return self._send(method, path, **arguments).json()
-
-    def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:
-        for attempt in range(self._repeats + 1):
-            response = self._http.request(method, path, **arguments)
-            if response.status_code not in RETRIED_STATUSES or attempt == self._repeats:
-                break
-            clock.sleep(min(float(response.headers.get("retry-after") or 1), 30.0))
-        if response.status_code >= 400:
-            try:
-                problem = response.json()
-            except ValueError:
-                problem = {"detail": response.text}
-            raise ServiceError(response.status_code, problem)
-        return response
-
-    def _pages(self, path: str, parameters: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-        cursor = None
-        while True:
-            page = self.request("GET", path, params=without_none({**parameters, "cursor": cursor}))
-            yield from page["items"]
-            cursor = page.get("next_cursor")
-            if not cursor:
-                return
 
     # Assets
 
@@ -188,11 +102,18 @@ class Client:
             start_time: time of the first sample; defaults to the time of receipt.
             unit: unit of the samples.
             channel, channel_names: names of the measuring points.
+            shaft_speed_hz: rotational frequency of the driving shaft in hertz.
+            torque_nm: torque on the driving shaft in N·m.
+            temperature_c: oil or housing temperature in °C.
+            reference_wear_um: wear depth in µm from an inspection, which the estimate does not use.
             idempotency_key: uploads with the same key are stored once; defaults to a hash of the content if a
                 start time is given.
 
         Returns:
             The segment, or ``{"segments": [...]}`` for several channels.
+
+        Raises:
+            ValueError: if samples are not finite or not of these shapes, or the time is not one.
         """
         samples = np.atleast_2d(np.asarray(x))
         if samples.ndim != 2 or samples.dtype.kind not in "fiu":
@@ -393,14 +314,17 @@ class Client:
         return answer
 
     def waveform(self, segment: str, **parameters: Any) -> dict[str, Any]:
-        """Returns the samples of a record; ``max_points``, ``from_s``, ``to_s``."""
+        """Returns the samples of a record in its unit: a dict with ``value``, a list of numbers.
+
+        ``max_points`` reduces each interval to its minimum and maximum; ``from_s`` and ``to_s`` select a part.
+        """
         answer: dict[str, Any] = self.request("GET", f"/v1/segments/{segment}/waveform", params=parameters)
         return answer
 
     # Wear and trends
 
     def wear(self, asset: str) -> dict[str, Any]:
-        """Returns the latest wear estimate."""
+        """Returns the latest wear estimate: a dict with ``status`` and depths in µm."""
         answer: dict[str, Any] = self.request("GET", f"/v1/assets/{asset}/wear")
         return answer
 
@@ -465,28 +389,3 @@ class Client:
             if not reconnect:
                 return
             clock.sleep(1.0)
-
-
-def parse_events(lines: Iterator[str]) -> Iterator[Event]:
-    """Parses the events in the lines of a stream."""
-    kind, number = "message", ""
-    data: list[str] = []
-    for line in lines:
-        if not line:
-            if data:
-                text = "\n".join(data)
-                try:
-                    content = json.loads(text)
-                except ValueError:
-                    content = text
-                yield Event(kind=kind, id=number, data=content)
-            kind, data = "message", []
-            continue
-        name, _, value = line.partition(":")
-        value = value.removeprefix(" ")
-        if name == "event":
-            kind = value
-        elif name == "id":
-            number = value
-        elif name == "data":
-            data.append(value)

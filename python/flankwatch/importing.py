@@ -15,7 +15,8 @@ import httpx
 import numpy as np
 
 from . import uploads
-from .client import Client, ServiceError, rfc3339
+from .client import Client, rfc3339
+from .connection import ServiceError
 from .import_state import FILE_NAME, ImportState
 from .reading import read
 from .reading.guess import as_time

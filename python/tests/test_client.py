@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 import soundfile
-from flankwatch.client import Event, parse_events
+from flankwatch.events import Event, parse_events
 
 from conftest import gear_signal
 
@@ -154,14 +154,16 @@ def test_events_are_parsed():
 def test_a_request_to_a_busy_service_is_retried(monkeypatch):
     answers = [
         httpx.Response(503, headers={"retry-after": "0"}),
+        httpx.Response(502, headers={"retry-after": "Sun, 01 Mar 2026 08:00:00 GMT"}),
         httpx.Response(200, json={"items": [], "next_cursor": None}),
     ]
     client = flankwatch.Client("http://service")
     client._http = httpx.Client(
         base_url="http://service", transport=httpx.MockTransport(lambda request: answers.pop(0))
     )
-    monkeypatch.setattr(time, "sleep", lambda seconds: None)
-    assert client.assets() == [] and not answers
+    waited: list[float] = []
+    monkeypatch.setattr(time, "sleep", waited.append)
+    assert client.assets() == [] and not answers and waited == [0.0, 1.0]
 
 
 def test_replays_are_started_and_listed(client, service, asset):

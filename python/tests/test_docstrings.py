@@ -19,11 +19,13 @@ PAGE = ROOT / "docs/python.md"
 
 
 def members(cls: type) -> dict[str, object]:
-    """Public methods and properties that a class defines itself."""
+    """Public methods and properties that a class, or a base class of the package, defines."""
     kinds = (property, staticmethod, classmethod)
     return {
         name: member
-        for name, member in vars(cls).items()
+        for base in cls.__mro__
+        if base.__module__.startswith("flankwatch")
+        for name, member in vars(base).items()
         if not name.startswith("_")
         and (callable(member) or isinstance(member, kinds) or inspect.isgetsetdescriptor(member))
     }

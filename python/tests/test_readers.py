@@ -15,6 +15,7 @@ import scipy.io
 import scipy.io.wavfile
 import soundfile
 
+from conftest import real_data
 from recordings import RATE_HZ, SUBTYPES, WRITERS, signals, write_flac, write_npy, write_wav
 
 
@@ -105,6 +106,14 @@ def test_csv_is_read_as_the_program_reads_it(tmp_path):
         flankwatch.read(path, rate_hz=3.0)
     with pytest.raises(flankwatch.RecordingError, match="time_column is 'a', expected none"):
         flankwatch.read(path, time_column="a")
+
+
+def test_a_real_gearbox_recording_has_the_samples_of_numpy():
+    path = real_data() / "gearbox-spectraquest" / "h30hz0.csv.gz"
+    expected = np.loadtxt(path, delimiter=",", skiprows=1, dtype=np.float32)
+    recording = flankwatch.read(path, rate_hz=RATE_HZ)
+    assert recording.names == ["a1", "a2", "a3", "a4"]
+    assert np.array_equal(np.array([channel.samples for channel in recording]).T, expected)
 
 
 def test_structs_and_matrices_of_matlab_have_names(tmp_path):
