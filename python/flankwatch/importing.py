@@ -220,11 +220,14 @@ def files_in(folder: Path) -> list[Path]:
 
 def explain(error: Exception) -> str:
     """Returns an error in words, with the option in place of the argument at fault."""
-    if isinstance(error, RecordingError):
-        if error.argument is None:
-            return error.detail
-        return error.detail.replace(error.argument, f"--{error.argument.replace('_', '-')}", 1)
-    return str(error)
+    if not isinstance(error, RecordingError):
+        return str(error)
+    if error.argument is None:
+        return error.detail
+    option = f"--{error.argument.replace('_', '-')}"
+    if error.argument in error.detail:
+        return error.detail.replace(error.argument, option, 1)
+    return f"{option}: {error.detail}"
 
 
 def check(options: argparse.Namespace) -> None:

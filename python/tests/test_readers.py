@@ -116,6 +116,31 @@ def test_a_real_gearbox_recording_has_the_samples_of_numpy():
     assert np.array_equal(np.array([channel.samples for channel in recording]).T, expected)
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("2026-03-01T08:00:00Z", "2026-03-01T08:00:00"),
+        ("2026-03-01 08:00:00.25", "2026-03-01T08:00:00.25"),
+        ("2026-03-01T08:00:00+02:00", "2026-03-01T06:00:00"),
+        ("2026-03-01T08:00:00.5-0130", "2026-03-01T09:30:00.5"),
+        ("2026-03-01", "2026-03-01"),
+    ],
+)
+def test_times_are_utc(tmp_path, text, expected):
+    path = tmp_path / "recording.npy"
+    np.save(path, np.arange(10.0))
+    (channel,) = flankwatch.read(path, start_time=text)
+    assert channel.start_time == np.datetime64(expected)
+
+
+@pytest.mark.parametrize("text", ["noon", "", "Z", "NaT", "2026-13-01", "2026-03-01T08:00:00+2"])
+def test_other_texts_are_no_times(tmp_path, text):
+    path = tmp_path / "recording.npy"
+    np.save(path, np.arange(10.0))
+    with pytest.raises(ValueError, match="start_time is .*, expected a time"):
+        flankwatch.read(path, start_time=text)
+
+
 def test_structs_and_matrices_of_matlab_have_names(tmp_path):
     path = tmp_path / "recording.mat"
     x = np.arange(20.0).reshape(10, 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Sequence
 
 import numpy as np
 
@@ -38,14 +38,31 @@ def read(path: Path, overrides: Overrides) -> list[Channel]:
 
 def frames(path: Path, overrides: Overrides, samples: bool = True) -> dict[str, Any]:
     """Reads a CSV or WAV file as the program does, without its samples if ``samples`` is false."""
-    start = as_time(overrides.start_time)
     try:
-        return _flankwatch.read_frames(
-            path,
-            channels=list(overrides.channels or ()),
-            rate_hz=overrides.rate_hz,
-            start_time=None if start is None else f"{start}Z",
-            samples=samples,
-        )
+        return read_frames(path, overrides, overrides.channels, samples)
     except ValueError as error:
-        raise RecordingError(path, str(error)) from error
+        raise RecordingError(path, str(error), argument_at_fault(path, overrides)) from error
+
+
+def read_frames(
+    path: Path, overrides: Overrides, channels: Sequence[str] | None, samples: bool
+) -> dict[str, Any]:
+    start = as_time(overrides.start_time)
+    return _flankwatch.read_frames(
+        path,
+        channels=list(channels or ()),
+        rate_hz=overrides.rate_hz,
+        start_time=None if start is None else f"{start}Z",
+        samples=samples,
+    )
+
+
+def argument_at_fault(path: Path, overrides: Overrides) -> str | None:
+    """Returns ``"channels"`` if the file can be read without a choice of channels."""
+    if overrides.channels is None:
+        return None
+    try:
+        read_frames(path, overrides, None, samples=False)
+    except (ValueError, OSError):
+        return None
+    return "channels"

@@ -80,13 +80,25 @@ def as_time(value: Any) -> np.datetime64 | None:
     if isinstance(value, bytes):
         value = value.decode("utf-8", "replace")
     if isinstance(value, str):
-        try:
-            return np.datetime64(value.strip().removesuffix("Z").replace(" ", "T"), "ns")
-        except ValueError:
-            return None
+        return parse_time(value)
     if isinstance(value, (int, float, np.integer, np.floating)) and np.isfinite(value) and value > 1e8:
         return np.datetime64(round(float(value) * 1e9), "ns")
     return None
+
+
+def parse_time(text: str) -> np.datetime64 | None:
+    """Parses an ISO 8601 time; one without an offset is UTC."""
+    match = re.fullmatch(r"([\d-]+(?:[T ][\d:.]+)?)(?:Z|\s*([+-])(\d\d):?(\d\d))?", text.strip())
+    if match is None:
+        return None
+    try:
+        time = np.datetime64(match[1].replace(" ", "T"), "ns")
+    except ValueError:
+        return None
+    if match[2] is None:
+        return time
+    offset = np.timedelta64(int(match[3]) * 60 + int(match[4]), "m")
+    return np.datetime64(time - offset if match[2] == "+" else time + offset, "ns")
 
 
 def number(value: Any) -> float | None:
