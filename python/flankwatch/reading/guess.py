@@ -92,13 +92,15 @@ def parse_time(text: str) -> np.datetime64 | None:
     if match is None:
         return None
     try:
-        time = np.datetime64(match[1].replace(" ", "T"), "ns")
+        time: Any = np.datetime64(match[1].replace(" ", "T"), "ns")
     except ValueError:
         return None
-    if match[2] is None:
-        return time
-    offset = np.timedelta64(int(match[3]) * 60 + int(match[4]), "m")
-    return np.datetime64(time - offset if match[2] == "+" else time + offset, "ns")
+    offset = np.timedelta64(0, "m")
+    if match[2] is not None:
+        minutes = int(match[3]) * 60 + int(match[4])
+        offset = np.timedelta64(minutes if match[2] == "+" else -minutes, "m")
+    moment: np.datetime64 = time - offset
+    return moment
 
 
 def number(value: Any) -> float | None:
