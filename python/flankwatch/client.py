@@ -30,7 +30,8 @@ def rfc3339(time: Any) -> str | None:
     moment = as_time(time)
     if moment is None:
         raise ValueError(
-            f"time is {time!r}, expected an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970"
+            f"time is {time!r}, expected an RFC 3339 time, a datetime, a numpy.datetime64 or seconds "
+            "since 1970"
         )
     return str(moment) + "Z"
 
@@ -118,7 +119,8 @@ class Client(Connection):
         samples = np.atleast_2d(np.asarray(x))
         if samples.ndim != 2 or samples.dtype.kind not in "fiu":
             raise ValueError(
-                f"x has shape {np.shape(x)} and type {samples.dtype}, expected real numbers of shape (n,) or (channels, n)"
+                f"x has shape {np.shape(x)} and type {samples.dtype}, expected real numbers of shape (n,) "
+                "or (channels, n)"
             )
         if not np.all(np.isfinite(samples)):
             raise ValueError(
@@ -333,7 +335,10 @@ class Client(Connection):
         return as_frame(self.request("GET", f"/v1/assets/{asset}/wear/history", params=parameters), frame)
 
     def trend(self, asset: str, names: Sequence[str], *, frame: str | None = None, **parameters: Any) -> Any:
-        """Returns indicators over time; ``channel``, ``from``, ``to``, ``max_points``; ``frame`` as above."""
+        """Returns indicators over time; ``channel``, ``from``, ``to``, ``max_points``.
+
+        ``frame`` is as for :meth:`wear_history`.
+        """
         parameters["names"] = ",".join(names)
         return as_frame(self.request("GET", f"/v1/assets/{asset}/indicators", params=parameters), frame)
 

@@ -23,7 +23,7 @@ def read(path: Path) -> Content:
 
 
 def check_data_chunk(path: Path) -> None:
-    """Raises ``ValueError`` if a WAV file ends before the end of its data, which soundfile reads as shorter."""
+    """Raises ``ValueError`` if a WAV file ends before its data do: soundfile reads it as a shorter one."""
     file_bytes = path.stat().st_size
     with path.open("rb") as file:
         order = {b"RIFF": "<", b"RIFX": ">"}.get(file.read(4))

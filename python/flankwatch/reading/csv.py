@@ -47,6 +47,7 @@ def frames(path: Path, overrides: Overrides, samples: bool = True) -> dict[str, 
 def read_frames(
     path: Path, overrides: Overrides, channels: Sequence[str] | None, samples: bool
 ) -> dict[str, Any]:
+    """Calls the native reader."""
     start = as_time(overrides.start_time)
     return _flankwatch.read_frames(
         path,

@@ -101,7 +101,8 @@ def check_matrix(data: bytes, matrix: Element, order: str, depth: int) -> None:
         expected = count * VALUE_BYTES[element.kind]
         if element.end - element.begin != expected:
             raise ValueError(
-                f"an array has {element.end - element.begin} bytes before byte {element.end}, expected {expected}"
+                f"an array has {element.end - element.begin} bytes before byte {element.end}, "
+                f"expected {expected}"
             )
 
     flags_at = part(6)
