@@ -32,9 +32,11 @@ from ._flankwatch import (
     order_spectrum,
     power_spectral_density,
 )
-from .client import Client, Event, ServiceError
+from .client import Client
 from .condition import Indicators, indicators, synchronous_average
-from .recording import Channel, Recording
+from .connection import ServiceError
+from .events import Event
+from .recording import Channel, Recording, RecordingError
 from .reading import read
 
 __all__ = [
@@ -54,6 +56,7 @@ __all__ = [
     "OrderSpectrum",
     "Pair",
     "Recording",
+    "RecordingError",
     "Run",
     "ServiceError",
     "SimulatedRecord",

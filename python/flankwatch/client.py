@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import time as clock
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Iterator, Mapping, Sequence
 
@@ -13,52 +12,13 @@ import httpx
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import uploads
+from .connection import Connection, ServiceError, without_none
+from .events import Event, parse_events
 from .frames import as_frame
 from .reading import read
 from .reading.guess import as_time
-
-#: Statuses after which the same request may succeed.
-RETRIED_STATUSES = {429, 502, 503, 504, 507}
-
-#: Media types of files that the service reads itself, by their first bytes.
-READ_BY_SERVICE = {
-    b"RIFF": "audio/wav",
-    b"RIFX": "audio/wav",
-    b"RF64": "audio/wav",
-    b"\x89MCAP0\r\n": "application/mcap",
-}
-
-
-class ServiceError(Exception):
-    """Raised when the service refuses a request.
-
-    Attributes:
-        status: HTTP status.
-        detail: the reason, in words.
-        field, value, expected: the field at fault, if there is one.
-    """
-
-    def __init__(self, status: int, problem: Mapping[str, Any]) -> None:
-        self.status = status
-        self.detail = str(problem.get("detail") or problem.get("title") or "no reason given")
-        self.field = problem.get("field")
-        self.value = problem.get("value")
-        self.expected = problem.get("expected")
-        super().__init__(f"{status}: {self.detail}")
-
-
-@dataclass
-class Event:
-    """One event of the service: its kind, its identifier for resuming the stream, and its content."""
-
-    kind: str
-    id: str
-    data: Any
-
-
-def without_none(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the values that are not ``None``."""
-    return {name: value for name, value in values.items() if value is not None}
+from .recording import Recording
 
 
 def rfc3339(time: Any) -> str | None:
@@ -70,13 +30,18 @@ def rfc3339(time: Any) -> str | None:
     moment = as_time(time)
     if moment is None:
         raise ValueError(
-            f"time is {time!r}, expected an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970"
+            f"time is {time!r}, expected an RFC 3339 time, a datetime, a numpy.datetime64 or seconds "
+            "since 1970"
         )
     return str(moment) + "Z"
 
 
-class Client:
+class Client(Connection):
     """A connection to the service at ``url``, with a token if the service requires one.
+
+    Every method that sends a request raises :class:`ServiceError` if the service refuses it, and
+    ``httpx.TransportError`` if the service cannot be reached. Rows and dicts have the fields of the HTTP API,
+    with units in their names.
 
     Args:
         url: address of the service.
@@ -85,61 +50,6 @@ class Client:
         repeats: number of retries of a request that the service could not accept.
         verify: ``False`` to accept any certificate, or the path of a private one.
     """
-
-    def __init__(
-        self,
-        url: str = "http://127.0.0.1:8600",
-        token: str | None = None,
-        *,
-        timeout_s: float = 60.0,
-        repeats: int = 5,
-        verify: bool | str = True,
-    ) -> None:
-        headers = {"authorization": f"Bearer {token}"} if token else {}
-        self._repeats = repeats
-        self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout_s, verify=verify)
-
-    def __enter__(self) -> Client:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Closes the connection."""
-        self._http.close()
-
-    def request(self, method: str, path: str, **arguments: Any) -> Any:
-        """Sends a request and returns the decoded JSON; retries it if the service is busy.
-
-        Raises:
-            ServiceError: if the service refuses the request.
-            httpx.TransportError: if the service cannot be reached.
-        """
-        return self._send(method, path, **arguments).json()
-
-    def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:
-        for attempt in range(self._repeats + 1):
-            response = self._http.request(method, path, **arguments)
-            if response.status_code not in RETRIED_STATUSES or attempt == self._repeats:
-                break
-            clock.sleep(min(float(response.headers.get("retry-after") or 1), 30.0))
-        if response.status_code >= 400:
-            try:
-                problem = response.json()
-            except ValueError:
-                problem = {"detail": response.text}
-            raise ServiceError(response.status_code, problem)
-        return response
-
-    def _pages(self, path: str, parameters: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-        cursor = None
-        while True:
-            page = self.request("GET", path, params=without_none({**parameters, "cursor": cursor}))
-            yield from page["items"]
-            cursor = page.get("next_cursor")
-            if not cursor:
-                return
 
     # Assets
 
@@ -193,16 +103,24 @@ class Client:
             start_time: time of the first sample; defaults to the time of receipt.
             unit: unit of the samples.
             channel, channel_names: names of the measuring points.
+            shaft_speed_hz: rotational frequency of the driving shaft in hertz.
+            torque_nm: torque on the driving shaft in N·m.
+            temperature_c: oil or housing temperature in °C.
+            reference_wear_um: wear depth in µm from an inspection, which the estimate does not use.
             idempotency_key: uploads with the same key are stored once; defaults to a hash of the content if a
                 start time is given.
 
         Returns:
             The segment, or ``{"segments": [...]}`` for several channels.
+
+        Raises:
+            ValueError: if samples are not finite or not of these shapes, or the time is not one.
         """
         samples = np.atleast_2d(np.asarray(x))
         if samples.ndim != 2 or samples.dtype.kind not in "fiu":
             raise ValueError(
-                f"x has shape {np.shape(x)} and type {samples.dtype}, expected real numbers of shape (n,) or (channels, n)"
+                f"x has shape {np.shape(x)} and type {samples.dtype}, expected real numbers of shape (n,) "
+                "or (channels, n)"
             )
         if not np.all(np.isfinite(samples)):
             raise ValueError(
@@ -236,52 +154,131 @@ class Client:
         rate_hz: float | None = None,
         unit: str | None = None,
         start_time: Any = None,
+        scale: float | None = None,
+        sensitivity_mv_per_g: float | None = None,
         **parameters: Any,
     ) -> dict[str, Any]:
         """Sends a recording in a file.
 
-        WAV, MCAP and CSV are sent unchanged, other formats as :func:`flankwatch.read` reads them.
-        Channels of the same rate, unit, start and length are sent together.
+        MCAP is sent unchanged, and so are WAV and CSV (also ``.csv.gz``) if neither channels nor a scale are
+        given. Others are sent as :func:`flankwatch.read` reads them.
+
+        Args:
+            asset: the asset's id.
+            path: the file.
+            idempotency_key: uploads with the same key are stored once.
+            channels: names of the channels to send.
+            rate_hz: sampling rate in hertz of a file without one.
+            unit: unit of the samples.
+            start_time: time of the first sample of a file without one. Times of day in a CSV file count from
+                it on.
+            scale: factor of the values; full-scale integers of WAV and FLAC are 1 before.
+            sensitivity_mv_per_g: sensor sensitivity in mV/g: converts values in volts (after ``scale``) to g.
+            parameters: as for :meth:`upload`, such as ``shaft_speed_hz``.
 
         Returns:
             The answer to the upload, or ``{"uploads": [...]}`` for several uploads.
+
+        Raises:
+            RecordingError: if the file is damaged, or an argument does not fit it.
+            ServiceError: if the service refuses it.
         """
         path = Path(path)
-        with path.open("rb") as file:
-            beginning = file.read(16)
-        media_type = next(
-            (kind for magic, kind in READ_BY_SERVICE.items() if beginning.startswith(magic)), None
+        if sensitivity_mv_per_g is not None and unit not in (None, "g"):
+            raise ValueError(f'unit is {unit!r}, expected None or "g" with sensitivity_mv_per_g')
+        arguments = {
+            "channels": channels,
+            "rate_hz": rate_hz,
+            "unit": unit,
+            "start_time": start_time,
+            "scale": scale,
+            "sensitivity_mv_per_g": sensitivity_mv_per_g,
+            **parameters,
+        }
+        name = uploads.format_of(path)
+        if name == "mcap":
+            uploads.check_mcap(path, arguments)
+            return self._upload(asset, path.read_bytes(), uploads.MEDIA_TYPES[name], {}, idempotency_key)
+        is_read = channels is not None or scale is not None or sensitivity_mv_per_g is not None
+        if name in ("wav", "csv") and not is_read:
+            return self._upload_unchanged(
+                asset, path, name, rate_hz, start_time, {"unit": unit, **parameters}, idempotency_key
+            )
+        recording = read(
+            path,
+            channels=channels,
+            rate_hz=rate_hz,
+            unit=None if sensitivity_mv_per_g is not None else unit,
+            start_time=start_time,
         )
-        if path.suffix.lower() == ".csv":
-            media_type = "text/csv"
-        if media_type is not None:
-            query = without_none({"unit": unit, "start_time": rfc3339(start_time), **parameters})
-            if media_type == "text/csv" and rate_hz is not None:
-                query["sample_rate_hz"] = repr(float(rate_hz))
-            return self._upload(asset, path.read_bytes(), media_type, query, idempotency_key)
-        recording = read(path, channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time)
+        return self.upload_recording(
+            asset,
+            recording,
+            idempotency_key=idempotency_key,
+            scale=scale,
+            sensitivity_mv_per_g=sensitivity_mv_per_g,
+            **parameters,
+        )
+
+    def _upload_unchanged(
+        self,
+        asset: str,
+        path: Path,
+        name: str,
+        rate_hz: float | None,
+        start_time: Any,
+        parameters: Mapping[str, Any],
+        key: str | None,
+    ) -> dict[str, Any]:
+        query = dict(parameters)
+        if name == "wav" and rate_hz is not None:
+            uploads.header(path, rate_hz)
+        if name == "csv" and rate_hz is not None:
+            query["sample_rate_hz"] = repr(float(rate_hz))
+        if start_time is not None:
+            query["start_time"] = rfc3339(start_time)
+            if name == "csv":
+                query["start_time"] = uploads.start_time(path, rate_hz, query["start_time"])
+        return self._upload(asset, path.read_bytes(), uploads.MEDIA_TYPES[name], without_none(query), key)
+
+    def upload_recording(
+        self,
+        asset: str,
+        recording: Recording,
+        *,
+        idempotency_key: str | None = None,
+        scale: float | None = None,
+        sensitivity_mv_per_g: float | None = None,
+        **parameters: Any,
+    ) -> dict[str, Any]:
+        """Sends a recording as :func:`flankwatch.read` returns it.
+
+        Channels of the same rate, unit, start and length are sent together. The arguments are those of
+        :meth:`upload_file`.
+
+        Returns:
+            The answer to the upload, or ``{"uploads": [...]}`` for several uploads.
+
+        Raises:
+            RecordingError: if a channel has no rate, or is not in volts although a sensitivity is given.
+            ServiceError: if the service refuses it.
+        """
         answers = []
-        groups: dict[tuple[Any, ...], list[Any]] = {}
-        for channel in recording:
-            if channel.rate_hz is None:
-                raise ValueError(f"{path}: channel {channel.name!r} has no sampling rate, expected rate_hz")
-            key = (channel.rate_hz, channel.unit, str(channel.start_time), channel.samples.size)
-            groups.setdefault(key, []).append(channel)
-        for number, group in enumerate(groups.values()):
+        recording = uploads.scaled(recording, scale, sensitivity_mv_per_g)
+        for number, group in enumerate(uploads.groups(recording)):
             first = group[0]
             names = [channel.name.replace(",", " ") for channel in group]
+            key = idempotency_key if number == 0 or idempotency_key is None else f"{idempotency_key}-{number}"
             answers.append(
                 self.upload(
                     asset,
                     np.stack([channel.samples for channel in group]),
-                    first.rate_hz,
+                    first.rate_hz or 0.0,
                     start_time=first.start_time,
                     unit=first.unit,
                     channel=names[0] if len(names) == 1 else None,
                     channel_names=names if len(names) > 1 else None,
-                    idempotency_key=idempotency_key
-                    if idempotency_key is None or number == 0
-                    else f"{idempotency_key}-{number}",
+                    idempotency_key=key,
                     **parameters,
                 )
             )
@@ -291,6 +288,8 @@ class Client:
         self, asset: str, body: bytes, media_type: str, parameters: Mapping[str, Any], key: str | None
     ) -> dict[str, Any]:
         headers = {"content-type": media_type}
+        if media_type == "text/csv" and body.startswith(b"\x1f\x8b"):
+            headers["content-encoding"] = "gzip"
         if key is None and "start_time" in parameters:
             content = hashlib.sha256(
                 json.dumps([asset, media_type, dict(parameters)], sort_keys=True).encode()
@@ -317,14 +316,17 @@ class Client:
         return answer
 
     def waveform(self, segment: str, **parameters: Any) -> dict[str, Any]:
-        """Returns the samples of a record; ``max_points``, ``from_s``, ``to_s``."""
+        """Returns the samples of a record in its unit: a dict with ``value``, a list of numbers.
+
+        ``max_points`` reduces each interval to its minimum and maximum; ``from_s`` and ``to_s`` select a part.
+        """
         answer: dict[str, Any] = self.request("GET", f"/v1/segments/{segment}/waveform", params=parameters)
         return answer
 
     # Wear and trends
 
     def wear(self, asset: str) -> dict[str, Any]:
-        """Returns the latest wear estimate."""
+        """Returns the latest wear estimate: a dict with ``status`` and depths in µm."""
         answer: dict[str, Any] = self.request("GET", f"/v1/assets/{asset}/wear")
         return answer
 
@@ -333,7 +335,10 @@ class Client:
         return as_frame(self.request("GET", f"/v1/assets/{asset}/wear/history", params=parameters), frame)
 
     def trend(self, asset: str, names: Sequence[str], *, frame: str | None = None, **parameters: Any) -> Any:
-        """Returns indicators over time; ``channel``, ``from``, ``to``, ``max_points``; ``frame`` as above."""
+        """Returns indicators over time; ``channel``, ``from``, ``to``, ``max_points``.
+
+        ``frame`` is as for :meth:`wear_history`.
+        """
         parameters["names"] = ",".join(names)
         return as_frame(self.request("GET", f"/v1/assets/{asset}/indicators", params=parameters), frame)
 
@@ -389,28 +394,3 @@ class Client:
             if not reconnect:
                 return
             clock.sleep(1.0)
-
-
-def parse_events(lines: Iterator[str]) -> Iterator[Event]:
-    """Parses the events in the lines of a stream."""
-    kind, number = "message", ""
-    data: list[str] = []
-    for line in lines:
-        if not line:
-            if data:
-                text = "\n".join(data)
-                try:
-                    content = json.loads(text)
-                except ValueError:
-                    content = text
-                yield Event(kind=kind, id=number, data=content)
-            kind, data = "message", []
-            continue
-        name, _, value = line.partition(":")
-        value = value.removeprefix(" ")
-        if name == "event":
-            kind = value
-        elif name == "id":
-            number = value
-        elif name == "data":
-            data.append(value)

@@ -10,6 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+class RecordingError(ValueError):
+    """Raised when a file is damaged, is no recording, or contradicts an argument.
+
+    Attributes:
+        path: the file.
+        detail: the reason, without the path.
+        argument: the argument at fault, if there is one.
+    """
+
+    def __init__(self, path: str | Path, detail: str, argument: str | None = None) -> None:
+        self.path = Path(path)
+        self.detail = detail
+        self.argument = argument
+        super().__init__(f"{path}: {detail}")
+
+
+def argument_error(path: str | Path, argument: str, value: object, expected: str) -> RecordingError:
+    """Returns the error for an argument that does not fit the file."""
+    return RecordingError(path, f"{argument} is {value}, expected {expected}", argument)
+
+
 @dataclass
 class Channel:
     """One measuring channel.

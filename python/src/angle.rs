@@ -8,33 +8,48 @@ use crate::arguments::to_python;
 use crate::error::not_computed_error;
 use crate::record::{Machine, analyze};
 
-/// Whole turns of a shaft, sampled at equal steps of its angle.
+/// A record resampled over whole turns of the shaft, at equal steps of its angle.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct AngleRecord {
+    /// Unit of the samples.
     unit: String,
+    /// Samples in ``unit``, shape ``(turns, samples_per_turn)``.
     samples: Py<PyArray2<f64>>,
+    /// Mean over all turns in ``unit``, shape ``(samples_per_turn,)``.
     synchronous_average: Py<PyArray1<f64>>,
+    /// A dict of the source of the shaft's angle and its accuracy.
     angle: Py<PyAny>,
 }
 
-/// A spectrum over orders of the shaft.
+/// The Hann amplitude spectrum over orders of the shaft.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct OrderSpectrum {
+    /// Unit of ``amplitude``: that of the samples.
     unit: String,
+    /// Distance of two bins in orders.
     resolution_orders: f64,
+    /// Equivalent noise bandwidth of a bin in orders.
     bandwidth_orders: f64,
+    /// Orders of the bins, shape ``(bins,)``; 1 is once a turn.
     order: Py<PyArray1<f64>>,
+    /// Peak amplitudes in ``unit``, shape ``(bins,)``.
     amplitude: Py<PyArray1<f64>>,
+    /// A dict of the source of the shaft's angle and its accuracy.
     angle: Py<PyAny>,
 }
 
-/// The synchronous average, split into its components.
+/// The synchronous average and its parts, each of shape ``(samples_per_turn,)`` in the samples' unit.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct GearSignals {
+    /// The synchronous average without its mean, shape ``(samples_per_turn,)``.
     average: Py<PyArray1<f64>>,
+    /// Its orders 1 and 2 and its mesh harmonics, shape ``(samples_per_turn,)``.
     regular: Py<PyArray1<f64>>,
+    /// The average without the regular signal, shape ``(samples_per_turn,)``.
     residual: Py<PyArray1<f64>>,
+    /// The residual without the first sidebands of every mesh harmonic, shape ``(samples_per_turn,)``.
     difference: Py<PyArray1<f64>>,
+    /// Envelope of the orders within 6 of the mesh order, without its mean, shape ``(samples_per_turn,)``.
     mesh_envelope: Py<PyArray1<f64>>,
 }
 
@@ -67,7 +82,24 @@ fn record_and_mesh(
     Ok((machine.record(x, rate_hz, unit)?, machine.required_mesh()?))
 }
 
-/// The record over the angle of its shaft.
+/// Resamples the record over the angle of its shaft.
+///
+/// The angle comes from a tachometer, else from the phase of a mesh line, else from a constant speed.
+///
+/// Args:
+///     x: samples, shape ``(n,)``, in ``unit``.
+///     rate_hz: sampling rate in hertz.
+///     teeth: teeth of the gear on the shaft.
+///     shaft_speed_hz: rotational frequency of that shaft in hertz, if it is known.
+///     nominal_shaft_speed_hz: centre of the search for the speed in hertz, if it is not known.
+///     tolerance: search range around nominal, as a fraction.
+///     pulse_times_s: times of a tachometer's pulses in seconds after the first sample, shape ``(pulses,)``.
+///     pulses_per_revolution: pulses per turn of the shaft.
+///     unit: unit of the samples.
+///
+/// Raises:
+///     ValueError: if there is no speed, the record has fewer than 4 whole turns, or an argument is out of
+///         range.
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, teeth, shaft_speed_hz=None, nominal_shaft_speed_hz=None, tolerance=0.05, pulse_times_s=None,
     pulses_per_revolution=1, unit="1"))]
@@ -113,7 +145,21 @@ pub(crate) fn angle_record(
     })
 }
 
-/// The spectrum over orders of the shaft.
+/// Computes the amplitude spectrum over orders of the shaft.
+///
+/// Args:
+///     x: samples, shape ``(n,)``, in ``unit``.
+///     rate_hz: sampling rate in hertz.
+///     teeth: teeth of the gear on the shaft.
+///     shaft_speed_hz: rotational frequency of that shaft in hertz, if it is known.
+///     nominal_shaft_speed_hz: centre of the search for the speed in hertz, if it is not known.
+///     tolerance: search range around nominal, as a fraction.
+///     pulse_times_s: times of a tachometer's pulses in seconds after the first sample, shape ``(pulses,)``.
+///     pulses_per_revolution: pulses per turn of the shaft.
+///     unit: unit of the samples.
+///
+/// Raises:
+///     ValueError: as in :func:`angle_record`.
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, teeth, shaft_speed_hz=None, nominal_shaft_speed_hz=None, tolerance=0.05, pulse_times_s=None,
     pulses_per_revolution=1, unit="1"))]
@@ -155,7 +201,21 @@ pub(crate) fn order_spectrum(
     })
 }
 
-/// The synchronous average and its regular, residual and difference signals.
+/// Computes the synchronous average, its regular, residual and difference signals, and the mesh envelope.
+///
+/// Args:
+///     x: samples, shape ``(n,)``, in ``unit``.
+///     rate_hz: sampling rate in hertz.
+///     teeth: teeth of the gear on the shaft.
+///     shaft_speed_hz: rotational frequency of that shaft in hertz, if it is known.
+///     nominal_shaft_speed_hz: centre of the search for the speed in hertz, if it is not known.
+///     tolerance: search range around nominal, as a fraction.
+///     pulse_times_s: times of a tachometer's pulses in seconds after the first sample, shape ``(pulses,)``.
+///     pulses_per_revolution: pulses per turn of the shaft.
+///     unit: unit of the samples.
+///
+/// Raises:
+///     ValueError: as in :func:`angle_record`.
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, teeth, shaft_speed_hz=None, nominal_shaft_speed_hz=None, tolerance=0.05, pulse_times_s=None,
     pulses_per_revolution=1, unit="1"))]

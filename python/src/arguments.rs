@@ -13,7 +13,10 @@ use crate::error::{argument_error, value_error};
 /// real numbers.
 pub(crate) fn samples(x: &Bound<'_, PyAny>) -> PyResult<Vec<f32>> {
     if let Ok(array) = x.extract::<PyReadonlyArray1<'_, f32>>() {
-        return Ok(array.as_array().iter().copied().collect());
+        return Ok(match array.as_slice() {
+            Ok(contiguous) => contiguous.to_vec(),
+            Err(_) => array.as_array().iter().copied().collect(),
+        });
     }
     let real = real_array(x, "x", 1)?;
     let real = real.readonly();

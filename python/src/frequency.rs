@@ -9,45 +9,71 @@ use crate::arguments::{from_python, to_python};
 use crate::error::{argument_error, not_computed_error, value_error};
 use crate::record::{Machine, analyze, plain_record};
 
-/// A one-sided spectrum.
+/// The one-sided spectrum of a record with its mean removed, under a Hann window.
+///
+/// The arrays have shape ``(n // 2 + 1,)`` for the n samples used.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct Spectrum {
+    /// ``"amplitude_peak"`` or ``"psd"``.
     quantity: &'static str,
+    /// Unit of ``amplitude``.
     unit: String,
+    /// Name of the window.
     window: &'static str,
+    /// Equivalent noise bandwidth of a bin in Hz.
     bandwidth_hz: f64,
+    /// Distance of two bins in Hz.
     resolution_hz: f64,
+    /// Frequencies of the bins in Hz, shape ``(n // 2 + 1,)``.
     frequency_hz: Py<PyArray1<f64>>,
+    /// Values of the bins in ``unit``, shape ``(n // 2 + 1,)``.
     amplitude: Py<PyArray1<f64>>,
 }
 
-/// The spectrum of a band's envelope.
+/// The amplitude spectrum of a band's envelope, and how the band was chosen.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct EnvelopeSpectrum {
+    /// Unit of ``amplitude``: that of the samples.
     unit: String,
+    /// Lower and upper edge of the band in Hz.
     band_hz: [f64; 2],
+    /// How the band was chosen: ``"query"``, ``"strongest_mesh_harmonic"``, ``"kurtogram"``, …
     band_source: String,
+    /// Spectral kurtosis of the band, 0 in noise; ``None`` unless the kurtogram chose the band.
     spectral_kurtosis: Option<f64>,
+    /// Equivalent noise bandwidth of a bin in Hz.
     bandwidth_hz: f64,
+    /// Distance of two bins in Hz.
     resolution_hz: f64,
+    /// Frequencies of the bins in Hz, shape ``(bins,)``.
     frequency_hz: Py<PyArray1<f64>>,
+    /// Peak amplitudes in ``unit``, shape ``(bins,)``.
     amplitude: Py<PyArray1<f64>>,
 }
 
-/// Spectral kurtosis over bands of several widths.
+/// Spectral kurtosis at several divisions of the spectrum.
+///
+/// ``bandwidth_hz[i]`` and ``kurtosis[i]`` belong to division i.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct Kurtogram {
+    /// Width of a division's bands in Hz.
     bandwidth_hz: Vec<f64>,
+    /// Spectral kurtosis of each division's bands in ascending frequency, each of shape ``(bands,)``.
     kurtosis: Vec<Py<PyArray1<f64>>>,
+    /// Edges of the band of the highest spectral kurtosis in Hz.
     best_band_hz: [f64; 2],
+    /// The highest spectral kurtosis, 0 in noise.
     best_kurtosis: f64,
 }
 
-/// The real cepstrum.
+/// The real cepstrum over quefrency, up to half the record's length.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct Cepstrum {
+    /// Distance of two values in seconds.
     resolution_s: f64,
+    /// Quefrencies in seconds, shape ``(n // 2 + 1,)``.
     quefrency_s: Py<PyArray1<f64>>,
+    /// Cepstrum without a unit, shape ``(n // 2 + 1,)``.
     value: Py<PyArray1<f64>>,
 }
 
@@ -72,7 +98,12 @@ fn spectrum(py: Python<'_>, spectrum: flankwatch_signal::Spectrum) -> Spectrum {
     }
 }
 
-/// Returns the indicators and how they were computed, as a dict.
+/// Returns indicators and how they were computed, as a dict; :func:`flankwatch.indicators` describes it.
+///
+/// ``x`` has shape ``(n,)`` and is in ``unit``; ``pulse_times_s`` has shape ``(pulses,)`` and is in seconds.
+///
+/// Raises:
+///     ValueError: if samples are not finite or not of shape ``(n,)``, or an argument is out of range.
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, teeth=None, shaft_speed_hz=None, nominal_shaft_speed_hz=None, tolerance=0.05, torque_nm=None,
     pulse_times_s=None, pulses_per_revolution=1, unit="1", bands=None, gear_indicators=true))]
@@ -127,7 +158,15 @@ pub(crate) fn condition<'py>(
     Ok(result)
 }
 
-/// The Hann amplitude spectrum.
+/// Computes the Hann amplitude (peak) spectrum.
+///
+/// Args:
+///     x: samples, shape ``(n,)``, in ``unit``.
+///     rate_hz: sampling rate in hertz.
+///     unit: unit of the samples.
+///
+/// Raises:
+///     ValueError: if samples are not finite or not of shape ``(n,)``, or an argument is out of range.
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, unit="1"))]
 pub(crate) fn amplitude_spectrum(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str) -> PyResult<Spectrum> {
@@ -136,7 +175,15 @@ pub(crate) fn amplitude_spectrum(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str)
     Ok(spectrum(x.py(), computed))
 }
 
-/// The power spectral density under a Hann window.
+/// Computes the power spectral density, as SciPy's ``periodogram`` with a Hann window.
+///
+/// Args:
+///     x: samples, shape ``(n,)``, in ``unit``.
+///     rate_hz: sampling rate in hertz.
+///     unit: unit of the samples.
+///
+/// Raises:
+///     ValueError: if samples are not finite or not of shape ``(n,)``, or an argument is out of range.
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, unit="1"))]
 pub(crate) fn power_spectral_density(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str) -> PyResult<Spectrum> {
@@ -145,7 +192,25 @@ pub(crate) fn power_spectral_density(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &
     Ok(spectrum(x.py(), computed))
 }
 
-/// The envelope spectrum of a band.
+/// Computes the envelope spectrum of a band.
+///
+/// Args:
+///     x: samples, shape ``(n,)``, in ``unit``.
+///     rate_hz: sampling rate in hertz.
+///     band_hz: edges of the band in hertz; by default the band that ``search`` finds.
+///     search: ``"mesh_harmonic"`` for the band around the strongest mesh harmonic, ``"kurtogram"`` for the
+///         band
+///         of the highest spectral kurtosis.
+///     teeth: teeth of the gear on the shaft; without it there is no mesh harmonic.
+///     shaft_speed_hz: rotational frequency of that shaft in hertz, if it is known.
+///     nominal_shaft_speed_hz: centre of the search for the speed in hertz, if it is not known.
+///     tolerance: search range around nominal, as a fraction.
+///     unit: unit of the samples.
+///
+/// Raises:
+///     ValueError: if the band is outside the spectrum, samples are not finite or not of shape ``(n,)``, or
+///         an
+///         argument is out of range.
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, band_hz=None, search="mesh_harmonic", teeth=None, shaft_speed_hz=None, nominal_shaft_speed_hz=None,
     tolerance=0.05, unit="1"))]
@@ -207,7 +272,15 @@ pub(crate) fn envelope_spectrum(
     })
 }
 
-/// The fast kurtogram.
+/// Computes the fast kurtogram.
+///
+/// Args:
+///     x: samples, shape ``(n,)``.
+///     rate_hz: sampling rate in hertz.
+///
+/// Raises:
+///     ValueError: if the record is too short or constant, or samples are not finite or not of shape
+///         ``(n,)``.
 #[pyfunction]
 pub(crate) fn kurtogram(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Kurtogram> {
     let py = x.py();
@@ -222,7 +295,15 @@ pub(crate) fn kurtogram(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Kurtogra
     })
 }
 
-/// The real cepstrum.
+/// Computes the real cepstrum.
+///
+/// Args:
+///     x: samples, shape ``(n,)``.
+///     rate_hz: sampling rate in hertz.
+///
+/// Raises:
+///     ValueError: if the record is too short or constant, or samples are not finite or not of shape
+///         ``(n,)``.
 #[pyfunction]
 pub(crate) fn cepstrum(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Cepstrum> {
     let py = x.py();

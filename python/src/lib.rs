@@ -12,6 +12,7 @@ mod library;
 mod mesh;
 mod pair;
 mod record;
+mod recording;
 mod run;
 mod tracker;
 
@@ -33,6 +34,8 @@ mod _flankwatch {
     use super::mesh::{Flank, MeshCycle, ToothContact};
     #[pymodule_export]
     use super::pair::{Pair, Simulation};
+    #[pymodule_export]
+    use super::recording::read_frames;
     #[pymodule_export]
     use super::run::{Run, SimulatedRecord};
     #[pymodule_export]

@@ -85,7 +85,7 @@ fn os_error(path: &Path) -> impl Fn(std::io::Error) -> PyErr + '_ {
     move |error| PyOSError::new_err(format!("{}: {error}", path.display()))
 }
 
-/// A grid of simulated wear states of one pair.
+/// Simulated wear states of one pair.
 #[pyclass(frozen, module = "flankwatch")]
 pub(crate) struct Library {
     pub(crate) library: Arc<flankwatch_wear::library::Library>,
@@ -93,6 +93,23 @@ pub(crate) struct Library {
 
 #[pymethods]
 impl Library {
+    /// Simulates the states on all cores.
+    ///
+    /// Args:
+    ///     pair: the pair.
+    ///     states: number of wear states, from none to the greatest.
+    ///     max_wear_um: greatest wear depth in µm; by default the usual one of the pair.
+    ///     seconds: length of a simulation in seconds.
+    ///     rate_hz: sampling rate in hertz.
+    ///     torque_factors: torques of the states, as factors of the pair's torque.
+    ///     speed_factors: shaft speeds of the states, as factors of the pair's speed.
+    ///     seed: seed of the random part; the same seed gives the same library.
+    ///     progress: called with the numbers of finished and of all simulations. Ctrl-C, or an exception in
+    ///         it,
+    ///         stops the build and is raised.
+    ///
+    /// Raises:
+    ///     ValueError: if an argument is out of range.
     #[staticmethod]
     #[pyo3(signature = (pair, *, states=50, max_wear_um=None, seconds=2.0, rate_hz=20_000.0, torque_factors=vec![1.0],
         speed_factors=vec![1.0], seed=1, progress=None))]
@@ -123,6 +140,11 @@ impl Library {
         Ok(Self { library: Arc::new(library) })
     }
 
+    /// Loads a library from a file.
+    ///
+    /// Raises:
+    ///     OSError: if the file cannot be read.
+    ///     ValueError: if it is not a library file, or damaged.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let bytes = std::fs::read(&path).map_err(os_error(&path))?;
@@ -130,37 +152,50 @@ impl Library {
         Ok(Self { library: Arc::new(library) })
     }
 
+    /// Writes the library to a file; ``flankwatch analyze`` reads ``DATA/libraries/`` + ``file_name``.
+    ///
+    /// Raises:
+    ///     OSError: if the file cannot be written.
     fn save(&self, path: PathBuf) -> PyResult<()> {
         save_library(&path, &self.library).map_err(library_error)
     }
 
+    /// Identifier, a hash of all settings.
     #[getter]
     fn id(&self) -> &str {
         self.library.id()
     }
 
+    /// Name of the file in which the program looks for the library.
     #[getter]
     fn file_name(&self) -> String {
         format!("{}.fwlib", self.library.id())
     }
 
+    /// The pair.
     #[getter]
     fn pair(&self) -> Pair {
         Pair { spec: self.library.pair().clone() }
     }
 
+    /// Greatest wear depth of each state in µm, shape ``(states,)``.
     #[getter]
     fn wear_um<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         let depths: Vec<f64> = self.library.states().iter().map(|state| state.wear_um).collect();
         depths.into_pyarray(py)
     }
 
+    /// Names of the indicators of the states.
     #[getter]
     fn indicator_names(&self) -> Vec<String> {
         let first = self.library.states().first();
         first.map(|state| state.indicators.values.keys().cloned().collect()).unwrap_or_default()
     }
 
+    /// Returns an indicator over the wear states, shape ``(states,)``, NaN for states without it.
+    ///
+    /// Raises:
+    ///     ValueError: if there is no such indicator.
     fn indicator<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
         if !self.indicator_names().iter().any(|known| known == name) {
             return Err(argument_error(
@@ -178,6 +213,10 @@ impl Library {
         Ok(values.into_pyarray(py))
     }
 
+    /// Returns the mesh cycle of one state, a dict of lists with units in their names.
+    ///
+    /// Raises:
+    ///     ValueError: if there is no such state.
     fn mesh<'py>(&self, py: Python<'py>, state: usize) -> PyResult<Bound<'py, PyAny>> {
         let states = self.library.states();
         let Some(state) = states.get(state) else {
@@ -200,7 +239,7 @@ impl Library {
     }
 }
 
-/// An ensemble of pairs similar to a library's own, any of which the machine may be.
+/// The described pair and variations of it, any of which may be the machine's.
 #[pyclass(frozen, module = "flankwatch")]
 pub(crate) struct Ensemble {
     pub(crate) ensemble: Arc<flankwatch_wear::library::Ensemble>,
@@ -208,6 +247,15 @@ pub(crate) struct Ensemble {
 
 #[pymethods]
 impl Ensemble {
+    /// Simulates the members on all cores.
+    ///
+    /// Args:
+    ///     library: library of the described pair.
+    ///     members: number of variations.
+    ///     progress: as in :meth:`Library.build`.
+    ///
+    /// Raises:
+    ///     ValueError: if there are too many members.
     #[staticmethod]
     #[pyo3(signature = (library, *, members=1280, progress=None))]
     fn build(
@@ -227,6 +275,11 @@ impl Ensemble {
         Ok(Self { ensemble: Arc::new(ensemble) })
     }
 
+    /// Loads the ensemble of a library from a file.
+    ///
+    /// Raises:
+    ///     OSError: if the file cannot be read.
+    ///     ValueError: if it is damaged, or belongs to another library.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, library: &Library) -> PyResult<Self> {
         let bytes = std::fs::read(&path).map_err(os_error(&path))?;
@@ -235,15 +288,21 @@ impl Ensemble {
         Ok(Self { ensemble: Arc::new(ensemble) })
     }
 
+    /// Writes the ensemble to a file.
+    ///
+    /// Raises:
+    ///     OSError: if the file cannot be written.
     fn save(&self, path: PathBuf) -> PyResult<()> {
         std::fs::write(&path, encode_ensemble(&self.ensemble)).map_err(os_error(&path))
     }
 
+    /// Identifier, a hash of all settings.
     #[getter]
     fn id(&self) -> &str {
         self.ensemble.id()
     }
 
+    /// Library of the described pair.
     #[getter]
     fn library(&self) -> Library {
         Library { library: Arc::clone(self.ensemble.described()) }

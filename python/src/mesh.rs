@@ -3,14 +3,20 @@
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 
-/// Stiffness and transmission error over one mesh period.
+/// One mesh period over the rotation φ₁ of the driving gear.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct MeshCycle {
+    /// Rotation of the driving gear in rad, shape ``(points,)``.
     phi1_rad: Py<PyArray1<f64>>,
+    /// Rotation of the driven gear in rad, shape ``(points,)``.
     phi2_rad: Py<PyArray1<f64>>,
+    /// Mesh stiffness in N/m, shape ``(points,)``.
     stiffness_n_per_m: Py<PyArray1<f64>>,
+    /// Unloaded static transmission error in rad, shape ``(points,)``.
     uste_rad: Py<PyArray1<f64>>,
+    /// Number of tooth pairs in contact, shape ``(points,)``.
     pairs_in_contact: Py<PyArray1<u32>>,
+    /// Mean of the mesh stiffness in N/m.
     mean_stiffness_n_per_m: f64,
 }
 
@@ -27,12 +33,16 @@ impl MeshCycle {
     }
 }
 
-/// Contact points and rotations of one pair of teeth.
+/// Contact points and rotations of one pair of teeth, from the start to the end of its contact.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct ToothContact {
+    /// Angle α₁ of the point of contact on the driving flank in rad, shape ``(601,)``.
     alpha1_rad: Py<PyArray1<f64>>,
+    /// The same angle α₁′ on the driven flank in rad, shape ``(601,)``.
     alpha1_prime_rad: Py<PyArray1<f64>>,
+    /// Rotation φ₁ of the driving gear in rad, shape ``(601,)``.
     phi1_rad: Py<PyArray1<f64>>,
+    /// Rotation φ₂ of the driven gear in rad, shape ``(601,)``.
     phi2_rad: Py<PyArray1<f64>>,
 }
 
@@ -50,9 +60,13 @@ impl ToothContact {
 /// One flank from the start of active profile to the tip.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct Flank {
+    /// Radius in mm, shape ``(points,)``.
     radius_mm: Py<PyArray1<f64>>,
+    /// Wear depth in µm, shape ``(points,)``.
     depth_um: Py<PyArray1<f64>>,
+    /// Coordinate x of the worn flank in mm, shape ``(points,)``.
     x_mm: Py<PyArray1<f64>>,
+    /// Coordinate y of the worn flank in mm, shape ``(points,)``.
     y_mm: Py<PyArray1<f64>>,
 }
 

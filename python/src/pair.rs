@@ -20,21 +20,32 @@ const SHEN2022: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 /// Number of positions of the mesh period used by the dynamics.
 const CYCLE_POINTS: usize = 1000;
 
-/// A pair of spur gears.
+/// A pair of spur gears, described as in a pair file.
+///
+/// Wear is given in one of three ways: ``wear_um``, the greatest depth in µm with the pair's own wear shape;
+/// ``profile``, a table of gear, radius in mm and depth in µm, of shape ``(n, 3)`` or as CSV; or ``turns`` of
+/// the driving gear, which wear it by Archard's law.
 #[pyclass(frozen, module = "flankwatch")]
 pub(crate) struct Pair {
     pub(crate) spec: PairSpec,
 }
 
-/// A simulated vibration with its true wear.
+/// A simulated vibration with its wear, speed and torque.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct Simulation {
+    /// Acceleration in m/s², shape ``(rate_hz × seconds,)``.
     samples: Py<PyArray1<f64>>,
+    /// Sampling rate in Hz.
     rate_hz: f64,
+    /// Unit of the samples, ``"m/s2"``.
     unit: &'static str,
+    /// Greatest wear depth in µm.
     wear_um: f64,
+    /// Rotational frequency of the driving shaft in Hz.
     shaft_speed_hz: f64,
+    /// Torque on the driving shaft in N·m.
     torque_nm: f64,
+    /// The mesh period that excites the vibration.
     mesh: Py<MeshCycle>,
 }
 
@@ -109,6 +120,10 @@ impl Pair {
 
 #[pymethods]
 impl Pair {
+    /// Returns the pair that the text of a pair file describes.
+    ///
+    /// Raises:
+    ///     ValueError: if it is not a pair file, or the pair is outside the model's range.
     #[staticmethod]
     fn from_toml(text: &str) -> PyResult<Self> {
         let spec = PairSpec::from_toml(text).map_err(value_error)?;
@@ -116,6 +131,11 @@ impl Pair {
         Ok(Self { spec })
     }
 
+    /// Returns the pair of a pair file.
+    ///
+    /// Raises:
+    ///     OSError: if the file cannot be read.
+    ///     ValueError: as in :meth:`from_toml`.
     #[staticmethod]
     fn from_file(path: PathBuf) -> PyResult<Self> {
         let text = std::fs::read_to_string(&path)
@@ -123,6 +143,10 @@ impl Pair {
         Self::from_toml(&text).map_err(|error| value_error(format!("{}: {error}", path.display())))
     }
 
+    /// Returns the pair that the tables of a pair file describe.
+    ///
+    /// Raises:
+    ///     ValueError: as in :meth:`from_toml`.
     #[staticmethod]
     fn from_dict(description: &Bound<'_, PyAny>) -> PyResult<Self> {
         let spec: PairSpec = from_python("pair", description)?;
@@ -130,36 +154,43 @@ impl Pair {
         Ok(Self { spec })
     }
 
+    /// Returns the pair of Shen et al. 2022, Table 1.
     #[staticmethod]
     fn shen2022() -> PyResult<Self> {
         Self::from_toml(SHEN2022)
     }
 
+    /// Returns the description including all defaults, as the tables of a pair file.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &self.spec)
     }
 
+    /// Name of the pair.
     #[getter]
     fn name(&self) -> &str {
         &self.spec.name
     }
 
+    /// Teeth of the driving and of the driven gear.
     #[getter]
     fn teeth(&self) -> (u32, u32) {
         let [driving, driven] = self.spec.geometry.teeth;
         (driving, driven)
     }
 
+    /// Rotational frequency of the driving shaft in Hz.
     #[getter]
     fn shaft_speed_hz(&self) -> f64 {
         self.spec.operation.shaft_speed_hz
     }
 
+    /// Torque on the driving shaft in N·m.
     #[getter]
     fn torque_nm(&self) -> f64 {
         self.spec.operation.torque_nm
     }
 
+    /// Mean number of tooth pairs in contact.
     #[getter]
     fn contact_ratio(&self) -> PyResult<f64> {
         Ok(self.spec.resolve().map_err(value_error)?.contact_ratio())
@@ -173,6 +204,20 @@ impl Pair {
         )
     }
 
+    /// Computes mesh stiffness and transmission error over one mesh period.
+    ///
+    /// Args:
+    ///     wear_um: greatest wear depth in µm, with the pair's own wear shape.
+    ///     profile: wear table of gear, radius in mm and depth in µm, shape ``(n, 3)``, or its CSV text.
+    ///     turns: turns of the driving gear, which wear it by Archard's law.
+    ///     torque_nm: torque on the driving shaft in N·m, instead of the pair's.
+    ///     contact: rule for the pairs in contact: ``"threshold"`` (the paper's) or ``"loaded"`` (elastic
+    ///         load
+    ///         sharing), instead of the pair's.
+    ///     points: number of rotations.
+    ///
+    /// Raises:
+    ///     ValueError: if the wear or torque is outside the model's range, or an argument is invalid.
     #[pyo3(signature = (wear_um=None, *, profile=None, turns=None, torque_nm=None, contact=None, points=1000))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
     fn mesh(
@@ -193,6 +238,15 @@ impl Pair {
         Ok(MeshCycle::new(py, cycle.map_err(value_error)?))
     }
 
+    /// Computes the contact of one pair of teeth, at 601 points.
+    ///
+    /// Args:
+    ///     wear_um: greatest wear depth in µm, with the pair's own wear shape.
+    ///     profile: wear table of gear, radius in mm and depth in µm, shape ``(n, 3)``, or its CSV text.
+    ///     turns: turns of the driving gear, which wear it by Archard's law.
+    ///
+    /// Raises:
+    ///     ValueError: if the wear is outside the model's range.
     #[pyo3(signature = (wear_um=None, *, profile=None, turns=None))]
     fn tooth_contact(
         &self,
@@ -209,6 +263,17 @@ impl Pair {
         Ok(ToothContact::new(py, contact.map_err(value_error)?))
     }
 
+    /// Returns the working flank of one gear.
+    ///
+    /// Args:
+    ///     gear: 1 for the driving gear, 2 for the driven one.
+    ///     wear_um: greatest wear depth in µm, with the pair's own wear shape.
+    ///     profile: wear table of gear, radius in mm and depth in µm, shape ``(n, 3)``, or its CSV text.
+    ///     turns: turns of the driving gear, which wear it by Archard's law.
+    ///     points: number of points from the start of active profile to the tip.
+    ///
+    /// Raises:
+    ///     ValueError: if the wear is outside the model's range, or an argument is invalid.
     #[pyo3(signature = (gear, wear_um=None, *, profile=None, turns=None, points=201))]
     fn flank(
         &self,
@@ -231,6 +296,22 @@ impl Pair {
         Ok(Flank::new(py, &flankwatch_gear::Flank::new(&pair.gears[gear - 1], &worn, gear - 1), points))
     }
 
+    /// Simulates the vibration of the worn pair.
+    ///
+    /// Args:
+    ///     rate_hz: sampling rate in hertz.
+    ///     seconds: length in seconds.
+    ///     wear_um: greatest wear depth in µm, with the pair's own wear shape.
+    ///     profile: wear table of gear, radius in mm and depth in µm, shape ``(n, 3)``, or its CSV text.
+    ///     turns: turns of the driving gear, which wear it by Archard's law.
+    ///     shaft_speed_hz: rotational frequency of the driving shaft in hertz, instead of the pair's.
+    ///     torque_nm: torque on the driving shaft in N·m, instead of the pair's.
+    ///     contact: rule for the pairs in contact, as in :meth:`mesh`.
+    ///     seed: seed of the random part; the same seed gives the same samples.
+    ///     start_phase_turns: angle of the driving shaft at the first sample, in turns.
+    ///
+    /// Raises:
+    ///     ValueError: if an argument is outside the model's range.
     #[pyo3(signature = (rate_hz, seconds, *, wear_um=None, profile=None, turns=None, shaft_speed_hz=None, torque_nm=None, contact=None,
         seed=None, start_phase_turns=0.0))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]

@@ -9,20 +9,43 @@ use crate::arguments::time;
 use crate::error::value_error;
 use crate::pair::Pair;
 
-/// A run to failure, record by record.
+/// A simulated run to failure through a random transmission path, as a sequence of records.
+///
+/// Args:
+///     pair: the pair.
+///     records: number of records.
+///     seconds: length of a record in seconds.
+///     rate_hz: sampling rate in hertz.
+///     max_wear_um: greatest wear depth of the last record in µm; by default the usual one of the pair.
+///     wear_exponent: power of time with which the wear grows.
+///     snr_db: ratio of the healthy vibration's RMS to the sensor noise in dB.
+///     speed_variation: the speed of each record lies within this fraction of nominal.
+///     torque_variation: the torque of each record lies within this fraction of nominal.
+///     start_time: time of the first record; by default the start of 2026.
+///     interval_s: seconds from one record's start to the next one's.
+///     seed: seed of the random part; the same seed gives the same run.
+///
+/// Raises:
+///     ValueError: if an argument is out of range.
 #[pyclass(frozen, sequence, module = "flankwatch")]
 pub(crate) struct Run {
     run: flankwatch_wear::simulation::Run,
 }
 
-/// One record of a run.
+/// One record of a simulated run, with the true wear.
 #[pyclass(frozen, get_all, module = "flankwatch")]
 pub(crate) struct SimulatedRecord {
+    /// Samples in ``unit``, shape ``(n,)``.
     samples: Py<PyArray1<f32>>,
+    /// Sampling rate in Hz.
     rate_hz: f64,
+    /// Unit of the samples.
     unit: String,
+    /// Time of the first sample, RFC 3339.
     time: String,
+    /// Torque on the driving shaft in N·m.
     torque_nm: Option<f64>,
+    /// True greatest wear depth in µm.
     wear_um: f64,
 }
 

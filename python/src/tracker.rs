@@ -14,10 +14,23 @@ use crate::error::{argument_error, value_error};
 use crate::library::ensemble_of;
 use crate::record::{Machine, analyze};
 
-/// Estimates the wear of one measuring channel, record by record.
+/// Estimates the wear of one measuring channel, record by record in time order.
+///
+/// Args:
+///     library: a library, or an ensemble for an estimate that includes the uncertainty of the pair.
+///     teeth: teeth of the driving gear; by default those of the library's pair.
+///     nominal_shaft_speed_hz: nominal speed in hertz; by default that of the library's pair.
+///     tolerance: search range of the speed around nominal, as a fraction.
+///     baseline_records: number of records in the healthy baseline, at least 8.
+///     limit_um: wear depth in µm for which the prognosis is made.
+///     unit: unit of the samples.
+///
+/// Raises:
+///     ValueError: if an argument is out of range, or neither a library nor teeth and speed are given.
 #[pyclass(frozen, module = "flankwatch")]
 pub(crate) struct Tracker {
     estimator: ChannelEstimator,
+    /// The state after the records so far, as JSON.
     state: Mutex<ChannelState>,
     teeth: u32,
     mate_teeth: u32,
@@ -69,6 +82,25 @@ impl Tracker {
         Ok(tracker)
     }
 
+    /// Adds a record.
+    ///
+    /// Args:
+    ///     x: samples, shape ``(n,)``, in the tracker's unit.
+    ///     rate_hz: sampling rate in hertz.
+    ///     time: time of the first sample, later than that of the record before.
+    ///     shaft_speed_hz: rotational frequency of the driving shaft in hertz, if it is known.
+    ///     torque_nm: torque on the driving shaft in N·m, if it is known.
+    ///     pulse_times_s: times of a tachometer's pulses in seconds after the first sample, shape
+    ///         ``(pulses,)``.
+    ///     pulses_per_revolution: pulses per turn of the shaft.
+    ///
+    /// Returns:
+    ///     A dict of ``time``, ``indicators``, ``absent`` (reasons by name), ``shaft_speed`` and ``wear``,
+    ///         the
+    ///     estimate in µm.
+    ///
+    /// Raises:
+    ///     ValueError: if samples are not finite or not of shape ``(n,)``, or an argument is out of range.
     #[pyo3(signature = (x, rate_hz, time, *, shaft_speed_hz=None, torque_nm=None, pulse_times_s=None, pulses_per_revolution=1))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
     fn update<'py>(
@@ -114,6 +146,16 @@ impl Tracker {
         Ok(result)
     }
 
+    /// Adds maintenance between two records.
+    ///
+    /// Args:
+    ///     kind: ``"gear_replaced"``, ``"inspected"`` or another kind of the HTTP API.
+    ///     time: its time.
+    ///     inspection: what an inspection found, such as ``{"depth_um": 80}``.
+    ///     until: its end, for kinds that last.
+    ///
+    /// Raises:
+    ///     ValueError: if the kind does not exist, or a value is out of range.
     #[pyo3(signature = (kind, time, *, inspection=None, until=None))]
     fn maintenance(
         &self,
@@ -145,12 +187,17 @@ impl Tracker {
         Ok(())
     }
 
+    /// The state after the records so far, as JSON.
     #[getter]
     fn state(&self, py: Python<'_>) -> PyResult<String> {
         py.detach(|| serde_json::to_string(&*self.state.lock().unwrap_or_else(PoisonError::into_inner)))
             .map_err(value_error)
     }
 
+    /// Replaces the state.
+    ///
+    /// Raises:
+    ///     ValueError: if the text is not a tracker's state.
     fn restore(&self, py: Python<'_>, state: &str) -> PyResult<()> {
         let restored: ChannelState = serde_json::from_str(state)
             .map_err(|error| value_error(format!("not a tracker state: {error}")))?;
@@ -158,6 +205,10 @@ impl Tracker {
         Ok(())
     }
 
+    /// Writes the state to a file. A reader sees the old state or the new one.
+    ///
+    /// Raises:
+    ///     OSError: if the file cannot be written.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let text = self.state(py)?;
         // A reader sees the old state or the new one, never a partial one.
@@ -167,6 +218,11 @@ impl Tracker {
         written.map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))
     }
 
+    /// Replaces the state with that of a file.
+    ///
+    /// Raises:
+    ///     OSError: if the file cannot be read.
+    ///     ValueError: if it is not a tracker's state.
     fn load(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let text = std::fs::read_to_string(&path)
             .map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))?;

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import subprocess
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import flankwatch
 import numpy as np
 import pytest
 
+NAMES = itertools.count()
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -23,26 +26,55 @@ def program() -> Path:
     return path
 
 
-@pytest.fixture(scope="session")
-def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
-    """The address of a service and its data folder."""
-    folder = tmp_path_factory.mktemp("data")
+@contextmanager
+def serve(program: Path, folder: Path) -> Iterator[str]:
+    """Runs a service on a data folder. Returns its address."""
     command = [str(program), "serve", "--listen", "127.0.0.1:0", "--data-dir", str(folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
             line = process.stdout.readline()
             match = re.search(r"http://\S+", line)
             assert match, f"the service printed {line!r}"
-            yield match[0], folder
+            yield match[0]
         finally:
             process.terminate()
             process.wait(20)
+
+
+@pytest.fixture(scope="session")
+def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
+    """The address of a service and its data folder."""
+    folder = tmp_path_factory.mktemp("data")
+    with serve(program, folder) as url:
+        yield url, folder
+
+
+def data_folder() -> Path:
+    """The folder of real recordings: FLANKWATCH_DATA, else the one beside the checkout."""
+    return Path(os.environ.get("FLANKWATCH_DATA") or ROOT / "../shared/data").resolve()
+
+
+def real_data() -> Path:
+    """The folder of real recordings. Skips the test without it."""
+    if not data_folder().is_dir():
+        pytest.skip(f"no real recordings in {data_folder()}; FLANKWATCH_DATA names their folder")
+    return data_folder()
 
 
 @pytest.fixture
 def client(service: tuple[str, Path]) -> Iterator[flankwatch.Client]:
     with flankwatch.Client(service[0]) as client:
         yield client
+
+
+@pytest.fixture
+def asset(client: flankwatch.Client) -> str:
+    """A separate asset for each test."""
+    name = f"rig-{next(NAMES)}"
+    client.create_asset(
+        {"id": name, "gear": {"teeth": [24, 36], "shaft_speed_hz": 24.5}, "sensor": {"unit": "m/s2"}}
+    )
+    return name
 
 
 def gear_signal(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
 import time
 
@@ -11,25 +10,12 @@ import httpx
 import numpy as np
 import pyarrow.parquet
 import pytest
-import scipy.io
 import soundfile
-from flankwatch.client import Event, parse_events
-from flankwatch.importing import main
+from flankwatch.events import Event, parse_events
 
 from conftest import gear_signal
 
 RATE_HZ = 20_000.0
-NAMES = itertools.count()
-
-
-@pytest.fixture
-def asset(client):
-    """A separate asset for each test."""
-    name = f"rig-{next(NAMES)}"
-    client.create_asset(
-        {"id": name, "gear": {"teeth": [24, 36], "shaft_speed_hz": 24.5}, "sensor": {"unit": "m/s2"}}
-    )
-    return name
 
 
 def test_assets_are_created_changed_and_deleted(client, asset):
@@ -106,11 +92,17 @@ def test_other_clients_get_trends_as_parquet(client, service, asset, path):
     for name in table.column_names:
         values = table[name].to_pylist()
         if name == "start_time":
-            assert [value.isoformat().replace("+00:00", "Z") for value in values] == [row[name] for row in rows]
+            assert [value.isoformat().replace("+00:00", "Z") for value in values] == [
+                row[name] for row in rows
+            ]
         else:
             assert values == [row[name] for row in rows], name
     units = table.schema.metadata
-    assert units[b"unit.rms" if "rms" in table.column_names else b"unit.median_um"].decode() in ("1", "m/s2", "µm")
+    assert units[b"unit.rms" if "rms" in table.column_names else b"unit.median_um"].decode() in (
+        "1",
+        "m/s2",
+        "µm",
+    )
 
 
 @pytest.mark.parametrize(
@@ -162,14 +154,16 @@ def test_events_are_parsed():
 def test_a_request_to_a_busy_service_is_retried(monkeypatch):
     answers = [
         httpx.Response(503, headers={"retry-after": "0"}),
+        httpx.Response(502, headers={"retry-after": "Sun, 01 Mar 2026 08:00:00 GMT"}),
         httpx.Response(200, json={"items": [], "next_cursor": None}),
     ]
     client = flankwatch.Client("http://service")
     client._http = httpx.Client(
         base_url="http://service", transport=httpx.MockTransport(lambda request: answers.pop(0))
     )
-    monkeypatch.setattr(time, "sleep", lambda seconds: None)
-    assert client.assets() == [] and not answers
+    waited: list[float] = []
+    monkeypatch.setattr(time, "sleep", waited.append)
+    assert client.assets() == [] and not answers and waited == [0.0, 1.0]
 
 
 def test_replays_are_started_and_listed(client, service, asset):
@@ -184,41 +178,3 @@ def test_replays_are_started_and_listed(client, service, asset):
         time.sleep(0.1)
     assert len(list(client.segments(asset))) == 1
     assert replay["id"] in [each["id"] for each in client.replays()]
-
-
-def test_a_folder_is_imported_once(client, service, asset, tmp_path, capsys):
-    folder = tmp_path / "recordings" / "day 1"
-    folder.mkdir(parents=True)
-    for hour in range(3):
-        content = {"a1": gear_signal(hour)[:8000], "fs": RATE_HZ, "unit": "m/s2"}
-        scipy.io.savemat(folder / f"20260301_0{hour}0000.mat", content)
-    soundfile.write(folder / "20260301_040000.wav", gear_signal(9)[:8000], int(RATE_HZ), subtype="FLOAT")
-    (folder / "20260301_050000.mat").write_bytes(b"MATLAB 5.0 MAT-file broken")
-    (folder / "notes.txt").write_text("no recording")
-    command = [str(tmp_path), "--asset", asset, "--url", service[0], "--time-pattern", "%Y%m%d_%H%M%S"]
-    assert main(command) == 1
-    output = capsys.readouterr()
-    assert output.out.count(": stored") == 4 and "20260301_050000.mat: error: " in output.out
-    assert "1 of 5 files were not sent" in output.err and "[5/5, 0 s left]" in output.out
-    assert main(command) == 1
-    assert capsys.readouterr().out.count(": already stored") == 4
-    segments = list(client.segments(asset))
-    assert [segment["start_time"] for segment in segments] == [
-        f"2026-03-01T0{hour}:00:00Z" for hour in (0, 1, 2, 4)
-    ]
-    waveform = client.waveform(segments[1]["id"], max_points=200_000)
-    assert np.array_equal(
-        np.asarray(waveform["value"], dtype=np.float32), gear_signal(1)[:8000].astype(np.float32)
-    )
-
-
-def test_import_errors_are_reported(service, asset, tmp_path, capsys):
-    assert main([str(tmp_path), "--asset", asset, "--url", service[0]]) == 1
-    assert "no recording in" in capsys.readouterr().err
-    np.save(tmp_path / "x.npy", np.arange(100.0))
-    assert main([str(tmp_path), "--asset", asset, "--url", service[0]]) == 1
-    assert "channel '1' has no sampling rate, expected rate_hz" in capsys.readouterr().out
-    assert main([str(tmp_path), "--asset", asset, "--url", "http://127.0.0.1:1"]) == 1
-    np.save(tmp_path / "x.npy", np.arange(100.0))
-    assert main([str(tmp_path), "--asset", asset, "--url", "http://127.0.0.1:1", "--rate-hz", "100"]) == 1
-    assert "cannot be reached" in capsys.readouterr().err

@@ -79,7 +79,9 @@ def test_indicators_equal_the_analyze_command(program, tmp_path, speed_hz):
     )
     # These depend on earlier records of the channel.
     stateful = {"na4", "nb4", "novelty"}
-    assert {name: value for name, value in record["indicators"].items() if name not in stateful} == dict(found)
+    assert {name: value for name, value in record["indicators"].items() if name not in stateful} == dict(
+        found
+    )
     assert {name: why for name, why in record["absent"].items() if name not in stateful} == found.absent
     assert record["shaft_speed_hz"] == found.shaft_speed_hz
     assert record["preprocessing"] == found.basis["preprocessing"]

@@ -4,138 +4,19 @@ from __future__ import annotations
 
 import datetime
 import sys
-from pathlib import Path
 
 import flankwatch
-import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
 import pyuff
 import scipy.io
+import scipy.io.wavfile
 import soundfile
-from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
-RATE_HZ = 12_800.0
-TYPES = [np.float64, np.float32, np.int16, np.int32]
-
-
-def signals(number: int) -> dict[str, np.ndarray]:
-    """Two channels whose type and length depend on the number."""
-    rng = np.random.default_rng(number)
-    kind = TYPES[number % len(TYPES)]
-    count = 50 + 37 * number
-    values = rng.normal(size=(2, count)) * (1000 if kind in (np.int16, np.int32) else 1)
-    return {"a1": values[0].astype(kind), "a2": values[1].astype(kind)}
-
-
-def write_mat(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    content = {**x, "fs": RATE_HZ, "unit": "g"}
-    scipy.io.savemat(
-        path, content, do_compression=bool(number % 2), oned_as="column" if number % 3 else "row"
-    )
-
-
-def write_mat73(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    """Writes as MATLAB does: HDF5 after a block of 512 bytes, axes reversed, text as numbers."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, samples in x.items():
-            dataset = file.create_dataset(
-                name, data=samples.reshape(1, -1), compression="gzip" if number % 2 else None
-            )
-            dataset.attrs["MATLAB_class"] = np.bytes_("double")
-        file.create_dataset("fs", data=[[RATE_HZ]]).attrs["MATLAB_class"] = np.bytes_("double")
-        text = file.create_dataset("unit", data=np.array([[ord("g")]], dtype="u2"))
-        text.attrs["MATLAB_class"] = np.bytes_("char")
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + b"\0" * 8 + b"\x00\x02IM")
-
-
-def write_hdf5(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    with h5py.File(path, "w") as file:
-        group = file.create_group("measurement")
-        group.attrs["sample_rate"] = RATE_HZ
-        for name, samples in x.items():
-            group.create_dataset(name, data=samples, chunks=True if number % 2 else None).attrs["unit"] = "g"
-
-
-def write_tdms(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    start = np.datetime64("2026-03-01T08:00:00.25")
-    with TdmsWriter(path) as writer:
-        parts = np.array_split(np.arange(x["a1"].size), 1 + number % 3)
-        for part in parts:
-            properties = {"wf_increment": 1 / RATE_HZ, "unit_string": "g", "wf_start_time": start}
-            channels = [
-                ChannelObject("vibration", name, samples[part], properties=properties)
-                for name, samples in x.items()
-            ]
-            writer.write_segment([RootObject(), GroupObject("vibration"), *channels])
-
-
-def write_uff(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    sets = []
-    for node, (name, samples) in enumerate(x.items(), 1):
-        dataset = pyuff.prepare_58(
-            binary=number % 2,
-            func_type=1,
-            rsp_node=node,
-            rsp_dir=3,
-            ref_node=0,
-            ref_dir=0,
-            rsp_ent_name=name,
-            data=samples.astype(float),
-            x=np.arange(samples.size) / RATE_HZ,
-            abscissa_inc=1 / RATE_HZ,
-            abscissa_spacing=1,
-            abscissa_min=0.0,
-            num_pts=samples.size,
-            ord_data_type=4,
-            id1=name,
-            ordinate_axis_units_lab="g",
-            return_full_dict=True,
-        )
-        texts = ("id", "rsp_ent", "ref_ent")
-        empty = {
-            key: "NONE" if key.startswith(texts) or key.endswith("_lab") else 0
-            for key, value in dataset.items()
-            if value is None
-        }
-        sets.append(dataset | empty)
-    path.unlink(missing_ok=True)
-    pyuff.UFF(str(path)).write_sets(sets, "add")
-
-
-def write_parquet(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    fields = [
-        pa.field(name, pa.from_numpy_dtype(samples.dtype), metadata={"unit": "g"})
-        for name, samples in x.items()
-    ]
-    schema = pa.schema(fields, metadata={"sample_rate_hz": str(RATE_HZ)})
-    table = pa.table(list(x.values()), schema=schema)
-    pyarrow.parquet.write_table(
-        table, path, compression=["zstd", "snappy", "none"][number % 3], row_group_size=64
-    )
-
-
-def write_npy(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    rows = np.array(list(x.values())) if number % 2 else np.array(list(x.values())).T
-    np.save(path, np.asfortranarray(rows) if number % 3 else rows)
-
-
-def write_flac(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    samples = np.array([np.clip(x_of / np.abs(x_of).max(), -1, 0.999) for x_of in x.values()]).T
-    soundfile.write(path, samples, int(RATE_HZ), format="FLAC", subtype="PCM_24" if number % 2 else "PCM_16")
-
-
-WRITERS = {
-    "mat": write_mat,
-    "mat73": write_mat73,
-    "hdf5": write_hdf5,
-    "tdms": write_tdms,
-    "uff": write_uff,
-    "parquet": write_parquet,
-}
+from conftest import real_data
+from recordings import RATE_HZ, SUBTYPES, WRITERS, signals, write_flac, write_npy, write_wav
 
 
 @pytest.mark.parametrize("number", range(10))
@@ -148,7 +29,7 @@ def test_samples_rate_and_unit_are_those_written(tmp_path, name, number):
     prefix = "measurement/" if name == "hdf5" else ""
     for (channel, samples), found in zip(x.items(), recording, strict=True):
         assert found.name.removeprefix(prefix).split(" ")[0] == channel
-        expected = samples
+        expected = samples.astype(np.float32) if name == "csv" else samples
         if name == "uff":
             # Text formats have a limited number of digits.
             sets = pyuff.UFF(str(path)).read_sets()
@@ -180,6 +61,84 @@ def test_flac_has_the_samples_of_soundfile(tmp_path, number):
     recording = flankwatch.read(path)
     assert np.array_equal(np.array([channel.samples for channel in recording]).T, expected)
     assert {channel.rate_hz for channel in recording} == {rate_hz} and recording.names == ["1", "2"]
+
+
+@pytest.mark.filterwarnings("ignore::scipy.io.wavfile.WavFileWarning")
+@pytest.mark.parametrize("number", range(12))
+def test_wav_has_the_samples_of_scipy(tmp_path, number):
+    path = tmp_path / "recording.wav"
+    write_wav(path, signals(number), number)
+    rate_hz, samples = scipy.io.wavfile.read(path)
+    if samples.dtype == np.uint8:
+        expected = (samples.astype(float) - 128) / 128
+    elif samples.dtype.kind == "i":
+        # SciPy returns 24 bits in the upper bytes of 32.
+        expected = samples / 2.0 ** (8 * samples.dtype.itemsize - 1)
+    else:
+        expected = samples.astype(float)
+    recording = flankwatch.read(path)
+    assert np.array_equal(np.array([channel.samples for channel in recording]).T, expected)
+    assert {channel.rate_hz for channel in recording} == {rate_hz}, SUBTYPES[number % len(SUBTYPES)]
+
+
+def test_a_rate_that_contradicts_a_header_is_refused(tmp_path):
+    path = tmp_path / "recording.wav"
+    write_wav(path, signals(0), 0)
+    assert flankwatch.read(path, rate_hz=RATE_HZ)[0].rate_hz == RATE_HZ
+    with pytest.raises(flankwatch.RecordingError, match="rate_hz is 10000, expected 12800") as refused:
+        flankwatch.read(path, rate_hz=10_000)
+    assert (refused.value.argument, refused.value.path) == ("rate_hz", path)
+
+
+def test_csv_is_read_as_the_program_reads_it(tmp_path):
+    path = tmp_path / "recording.csv"
+    path.write_text("8;30;0;0;1,5;2\n8;30;0;500000;-1;3\n8;30;1;0;7;4\n")
+    recording = flankwatch.read(path)
+    assert recording.names == ["5", "6"] and recording["5"].samples.tolist() == [1.5, -1.0, 7.0]
+    assert (recording[0].rate_hz, recording[0].start_time) == (2.0, None)
+    later = flankwatch.read(path, start_time="2026-03-01T09:00:00Z", channels=["6"], unit="g")
+    assert later[0].start_time == np.datetime64("2026-03-02T08:30:00") and later[0].unit == "g"
+    path.write_text("date,a [g],b\n2026-03-01T08:00:00Z,1,2\n2026-03-01T08:00:00.5Z,3,4\n")
+    recording = flankwatch.read(path, unit={"b": "V"})
+    assert [channel.unit for channel in recording] == ["g", "V"]
+    assert recording[0].start_time == np.datetime64("2026-03-01T08:00:00")
+    with pytest.raises(flankwatch.RecordingError, match="rate_hz|sampling rate is 3 Hz, expected 2 Hz"):
+        flankwatch.read(path, rate_hz=3.0)
+    with pytest.raises(flankwatch.RecordingError, match="time_column is 'a', expected none"):
+        flankwatch.read(path, time_column="a")
+
+
+def test_a_real_gearbox_recording_has_the_samples_of_numpy():
+    path = real_data() / "gearbox-spectraquest" / "h30hz0.csv.gz"
+    expected = np.loadtxt(path, delimiter=",", skiprows=1, dtype=np.float32)
+    recording = flankwatch.read(path, rate_hz=RATE_HZ)
+    assert recording.names == ["a1", "a2", "a3", "a4"]
+    assert np.array_equal(np.array([channel.samples for channel in recording]).T, expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("2026-03-01T08:00:00Z", "2026-03-01T08:00:00"),
+        ("2026-03-01 08:00:00.25", "2026-03-01T08:00:00.25"),
+        ("2026-03-01T08:00:00+02:00", "2026-03-01T06:00:00"),
+        ("2026-03-01T08:00:00.5-0130", "2026-03-01T09:30:00.5"),
+        ("2026-03-01", "2026-03-01"),
+    ],
+)
+def test_times_are_utc(tmp_path, text, expected):
+    path = tmp_path / "recording.npy"
+    np.save(path, np.arange(10.0))
+    (channel,) = flankwatch.read(path, start_time=text)
+    assert channel.start_time == np.datetime64(expected)
+
+
+@pytest.mark.parametrize("text", ["noon", "", "Z", "NaT", "2026-13-01", "2026-03-01T08:00:00+2"])
+def test_other_texts_are_no_times(tmp_path, text):
+    path = tmp_path / "recording.npy"
+    np.save(path, np.arange(10.0))
+    with pytest.raises(ValueError, match="start_time is .*, expected a time"):
+        flankwatch.read(path, start_time=text)
 
 
 def test_structs_and_matrices_of_matlab_have_names(tmp_path):
@@ -228,30 +187,13 @@ def test_a_time_column_with_a_gap_is_refused(tmp_path):
         flankwatch.read(path)
 
 
-@pytest.mark.parametrize("name", [*WRITERS, "npy", "flac"])
-def test_truncated_files_are_refused_by_name(tmp_path, name):
-    path = tmp_path / f"recording.{name}"
-    write = {"npy": write_npy, "flac": write_flac, **WRITERS}[name]
-    write(path, signals(1 if name == "uff" else 8), 1 if name == "uff" else 8)
-    whole = path.read_bytes()
-    for part in (len(whole) // 8, len(whole) // 2):
-        path.write_bytes(whole[:part])
-        try:
-            cut = flankwatch.read(path, rate_hz=RATE_HZ)
-        except ValueError as error:
-            assert str(path) in str(error)
-        else:
-            # Segmented formats may end after any segment.
-            assert all(channel.samples.size <= 346 for channel in cut)
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         (b"", "the file is empty"),
         (b"\x89MCAP0\r\n123", "an MCAP recording"),
-        (b"\x1f\x8b\x08\x00", "compressed with gzip"),
-        (b"time,a1\n0,1\n", "the file is text"),
+        (b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x00\x03", "compressed with gzip, without CSV"),
+        (b"MIT License\n\nCopyright\n", "csv line 2"),
         (b"\x7fELF\x02\x01", "the file begins with 7f 45 4c 46"),
         (b"\x93NUMPY\x01\x00\xff\xff", "damaged or incomplete .npy file"),
     ],

@@ -9,7 +9,7 @@ from typing import Any, Mapping, Sequence
 
 import numpy as np
 
-from ..recording import Channel
+from ..recording import Channel, RecordingError
 
 #: Maximum relative difference of a rate from the time column.
 RATE_TOLERANCE = 1e-3
@@ -80,13 +80,27 @@ def as_time(value: Any) -> np.datetime64 | None:
     if isinstance(value, bytes):
         value = value.decode("utf-8", "replace")
     if isinstance(value, str):
-        try:
-            return np.datetime64(value.strip().removesuffix("Z").replace(" ", "T"), "ns")
-        except ValueError:
-            return None
+        return parse_time(value)
     if isinstance(value, (int, float, np.integer, np.floating)) and np.isfinite(value) and value > 1e8:
         return np.datetime64(round(float(value) * 1e9), "ns")
     return None
+
+
+def parse_time(text: str) -> np.datetime64 | None:
+    """Parses an ISO 8601 time; one without an offset is UTC."""
+    match = re.fullmatch(r"([\d-]+(?:[T ][\d:.]+)?)(?:Z|\s*([+-])(\d\d):?(\d\d))?", text.strip())
+    if match is None:
+        return None
+    try:
+        time: Any = np.datetime64(match[1].replace(" ", "T"), "ns")
+    except ValueError:
+        return None
+    offset = np.timedelta64(0, "m")
+    if match[2] is not None:
+        minutes = int(match[3]) * 60 + int(match[4])
+        offset = np.timedelta64(minutes if match[2] == "+" else -minutes, "m")
+    moment: np.datetime64 = time - offset
+    return moment
 
 
 def number(value: Any) -> float | None:
@@ -143,11 +157,12 @@ def time_rate(path: Path, name: str, time: np.ndarray[Any, Any]) -> tuple[float 
     steps = np.diff(seconds)
     step = (seconds[-1] - seconds[0]) / (seconds.size - 1)
     if not step > 0 or not np.all(steps > 0):
-        raise ValueError(f"{path}: the time column {name!r} is not increasing")
+        raise RecordingError(path, f"the time column {name!r} is not increasing")
     if np.max(np.abs(steps - step)) > 0.5 * step:
         at = int(np.argmax(np.abs(steps - step))) + 1
-        raise ValueError(
-            f"{path}: the time column {name!r} steps by {steps[at - 1]:g} s at sample {at}, expected {step:g} s"
+        raise RecordingError(
+            path,
+            f"the time column {name!r} steps by {steps[at - 1]:g} s at sample {at}, expected {step:g} s",
         )
     return float(1.0 / step), start
 
@@ -176,8 +191,10 @@ def complete(path: Path, content: Content, overrides: Overrides) -> list[Channel
     scalars = {name: array.reshape(-1)[0] for name, array in content.arrays.items() if array.size == 1}
     common = {**scalars, **content.common}
     if overrides.time_column is not None and overrides.time_column not in arrays:
-        raise ValueError(
-            f"{path}: no time column {overrides.time_column!r}, expected one of {', '.join(arrays)}"
+        raise RecordingError(
+            path,
+            f"no time column {overrides.time_column!r}, expected one of {', '.join(arrays)}",
+            "time_column",
         )
     times = (
         [overrides.time_column]
@@ -188,13 +205,15 @@ def complete(path: Path, content: Content, overrides: Overrides) -> list[Channel
         wanted = list(overrides.channels)
         unknown = next((name for name in wanted if name not in arrays), None)
         if unknown is not None:
-            raise ValueError(f"{path}: no channel {unknown!r}, expected one of {', '.join(arrays)}")
+            raise RecordingError(
+                path, f"no channel {unknown!r}, expected one of {', '.join(arrays)}", "channels"
+            )
     else:
         signals = [name for name in arrays if name not in times]
         longest = max((arrays[name].size for name in signals), default=0)
         wanted = [name for name in signals if 2 * arrays[name].size > longest]
     if not wanted:
-        raise ValueError(f"{path}: no channel with samples among {', '.join(content.arrays) or 'nothing'}")
+        raise RecordingError(path, f"no channel with samples among {', '.join(content.arrays) or 'nothing'}")
     return [channel(path, content, overrides, arrays, common, times, name) for name in wanted]
 
 
@@ -213,19 +232,18 @@ def channel(
     time_rate_hz, clock_start = (None, None) if clock is None else time_rate(path, clock, arrays[clock])
     rate = overrides.rate_hz or stated_rate(own) or stated_rate(common)
     if rate is not None and time_rate_hz is not None and abs(rate / time_rate_hz - 1) > RATE_TOLERANCE:
-        raise ValueError(
-            f"{path}: the rate is {rate:g} Hz, expected {time_rate_hz:g} Hz as in the time column {clock!r} (at most 0.1 % apart)"
+        raise RecordingError(
+            path,
+            f"the rate is {rate:g} Hz, expected {time_rate_hz:g} Hz as in the time column {clock!r} "
+            "(at most 0.1 % apart)",
         )
     unit = overrides.unit if isinstance(overrides.unit, str) else (overrides.unit or {}).get(name)
-    start = as_time(overrides.start_time)
-    if overrides.start_time is not None and start is None:
-        raise ValueError(f"start_time is {overrides.start_time!r}, expected a time")
     return Channel(
         name=name,
         samples=arrays[name],
         rate_hz=rate or time_rate_hz,
         unit=unit or stated_unit(own) or split_unit(name)[1] or stated_unit(common),
-        start_time=start
+        start_time=as_time(overrides.start_time)
         or as_time(look_up(own, START_NAMES))
         or as_time(look_up(common, START_NAMES))
         or clock_start,

@@ -9,13 +9,17 @@ import numpy as np
 
 from .extras import require
 from .guess import Content
+from .hdf5_heaps import check
+from .limits import check_declared
 
 
 def read(path: Path) -> Content:
     """Reads all numeric datasets with their attributes; those of groups and of the file apply to all."""
     h5py = require("h5py", "h5py", "HDF5")
+    check(path)
     content = Content()
-    with open_file(h5py, path) as file:
+    declared: list[int] = []
+    with h5py.File(path, "r") as file:
         content.common.update(plain_values(file.attrs))
         matlab = any("MATLAB_class" in item.attrs for item in file.values())
 
@@ -23,6 +27,8 @@ def read(path: Path) -> Content:
             if name.startswith("#"):
                 return
             if isinstance(item, h5py.Dataset):
+                declared.append(item.size * item.dtype.itemsize if item.shape is not None else 0)
+                check_declared(path, sum(declared), 1)
                 add(content, name, item, matlab)
             else:
                 content.common.update(plain_values(item.attrs))
@@ -34,14 +40,6 @@ def read(path: Path) -> Content:
 def read_matlab(path: Path) -> Content:
     """Reads a MATLAB file of version 7.3."""
     return read(path)
-
-
-def open_file(h5py: Any, path: Path) -> Any:
-    """Opens the file; an error names it."""
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        raise ValueError(f"{path}: damaged or incomplete HDF5 file: {error}") from error
 
 
 def add(content: Content, name: str, dataset: Any, matlab: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,18 @@ import numpy as np
 
 from .extras import require
 from .guess import Content
+from .limits import check_declared
+from .mat_elements import check
 
 
 def read(path: Path) -> Content:
     """Reads the variables of a file; fields of structs have dotted names."""
     io = require("scipy.io", "SciPy", "MATLAB files")
+    with path.open("rb") as file:
+        # Those of version 4 begin with a number below 5000.
+        if 0 not in file.read(4):
+            check(path)
+    check_declared(path, sum(math.prod(shape) for _, shape, _ in io.whosmat(str(path))))
     variables = io.loadmat(str(path), simplify_cells=True)
     content = Content()
     for name, value in variables.items():

@@ -8,12 +8,15 @@ import numpy as np
 
 from .extras import require
 from .guess import Content
+from .limits import check_declared
 
 
 def read(path: Path) -> Content:
     """Reads all columns of numbers and times, with the metadata of fields and file."""
     pa = require("pyarrow", "pyarrow", "Parquet")
     parquet = require("pyarrow.parquet", "pyarrow", "Parquet")
+    metadata = parquet.read_metadata(path)
+    check_declared(path, metadata.num_rows * metadata.num_columns)
     table = parquet.read_table(path)
     content = Content()
     content.common.update(texts(table.schema.metadata))

@@ -28,6 +28,10 @@ def read(path: Path) -> Content:
             continue
         name = channel_name(dataset, number, content)
         content.arrays[name] = np.asarray(dataset["data"])
+        if content.arrays[name].size != dataset["num_pts"]:
+            raise ValueError(
+                f"dataset {number} has {content.arrays[name].size} samples, expected {dataset['num_pts']}"
+            )
         interval = dataset.get("abscissa_inc") or None
         axis = np.asarray(dataset.get("x", []))
         if not interval and axis.size > 1:
