@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use flankwatch_recording::{FileFrames, Frames, FramesInfo, RecordDefaults, RecordingError};
+use flankwatch_recording::{FileFrames, Frames, FramesInfo, RecordDefaults, RecordingError, TimeOfDay};
 use jiff::{SignedDuration, Timestamp};
 use numpy::IntoPyArray;
 use pyo3::exceptions::PyOSError;
@@ -111,7 +111,12 @@ pub(crate) fn read_frames<'py>(
         return Err(argument_error("rate_hz", rate_hz, "a finite number above 0"));
     }
     let start_time = start_time.map_or(Ok(Timestamp::UNIX_EPOCH), time)?;
-    let defaults = RecordDefaults { start_time, sample_rate_hz: rate_hz, ..RecordDefaults::default() };
+    let defaults = RecordDefaults {
+        start_time,
+        time_of_day: TimeOfDay::FromStart,
+        sample_rate_hz: rate_hz,
+        ..RecordDefaults::default()
+    };
     let read = py.detach(|| contents(path, &channels, defaults, samples)).map_err(recording_error)?;
     let frames = if samples {
         read.columns.first().map_or(0, |column| column.len() as u64)
