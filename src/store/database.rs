@@ -154,7 +154,8 @@ async fn prepare(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
         // A commit returns once the write-ahead log is durable.
         "PRAGMA synchronous = FULL",
         "PRAGMA foreign_keys = ON",
-        "PRAGMA cache_size = -16384",
+        // 4 MB: the file is in the system's cache too, and there are five connections.
+        "PRAGMA cache_size = -4096",
     ] {
         sqlx::query(pragma).execute(&mut *connection).await?;
     }
