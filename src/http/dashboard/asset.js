@@ -27,7 +27,7 @@ import { formatTime, timeOf, timeRange, wearDrawing, withoutEstimate } from "./w
 const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part", "gear"];
 
 /** Parameters that redraw at once from known data and then fetch the lines they need. */
-const DETAILED = ["zoom", "band", "cursor", "near"];
+const DETAILED = ["zoom", "band", "eband", "cursor", "near"];
 
 /** The page of one asset. */
 export class AssetPage {

@@ -46,7 +46,7 @@ export class RecordView {
     {
       id: "envelope-range",
       "aria-label": "Part of the envelope spectrum",
-      onchange: () => change({ near: this.#near.value }, { quiet: true }),
+      onchange: () => change({ near: this.#near.value, eband: null }, { quiet: true }),
     },
     [
       ["", "Whole band"],
@@ -151,6 +151,7 @@ export class RecordView {
       ...this.#tools.update(panes.spectrum, query),
       near: query.near === "1",
       part: partOf(query.band),
+      envelopePart: partOf(query.eband),
     };
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
     for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
@@ -177,6 +178,7 @@ export class RecordView {
     for (const [key, parameter] of [
       ["waveform", "part"],
       ["spectrum", "band"],
+      ["envelope", "eband"],
     ]) {
       onRangeChange(this.#cards.get(key).plot, (range) => this.#onRange({ [parameter]: formatPart(range) }));
     }
