@@ -140,6 +140,7 @@ const FILES: &[StaticFile] = files![
     "settings-lists.js",
     "settings-removal.js",
     "settings.js",
+    "setup-derived.js",
     "setup-fields.js",
     "setup-inputs.js",
     "setup-measures.js",

@@ -410,10 +410,20 @@ export class AssetPage {
       h(
         "p",
         {},
-        "Send vibration records taken while the gears are healthy. They form the baseline for all later records.",
+        "Add vibration records taken while the gears are healthy. They form the baseline for all later records.",
       ),
-      h("pre", { tabindex: "0" }, h("code", {}, example)),
-      h("button", { type: "button", onclick: () => this.#dialog.open() }, "Add records…"),
+      h(
+        "p",
+        {},
+        h("button", { type: "button", class: "primary", onclick: () => this.#dialog.open() }, "Add records…"),
+        " or drop WAV, FLAC, CSV, MATLAB, NumPy or MCAP files anywhere on this page.",
+      ),
+      h(
+        "details",
+        {},
+        h("summary", {}, "Or with the API"),
+        h("pre", { tabindex: "0" }, h("code", {}, example)),
+      ),
     );
   }
 
