@@ -514,7 +514,9 @@ export const CHECKS = {
     const [table] = await Promise.all([page.waitForEvent("download"), csv.click()]);
     const text = [];
     for await (const chunk of await table.createReadStream()) text.push(chunk);
-    const [head] = Buffer.concat(text).toString().split("\r\n");
+    const lines = Buffer.concat(text).toString().split("\r\n");
+    assert.equal(lines.filter((line) => line.startsWith("# Record: ")).length, 2);
+    const head = lines.find((line) => !line.startsWith("#"));
     for (const { start_time: start, channel } of chosen)
       assert.ok(head.includes(`${channel} · ${shownTime(start)}: amplitude_peak (m/s2)`), head);
     await close(opened, name);
