@@ -2,7 +2,8 @@
 
 use std::collections::HashMap;
 
-use axum::extract::State;
+use axum::extract::{FromRequestParts, State};
+use axum::http::request::Parts;
 use axum::response::Html;
 use serde::Deserialize;
 
@@ -39,8 +40,8 @@ pub(super) struct ReportParameters {
     recommendation: Option<String>,
     /// Whether wear over time is drawn; default true.
     wear: Option<bool>,
-    /// Names of the indicators drawn over time, comma-separated: `rms`, `kurtosis`, `omx`, `omx_tracked`,
-    /// `fm0`, `fm4`, `na4`; all by default, none if empty.
+    /// Names of the indicators drawn over time, comma-separated: `rms`, `velocity_rms`, `kurtosis`, `omx`,
+    /// `omx_tracked`, `fm0`, `fm4`, `na4`; all by default, none if empty. May be repeated.
     #[param(example = "rms,omx")]
     indicators: Option<String>,
     /// Whether the spectrum of the last record is drawn; default true.
@@ -99,6 +100,35 @@ impl ReportParameters {
     }
 }
 
+/// The parameters; a form repeats `indicators` for each chosen one.
+pub(super) struct ReportQuery(ReportParameters);
+
+impl<S: Send + Sync> FromRequestParts<S> for ReportQuery {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let joined = format!("{}?{}", parts.uri.path(), joined(parts.uri.query().unwrap_or_default()));
+        if let Ok(uri) = joined.parse() {
+            parts.uri = uri;
+        }
+        Parameters::from_request_parts(parts, state).await.map(|Parameters(params)| Self(params))
+    }
+}
+
+/// A query with its values of `indicators` joined by commas.
+fn joined(query: &str) -> String {
+    let (chosen, mut others): (Vec<&str>, Vec<&str>) =
+        query.split('&').filter(|pair| !pair.is_empty()).partition(|pair| pair.starts_with(CHOICE));
+    let names: Vec<&str> = chosen.iter().filter_map(|pair| pair.strip_prefix(CHOICE)).collect();
+    let indicators = format!("{CHOICE}{}", names.join(","));
+    if !names.is_empty() {
+        others.push(&indicators);
+    }
+    others.join("&")
+}
+
+const CHOICE: &str = "indicators=";
+
 /// Report of an asset as a printable page
 #[utoipa::path(
     get,
@@ -110,7 +140,7 @@ impl ReportParameters {
 pub(super) async fn show(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
-    Parameters(params): Parameters<ReportParameters>,
+    ReportQuery(params): ReportQuery,
 ) -> Result<Html<String>, Problem> {
     let (asset, channel) = assets::asset_and_channel(&app, &id, params.channel.as_deref()).await?;
     let mut report = Report {
@@ -214,5 +244,20 @@ impl From<Segment> for ReportedRecord {
             wear: Some(segment.wear),
             reference_wear_um: segment.reference_wear_um,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::joined;
+
+    #[test]
+    fn the_boxes_of_a_form_are_one_list() {
+        assert_eq!(
+            joined("wear=true&indicators=&indicators=rms&events=true&indicators=fm4"),
+            "wear=true&events=true&indicators=,rms,fm4"
+        );
+        assert_eq!(joined("indicators=rms%2Comx"), "indicators=rms%2Comx");
+        assert_eq!(joined("wear=true"), "wear=true");
     }
 }

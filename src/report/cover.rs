@@ -100,11 +100,25 @@ pub(super) fn form(form: &Form, cover: &Cover, contents: &Contents, body: &mut S
         text("prepared_by", "Prepared by", &cover.prepared_by),
         escape(&cover.recommendation),
         part("wear", "Wear", contents.wear),
-        text("indicators", "Indicators", &contents.indicators.join(", ")),
+        choice(contents),
         part("spectrum", "Spectrum", contents.spectrum),
         part("events", "Alarms and maintenance", contents.events),
         part("records", "Table of records", contents.records),
     );
+}
+
+/// Check boxes for the indicators; the empty field stands for none.
+fn choice(contents: &Contents) -> String {
+    let boxes = super::INDICATORS.iter().map(|(name, heading, _)| {
+        let checked = if contents.indicators.contains(name) { " checked" } else { "" };
+        format!(
+            "<label><input type=\"checkbox\" name=\"indicators\" value=\"{name}\"{checked}>{heading}</label>"
+        )
+    });
+    format!(
+        "<fieldset class=\"wide\"><legend>Indicators</legend><input type=\"hidden\" name=\"indicators\" value=\"\">{}</fieldset>",
+        boxes.collect::<String>()
+    )
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ mod cover;
 mod events;
 mod page;
 mod ticks;
+mod verdict;
 
 use jiff::Timestamp;
 

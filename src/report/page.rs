@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::chart::{Chart, Level, Series, XAxis};
-use super::{Report, ReportedRecord, angle_words, cover, events};
+use super::{Report, ReportedRecord, angle_words, cover, events, verdict};
 use crate::estimate::{Interval, Prognosis, WearEstimate, WearStatus};
 
 /// Indicators that can be shown: name, heading and caption.
-pub const INDICATORS: [(&str, &str, &str); 7] = [
+pub const INDICATORS: [(&str, &str, &str); 8] = [
     ("rms", "RMS", "Root mean square of each record, mean not removed."),
+    ("velocity_rms", "Velocity RMS", "Root mean square of the velocity from 10 to 1000 Hz, as in ISO 20816."),
     ("kurtosis", "Kurtosis", "Gaussian noise has 3, a sine 1.5."),
     ("omx", "OMX", "Peak amplitude of the first mesh order."),
     (
@@ -51,7 +52,8 @@ pub(super) fn html(report: &Report) -> String {
     let records = if count == 1 { "record" } else { "records" };
     let mut body = format!("<h1>{title}</h1>");
     report.cover.addressee(&mut body);
-    let _ = write!(body, "<p>{count} {records}{span}.</p>");
+    let _ = write!(body, "<p>{count} {records}{span}. All times are in UTC.</p>");
+    verdict::write(report, &mut body);
     if let Some(form) = &report.form {
         cover::form(form, &report.cover, &report.contents, &mut body);
     }
@@ -193,7 +195,11 @@ fn indicator_section(
         class: CLASSES[n % CLASSES.len()],
     });
     let unit = channels.values().flatten().next().map_or("", |record| record.unit.as_str());
-    let unit = if DIMENSIONLESS.contains(&name) { "–" } else { unit_words(unit) };
+    let unit = match name {
+        "velocity_rms" => "mm/s",
+        name if DIMENSIONLESS.contains(&name) => "–",
+        _ => unit_words(unit),
+    };
     let chart = Chart {
         horizontal: XAxis::Time,
         x_title: "start of the record (UTC)".to_owned(),
@@ -306,11 +312,19 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::estimate::BaselineProgress;
 
-    fn record(wear: WearEstimate) -> ReportedRecord {
+    /// An estimate with its 5 % quantile, median and 95 % quantile.
+    pub(in crate::report) fn estimated([low, median, high]: [f64; 3]) -> WearEstimate {
+        let baseline = BaselineProgress { have: 20, need: 20 };
+        let mut wear = WearEstimate::without_number(WearStatus::Estimated, "wear".to_owned(), baseline);
+        (wear.p05_um, wear.median_um, wear.p95_um) = (Some(low), Some(median), Some(high));
+        wear
+    }
+
+    pub(in crate::report) fn record(wear: WearEstimate) -> ReportedRecord {
         ReportedRecord {
             name: "a".to_owned(),
             channel: "in".to_owned(),
@@ -326,10 +340,39 @@ mod tests {
     }
 
     #[test]
+    fn the_forecast_is_in_words() {
+        let mut wear = estimated([80.0, 90.0, 100.0]);
+        let day = |text: &str| text.parse().unwrap();
+        let mut forecast = Prognosis {
+            rate_um_per_day: 1.25,
+            limit_um: 120.0,
+            median: day("2026-05-20T12:00:00Z"),
+            p05: day("2026-05-02T12:00:00Z"),
+            p95: Some(day("2026-07-01T12:00:00Z")),
+        };
+        let mut page = |forecast: &Prognosis| {
+            wear.prognosis = Some(forecast.clone());
+            html(&Report { records: vec![record(wear.clone())], ..Report::default() })
+        };
+        let between = "Forecast</dt><dd>120 µm around 2026-05-20, between 2026-05-02 and 2026-07-01 with 90 % probability, \
+                       at 1.25 µm a day of running time</dd>";
+        assert!(page(&forecast).contains(between), "{}", page(&forecast));
+        forecast.p95 = None;
+        let open = "120 µm around 2026-05-20, not before 2026-05-02 with 95 % probability, at 1.25 µm a day";
+        assert!(page(&forecast).contains(open), "{}", page(&forecast));
+    }
+
+    #[test]
+    fn the_velocity_is_in_its_own_unit() {
+        let mut moving = record(estimated([1.0, 2.0, 3.0]));
+        moving.indicators.values.insert("velocity_rms".to_owned(), 2.5);
+        let page = html(&Report { records: vec![moving], ..Report::default() });
+        assert!(page.contains("Velocity RMS (mm/s)"), "{page}");
+    }
+
+    #[test]
     fn the_minimum_depth_and_the_transmission_error_are_shown() {
-        let baseline = BaselineProgress { have: 20, need: 20 };
-        let mut wear = WearEstimate::without_number(WearStatus::Estimated, "wear".to_owned(), baseline);
-        (wear.p05_um, wear.median_um, wear.p95_um) = (Some(180.0), Some(220.0), Some(250.0));
+        let mut wear = estimated([180.0, 220.0, 250.0]);
         wear.transmission_error_um = Some(Interval { median: 3.21, p05: 2.5, p95: 4.0 });
         let page = |wear: &WearEstimate| {
             let records = vec![record(wear.clone())];

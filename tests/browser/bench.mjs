@@ -43,7 +43,7 @@ const rows = (page, selector) =>
     .evaluateAll((list) => list.map((row) => [...row.children].map((cell) => cell.textContent)));
 
 /** Sends a record of two tones, 1 m/s² at 100 Hz and 0.5 m/s² at 5 Hz, in whole periods. */
-async function sendTones(id, minute, unit = "m/s2", scale = 1) {
+async function sendTones(id, minute, unit = "m/s2", scale = 1, channel = "a1") {
   const samples = Array.from(
     { length: 8000 },
     (_, n) =>
@@ -53,7 +53,7 @@ async function sendTones(id, minute, unit = "m/s2", scale = 1) {
     start_time: `2026-03-01T08:${minute}:00Z`,
     sample_rate_hz: 4000,
     unit,
-    channel: "a1",
+    channel,
     samples,
   };
   const answer = await fetch(`${base}/v1/assets/${id}/segments`, {
@@ -206,6 +206,71 @@ export const CHECKS = {
     await drawn(opened.page, "spectrum");
     const [line] = await curves(opened.page, "spectrum");
     assert.ok(Math.abs(heightAt(line, 100) / 9.80665 - 1) < 1e-3, `${heightAt(line, 100)} m/s²`);
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
+  "records of two assets, channels and units are overlaid": async (name) => {
+    const first = await createAsset("left", {});
+    const second = await createAsset("right", { sensor: { unit: "mm/s" } });
+    await sendTones(first, "10", "m/s2", 2, "housing");
+    await sendTones(second, "20", "mm/s", 3, "bearing");
+    const items = (
+      await Promise.all([first, second].map(async (id) => (await json(`assets/${id}/segments`)).items))
+    ).flat();
+    const opened = await open(address(items));
+    const { page } = opened;
+    await drawn(page, "spectrum");
+    for (const [asset, channel] of [
+      [first, "housing"],
+      [second, "bearing"],
+    ])
+      await page
+        .locator('[data-plot="spectrum"] .legend', { hasText: `${asset} · ${channel} · 2026-03-01` })
+        .waitFor();
+    const near = (read, expected) =>
+      assert.ok(Math.abs(read / expected - 1) < 1e-3, `${read}, expected ${expected}`);
+    // the second record, drawn first, is a velocity: its acceleration is 2πf times that
+    const omega = 2 * Math.PI * 100;
+    const [other, own] = await curves(page, "spectrum");
+    near(heightAt(own, 100), 2);
+    near(heightAt(other, 100), 3e-3 * omega);
+    await page.getByRole("combobox", { name: "Quantity", exact: true }).selectOption("velocity");
+    await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "Velocity in mm/s" }).waitFor();
+    const [moved, divided] = await curves(page, "spectrum");
+    near(heightAt(divided, 100), (1e3 * 2) / omega);
+    near(heightAt(moved, 100), 3);
+    await page.getByRole("button", { name: "Waveform" }).click();
+    await drawn(page, "waveform");
+    await close(opened, name);
+    for (const id of [first, second]) await removeAsset(id);
+  },
+
+  "a logarithmic amplitude keeps the values and spans decades": async (name) => {
+    const { id, items } = await tones();
+    const opened = await open(address(items));
+    const { page } = opened;
+    await drawn(page, "spectrum");
+    await page.getByRole("combobox", { name: "Amplitude", exact: true }).selectOption("log");
+    await page.waitForFunction(
+      () => document.querySelector('[data-plot="spectrum"] .plot')._fullLayout.yaxis.type === "log",
+    );
+    const [line] = await curves(page, "spectrum");
+    assert.ok(Math.abs(heightAt(line, 100) - 1) < 1e-3, `${heightAt(line, 100)} m/s²`);
+    assert.ok(Math.abs(heightAt(line, 5) - 0.5) < 1e-3, `${heightAt(line, 5)} m/s²`);
+    const [low, high] = await page.evaluate(
+      () => document.querySelector('[data-plot="spectrum"] .plot')._fullLayout.yaxis.range,
+    );
+    assert.ok(low < -1 && high > 0 && high < 1, `from 10^${low} to 10^${high}`);
+    assert.equal(parameters(page).get("scale"), "log");
+    await page.reload();
+    await drawn(page, "spectrum");
+    assert.equal(
+      await page.evaluate(
+        () => document.querySelector('[data-plot="spectrum"] .plot')._fullLayout.yaxis.type,
+      ),
+      "log",
+    );
     await close(opened, name);
     await removeAsset(id);
   },
@@ -449,7 +514,9 @@ export const CHECKS = {
     const [table] = await Promise.all([page.waitForEvent("download"), csv.click()]);
     const text = [];
     for await (const chunk of await table.createReadStream()) text.push(chunk);
-    const [head] = Buffer.concat(text).toString().split("\r\n");
+    const lines = Buffer.concat(text).toString().split("\r\n");
+    assert.equal(lines.filter((line) => line.startsWith("# Record: ")).length, 2);
+    const head = lines.find((line) => !line.startsWith("#"));
     for (const { start_time: start, channel } of chosen)
       assert.ok(head.includes(`${channel} · ${shownTime(start)}: amplitude_peak (m/s2)`), head);
     await close(opened, name);

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use flankwatch::gear::PairSpec;
 use flankwatch::http::Scope;
-use flankwatch::recording::{BlockEncoding, WavWriter, encode_block};
+use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, WavWriter, encode_block};
 use flankwatch::simulation::{Run, RunPlan};
 use serde_json::json;
 
@@ -32,6 +32,8 @@ fn the_dashboard_works_in_a_browser() {
     let empty = Service::start();
     let records = tempfile::tempdir().unwrap();
     write_run(&pair, records.path());
+    let recordings = service.folder().join("recordings");
+    write_recording(&pair, &recordings.join("shift.mcap"));
     let output = Command::new("node")
         .arg(folder.join("dashboard.mjs"))
         .env("FLANKWATCH_URL", service.url(""))
@@ -40,6 +42,7 @@ fn the_dashboard_works_in_a_browser() {
         .env("FLANKWATCH_TOKEN", token)
         .env("FLANKWATCH_EMPTY_URL", empty.url(""))
         .env("FLANKWATCH_RECORDS", records.path())
+        .env("FLANKWATCH_REPLAYS", recordings)
         .env("FLANKWATCH_CHROMIUM", chromium)
         .output()
         .unwrap();
@@ -64,6 +67,16 @@ fn write_run(pair: &PairSpec, folder: &Path) {
         let name = format!("run-{}.wav", record.start_time().strftime("%Y-%m-%dT%H-%M-%S"));
         std::fs::write(folder.join(name), bytes.get_ref()).unwrap();
     }
+}
+
+/// Writes the first records of a run as an MCAP recording.
+fn write_recording(pair: &PairSpec, path: &Path) {
+    let run = Run::new(plan(pair)).unwrap();
+    let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
+    for index in 0..6 {
+        writer.write("/gearbox/x/waveform", &run.record(index).unwrap().record).unwrap();
+    }
+    std::fs::write(path, writer.finish().unwrap().into_inner()).unwrap();
 }
 
 /// Returns a run to failure that starts slowly enough for a healthy baseline.

@@ -7,6 +7,8 @@
 // asset “pump”
 // FLANKWATCH_EMPTY_URL, FLANKWATCH_RECORDS: a service without assets, and a folder of WAV files of a run to
 // failure of the preset “shen2022”
+// FLANKWATCH_REPLAYS: the replay folder of FLANKWATCH_URL, with “shift.mcap” of six records a minute apart,
+// of the start of the asset's run (optional)
 // FLANKWATCH_PAGES: a folder of pages to use instead of those built into the server
 // FLANKWATCH_SHOTS: a folder for screenshots (optional)
 // FLANKWATCH_ONLY: run only checks whose name contains this

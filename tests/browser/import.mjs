@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
+import { join } from "node:path";
 import {
   asset,
   base,
@@ -18,6 +19,7 @@ import {
 } from "./page.mjs";
 import { csv, drop, wav } from "./upload.mjs";
 
+const replays = process.env.FLANKWATCH_REPLAYS; // the service's replay folder
 const audio = (name, buffer) => ({ name, mimeType: "audio/wav", buffer });
 const table = (name, text) => ({ name, mimeType: "text/csv", buffer: Buffer.from(text) });
 const card = (page, name) => page.locator(".files > li", { hasText: name });
@@ -64,7 +66,8 @@ function stereo(frames) {
 
 export const CHECKS = {
   "FLAC, NumPy and compressed CSV files are inspected and sent": async (name) => {
-    const { id, page } = await desk();
+    const opened = await desk();
+    const { id, page } = opened;
     const fixture = (path) => readFile(new URL(`../../fixtures/${path}`, import.meta.url));
     const type = "application/octet-stream";
     await page.setInputFiles("#upload-file", [
@@ -88,7 +91,7 @@ export const CHECKS = {
       "audio/flac",
       "text/csv",
     ]);
-    await picture(page, name);
+    await end(opened, name);
   },
 
   "a preview shows the contents of each file before the upload": async (name) => {
@@ -183,6 +186,134 @@ export const CHECKS = {
       "but for the refused file nothing goes wrong",
     );
     await end(opened, name);
+  },
+
+  "each upload has its progress": async (name) => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const held = [];
+    await page.route(`**/assets/${id}/segments?*`, (route) =>
+      route.request().method() === "POST"
+        ? new Promise((go) => held.push(go)).then(() => route.continue())
+        : route.continue(),
+    );
+    await page.setInputFiles("#upload-file", [
+      audio("a_20260401_080000.wav", wav(2000)),
+      audio("b_20260401_090000.wav", wav(2100)),
+    ]);
+    await send(page);
+    const results = page.locator(".results > .result");
+    await results
+      .nth(0)
+      .getByText(
+        /^(Uploading a_20260401_080000.wav, 3.9\d* KiB…|a_20260401_080000.wav: uploaded, analysing…)$/,
+      )
+      .waitFor();
+    const bar = page.getByRole("progressbar", { name: "Upload of a_20260401_080000.wav" });
+    await bar.waitFor();
+    await results.nth(1).getByText("b_20260401_090000.wav: waiting.").waitFor();
+    assert.ok(await page.getByRole("progressbar", { name: "Upload of b_20260401_090000.wav" }).isHidden());
+    await shoot(page, `${name} first`);
+    held.shift()();
+    await good(page, "a_20260401_080000.wav: record of");
+    await bar.waitFor({ state: "detached" });
+    await page.getByRole("progressbar", { name: "Upload of b_20260401_090000.wav" }).waitFor();
+    held.shift()();
+    await good(page, "b_20260401_090000.wav: record of");
+    assert.equal(await page.locator(".results progress").count(), 0);
+    await end(opened, name);
+  },
+
+  "files of one import with the same start and channel are reported": async (name) => {
+    const opened = await desk();
+    const { page } = opened;
+    await page.setInputFiles("#upload-file", [
+      audio("a_20260401_080000.wav", wav(2000)),
+      audio("b_20260401_080000.wav", wav(2100)),
+      audio("c_20260401_090000.wav", wav(2100)),
+    ]);
+    const twin = (file, words) =>
+      card(page, file).getByText(`Same start and channel as ${words} in this import`);
+    await twin("a_2026", "b_20260401_080000.wav").waitFor();
+    await twin("b_2026", "a_20260401_080000.wav").waitFor();
+    assert.equal(await twin("c_2026", "").count(), 0);
+    await shoot(page, name);
+    // another channel, then another start
+    const channel = page.getByLabel("Name of 1 of b_20260401_080000.wav");
+    await channel.fill("gear side");
+    await channel.blur();
+    await twin("a_2026", "b_20260401_080000.wav").waitFor({ state: "hidden" });
+    const start = page.getByLabel("Start of c_20260401_090000.wav, UTC");
+    await start.fill("2026-04-01T08:00:00");
+    await start.blur();
+    await twin("c_2026", "a_20260401_080000.wav").waitFor();
+    await page.getByRole("button", { name: "Remove c_20260401_090000.wav" }).click();
+    await twin("a_2026", "c_20260401_090000.wav").waitFor({ state: "hidden" });
+    await end(opened);
+  },
+
+  ...(replays && {
+    "the first records of an MCAP file are compared with those that exist": async (name) => {
+      const { items } = await json(`assets/${asset}/segments?limit=1&order=asc`);
+      const buffer = await readFile(join(replays, "shift.mcap"));
+      const opened = await open(`#/assets/${asset}/import`);
+      const { page } = opened;
+      await page.setInputFiles("#upload-file", [
+        { name: "again.mcap", mimeType: "application/mcap", buffer },
+        { name: "twice.mcap", mimeType: "application/mcap", buffer },
+      ]);
+      const words = `A record with the start of its first record already exists on channel ${items[0].channel}`;
+      await card(page, "again.mcap").getByText(words).waitFor();
+      await card(page, "again.mcap").getByText("Same start and channel as twice.mcap").waitFor();
+      await close(opened, name);
+    },
+
+    "a recording in the server's folder is replayed, listed and stopped": async (name) => {
+      const opened = await desk();
+      const { id, page } = opened;
+      const files = page.getByLabel("File in the replay folder");
+      await files
+        .locator("option", { hasText: /^shift.mcap, [\d.]+ [KM]iB$/ })
+        .waitFor({ state: "attached" });
+      assert.equal(await files.locator("option").count(), 1, "the list is whole");
+      const start = page.getByRole("button", { name: "Start replay" });
+      await page.getByLabel("Pace").selectOption("realtime");
+      await start.click();
+      const item = page.locator(".replays li");
+      await item.getByText("running", { exact: true }).waitFor();
+      await item.getByRole("progressbar", { name: "Replay of shift.mcap" }).waitFor();
+      await shoot(page, `${name} running`);
+      await item.getByRole("button", { name: "Stop" }).click();
+      await page.locator('.replays li[data-state="stopped"]').waitFor();
+      assert.ok((await json(`assets/${id}`)).summary.segments < 6, "it ended early");
+      await page.getByLabel("Pace").selectOption("max");
+      await start.click();
+      await page.locator('.replays li[data-state="finished"]').getByText("6 of 6 records").waitFor();
+      assert.equal(await item.count(), 2);
+      assert.equal((await json(`assets/${id}`)).summary.segments, 6);
+      await end(opened, name);
+    },
+  }),
+
+  "a file of a long replay folder is given by its name": async () => {
+    const items = Array.from({ length: 1000 }, (_, n) => ({
+      file: `${n}.mcap`,
+      bytes: 1000 + n,
+      modified: "2026-03-01T08:00:00Z",
+    }));
+    const id = await createAsset("import", {});
+    const { page } = await open(`#/assets/${id}/import`, {}, (page) =>
+      page.route("**/v1/replay-files", (route) => route.fulfill({ json: { items } })),
+    );
+    await page.getByLabel("File in the replay folder").selectOption("Another file, by name…");
+    await page.getByLabel("Name in the replay folder").fill("old.mcap");
+    const sent = page.waitForRequest(
+      (request) => request.method() === "POST" && request.url().endsWith("/v1/replays"),
+    );
+    await page.getByRole("button", { name: "Start replay" }).click();
+    assert.equal((await sent).postDataJSON().file, "old.mcap");
+    await page.context().close();
+    await removeAsset(id);
   },
 
   "existing records are reported and not removed by undo": async () => {

@@ -16,8 +16,11 @@ export const CHECKS = empty && {
     const opened = await open("", { viewport: { width: 1440, height: 900 } }, undefined, empty);
     const { page } = opened;
     await page.getByText("No assets yet").waitFor();
+    const steps = page.locator(".first-steps");
+    await steps.getByText("drop WAV, FLAC, CSV").waitFor();
+    assert.ok(await steps.getByText("curl").first().isHidden(), "the commands are folded away");
     await shoot(page, `${name} first steps`);
-    await page.locator(".first-steps").getByRole("link", { name: "New asset" }).click();
+    await steps.getByRole("link", { name: "New asset" }).click();
 
     await fill(page, { Name: "Press line 3" });
     await page.getByLabel("Gear pair, for wear in µm").selectOption("shen2022");
@@ -33,7 +36,12 @@ export const CHECKS = empty && {
     });
     await page.getByRole("button", { name: "Create asset" }).click();
 
-    await page.getByRole("button", { name: "Add records…" }).first().click();
+    const waiting = page.locator("section.empty");
+    await waiting.getByText("drop WAV, FLAC, CSV").waitFor();
+    assert.ok(await waiting.locator("pre").isHidden());
+    await waiting.getByText("Or with the API").click();
+    await waiting.locator("pre", { hasText: "curl" }).waitFor();
+    await waiting.getByRole("button", { name: "Add records…" }).click();
     const files = (await readdir(folder))
       .filter((file) => file.endsWith(".wav"))
       .sort()

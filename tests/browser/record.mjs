@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import {
   asset,
+  createAsset,
   close,
   drawn,
   json,
@@ -10,6 +11,8 @@ import {
   overviewDrawn,
   parameters,
   recordShown,
+  removeAsset,
+  sendNoise,
   shownTime,
 } from "./page.mjs";
 
@@ -17,6 +20,38 @@ const selectedTime = (page) => page.locator(".record-bar h2").textContent();
 const readout = (page) => page.locator(".cursor-readout");
 
 export const CHECKS = {
+  "a bearing's lines are marked in the spectrum and the envelope of a record": async (name) => {
+    const orders = { bpfo: 3.1, bpfi: 4.9, bsf: 2.2, ftf: 0.38 };
+    const id = await createAsset("bearing", { bearings: [{ name: "drive_end", orders }] });
+    await sendNoise(id, 1);
+    const [{ shaft_speed: speed }] = (await json(`assets/${id}/segments`)).items;
+    const opened = await open(`#/assets/${id}`);
+    const { page } = opened;
+    await drawn(page, "envelope");
+    const bearing = page.getByRole("combobox", { name: "Bearing", exact: true });
+    assert.ok(await bearing.isHidden());
+    await page.getByLabel("Cursor of the envelope").selectOption("b");
+    // the asset's own bearing comes first
+    const expected = orders.bpfo * speed.shaft_speed_hz;
+    const table = '[data-plot="envelope"] .lines tbody tr';
+    const row = page.locator(table).filter({ has: page.getByText("BPFO", { exact: true }) });
+    await row.waitFor();
+    const cells = await row.locator("th, td").allTextContents();
+    assert.ok(Math.abs(cells[2] - expected) < 1e-3 * expected, `${cells}, expected ${expected} Hz`);
+    assert.equal(await bearing.locator("option:checked").textContent(), `${id}: drive_end`);
+    await page.getByLabel("Cursor", { exact: true }).selectOption("b");
+    await page.locator('[data-plot="spectrum"] .cursor-readout', { hasText: "BPFO" }).waitFor();
+    await close(opened, name);
+    await removeAsset(id);
+    // without a bearing of its own, an asset starts with a known one
+    const other = await open(`#/assets/${asset}?axis=orders`);
+    await drawn(other.page, "spectrum");
+    await other.page.getByLabel("Cursor", { exact: true }).selectOption("b");
+    await other.page.locator(".cursor-readout", { hasText: "6205" }).waitFor();
+    await other.page.locator(".bench-bearing", { hasText: "BPFO 3.5848" }).waitFor();
+    await close(other, `${name} in orders`);
+  },
+
   "a click on a record selects it, and the link restores it": async (name) => {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;

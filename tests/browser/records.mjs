@@ -72,6 +72,39 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "an uncertain speed is said in the table": async (name) => {
+    const id = await createAsset("doubted", {});
+    // a single tone at the mesh frequency, without harmonics
+    const samples = Array.from(
+      { length: 32_000 },
+      (_, n) => Math.sin((2 * Math.PI * 310 * n) / 4000) + 0.01 * Math.sin(n * n),
+    );
+    const body = {
+      start_time: "2026-03-01T08:00:00Z",
+      sample_rate_hz: 4000,
+      unit: "m/s2",
+      channel: "a1",
+      samples,
+    };
+    const sent = await fetch(`${base}/v1/assets/${id}/segments`, {
+      method: "POST",
+      headers: { "content-type": "application/json" },
+      body: JSON.stringify(body),
+    });
+    assert.equal(sent.status, 201);
+    const [{ shaft_speed: speed }] = (await json(`assets/${id}/segments`)).items;
+    assert.equal(speed.doubt?.reason, "few_harmonics", JSON.stringify(speed));
+    const opened = await open(`#/assets/${id}/records`);
+    const { page } = opened;
+    await settled(page, "1 to 1 of 1 record");
+    await rows(page)
+      .locator('[data-label="Shaft speed"]')
+      .getByText(`uncertain: ${speed.harmonics_found} of ${speed.harmonics_sought} mesh harmonics found`)
+      .waitFor();
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "many records are paged, and the order is reversed": async (name) => {
     const id = await createAsset("paged", {});
     const samples = Array.from({ length: 200 }, (_, n) => Math.sin(n * 0.49));

@@ -63,10 +63,18 @@ export const CHECKS = {
       .locator('[name="recommendation"]')
       .fill("Change the gears within two weeks.\nThen inspect the flanks.");
     await page.locator('[name="records"]').selectOption("true");
+    await page.locator(".verdict.danger", { hasText: "Danger: wear depth" }).waitFor();
+    await page.getByText("All times are in UTC.").waitFor();
+    for (const indicator of ["FM0", "FM4", "NA4"])
+      await page.getByLabel(indicator, { exact: true }).uncheck();
+    assert.ok(await page.getByLabel("Velocity RMS", { exact: true }).isChecked());
     await page.locator(".form button").click();
     await page.locator(".recommendation", { hasText: "Then inspect the flanks." }).waitFor();
     await page.locator(".signature", { hasText: "A. Analyst" }).waitFor();
     await page.getByText("Mill “North” & Sons").first().waitFor();
+    const headings = await page.locator("section h2").allTextContents();
+    assert.ok(headings.includes("Velocity RMS") && headings.includes("Kurtosis"), `${headings}`);
+    assert.ok(!headings.some((heading) => ["FM0", "FM4", "NA4"].includes(heading)), `${headings}`);
     const marked = await mark(page);
     const figures = marked.filter((kind) => kind.startsWith("FIGURE"));
     assert.ok(figures.length >= 4, `${figures.length} figures`);

@@ -143,6 +143,27 @@ export const CHECKS = {
     await close(opened, name);
   },
 
+  "empty bores have a default that follows from the teeth": async (name) => {
+    const id = `bores-${Date.now()}`;
+    const opened = await open("#/new");
+    const { page } = opened;
+    const { "Bore radius, driving (mm)": _, "Bore radius, driven (mm)": __, ...numbers } = NUMBERS;
+    const [driving, driven] = ["driving", "driven"].map((gear) => field(page, `Bore radius, ${gear} (mm)`));
+    await driving.getByText("Default: a third of the root radius.").waitFor();
+    await fill(page, { Name: id, ...numbers });
+    // root radii: half the teeth less 1.25, in modules
+    await driving.getByText("Default: a third of the root radius, 2.9 mm.").waitFor();
+    await driven.getByText("Default: a third of the root radius, 6.3 mm.").waitFor();
+    await page.locator(".measures li", { hasText: "Contact ratio" }).waitFor();
+    await fill(page, { "Bore radius, driven (mm)": "5" });
+    await shoot(page, name);
+    await page.getByRole("button", { name: "Create asset" }).click();
+    await page.getByText("Waiting for the first record").waitFor();
+    assert.deepEqual((await json(`assets/${id}`)).gear.pair.geometry.bore_radius_mm, [2.9, 5]);
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
   "an impossible value is reported at its field and drawn red": async (name) => {
     const opened = await open("#/new");
     const { page } = opened;

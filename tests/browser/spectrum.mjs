@@ -1,7 +1,7 @@
 // The spectrum at full resolution: cursor readings, zooms, and the table of lines.
 
 import assert from "node:assert/strict";
-import { asset, close, drawn, json, open } from "./page.mjs";
+import { asset, base, close, createAsset, drawn, json, open, parameters, removeAsset } from "./page.mjs";
 
 const readout = (page) => page.locator(".cursor-readout");
 const latest = async () => (await json(`assets/${asset}/wear`)).segment_id;
@@ -18,6 +18,26 @@ const rows = (page) =>
   page
     .locator('[data-plot="spectrum"] .lines tbody tr')
     .evaluateAll((list) => list.map((row) => [...row.children].map((cell) => cell.textContent)));
+
+/** Sends a record that is too long for its envelope spectrum to be drawn whole. */
+async function sendLong(id) {
+  const samples = Array.from(
+    { length: 80_000 },
+    (_, n) => (1 + 0.5 * Math.sin(n * 0.016)) * Math.sin(n * 1.3) + 0.2 * Math.sin(n * n),
+  );
+  const answer = await fetch(`${base}/v1/assets/${id}/segments`, {
+    method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify({
+      start_time: "2026-03-01T08:00:00Z",
+      sample_rate_hz: 4000,
+      unit: "m/s2",
+      channel: "a1",
+      samples,
+    }),
+  });
+  assert.equal(answer.status, 201, await answer.text());
+}
 
 export const CHECKS = {
   "a cursor reads every line of the spectrum": async (name) => {
@@ -72,6 +92,46 @@ export const CHECKS = {
     const near = (list) => list.filter((value) => value > 44 && value < 52).length;
     assert.equal(near(shown), near(order));
     await close(opened, name);
+  },
+
+  "a zoom of the envelope draws every line of its part": async (name) => {
+    const id = await createAsset("long", {});
+    const opened = await open(`#/assets/${id}`);
+    const { page } = opened;
+    await sendLong(id);
+    await drawn(page, "envelope");
+    const words = page.locator('[data-plot="envelope"] .plot-sub');
+    await words.getByText("reduced for display").waitFor();
+    const plane = page.locator('[data-plot="envelope"] .nsewdrag').first();
+    await plane.scrollIntoViewIfNeeded();
+    const area = await plane.boundingBox();
+    const [from, to] = [0.2, 0.3].map((share) => area.x + share * area.width);
+    const middle = area.y + 0.5 * area.height;
+    await page.mouse.move(from, middle);
+    await page.mouse.down();
+    await page.mouse.move(to, middle, { steps: 6 });
+    await page.mouse.up();
+    await page.waitForFunction(() => location.hash.includes("eband="));
+    await words.getByText("all drawn").waitFor();
+    const [low, high] = parameters(page).get("eband").split("~").map(Number);
+    const full = await whole((await json(`assets/${id}/segments`)).items[0].id, "envelope");
+    const inside = full.amplitude.filter(
+      (_, n) => full.frequency_hz[n] >= low && full.frequency_hz[n] <= high,
+    );
+    const within = () =>
+      page.evaluate(
+        ([low, high]) => {
+          const [{ x, y }] = document.querySelector('[data-plot="envelope"] .plot').data;
+          return Array.from(y).filter((_, n) => x[n] >= low && x[n] <= high);
+        },
+        [low, high],
+      );
+    assert.deepEqual(await within(), inside);
+    await page.reload();
+    await words.getByText("all drawn").waitFor();
+    assert.deepEqual(await within(), inside, "the link restores the zoom");
+    await close(opened, name);
+    await removeAsset(id);
   },
 
   "a table lists the mesh lines and their change since the baseline": async (name) => {

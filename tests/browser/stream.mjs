@@ -32,7 +32,7 @@ function samples(from, to) {
 }
 
 /** Sends a stream in real time until it is stopped. */
-async function sensor(id) {
+export async function sensor(id) {
   const query = `sample=f32&sample_rate_hz=${RATE}&channels=2&channel_names=in,out&unit=m/s2`;
   const began = Date.now();
   let [sent, sending] = [0, true];

@@ -62,6 +62,29 @@ export const CHECKS = {
     assert.deepEqual(opened.faults, []);
   },
 
+  "a bearing is chosen for the cursor over the waterfall": async (name) => {
+    const opened = await open(`#/assets/${asset}/waterfall?axis=orders&max=20`);
+    const { page } = opened;
+    await drawn(page, "waterfall");
+    const bearing = page.getByRole("combobox", { name: "Bearing", exact: true });
+    assert.ok(await bearing.isHidden(), "no choice without its cursor");
+    await page.locator("#waterfall-cursor").selectOption("b");
+    await bearing.selectOption("ZA2115");
+    // 16 rollers of 8.407 mm on 71.501 mm at 15.17°
+    const readout = page.locator(".cursor-readout");
+    await readout.getByText("ZA-2115").waitFor();
+    await page.locator(".bench-bearing", { hasText: "BPFO 7.092" }).waitFor();
+    assert.ok(await page.getByLabel("Shaft speed, Hz").isHidden(), "orders need no speed");
+    await bearing.selectOption("g");
+    await page.getByLabel("Rolling elements").fill("9");
+    await page.getByLabel("Roller diameter, mm").fill("7.94");
+    await page.getByLabel("Pitch diameter, mm").fill("39.04");
+    await page.getByLabel("Pitch diameter, mm").press("Enter");
+    await page.locator(".bench-bearing", { hasText: "BPFO 3.5848" }).waitFor();
+    assert.equal(parameters(page).get("ecursor"), null);
+    await close(opened, name);
+  },
+
   "the match shows features, flank and the mesh of the best state": async (name) => {
     const opened = await open(`#/assets/${asset}/match`);
     const { page } = opened;

@@ -11,7 +11,7 @@ import { EventsCard } from "./events-card.js";
 import { hindsightOf } from "./hindsight.js";
 import { fetchEvents } from "./life-events.js";
 import { MaintenanceDialog } from "./maintenance-dialog.js";
-import { lifeSubject } from "./plot-subjects.js";
+import { lifeOrigin, lifeSpan, lifeSubject } from "./plot-subjects.js";
 import { PlotCard } from "./plot-card.js";
 import { indicatorName } from "./format.js";
 import { namedBins, operatingBins } from "./operating-bins.js";
@@ -27,7 +27,7 @@ import { formatTime, timeOf, timeRange, wearDrawing, withoutEstimate } from "./w
 const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part", "gear"];
 
 /** Parameters that redraw at once from known data and then fetch the lines they need. */
-const DETAILED = ["zoom", "band", "cursor", "near"];
+const DETAILED = ["zoom", "band", "eband", "cursor", "ecursor", "bearing", "speed", "near"];
 
 /** The page of one asset. */
 export class AssetPage {
@@ -331,8 +331,9 @@ export class AssetPage {
     return this.#wear
       .show(
         () => wearDrawing(history, latest.limits, selected, revision, latest, events, zoomed, rule),
-        `${this.#id}-wear`,
+        `${this.#id}-wear-${lifeSpan(history.items)}`,
         () => lifeSubject(asset, history.channel, history.items),
+        () => lifeOrigin(asset, history.channel, history.items),
       )
       .then(() => this.#wearHandles.show(isShown ? 0 : null, this.#wearLevels.levels()));
   }
@@ -378,7 +379,12 @@ export class AssetPage {
       });
     const pane = panes.findIndex((each) => each.names.length === 1 && each.names[0] === this.#query.levels);
     return this.#trends
-      .show(drawing, `${this.#id}-trends`, () => lifeSubject(asset, indicators.channel, indicators.items))
+      .show(
+        drawing,
+        `${this.#id}-trends-${lifeSpan(indicators.items)}`,
+        () => lifeSubject(asset, indicators.channel, indicators.items),
+        () => lifeOrigin(asset, indicators.channel, indicators.items),
+      )
       .then(() => this.#handles.show(pane < 0 ? null : pane, this.#levels.levels()));
   }
 
@@ -410,10 +416,20 @@ export class AssetPage {
       h(
         "p",
         {},
-        "Send vibration records taken while the gears are healthy. They form the baseline for all later records.",
+        "Add vibration records taken while the gears are healthy. They form the baseline for all later records.",
       ),
-      h("pre", { tabindex: "0" }, h("code", {}, example)),
-      h("button", { type: "button", onclick: () => this.#dialog.open() }, "Add records…"),
+      h(
+        "p",
+        {},
+        h("button", { type: "button", class: "primary", onclick: () => this.#dialog.open() }, "Add records…"),
+        " or drop WAV, FLAC, CSV, MATLAB, NumPy or MCAP files anywhere on this page.",
+      ),
+      h(
+        "details",
+        {},
+        h("summary", {}, "Or with the API"),
+        h("pre", { tabindex: "0" }, h("code", {}, example)),
+      ),
     );
   }
 

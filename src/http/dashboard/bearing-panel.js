@@ -1,5 +1,4 @@
-// Selects the bearing whose lines are marked on the bench: one of an asset, a known one, or a custom
-// geometry.
+// Selects the bearing whose lines a cursor marks: one of an asset, a known one, or a custom geometry.
 
 import {
   BEARING_LINES,
@@ -23,6 +22,18 @@ const FIRST = { elements: 9, roller: 7.94, pitch: 39.04, contact: 0 };
 
 const option = (value, text) => h("option", { value }, text);
 
+/** The bearings of assets, each `[value, text]`. */
+const ownBearings = (assets) =>
+  assets.flatMap((asset) =>
+    Object.entries(asset.summary?.bearing_orders ?? {}).map(([name, orders]) => [
+      formatOrders(`${asset.id} ${name}`, orders),
+      `${asset.id}: ${name}`,
+    ]),
+  );
+
+/** The first bearing of an asset as an address has it; undefined without one. */
+export const firstBearing = (asset) => ownBearings([asset])[0]?.[0];
+
 /** The selection of a bearing and its shaft speed, kept in the address. */
 export class BearingPanel {
   #bearing = h("select", { id: "bench-bearing", onchange: () => this.#choose(this.#bearing.value) });
@@ -44,21 +55,20 @@ export class BearingPanel {
   #fault = h("p", { class: "result", "data-kind": "bad", role: "status" });
   #orders = h("p", { class: "muted" });
   #options = "";
+  #cursors;
+  #speedField;
   element;
 
-  constructor() {
+  /** `cursors` are the address parameters of the cursors that show the lines. */
+  constructor(cursors = ["cursor", "ecursor"]) {
+    this.#cursors = cursors;
     const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
+    this.#speedField = field(this.#speed, "Shaft speed, Hz");
     this.#geometry.append(...FIELDS.map(([key, text]) => field(this.#inputs.get(key), text)));
     this.element = h(
       "div",
       { class: "bench-bearing" },
-      h(
-        "div",
-        { class: "bench-fields" },
-        field(this.#bearing, "Bearing"),
-        field(this.#speed, "Shaft speed, Hz"),
-        this.#geometry,
-      ),
+      h("div", { class: "bench-fields" }, field(this.#bearing, "Bearing"), this.#speedField, this.#geometry),
       this.#fault,
       this.#orders,
     );
@@ -67,9 +77,10 @@ export class BearingPanel {
   /** Selecting a bearing shows its lines, unless another cursor is shown. */
   #choose(value) {
     const bearing = value === "g" ? formatGeometry(FIRST) : value;
-    const { cursor, ecursor } = parse(location.hash).query;
+    const { query } = parse(location.hash);
     const shown = (kind) => (bearing ? kind || "b" : kind === "b" ? null : kind);
-    change({ bearing, cursor: shown(cursor), ecursor: shown(ecursor) }, { quiet: true });
+    const cursors = this.#cursors.map((name) => [name, shown(query[name])]);
+    change({ bearing, ...Object.fromEntries(cursors) }, { quiet: true });
   }
 
   #describe() {
@@ -82,12 +93,7 @@ export class BearingPanel {
   }
 
   #offer(assets, chosen) {
-    const own = assets.flatMap((asset) =>
-      Object.entries(asset.summary?.bearing_orders ?? {}).map(([name, orders]) => [
-        formatOrders(`${asset.id} ${name}`, orders),
-        `${asset.id}: ${name}`,
-      ]),
-    );
+    const own = ownBearings(assets);
     const kept = parseBearing(chosen);
     // from a link whose asset has changed or is not on the bench
     if (kept?.key.startsWith("o~") && !own.some(([value]) => value === chosen)) own.push([chosen, kept.name]);
@@ -115,9 +121,10 @@ export class BearingPanel {
 
   /**
    * Updates from the address; `assets` are those of the records, `shaft` is the first record's shaft speed in
-   * Hz.
+   * Hz, null where lines are over orders and need none.
    */
   show(query, assets, shaft) {
+    this.#speedField.hidden = shaft === null;
     this.#offer(assets, query.bearing);
     const bearing = parseBearing(query.bearing);
     this.#bearing.value = bearing?.key ?? "";
@@ -127,13 +134,13 @@ export class BearingPanel {
     if (bearing?.geometry)
       for (const [key, input] of this.#inputs)
         if (document.activeElement !== input) input.value = String(bearing.geometry[key]);
-    const speed = Number(query.speed) || shaft;
+    const speed = shaft === null ? null : Number(query.speed) || shaft;
     const line = ([key, name]) =>
       `${name} ${number(bearing.orders[key], 5)} ×${speed ? ` = ${hertz(bearing.orders[key] * speed)}` : ""}`;
     setText(
       this.#orders,
       bearing
-        ? `${BEARING_LINES.map(line).join(", ")}. Outer race fixed, no slip.${speed ? "" : " Enter the shaft speed: no record has one."}`
+        ? `${BEARING_LINES.map(line).join(", ")}. Outer race fixed, no slip.${speed || shaft === null ? "" : " Enter the shaft speed: no record has one."}`
         : "",
     );
   }

@@ -1,18 +1,17 @@
 // The plots of the bench: each overlays all records in the selected quantity and scale.
 
 import { referenceWords } from "./amplitude-scale.js";
-import { BENCH_PANES, benchPanes, CursorChoice } from "./bench-tools.js";
-import { CursorLayer } from "./cursor.js";
-import { cursorLines, cursorOf, formatCursor } from "./cursor-lines.js";
+import { BENCH_PANES, benchPanes } from "./bench-tools.js";
+import { cursorOf } from "./cursor-lines.js";
+import { withCursor } from "./cursor-picture.js";
 import { thinned } from "./fine-lines.js";
 import { number } from "./format.js";
 import { GearChoice } from "./gear-choice.js";
-import { LineTable } from "./line-table.js";
 import { PeakList } from "./peak-list.js";
 import { PlotCard } from "./plot-card.js";
-import { onRangeChange, palette, verticalLine } from "./plots.js";
+import { onRangeChange, palette } from "./plots.js";
 import { formatPart, partOf } from "./record-panes.js";
-import { change } from "./route.js";
+import { SpectrumAids } from "./spectrum-aids.js";
 import { conversionWords, converted, quantityOf } from "./spectrum-quantity.js";
 
 const DRAWN = 6000; // points of a part, more than any screen has columns
@@ -22,70 +21,6 @@ const SPECTRA = {
   spectrum: { part: "band", cursor: "cursor" },
   envelope: { part: "eband", cursor: "ecursor" },
 };
-
-/** The cursor of a spectrum and the fine lines that it reads. */
-class SpectrumAids {
-  #names;
-  #card;
-  #choice;
-  #layer;
-  table = new LineTable();
-
-  constructor(card, names) {
-    [this.#card, this.#names] = [card, names];
-    this.#choice = new CursorChoice(names.cursor, names.part);
-    card.tools.append(this.#choice.element);
-    this.#layer = new CursorLayer(card, (cursor) =>
-      change({ [names.cursor]: formatCursor(cursor) }, { quiet: true }),
-    );
-    card.frame.before(this.#layer.readout);
-    card.element.append(this.table.element);
-  }
-
-  show(query, layers) {
-    const [first, ...others] = layers;
-    const cursor = first ? cursorOf(query, first.data, this.#names.cursor) : null;
-    this.#choice.show(query, first?.data);
-    this.#layer.show(cursor, first?.data);
-    const further = {
-      first,
-      layers: others,
-      cursors: others.map(({ data }) => cursorOf(query, data, this.#names.cursor) ?? cursor),
-    };
-    // the spectrum marks the mesh lines itself
-    const marked = cursor || this.#names.cursor === "cursor" ? first?.data : null;
-    this.table.show(marked, cursor, { sidebands: false, zoom: "" }, further);
-  }
-}
-
-/** Adds a cursor's lines to a drawing; on the page they are an overlay instead. */
-function withCursor(drawing, cursor, end) {
-  if (!cursor) return drawing;
-  const { "series-4": ink, surface } = palette();
-  const lines = cursorLines(cursor, end);
-  const { shapes = [], annotations = [] } = drawing.layout;
-  return {
-    ...drawing,
-    layout: {
-      ...drawing.layout,
-      shapes: [...shapes, ...lines.map(({ x }) => verticalLine(x, ink))],
-      annotations: [
-        ...annotations,
-        ...lines.map(({ x, label: text }) => ({
-          x,
-          yref: "paper",
-          y: 0,
-          yanchor: "bottom",
-          xanchor: "left",
-          text,
-          showarrow: false,
-          bgcolor: surface,
-          font: { color: ink, size: 10 },
-        })),
-      ],
-    },
-  };
-}
 
 /** All plots of the bench; `onRange(parameters)` receives the address parameters of a dragged-out range. */
 export class BenchPlots {
@@ -176,6 +111,7 @@ export class BenchPlots {
       (isPicture) => (isPicture ? withCursor(make(), cursor, end) : make()),
       `bench-${key}-${whole[0].name}`,
       () => (usable.length > 1 ? `${usable.length} records overlaid` : usable[0].name),
+      () => usable.map(({ name, segment }) => ["Record", `${name}, recorded in ${segment.unit}`]),
     );
     if (typeof drawing === "string") return;
     this.#aids.get(key)?.show(query, whole);

@@ -5,7 +5,7 @@ import { h } from "./dom.js";
 import { PANES } from "./record-panes.js";
 import { change, parse } from "./route.js";
 import { CUT_OFFS, QUANTITIES, quantityOf } from "./spectrum-quantity.js";
-import { firstCursor } from "./spectrum-tools.js";
+import { FIRST_BEARING, firstCursor } from "./spectrum-tools.js";
 
 /** The views available for records of several machines. */
 export const BENCH_PANES = PANES.filter(({ key }) => key !== "posterior");
@@ -102,6 +102,7 @@ export class CursorChoice {
   #part;
   #spectrum;
   #select;
+  #own;
   element;
 
   /** `part` is the address parameter of the displayed part; null when the cursor does not set it. */
@@ -109,7 +110,11 @@ export class CursorChoice {
     [this.#parameter, this.#part] = [parameter, part];
     this.#select = h(
       "select",
-      { id, "aria-label": "Cursor", onchange: () => this.#place(this.#select.value) },
+      {
+        id,
+        "aria-label": parameter === "ecursor" ? "Cursor of the envelope" : "Cursor",
+        onchange: () => this.#place(this.#select.value),
+      },
       [
         ["", "No cursor"],
         ["h", "Harmonics"],
@@ -123,7 +128,10 @@ export class CursorChoice {
   #place(kind) {
     const { query } = parse(location.hash);
     if (kind === "b")
-      return change({ [this.#parameter]: kind, bearing: query.bearing || "6205" }, { quiet: true });
+      return change(
+        { [this.#parameter]: kind, bearing: query.bearing || this.#own || FIRST_BEARING },
+        { quiet: true },
+      );
     const first = firstCursor(kind, this.#spectrum, { band: query[this.#part], zoom: "" });
     // around the mesh line when the whole spectrum is shown: sidebands are too close together there
     const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft } = this.#spectrum;
@@ -138,9 +146,9 @@ export class CursorChoice {
     change({ [this.#parameter]: first.cursor, ...near }, { quiet: true });
   }
 
-  /** Updates from the address and the first spectrum. */
-  show(query, spectrum) {
-    this.#spectrum = spectrum;
+  /** Updates from the address and the first spectrum; `own` is the bearing to start with, if any. */
+  show(query, spectrum, own) {
+    [this.#spectrum, this.#own] = [spectrum, own];
     this.#select.value = (query[this.#parameter] ?? "").slice(0, 1);
     this.#select.disabled = !spectrum;
   }

@@ -27,7 +27,9 @@ export function parseCursor(text) {
 export function cursorOf(query, spectrum, parameter = "cursor") {
   if (query[parameter] !== "b") return parseCursor(query[parameter]);
   const bearing = parseBearing(query.bearing);
-  const speed = Number(query.speed) / (spectrum.hertz_per_unit ?? 1);
+  // over orders, a speed in Hz counts only where the speed of the record is known
+  const hertz = spectrum.hertz_per_unit ?? (spectrum.axis ? NaN : 1);
+  const speed = Number(query.speed) / hertz;
   const base = speed > 0 ? speed : spectrum.shaft_speed_hz;
   return bearing && base ? { kind: "b", base, orders: bearing.orders, name: bearing.name } : null;
 }

@@ -36,7 +36,7 @@ export function firstSteps() {
     h(
       "p",
       {},
-      "An asset is one gear mesh seen by one or more accelerometers. Create one, then send it vibration records. The first 20 records, taken while the gears are healthy, form the baseline.",
+      "An asset is one gear mesh seen by one or more accelerometers. Create one, then add vibration records. The first 20 records, taken while the gears are healthy, form the baseline.",
     ),
     h(
       "ol",
@@ -51,15 +51,40 @@ export function firstSteps() {
           h("a", { class: "button primary", href: "#/new" }, "New asset"),
           " shows the gear pair and a preview as you type.",
         ),
-        command(h("span", {}, "Or with the API:"), asset),
       ),
-      h("li", {}, command(h("h3", {}, "Send a vibration record"), record)),
-      h("li", {}, command(h("h3", {}, "Or watch a simulated gear wear out"), "flankwatch demo")),
+      h(
+        "li",
+        {},
+        h("h3", {}, "Add records"),
+        h(
+          "p",
+          {},
+          "Choose “Add records…” on its page, or drop WAV, FLAC, CSV, MATLAB, NumPy or MCAP files there. Each file is shown before it is uploaded.",
+        ),
+      ),
+      h(
+        "li",
+        {},
+        h("h3", {}, "Read the wear"),
+        h(
+          "p",
+          {},
+          "After the baseline, each record has indicators, and with a gear pair a wear depth in µm.",
+        ),
+      ),
     ),
     h(
-      "p",
-      { class: "muted" },
-      "Teeth: driving gear, then driven gear. Shaft speed: driving shaft, in Hz. A wear estimate in µm also needs the gear pair (gear.pair); without it, only indicators are computed. This page shows the asset as soon as it exists.",
+      "details",
+      { class: "first-commands" },
+      h("summary", {}, "Or with the API, or with a simulated gear"),
+      command(h("h3", {}, "Create an asset"), asset),
+      command(h("h3", {}, "Send a vibration record"), record),
+      command(h("h3", {}, "Watch a simulated gear wear out"), "flankwatch demo"),
+      h(
+        "p",
+        { class: "muted" },
+        "Teeth: driving gear, then driven gear. Shaft speed: driving shaft, in Hz. A wear estimate in µm also needs the gear pair (gear.pair); without it, only indicators are computed. This page shows the asset as soon as it exists.",
+      ),
     ),
   );
 }

@@ -109,6 +109,7 @@ export class ImportDesk {
           this.#asset,
           () => this.#common(),
           (card) => this.#remove(card),
+          () => this.#compare(),
         ),
     );
     this.#files.push(...cards);
@@ -120,13 +121,24 @@ export class ImportDesk {
 
   async #lookAgain() {
     const depend = ["text/csv", "application/x-matlab-data", "application/x-npy"];
-    for (const card of this.#files.filter(({ seen }) => depend.includes(seen?.type))) await card.look();
+    for (const card of this.#files.filter(({ seen }) => !seen || depend.includes(seen.type)))
+      await card.look();
   }
 
   #remove(card) {
     this.#files = this.#files.filter((other) => other !== card);
     card.element.remove();
     this.#offer();
+    this.#compare();
+  }
+
+  /** Marks the files whose records would have the same start and channel. */
+  #compare() {
+    const places = this.#files.map((card) => new Set(card.places()));
+    for (const [n, card] of this.#files.entries()) {
+      const twins = this.#files.filter((_, m) => m !== n && !places[n].isDisjointFrom(places[m]));
+      card.showTwins(twins.map(({ file }) => file.name));
+    }
   }
 
   #offer() {

@@ -8,6 +8,7 @@ import { sketch } from "./sketch.js";
 
 const MAX_TOPICS = 6;
 const MAX_CHANNELS = 16; // with fields of their own
+const OWN_NAMES = ["application/json", "application/x-protobuf", "application/mcap"]; // these name channel and unit themselves
 
 function length(seconds) {
   return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
@@ -30,8 +31,8 @@ function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summar
 }
 
 /**
- * The card of a file. `common()` returns the values for all files; `onChange` is called when the file is
- * removed.
+ * The card of a file. `common()` returns the values for all files; `onRemove` is called when the file is
+ * removed, `onChange` when its start times or channels change.
  */
 export class ImportFile {
   file;
@@ -50,11 +51,13 @@ export class ImportFile {
   #body = h("div", { class: "file-channels" });
   #columns = h("div", { class: "file-columns", hidden: true });
   #collision = h("p", { class: "result", "data-kind": "part", hidden: true });
+  #twins = h("p", { class: "result", "data-kind": "part", hidden: true });
+  #onChange;
   #time = h("div", { class: "file-start" });
   element;
 
-  constructor(file, asset, common, onRemove) {
-    [this.file, this.#asset, this.#common] = [file, asset, common];
+  constructor(file, asset, common, onRemove, onChange) {
+    [this.file, this.#asset, this.#common, this.#onChange] = [file, asset, common, onChange];
     const remove = h(
       "button",
       {
@@ -84,6 +87,7 @@ export class ImportFile {
         this.#columns,
         this.#body,
         this.#collision,
+        this.#twins,
       ),
     );
   }
@@ -103,6 +107,7 @@ export class ImportFile {
     this.#showStart();
     this.#showColumns();
     this.#showChannels();
+    this.#onChange();
     await this.#lookForCollision();
   }
 
@@ -136,6 +141,7 @@ export class ImportFile {
   #typeStart() {
     this.#typed = true;
     setText(this.#startWords, "entered");
+    this.#onChange();
     this.#lookForCollision();
   }
 
@@ -174,7 +180,7 @@ export class ImportFile {
     const { channels, head, type } = this.seen;
     const kept = this.#fields.map(({ name, unit: own }) => [name.value, own?.value]);
     this.#fields = [];
-    const isOwn = ["application/json", "application/x-protobuf", "application/mcap"].includes(type); // these name channel and unit themselves
+    const isOwn = OWN_NAMES.includes(type);
     const rows = channels.slice(0, MAX_CHANNELS).map((channel, n) => {
       const label = channel.name || `channel ${n + 1}`;
       const drawn = channel.sketch && sketch(channel.sketch, `${label} of ${this.file.name}`);
@@ -201,6 +207,7 @@ export class ImportFile {
         placeholder: channels.length > 1 || type === "text/csv" ? channel.name : "default channel",
         "aria-label": `Name of ${label} of ${this.file.name}`,
         size: 8,
+        onchange: () => this.#onChange(),
       });
       const own =
         type === "text/csv" || (type === "audio/wav" && channels.length > 1)
@@ -239,18 +246,52 @@ export class ImportFile {
     setChildren(this.#body, rows, more, scale, topics(this.seen.summary));
   }
 
+  /** The start times that are known: those of the file, or the first record of each of its channels. */
+  #starts() {
+    const { ownStart, channels } = this.seen;
+    const own = [this.start() ?? ownStart, ...channels.map(({ start }) => start)];
+    return [...new Set(own.filter(Boolean).map((start) => new Date(start).toISOString()))];
+  }
+
   /** Warns when there already is a record with the same start. */
   async #lookForCollision() {
-    const start = this.start() ?? this.seen.ownStart;
+    const starts = this.#starts();
     this.#collision.hidden = true;
-    if (!start) return;
-    const there = await recordsAt(this.#asset, start).catch(() => []);
-    if (there.length === 0 || start !== (this.start() ?? this.seen.ownStart)) return;
-    const channels = there.map(({ channel }) => channel).join(", ");
+    const there = (
+      await Promise.all(starts.map((start) => recordsAt(this.#asset, start).catch(() => [])))
+    ).flat();
+    if (there.length === 0 || String(starts) !== String(this.#starts())) return;
+    const channels = [...new Set(there.map(({ channel }) => channel))].join(", ");
+    const which = this.seen.type === "application/mcap" ? "the start of its first record" : "this start";
     this.#collision.hidden = false;
     setText(
       this.#collision,
-      `A record with this start already exists on channel ${channels}. Identical samples are detected as a repeat; different ones are stored as well.`,
+      `A record with ${which} already exists on channel ${channels}. Identical samples are detected as a repeat; different ones are stored as well.`,
+    );
+  }
+
+  /** The known starts and channels of the file's records, each as one text. */
+  places() {
+    if (!this.seen?.type) return [];
+    const own = this.start() ?? this.seen.ownStart;
+    const isNamed = OWN_NAMES.includes(this.seen.type);
+    return this.seen.channels.flatMap(({ name, start }, n) => {
+      const time = own ?? start;
+      // a single channel without a name is the default channel in every file
+      const standing = isNamed ? name : this.seen.channels.length > 1 ? String(name || n + 1) : "";
+      const channel = this.#fields[n]?.name.value.trim() || standing;
+      return time ? [`${new Date(time).toISOString()} ${channel}`] : [];
+    });
+  }
+
+  /** Warns that other files of the same import have the same start and channel. */
+  showTwins(names) {
+    this.#twins.hidden = names.length === 0;
+    setText(
+      this.#twins,
+      names.length
+        ? `Same start and channel as ${names.join(", ")} in this import. Identical samples are detected as a repeat; different ones are stored as well.`
+        : "",
     );
   }
 

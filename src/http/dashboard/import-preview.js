@@ -110,8 +110,9 @@ async function ofCsv(file, rate, roles) {
 
 /** The channels of a recording previewed by the service. */
 function seenChannels({ channels }, whole) {
-  return channels.map(({ channel, unit, envelope }) => ({
+  return channels.map(({ channel, unit, envelope, start_time: start }) => ({
     name: channel,
+    start,
     unit: unit ?? "",
     sketch: envelope.length ? { columns: envelope, whole } : null,
   }));

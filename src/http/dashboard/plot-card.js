@@ -21,13 +21,14 @@ export class PlotCard {
   #make;
   #frame;
   #subject;
+  #facts;
   #csv = h(
     "button",
     {
       type: "button",
       class: "quiet save",
       title: "Save the data as CSV",
-      onclick: () => saveCsv(this.#table(), this.#filename),
+      onclick: () => saveCsv(this.#table(), this.#filename, this.#factLines()),
     },
     "CSV",
   );
@@ -61,6 +62,10 @@ export class PlotCard {
     );
   }
 
+  #factLines() {
+    return [["Plot", this.#title.textContent], ...(this.#facts?.() ?? [["Subject", this.#subject()]])];
+  }
+
   #savePicture() {
     return inLight(() => {
       const drawing = this.#make(true);
@@ -77,10 +82,11 @@ export class PlotCard {
   /**
    * Draws what `make` returns: `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`, or a
    * text when there is nothing to draw; returns it. `make(true)` is called again for a picture, in the light
-   * theme. `filename` is used for saved pictures and tables; `subject` returns the caption of a picture.
+   * theme. `filename` is used for saved pictures and tables; `subject` returns the caption of a picture, `facts`
+   * the lines before a table, each `[name, value]`, by default the caption.
    * Drawings with the same `frame` differ only in their last trace.
    */
-  async show(make, filename, subject) {
+  async show(make, filename, subject, facts) {
     const drawing = make(false);
     if (typeof drawing === "string") {
       this.showNotice(drawing);
@@ -88,6 +94,7 @@ export class PlotCard {
     }
     this.#make = make;
     this.#subject = subject;
+    this.#facts = facts;
     if (drawing.title) setText(this.#title, drawing.title);
     setText(this.#sub, drawing.sub ?? "");
     setChildren(this.#legend, legend(drawing.legend ?? []));

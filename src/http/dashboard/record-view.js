@@ -1,21 +1,32 @@
 // One record: its time, indicators and views. Follows the page's selection.
 
+import { BearingPanel, firstBearing } from "./bearing-panel.js";
 import { compareOnBench } from "./bench-records.js";
 import { compared } from "./comparison.js";
 import { CursorLayer } from "./cursor.js";
-import { formatCursor, parseCursor } from "./cursor-lines.js";
+import { cursorOf, formatCursor } from "./cursor-lines.js";
+import { withCursor } from "./cursor-picture.js";
 import { h, setChildren, setText } from "./dom.js";
 import { clock } from "./format.js";
 import { selectedAndPinned } from "./layers.js";
 import { LineTable } from "./line-table.js";
-import { recordSubject } from "./plot-subjects.js";
+import { recordOrigin, recordSubject } from "./plot-subjects.js";
 import { PlotCard } from "./plot-card.js";
 import { onRangeChange } from "./plots.js";
 import { pinnedWords, recordFacts, recordWords } from "./record-facts.js";
 import { GearChoice } from "./gear-choice.js";
 import { formatPart, PANES, partOf, shownPanes } from "./record-panes.js";
 import { change, parse } from "./route.js";
+import { SpectrumAids } from "./spectrum-aids.js";
 import { SpectrumTools } from "./spectrum-tools.js";
+
+const isUsable = (spectrum) =>
+  Boolean(spectrum) && !(spectrum instanceof Error) && spectrum.frequency_hz.length > 0;
+const endOf = (spectrum) => spectrum.frequency_hz.at(-1);
+
+/** The cursor of an address over a spectrum, which may be missing or an error; null for none. */
+const cursorIn = (spectrum, query, parameter = "cursor") =>
+  isUsable(spectrum) ? cursorOf(query, spectrum, parameter) : null;
 
 /** The record section of an asset's page. */
 export class RecordView {
@@ -46,7 +57,7 @@ export class RecordView {
     {
       id: "envelope-range",
       "aria-label": "Part of the envelope spectrum",
-      onchange: () => change({ near: this.#near.value }, { quiet: true }),
+      onchange: () => change({ near: this.#near.value, eband: null }, { quiet: true }),
     },
     [
       ["", "Whole band"],
@@ -55,6 +66,8 @@ export class RecordView {
   );
   #gear = new GearChoice();
   #cursor;
+  #bearing = new BearingPanel();
+  #envelopeAids;
   #lines = new LineTable();
   #onRange;
   elements;
@@ -71,7 +84,9 @@ export class RecordView {
     );
     spectrum.frame.before(this.#cursor.readout);
     spectrum.element.append(this.#lines.element);
-    this.#cards.get("envelope").tools.append(this.#near);
+    const envelope = this.#cards.get("envelope");
+    envelope.tools.append(this.#near);
+    this.#envelopeAids = new SpectrumAids(envelope, { cursor: "ecursor", part: "eband" });
     this.#cards.get("turn").tools.append(this.#gear.element);
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Views" });
     for (const { key, label } of PANES) {
@@ -97,6 +112,7 @@ export class RecordView {
       this.#pinnedWords,
       this.#values,
       chips,
+      this.#bearing.element,
     );
     const shown = shownPanes(parse(location.hash).query);
     for (const [key, card] of this.#cards) card.element.hidden = !shown.includes(key);
@@ -148,9 +164,10 @@ export class RecordView {
     this.#near.value = query.near === "1" ? "1" : "";
     this.#gear.show(query, asset.gear?.teeth);
     const view = {
-      ...this.#tools.update(panes.spectrum, query),
+      ...this.#tools.update(panes.spectrum, query, firstBearing(asset)),
       near: query.near === "1",
       part: partOf(query.band),
+      envelopePart: partOf(query.eband),
     };
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
     for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
@@ -170,17 +187,29 @@ export class RecordView {
         this.#draw(pane, panes[pane.key], others?.[pane.key], context),
       ),
     );
-    const spectrum = panes.spectrum;
-    const cursor = spectrum && !(spectrum instanceof Error) ? parseCursor(query.cursor) : null;
+    const { spectrum } = panes;
+    const cursor = cursorIn(spectrum, query);
     this.#cursor.show(cursor, spectrum);
     this.#lines.show(segment instanceof Error ? null : spectrum, cursor, view);
+    this.#showBearing(panes, segment, asset, query);
     for (const [key, parameter] of [
       ["waveform", "part"],
       ["spectrum", "band"],
+      ["envelope", "eband"],
     ]) {
       onRangeChange(this.#cards.get(key).plot, (range) => this.#onRange({ [parameter]: formatPart(range) }));
     }
     this.busy(false);
+  }
+
+  /** The bearing that a cursor marks, and the cursor of the envelope. */
+  #showBearing({ spectrum, envelope }, segment, asset, query) {
+    const usable = isUsable(envelope) && !(segment instanceof Error);
+    const layers = usable ? [{ data: envelope, colour: "", name: "", pointed: "", prefix: "" }] : [];
+    this.#envelopeAids.show(query, layers, firstBearing(asset));
+    this.#bearing.element.hidden = query.cursor !== "b" && query.ecursor !== "b";
+    const inOrders = spectrum?.axis && query.ecursor !== "b";
+    this.#bearing.show(query, [asset], inOrders ? null : segment.shaft_speed?.shaft_speed_hz);
   }
 
   /** @param {(typeof PANES)[number]} pane */
@@ -194,8 +223,14 @@ export class RecordView {
       const drawing = draw(selectedAndPinned(data, other), context);
       return drawing.others?.length && pinned.start_time ? compared(drawing, segment, pinned) : drawing;
     };
-    return card.show(make, `${context.asset.id}-${key}-${segment.start_time}`, () =>
-      recordSubject(segment, context.asset),
+    const parameter = { spectrum: "cursor", envelope: "ecursor" }[key];
+    const cursor = parameter ? cursorIn(data, this.#query, parameter) : null;
+    const shown = (isPicture) => (isPicture && cursor ? withCursor(make(), cursor, endOf(data)) : make());
+    return card.show(
+      shown,
+      `${context.asset.id}-${key}-${segment.start_time}`,
+      () => recordSubject(segment, context.asset),
+      () => recordOrigin(segment, context.asset, other && pinned),
     );
   }
 

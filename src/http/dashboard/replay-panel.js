@@ -10,23 +10,27 @@ const PACES = [
   ["realtime", "real time"],
 ];
 
+const MOST = 1000; // files that the service lists
+const BY_NAME = ""; // the choice of a file that is not listed
+
 /** The replay section of the dialog. */
 export class ReplayPanel {
   #assetId;
-  #file = h("input", {
-    id: "replay-file",
-    required: true,
-    placeholder: "run.mcap",
-    autocomplete: "off",
-    list: "replay-files",
-  });
-  #files = h("datalist", { id: "replay-files" });
+  #file = h("select", { id: "replay-file", required: true, onchange: () => this.#choose() });
+  #name = h("input", { id: "replay-name", placeholder: "run.mcap", autocomplete: "off" });
+  #named = h(
+    "label",
+    { class: "field", for: "replay-name", hidden: true },
+    h("span", {}, "Name in the replay folder"),
+    this.#name,
+  );
   #empty = h("p", { class: "muted", hidden: true }, "The replay folder contains no recordings.");
   #pace = h(
     "select",
     { id: "replay-pace" },
     PACES.map(([value, label]) => h("option", { value }, label)),
   );
+  #startButton = h("button", { type: "submit" }, "Start replay");
   #error = h("p", { class: "result", "data-kind": "bad", role: "status", hidden: true });
   #list = h("ul", { class: "replays" });
   #shown;
@@ -42,10 +46,10 @@ export class ReplayPanel {
         { class: "field", for: "replay-file" },
         h("span", {}, "File in the replay folder"),
         this.#file,
-        this.#files,
       ),
+      this.#named,
       h("label", { class: "field", for: "replay-pace" }, h("span", {}, "Pace"), this.#pace),
-      h("button", { type: "submit" }, "Start replay"),
+      this.#startButton,
     );
     this.element = h(
       "section",
@@ -59,22 +63,33 @@ export class ReplayPanel {
     this.#listFiles();
   }
 
-  /** The available files; without an answer, a name can still be entered. */
+  /** Lists the available files. A name can be entered only when some may be missing from the list. */
   async #listFiles() {
     const answer = await replayFiles().catch(() => null);
-    if (!answer) return;
-    this.#empty.hidden = answer.items.length > 0;
+    const items = answer?.items ?? [];
+    const isWhole = answer && items.length < MOST;
+    const chosen = this.#file.value;
+    this.#empty.hidden = !answer || items.length > 0;
+    this.#file.disabled = this.#startButton.disabled = isWhole && items.length === 0;
     setChildren(
-      this.#files,
-      answer.items.map(({ file, bytes: size }) => h("option", { value: file }, `${file}, ${bytes(size)}`)),
+      this.#file,
+      items.map(({ file, bytes: size }) => h("option", { value: file }, `${file}, ${bytes(size)}`)),
+      isWhole ? null : h("option", { value: BY_NAME }, "Another file, by name…"),
     );
+    if (items.some(({ file }) => file === chosen)) this.#file.value = chosen;
+    this.#choose();
+  }
+
+  #choose() {
+    const isNamed = this.#file.value === BY_NAME;
+    this.#named.hidden = !isNamed;
+    this.#name.required = isNamed;
   }
 
   async #start(event) {
     event.preventDefault();
-    await this.#try(() =>
-      startReplay({ asset: this.#assetId, file: this.#file.value.trim(), pace: this.#pace.value }),
-    );
+    const file = this.#file.value === BY_NAME ? this.#name.value.trim() : this.#file.value;
+    await this.#try(() => startReplay({ asset: this.#assetId, file, pace: this.#pace.value }));
   }
 
   async #try(action) {

@@ -1,14 +1,15 @@
 // The fields of the asset form: path in the description, label, unit, and the default when empty.
 
+import { usualBore } from "./setup-derived.js";
 import { RARE_OF_BEARINGS, RARE_OF_PAIR, RARE_OF_SENSOR } from "./setup-rare-fields.js";
 
 /** Fields of the gear pair; hidden when there is none. */
 const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
 
 /**
- * Groups of fields, each `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault? }`.
+ * Groups of fields, each `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault?, derived? }`.
  * `factor` converts the entered unit to the description's; `pairDefault` is sent when only the other gear has
- * a value. Fields in `more` and `rare` are folded away.
+ * a value, `derived(spec)` when the field is empty; `derivedFrom` says what that follows from. Fields in `more` and `rare` are folded away.
  * @type {any[]}
  */
 export const SETUP_GROUPS = [
@@ -94,13 +95,15 @@ export const SETUP_GROUPS = [
           path: "gear.pair.geometry.bore_radius_mm.0",
           label: "Bore radius, driving",
           unit: "mm",
-          needed: true,
+          derived: (spec) => usualBore(spec, 0),
+          derivedFrom: "a third of the root radius",
         },
         {
           path: "gear.pair.geometry.bore_radius_mm.1",
           label: "Bore radius, driven",
           unit: "mm",
-          needed: true,
+          derived: (spec) => usualBore(spec, 1),
+          derivedFrom: "a third of the root radius",
         },
         {
           path: "gear.pair.geometry.centre_distance_mm",

@@ -15,6 +15,9 @@ class FieldInput {
   element;
   #error;
   #label;
+  #about;
+  /** The value sent when the field is empty; undefined without one. */
+  derived;
 
   constructor(field) {
     this.field = field;
@@ -22,6 +25,9 @@ class FieldInput {
     const id = `setup-${path.replaceAll(/[._]/g, "-")}`;
     this.#error = h("span", { class: "field-error", id: `${id}-error`, hidden: true });
     this.#label = label;
+    this.#about =
+      (about || field.derivedFrom) &&
+      h("span", { class: "muted field-about", id: `${id}-about` }, about ?? `Default: ${field.derivedFrom}.`);
     if (kind === "choice")
       this.input = h(
         "select",
@@ -38,7 +44,7 @@ class FieldInput {
         spellcheck: "false",
         required: field.needed,
       });
-    this.input.setAttribute("aria-describedby", `${id}-error`);
+    this.input.setAttribute("aria-describedby", `${id}-error${field.derivedFrom ? ` ${id}-about` : ""}`);
     const words = unit ? `${label} (${unit})` : label;
     if (kind === "check" || kind === "off")
       this.element = h("label", { class: "check", for: id }, this.input, words);
@@ -47,7 +53,7 @@ class FieldInput {
         "div",
         { class: "setup-field" },
         h("label", { class: "field", for: id }, h("span", {}, words), this.input),
-        about && h("span", { class: "muted field-about" }, about),
+        this.#about,
         this.#error,
       );
   }
@@ -73,6 +79,19 @@ class FieldInput {
           : typeof value === "number"
             ? String(tidy(value / factor))
             : value;
+  }
+
+  /** Sets and shows the value that is sent when the field is empty. */
+  derive(value) {
+    this.derived = value;
+    const { hint, derivedFrom } = this.field;
+    this.input.placeholder = value ?? hint ?? "";
+    setText(
+      this.#about,
+      value === undefined
+        ? `Default: ${derivedFrom}.`
+        : `Default: ${derivedFrom}, ${value} ${this.field.unit}.`,
+    );
   }
 
   /** Whether a number field contains something that is not a number. */
@@ -150,7 +169,19 @@ export class SetupInputs {
       if (field.alike && shape.pair) putAt(spec, field.alike, value);
     }
     this.#completeLists(spec, shape);
+    this.#derive(spec, shape);
     return spec;
+  }
+
+  /** Empty fields with a value that follows from others. */
+  #derive(spec, shape) {
+    for (const made of this.#inputs.values()) {
+      const { path, derived } = made.field;
+      if (!derived || !belongs(made.field, shape)) continue;
+      const value = derived(spec);
+      made.derive(value);
+      if (value !== undefined && valueAt(spec, path) === undefined) putAt(spec, path, value);
+    }
   }
 
   /** When only one of two gears has a value, the other one's default is added. */
@@ -231,8 +262,8 @@ export class SetupInputs {
   }
 }
 
-function valueOf({ value, field }) {
-  return value === undefined ? field.pairDefault : value;
+function valueOf({ value, field, derived }) {
+  return value ?? field.pairDefault ?? derived;
 }
 
 /** The expected value, with the description's unit when the field uses another one. */

@@ -338,7 +338,7 @@ export function envelopeDrawing(layers, { teeth, bearings }, { scale, near, part
     band_source: source,
   } = envelope;
   const whole = Math.min(envelope.frequency_hz.at(-1), (high - low) / (envelope.hertz_per_unit ?? 1));
-  const end = near && shaft ? Math.min(whole, NEAR_SHAFTS * shaft) : whole;
+  const end = near && shaft && !part ? Math.min(whole, NEAR_SHAFTS * shaft) : whole;
   const range = part ?? [0, end];
   if (scale === "change") return changeDrawing(layers, axis, range, note, revision);
   const lines = shaft ? knownLines(shaft, teeth, bearings) : [];

@@ -6,6 +6,9 @@ import { partOf } from "./record-panes.js";
 import { change, parse } from "./route.js";
 import { zoomRange } from "./spectrum-plot.js";
 
+/** The bearing that a cursor starts with when the asset has none. */
+export const FIRST_BEARING = "6205";
+
 function check(id, label, onchange) {
   const input = h("input", { type: "checkbox", id, onchange: () => onchange(input.checked) });
   return { input, element: h("label", { class: "check", for: id }, input, label) };
@@ -45,6 +48,7 @@ export function firstCursor(kind, spectrum, { band: part, zoom: near }) {
 /** The tools of the spectrum's card; their state is in the address. */
 export class SpectrumTools {
   #spectrum;
+  #own;
   #axis = choice(
     "spectrum-axis",
     "Spectrum axis",
@@ -61,6 +65,7 @@ export class SpectrumTools {
       ["", "No cursor"],
       ["h", "Harmonics"],
       ["s", "Sidebands"],
+      ["b", "Bearing"],
     ],
     (kind) => this.#place(kind),
   );
@@ -79,11 +84,20 @@ export class SpectrumTools {
 
   #place(kind) {
     // uses the address, not the drawing: another choice may precede the answer to the first
-    change(firstCursor(kind, this.#spectrum, parse(location.hash).query), { quiet: true });
+    const { query } = parse(location.hash);
+    const placed =
+      kind === "b"
+        ? { cursor: kind, bearing: query.bearing || this.#own || FIRST_BEARING }
+        : firstCursor(kind, this.#spectrum, query);
+    change(placed, { quiet: true });
   }
 
-  /** Updates from the address and the spectrum; returns the view they define. */
-  update(spectrum, query) {
+  /**
+   * Updates from the address and the spectrum; returns the view they define. `own` is the bearing that a cursor
+   * starts with, if any.
+   */
+  update(spectrum, query, own) {
+    this.#own = own;
     const usable = spectrum && !(spectrum instanceof Error);
     this.#spectrum = spectrum;
     const orders = usable ? spectrum.mesh_harmonics.map(({ order }) => order) : [];

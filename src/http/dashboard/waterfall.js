@@ -2,12 +2,14 @@
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
+import { BearingPanel, firstBearing } from "./bearing-panel.js";
 import { CursorChoice } from "./bench-tools.js";
 import { CursorLayer } from "./cursor.js";
 import { cursorOf, formatCursor } from "./cursor-lines.js";
+import { withCursor } from "./cursor-picture.js";
 import { assetName } from "./fleet-row.js";
 import { h, setChildren, setText } from "./dom.js";
-import { lifeSubject } from "./plot-subjects.js";
+import { lifeOrigin, lifeSpan, lifeSubject } from "./plot-subjects.js";
 import { PlotCard } from "./plot-card.js";
 import { change, go } from "./route.js";
 import { latestSpectrum } from "./waterfall-cursor.js";
@@ -49,6 +51,7 @@ export class WaterfallPage {
     ].map(([value, text]) => h("option", { value }, text)),
   );
   #choice = new CursorChoice("cursor", null, "waterfall-cursor");
+  #bearing = new BearingPanel(["cursor"]);
   #cursor;
   #shown;
   #cellAt;
@@ -75,7 +78,7 @@ export class WaterfallPage {
       (cursor) => change({ cursor: formatCursor(cursor) }, { quiet: true }),
       true,
     );
-    this.#card.frame.before(this.#cursor.readout);
+    this.#card.frame.before(this.#bearing.element, this.#cursor.readout);
     setChildren(root, this.#frame.element, this.#card.element);
     this.#frame.update(route.id, route.query);
   }
@@ -122,10 +125,12 @@ export class WaterfallPage {
     if (!this.#shown) return;
     this.#floor.value = this.#query.floor ?? "";
     const [shown, asset, floor] = [this.#shown, this.#asset, Number(this.#query.floor) || 60];
+    const make = () => waterfallDrawing(shown, floor, this.#query.segment, `${this.#id} ${this.#asked}`);
     const drawing = await this.#card.show(
-      () => waterfallDrawing(shown, floor, this.#query.segment, `${this.#id} ${this.#asked}`),
-      `${this.#id}-waterfall`,
+      (isPicture) => (isPicture ? withCursor(make(), this.#cursorOf(), shown.position.at(-1)) : make()),
+      `${this.#id}-waterfall-${lifeSpan(shown.items)}`,
       () => lifeSubject(asset, shown.channel, shown.items),
+      () => lifeOrigin(asset, shown.channel, shown.items),
     );
     if (typeof drawing === "string") return;
     this.#cellAt = drawing.cellAt;
@@ -133,11 +138,19 @@ export class WaterfallPage {
     this.#showCursor();
   }
 
+  /** The cursor of the address; null for none. */
+  #cursorOf(spectrum = latestSpectrum(this.#shown, this.#asset.gear?.teeth[0])) {
+    return spectrum && cursorOf(this.#query, spectrum);
+  }
+
   /** Shows the address's cursor over the plot; it reads the latest record. */
   #showCursor() {
     const spectrum = latestSpectrum(this.#shown, this.#asset.gear?.teeth[0]);
-    this.#choice.show(this.#query, spectrum);
-    this.#cursor.show(spectrum && cursorOf(this.#query, spectrum), spectrum);
+    this.#choice.show(this.#query, spectrum, firstBearing(this.#asset));
+    this.#bearing.element.hidden = this.#query.cursor !== "b";
+    const shaft = this.#shown.axis === "orders" ? null : (spectrum?.shaft_speed_hz ?? undefined);
+    this.#bearing.show(this.#query, [this.#asset], shaft);
+    this.#cursor.show(this.#cursorOf(spectrum), spectrum);
   }
 
   /** Describes the cell under the pointer, and opens the record of a clicked one. */

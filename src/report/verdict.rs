@@ -1,0 +1,93 @@
+//! The verdict of a report in one sentence: the most severe of the raised alarms and of the wear limits.
+
+use std::fmt::Write;
+
+use super::page::escape;
+use super::{Report, quantity_words};
+use crate::estimate::Severity;
+
+/// Writes the verdict, below the title.
+pub(super) fn write(report: &Report, body: &mut String) {
+    let (class, word, reason) = verdict(report);
+    let _ = write!(body, "<p class=\"verdict {class}\"><strong>{word}</strong>: {}.</p>", escape(&reason));
+}
+
+/// The class, the word and the reason of the verdict.
+fn verdict(report: &Report) -> (&'static str, &'static str, String) {
+    let Some(last) = report.records.last() else {
+        return ("none", "No verdict", "there are no records".to_owned());
+    };
+    let raised = report.alarms.iter().filter_map(|alarm| Some((alarm.severity?, alarm)));
+    let raised = raised.map(|(severity, alarm)| (severity, quantity_words(&alarm.quantity)));
+    let limited = wear_beyond(report).into_iter();
+    let all: Vec<(Severity, String)> = limited.chain(raised).collect();
+    let of = |wanted: Severity| -> Vec<&str> {
+        let matching = all.iter().filter(|(severity, _)| *severity == wanted);
+        matching.map(|(_, words)| words.as_str()).collect()
+    };
+    for (severity, word) in [(Severity::Danger, "Danger"), (Severity::Warning, "Warning")] {
+        let reasons = of(severity);
+        if !reasons.is_empty() {
+            return (severity.name(), word, reasons.join("; "));
+        }
+    }
+    match last.wear.as_ref().and_then(|wear| wear.median_um) {
+        Some(depth_um) => {
+            ("good", "Good", format!("no alarm is raised, and the wear depth is {depth_um:.0} µm"))
+        }
+        None if last.wear_words.is_empty() => ("good", "No alarm", "none is raised".to_owned()),
+        None => ("good", "No alarm", format!("none is raised; wear: {}", last.wear_words)),
+    }
+}
+
+/// The wear limit that the latest depth exceeds, if any.
+fn wear_beyond(report: &Report) -> Option<(Severity, String)> {
+    let depth_um = report.records.iter().rev().find_map(|record| record.wear.as_ref()?.median_um)?;
+    let limits = [(Severity::Danger, report.limits.danger_um), (Severity::Warning, report.limits.warning_um)];
+    limits.into_iter().find_map(|(severity, limit_um)| {
+        let limit_um = limit_um.filter(|limit_um| depth_um >= *limit_um)?;
+        let words = format!("wear depth {depth_um:.0} µm, {} limit {limit_um} µm", severity.name());
+        Some((severity, words))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::asset::WearLimits;
+    use crate::estimate::{AlarmQuantity, AlarmState};
+    use crate::report::ReportedAlarm;
+    use crate::report::page::tests::{estimated, record};
+
+    fn words(report: &Report) -> String {
+        let (_, word, reason) = verdict(report);
+        format!("{word}: {reason}")
+    }
+
+    #[test]
+    fn the_most_severe_reason_decides() {
+        let mut report = Report::default();
+        assert_eq!(words(&report), "No verdict: there are no records");
+        report.records = vec![record(estimated([180.0, 220.0, 250.0]))];
+        assert_eq!(words(&report), "Good: no alarm is raised, and the wear depth is 220 µm");
+        report.alarms = vec![ReportedAlarm {
+            channel: "in".to_owned(),
+            quantity: AlarmQuantity::Indicator("rms".to_owned()),
+            rule: None,
+            state: AlarmState::Unacknowledged,
+            severity: Some(Severity::Warning),
+            history: Vec::new(),
+        }];
+        assert_eq!(words(&report), "Warning: Indicator rms");
+        report.limits = WearLimits { warning_um: Some(120.0), danger_um: None };
+        assert_eq!(words(&report), "Warning: wear depth 220 µm, warning limit 120 µm; Indicator rms");
+        report.limits.danger_um = Some(200.0);
+        assert_eq!(words(&report), "Danger: wear depth 220 µm, danger limit 200 µm");
+        let mut body = String::new();
+        write(&report, &mut body);
+        assert!(
+            body.starts_with("<p class=\"verdict danger\"><strong>Danger</strong>: wear depth"),
+            "{body}"
+        );
+    }
+}
