@@ -263,7 +263,8 @@ export const CHECKS = {
         { name: "twice.mcap", mimeType: "application/mcap", buffer },
       ]);
       const words = `A record with the start of its first record already exists on channel ${items[0].channel}`;
-      await card(page, "again.mcap").getByText(words).waitFor();
+      // the other file's card names this one too
+      await card(page, "again.mcap").getByText(words).first().waitFor();
       await card(page, "again.mcap").getByText("Same start and channel as twice.mcap").waitFor();
       await close(opened, name);
     },
