@@ -137,6 +137,7 @@ const FILES: &[StaticFile] = files![
     "replay-panel.js",
     "route.js",
     "server-events.js",
+    "setting-rows.js",
     "settings-fields.js",
     "settings-lists.js",
     "settings-removal.js",

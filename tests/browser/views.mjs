@@ -145,7 +145,10 @@ export const CHECKS = {
     assert.deepEqual(faults, []);
     await page.getByLabel("Teeth, driving").fill("-3");
     await page.getByRole("button", { name: "Save", exact: true }).click();
-    await page.getByText("Saving failed:").waitFor();
+    const driving = page.locator(".setup-field", { has: page.getByLabel("Teeth, driving") }).first();
+    await driving.getByText("Teeth, driving: expected two tooth numbers from 4 to 1000").waitFor();
+    assert.equal(await page.getByLabel("Teeth, driving").first().getAttribute("aria-invalid"), "true");
+    await page.getByText("Saving failed: a field is invalid.").waitFor();
     assert.equal((await json(`assets/${id}`)).gear.teeth[0], 31);
     await page.context().close();
     await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
@@ -179,7 +182,18 @@ export const CHECKS = {
     assert.deepEqual(opened.faults, []);
     await rule.getByLabel("Danger above").fill("2");
     await page.getByRole("button", { name: "Save", exact: true }).click();
-    await page.getByText("Saving failed:").waitFor();
+    await rule.getByText("Danger above: expected a level above warning").waitFor();
+    assert.equal(await rule.getByLabel("Danger above").getAttribute("aria-invalid"), "true");
+    assert.equal(await page.locator('.setting-row [aria-invalid="true"]').count(), 1, "only in its row");
+    await page.locator(".setting-row").last().getByLabel("up to").last().fill("12");
+    await rule.getByLabel("Danger above").fill("9");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await page
+      .locator(".setting-row")
+      .last()
+      .getByText(/^Torque from \(N·m\): expected two numbers .* the lower one first$/)
+      .waitFor();
+    assert.ok(await rule.getByText("Danger above: expected").isHidden(), "the mended error is gone");
     await shoot(page, name);
     await page.context().close();
     await removeAsset(id);

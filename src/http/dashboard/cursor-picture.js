@@ -3,9 +3,12 @@
 import { cursorLines } from "./cursor-lines.js";
 import { palette, verticalLine } from "./plots.js";
 
-/** Adds a cursor's lines to a drawing; on the page they are an overlay instead. */
-export function withCursor(drawing, cursor, end) {
-  if (!cursor) return drawing;
+/**
+ * Adds a cursor's lines to a drawing; on the page they are an overlay instead. `isAbove` draws them in white
+ * above an opaque plot.
+ */
+export function withCursor(drawing, cursor, end, isAbove = false) {
+  if (!cursor || typeof drawing === "string") return drawing;
   const { "series-4": ink, surface } = palette();
   const lines = cursorLines(cursor, end);
   const { shapes = [], annotations = [] } = drawing.layout;
@@ -13,7 +16,12 @@ export function withCursor(drawing, cursor, end) {
     ...drawing,
     layout: {
       ...drawing.layout,
-      shapes: [...shapes, ...lines.map(({ x }) => verticalLine(x, ink))],
+      shapes: [
+        ...shapes,
+        ...lines.map(({ x }) =>
+          isAbove ? { ...verticalLine(x, "#fff"), layer: "above" } : verticalLine(x, ink),
+        ),
+      ],
       annotations: [
         ...annotations,
         ...lines.map(({ x, label: text }) => ({

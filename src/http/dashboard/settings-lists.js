@@ -1,81 +1,13 @@
 // Lists in an asset's settings: alarm rules and operating bins, one row of fields per entry.
 
 import { reading, quantityWords } from "./alarm-words.js";
-import { h, setChildren } from "./dom.js";
+import { h } from "./dom.js";
+import { Rows } from "./setting-rows.js";
 
 const number = (text) => (text.trim() === "" ? undefined : Number(text));
 const given = (object) =>
   Object.fromEntries(Object.entries(object).filter(([, value]) => value !== undefined));
 const DEFAULT_SETTINGS = { raise: 3, raise_of: 5, clear: 5, clear_of: 5 };
-
-/**
- * A list edited row by row; `columns` are `{ label, value(entry), input?, place?, breaks? }`, and
- * `read(values)` builds an entry.
- */
-class Rows {
-  #columns;
-  #read;
-  #name;
-  #list = h("div", { class: "setting-rows" });
-  element;
-
-  constructor(name, columns, read, empty) {
-    [this.#name, this.#columns, this.#read] = [name, columns, read];
-    const add = h("button", { type: "button", onclick: () => this.#add(empty, true) }, `Add ${name}`);
-    this.element = h("div", { class: "setting-list" }, this.#list, add);
-  }
-
-  /** Replaces the displayed entries. */
-  fill(entries) {
-    setChildren(this.#list);
-    for (const entry of entries) this.#add(entry, false);
-  }
-
-  #add(entry, focus) {
-    const inputs = this.#columns.map(({ label, value, input }) => {
-      const field = input?.() ?? h("input", { type: "number", step: "any" });
-      field.value = value(entry) ?? "";
-      field.setAttribute("aria-label", label);
-      return field;
-    });
-    const row = h("div", { class: "setting-row" });
-    const remove = h(
-      "button",
-      {
-        type: "button",
-        class: "quiet",
-        "aria-label": `Remove this ${this.#name}`,
-        onclick: () => this.#remove(row),
-      },
-      "✕",
-    );
-    row.append(
-      ...inputs.flatMap((field, n) => [
-        this.#columns[n].breaks ? h("span", { class: "row-break" }) : "",
-        h(
-          "label",
-          { class: `field ${this.#columns[n].place ?? ""}` },
-          h("span", { "aria-hidden": "true" }, this.#columns[n].label),
-          field,
-        ),
-      ]),
-      remove,
-    );
-    row.inputs = inputs;
-    this.#list.append(row);
-    if (focus) inputs[0].focus();
-  }
-
-  #remove(row) {
-    row.remove();
-    this.element.dispatchEvent(new Event("input", { bubbles: true }));
-  }
-
-  /** The entries as edited. */
-  entries() {
-    return [...this.#list.children].map(({ inputs }) => this.#read(inputs.map((field) => field.value)));
-  }
-}
 
 const text = (attributes) => () => h("input", { type: "text", autocomplete: "off", ...attributes });
 const whole = () => h("input", { type: "number", step: "1", min: "1" });
@@ -112,22 +44,30 @@ function quantityOf(kind, indicator) {
 }
 
 const RULE = [
-  { label: "Quantity", value: ({ quantity }) => kindOf(quantity), input: kinds },
+  { label: "Quantity", path: "quantity", value: ({ quantity }) => kindOf(quantity), input: kinds },
   {
     label: "Indicator",
+    path: "quantity.indicator",
     value: ({ quantity }) => (quantity?.rate_per_day ?? quantity)?.indicator,
     input: text({ placeholder: "rms" }),
     place: "of-indicator",
   },
-  { label: "Warning above", value: ({ warning }) => warning },
-  { label: "Danger above", value: ({ danger }) => danger },
-  { label: "Warning below", value: ({ warning_below: level }) => level },
-  { label: "Danger below", value: ({ danger_below: level }) => level },
-  { label: "Hysteresis", value: ({ hysteresis }) => hysteresis },
-  { label: "Change over (s)", value: ({ over_s: over }) => over },
-  { label: "Raised by", value: setting("raise"), input: whole, place: "count", breaks: true },
+  { label: "Warning above", path: "warning", value: ({ warning }) => warning },
+  { label: "Danger above", path: "danger", value: ({ danger }) => danger },
+  { label: "Warning below", path: "warning_below", value: ({ warning_below: level }) => level },
+  { label: "Danger below", path: "danger_below", value: ({ danger_below: level }) => level },
+  { label: "Hysteresis", path: "hysteresis", value: ({ hysteresis }) => hysteresis },
+  { label: "Change over (s)", path: "over_s", value: ({ over_s: over }) => over },
+  {
+    label: "Raised by",
+    path: "settings.raise",
+    value: setting("raise"),
+    input: whole,
+    place: "count",
+    breaks: true,
+  },
   { label: "of the last", value: setting("raise_of"), input: whole, place: "count" },
-  { label: "Cleared by", value: setting("clear"), input: whole, place: "count" },
+  { label: "Cleared by", path: "settings.clear", value: setting("clear"), input: whole, place: "count" },
   { label: "of the last", value: setting("clear_of"), input: whole, place: "count" },
 ];
 
@@ -167,10 +107,14 @@ function ruleOf([
 }
 
 const BIN = [
-  { label: "Name", value: ({ name }) => name, input: text({ placeholder: "full load" }) },
-  { label: "Shaft speed from (Hz)", value: ({ shaft_speed_hz: range }) => range?.[0] },
+  { label: "Name", path: "name", value: ({ name }) => name, input: text({ placeholder: "full load" }) },
+  {
+    label: "Shaft speed from (Hz)",
+    path: "shaft_speed_hz",
+    value: ({ shaft_speed_hz: range }) => range?.[0],
+  },
   { label: "up to", value: ({ shaft_speed_hz: range }) => range?.[1] },
-  { label: "Torque from (N·m)", value: ({ torque_nm: range }) => range?.[0] },
+  { label: "Torque from (N·m)", path: "torque_nm", value: ({ torque_nm: range }) => range?.[0] },
   { label: "up to", value: ({ torque_nm: range }) => range?.[1] },
 ];
 
@@ -246,6 +190,18 @@ export class SettingLists {
     this.#words.textContent = this.#own.checked
       ? "Levels and hysteresis in the unit of the quantity."
       : `By default, rules follow from the wear limits${rules ? `. ${rules}.` : "; there are none."}`;
+  }
+
+  /** Shows an error of the lists at its row; returns the input with the error, or null for another error. */
+  fail(problem) {
+    const { field = "", value, expected } = problem;
+    const [list, ...path] = field.split(".");
+    const rows = { alarms: this.#rules, operating_bins: this.#bins }[list];
+    return rows ? rows.fail(path.join("."), value, expected) : null;
+  }
+
+  clearErrors() {
+    for (const rows of [this.#rules, this.#bins]) rows.clearErrors();
   }
 
   /** Writes the lists into a description. */

@@ -120,9 +120,15 @@ export class SettingsPage {
       placeholder: hint,
       autocomplete: "off",
     });
-    this.#inputs.set(path, { field, input });
-    if (kind === "check") return h("label", { class: "check", for: id }, input, label);
-    return h("label", { class: "field", for: id }, h("span", {}, unit ? `${label} (${unit})` : label), input);
+    const error = h("span", { class: "field-error", id: `${id}-error`, hidden: true });
+    input.setAttribute("aria-describedby", error.id);
+    this.#inputs.set(path, { field, input, error });
+    const words = unit ? `${label} (${unit})` : label;
+    const labelled =
+      kind === "check"
+        ? h("label", { class: "check", for: id }, input, words)
+        : h("label", { class: "field", for: id }, h("span", {}, words), input);
+    return h("div", { class: "setup-field" }, labelled, error);
   }
 
   #fill() {
@@ -130,8 +136,8 @@ export class SettingsPage {
       const value = valueAt(this.#asset, path);
       if (field.kind === "check") input.checked = Boolean(value);
       else input.value = value ?? "";
-      input.removeAttribute("aria-invalid");
     }
+    this.#clearErrors();
     this.#lists.fill(this.#asset);
     setText(this.#result, "");
     this.#result.dataset.kind = "";
@@ -162,7 +168,7 @@ export class SettingsPage {
 
   async #submit(event) {
     event.preventDefault();
-    for (const { input } of this.#inputs.values()) input.removeAttribute("aria-invalid");
+    this.#clearErrors();
     this.#save.disabled = true;
     try {
       this.#asset = await api.replaceAsset(this.#id, this.#description());
@@ -176,22 +182,36 @@ export class SettingsPage {
     }
   }
 
+  #clearErrors() {
+    for (const { input, error } of this.#inputs.values()) {
+      input.removeAttribute("aria-invalid");
+      error.hidden = true;
+    }
+    this.#lists.clearErrors();
+  }
+
+  /** Shows an error at its fields, in the words of their labels. */
   #refuse(error) {
-    const name = error.problem?.field;
-    const at =
-      name &&
-      [...this.#inputs].find(
-        ([path]) =>
-          path === name ||
+    const { field: name, expected } = error.problem ?? {};
+    const own = [...this.#inputs].filter(
+      ([path]) =>
+        name &&
+        (path === name ||
           path.endsWith(`.${name}`) ||
           path.startsWith(`${name}.`) ||
-          path.startsWith(`gear.pair.${name}`),
-      );
-    if (at) {
-      at[1].input.setAttribute("aria-invalid", "true");
-      at[1].input.focus();
+          path.startsWith(`gear.pair.${name}`)),
+    );
+    for (const [, { field, input, error: shown }] of own) {
+      input.setAttribute("aria-invalid", "true");
+      shown.hidden = false;
+      setText(shown, `${field.label}: expected ${expected}`);
     }
-    this.#showNotice("bad", `Saving failed: ${error.message}.`);
+    const first = own[0]?.[1].input ?? (name ? this.#lists.fail(error.problem) : null);
+    first?.focus();
+    this.#showNotice(
+      "bad",
+      first ? "Saving failed: a field is invalid." : `Saving failed: ${error.message}.`,
+    );
   }
 
   #showNotice(kind, words) {

@@ -47,7 +47,13 @@ class FieldInput {
     this.input.setAttribute("aria-describedby", `${id}-error${field.derivedFrom ? ` ${id}-about` : ""}`);
     const words = unit ? `${label} (${unit})` : label;
     if (kind === "check" || kind === "off")
-      this.element = h("label", { class: "check", for: id }, this.input, words);
+      this.element = h(
+        "div",
+        { class: "setup-field" },
+        h("label", { class: "check", for: id }, this.input, words),
+        this.#about,
+        this.#error,
+      );
     else
       this.element = h(
         "div",

@@ -300,7 +300,7 @@ export class SetupPage {
     this.#showNotice("", "");
     this.#inputs.show(this.#shape);
     for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
-      folded.hidden = [...folded.querySelectorAll(".setup-field, .check")].every(({ hidden }) => hidden);
+      folded.hidden = [...folded.querySelectorAll(".setup-field")].every(({ hidden }) => hidden);
     const spec = this.#description();
     this.#refusals.typed = [...(spec ? typedRefusals(spec) : []), ...this.#inputs.incomplete(this.#shape)];
     this.#showRefusals();

@@ -127,7 +127,7 @@ export class WaterfallPage {
     const [shown, asset, floor] = [this.#shown, this.#asset, Number(this.#query.floor) || 60];
     const make = () => waterfallDrawing(shown, floor, this.#query.segment, `${this.#id} ${this.#asked}`);
     const drawing = await this.#card.show(
-      (isPicture) => (isPicture ? withCursor(make(), this.#cursorOf(), shown.position.at(-1)) : make()),
+      (isPicture) => (isPicture ? withCursor(make(), this.#cursorOf(), shown.position.at(-1), true) : make()),
       `${this.#id}-waterfall-${lifeSpan(shown.items)}`,
       () => lifeSubject(asset, shown.channel, shown.items),
       () => lifeOrigin(asset, shown.channel, shown.items),
