@@ -145,6 +145,7 @@ const FILES: &[StaticFile] = files![
     "setup-derived.js",
     "setup-fields.js",
     "setup-inputs.js",
+    "setup-lists.js",
     "setup-measures.js",
     "setup-rare-fields.js",
     "setup.css",

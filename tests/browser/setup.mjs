@@ -287,8 +287,15 @@ export const CHECKS = {
       return SETUP_FIELDS.flatMap(({ path, alike }) => [path, alike ?? path]);
     });
     const known = fields.map((path) => path.replaceAll(/\.\d+/g, ".0"));
-    // alarm rules and operating bins have their own forms; measured wear is given as a table
+    // alarm rules and operating bins have rows of their own, tested below; measured wear is given as a table
     const elsewhere = /^(alarms|operating_bins|gear\.pair\.wear\.table)\./;
+    // a list in the description has fields for a second entry, but for those of fixed length
+    const lists = new Set([...leaves].flatMap((leaf) => /^(.*?)\.0\.[a-z]/.exec(leaf)?.[1] ?? []));
+    const growing = await page.evaluate(async () => {
+      const { LIST_PATHS } = await import(new URL("static/setup-lists.js", document.baseURI).href);
+      return LIST_PATHS;
+    });
+    assert.deepEqual([...lists].filter((list) => !elsewhere.test(`${list}.`)).sort(), growing.toSorted());
     assert.ok(leaves.size > 60, `${leaves.size} values`);
     assert.deepEqual(
       [...leaves].filter((leaf) => !known.includes(leaf) && !elsewhere.test(leaf)),
@@ -355,6 +362,126 @@ export const CHECKS = {
       ...opened.faults.filter((fault) => !fault.includes(" 422 ")),
     );
     await close(opened, name);
+    await removeAsset(id);
+  },
+
+  "several points, bearings, bands and meshes are entered, with alarms and bins": async (name) => {
+    const id = `several-${Date.now()}`;
+    const opened = await open("#/new");
+    const { page } = opened;
+    await page.getByLabel("Gear pair, for wear in µm").selectOption({ label: "None: indicators only" });
+    await fill(page, {
+      Name: id,
+      "Teeth, driving": "31",
+      "Teeth, driven": "62",
+      "Driving shaft speed (rpm)": "600",
+    });
+    await page.locator("summary", { hasText: /^Unit and calibration of the channel/ }).click();
+    await page.locator("summary", { hasText: /^Fault frequencies/ }).click();
+    for (const word of ["bearing", "bearing", "measuring point", "custom band", "other mesh"])
+      await page.getByRole("button", { name: `Add another ${word}` }).click();
+    const values = {
+      Bearing: "drive_end",
+      "Rolling elements": "9",
+      "Roller diameter (mm)": "7.94",
+      "Pitch diameter (mm)": "39.04",
+      "Bearing 2": "gone",
+      "Rolling elements 2": "8",
+      "Bearing 3": "fan_end",
+      "Outer race (BPFO) 3 (orders)": "3.1",
+      "Inner race (BPFI) 3 (orders)": "4.9",
+      "Rolling element (BSF) 3 (orders)": "2.2",
+      "Cage (FTF) 3 (orders)": "0.38",
+      Channel: "housing",
+      "Serial number 2": "7",
+      "Name of a custom band": "low",
+      "Custom band from (Hz)": "10",
+      "Custom band to (Hz)": "100",
+      "Name of a custom band 2": "high",
+      "Custom band from 2 (Hz)": "900",
+      "Custom band to 2 (Hz)": "200",
+      "Other mesh: driving teeth": "19",
+      "Other mesh: driven teeth": "57",
+      "Other mesh: driving teeth 2": "17",
+      "Other mesh: driven teeth 2": "51",
+    };
+    // a serial number is of a point in the folded part
+    await page.locator("summary", { hasText: /^Position, serial number/ }).click();
+    await fill(page, values);
+    await field(page, "Channel 2").getByText("Channel 2: expected a name, as its sensor has data").waitFor();
+    await fill(page, { "Channel 2": "bearing" });
+    // the third bearing becomes the second
+    await page.getByRole("button", { name: "Remove bearing 2" }).click();
+    assert.equal(await page.getByLabel("Bearing 2", { exact: true }).inputValue(), "fan_end");
+    await page.getByText("Alarm rules and operating bins", { exact: true }).click();
+    await page.getByLabel("Custom rules").check();
+    await page.getByRole("button", { name: "Add rule" }).click();
+    await page.getByLabel("Indicator", { exact: true }).fill("kurtosis");
+    await page.getByLabel("Warning above").fill("4");
+    await page.getByRole("button", { name: "Add operating bin" }).click();
+    await page.locator(".setup-rules").getByLabel("Name", { exact: true }).fill("full load");
+    await page.getByLabel("Torque from (N·m)").fill("80");
+    await page.locator(".setup-rules").getByLabel("up to").last().fill("120");
+    await shoot(page, name);
+    const save = page.getByRole("button", { name: "Create asset" });
+    await save.click();
+    // the second band alone is refused
+    await field(page, "Custom band from 2 (Hz)")
+      .getByText(/Custom band from 2: expected .* the lower one first/)
+      .waitFor();
+    assert.equal(
+      await page.getByLabel("Custom band from (Hz)", { exact: true }).getAttribute("aria-invalid"),
+      null,
+    );
+    await fill(page, { "Custom band to 2 (Hz)": "1800" });
+    await page.getByLabel("Warning above").fill("");
+    await save.click();
+    await page.locator(".setting-list", { hasText: "expected a warning or a danger level" }).waitFor();
+    await page.getByLabel("Warning above").fill("4");
+    await save.click();
+    await page.waitForURL((url) => url.hash === `#/assets/${id}`);
+    const made = await json(`assets/${id}`);
+    assert.deepEqual(
+      made.bearings.map(({ name, rolling_elements: balls, orders }) => [name, balls, orders?.bpfo]),
+      [
+        ["drive_end", 9, undefined],
+        ["fan_end", undefined, 3.1],
+      ],
+    );
+    assert.deepEqual(
+      [
+        made.points.map(({ channel, serial }) => [channel, serial]),
+        made.bands.map(({ name, band_hz: band }) => [name, band]),
+        made.gear.other_meshes.map(({ teeth }) => teeth),
+        made.alarms.map(({ quantity, warning }) => [quantity.indicator, warning]),
+        made.operating_bins.map(({ name }) => name),
+      ],
+      [
+        [
+          ["housing", undefined],
+          ["bearing", "7"],
+        ],
+        [
+          ["low", [10, 100]],
+          ["high", [900, 1800]],
+        ],
+        [
+          [19, 57],
+          [17, 51],
+        ],
+        [["kurtosis", 4]],
+        ["full load"],
+      ],
+    );
+    await page.goto(`${base}/#/new?edit=${id}`);
+    await page.getByLabel("Bearing 2", { exact: true }).waitFor();
+    assert.equal(await page.locator("#setup-json").inputValue(), "", "nothing is left for the JSON");
+    await page.getByRole("button", { name: "Save asset" }).click();
+    await page.waitForURL((url) => url.hash === `#/assets/${id}`);
+    const { updated_at: _, revision: __, summary: ___, ...again } = await json(`assets/${id}`);
+    for (const key of ["bearings", "points", "bands", "gear", "alarms", "operating_bins"])
+      assert.deepEqual(again[key], made[key], key);
+    await page.context().close();
     await removeAsset(id);
   },
 

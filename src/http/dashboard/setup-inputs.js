@@ -5,6 +5,9 @@ import { putAt, valueAt } from "./settings-fields.js";
 
 const TYPES = { text: "text", id: "text", check: "checkbox", off: "checkbox", date: "date" };
 
+/** The path of a list's entry. */
+const LISTED = /^(points|bearings|bands|gear\.other_meshes)\.\d+/;
+
 /** Removes the rounding noise of a unit factor from a number. */
 const tidy = (value) => Number(value.toPrecision(12));
 
@@ -142,6 +145,11 @@ export class SetupInputs {
     return this.#inputs.get(path);
   }
 
+  /** Forgets a field that was removed from the form. */
+  drop(path) {
+    this.#inputs.delete(path);
+  }
+
   /** Fills the fields from a description; returns what no field covers, or null. */
   fill(description) {
     const rest = structuredClone(description);
@@ -232,19 +240,23 @@ export class SetupInputs {
   /** Shows an error at its field; returns false when there is no such field. */
   fail({ field: name, value, expected }) {
     if (!name) return false;
-    const own = [...this.#inputs.values()].filter(({ field }) =>
+    let own = [...this.#inputs.values()].filter(({ field }) =>
       [field.path, field.alike].some(
         (path) =>
           path &&
           (path === name ||
             path.startsWith(`${name}.`) ||
             path.endsWith(`.${name}`) ||
-            `${path}.`.replace(/^(points|bearings)\.\d+/, "$1").startsWith(`${name}.`)),
+            `${path}.`.replace(LISTED, "$1").startsWith(`${name}.`)),
       ),
     );
     if (own.length === 0) return false;
+    const entries = this.#entriesWith(own, String(value));
+    if (entries.length) own = entries;
     // for two gears' values, the field with the refused value
-    const typed = own.filter((made) => String(valueOf(made)) === String(value));
+    const typed = own.filter((made) =>
+      [String(valueOf(made)), JSON.stringify(valueOf(made))].includes(String(value)),
+    );
     const gear = /\bgear ([12])\b/.exec(expected ?? "")?.[1];
     const meant =
       typed.length === 1
@@ -257,6 +269,19 @@ export class SetupInputs {
     for (const made of meant)
       if (!made.isFailed) made.fail(expected ? `expected ${worded(expected, made.field)}` : "required");
     return true;
+  }
+
+  /** Of the fields of a list, those of the entry that an error quotes: `name = "low", …` or `teeth = [19, 57], …`. */
+  #entriesWith(own, quoted) {
+    const at = (path) => this.#inputs.get(path)?.value;
+    return own.filter(({ field }) => {
+      const entry = LISTED.exec(field.path)?.[0];
+      const words = [
+        `name = ${JSON.stringify(at(`${entry}.name`))}`,
+        `teeth = [${at(`${entry}.teeth.0`)}, ${at(`${entry}.teeth.1`)}]`,
+      ];
+      return entry && words.some((text) => quoted.includes(text));
+    });
   }
 
   /** Moves the focus to the first error. */

@@ -8,7 +8,9 @@ import { PreviewPanel } from "./preview-panel.js";
 import { format, go } from "./route.js";
 import { SETUP_GROUPS } from "./setup-fields.js";
 import { SetupInputs } from "./setup-inputs.js";
+import { SetupLists, withoutGaps } from "./setup-lists.js";
 import { showMeasures } from "./setup-measures.js";
+import { SettingLists } from "./settings-lists.js";
 
 const TYPED_MS = 250; // ms without typing before a preview is requested
 const FROM_SERVER = ["summary", "created_at", "updated_at"];
@@ -45,8 +47,9 @@ function typedRefusals({ id, limits, points, velocity_zones: zones }) {
       field: "velocity_zones.limits_mm_per_s",
       expected: "no custom limits together with a machine class",
     });
-  if (points?.length && !points[0].channel)
-    refusals.push({ field: "points.0.channel", expected: "a name, as its sensor has data" });
+  for (const [n, point] of (points ?? []).entries())
+    if (!point?.channel)
+      refusals.push({ field: `points.${n}.channel`, expected: "a name, as its sensor has data" });
   return refusals;
 }
 
@@ -55,6 +58,8 @@ export class SetupPage {
   #query;
   #root;
   #inputs = new SetupInputs();
+  #lists = new SetupLists(this.#inputs, () => this.#check(TYPED_MS));
+  #rules = new SettingLists();
   #presets = [];
   #asked = false;
   #idTyped = false;
@@ -92,6 +97,12 @@ export class SetupPage {
         oninput: (event) => this.#typed(event),
       },
       SETUP_GROUPS.map((group) => this.#group(group)),
+      h(
+        "details",
+        { class: "card setup-more" },
+        h("summary", {}, "Alarm rules and operating bins"),
+        h("div", { class: "setup-rules" }, this.#rules.elements),
+      ),
       this.#jsonEditor(),
       this.#result,
       h(
@@ -132,6 +143,7 @@ export class SetupPage {
       this.#panel.element,
     );
     this.#fillChoices();
+    this.#rules.fill({});
     this.#check(0);
     this.#name();
   }
@@ -167,12 +179,20 @@ export class SetupPage {
     const folded = [more, rare]
       .filter(Boolean)
       .map((part) => h("details", { class: "setup-more" }, h("summary", {}, part.title), box(part.fields)));
-    return h("fieldset", { class: "card" }, h("legend", {}, title), choice, box(fields), folded);
+    return h(
+      "fieldset",
+      { class: "card" },
+      h("legend", {}, title),
+      choice,
+      box(fields),
+      folded,
+      this.#lists.of(title),
+    );
   }
 
   #jsonEditor() {
     const words =
-      "Anything without a field above, as API JSON: alarm rules and operating bins (see also the settings), and further measuring points, bearings, bands and meshes. Fields above take precedence.";
+      "Anything without a field above, as API JSON, such as a measured wear profile. Fields above take precedence.";
     return h(
       "details",
       { class: "card setup-more" },
@@ -227,7 +247,10 @@ export class SetupPage {
   }
 
   #fill(description) {
-    const rest = this.#inputs.fill(description);
+    const { alarms, operating_bins: bins, ...others } = description;
+    this.#rules.fill({ alarms, operating_bins: bins });
+    this.#lists.resize(others);
+    const rest = this.#inputs.fill(others);
     this.#json.value = rest ? JSON.stringify(rest, null, 2) : "";
     this.#json.closest("details").open = false;
   }
@@ -282,7 +305,14 @@ export class SetupPage {
   /** The current description; null when the JSON is invalid. */
   #description() {
     const rest = this.#rest();
-    return rest && this.#inputs.description(rest, this.#shape);
+    if (!rest) return null;
+    const spec = this.#inputs.description(rest, this.#shape);
+    const { alarms, operating_bins: bins } = rest;
+    this.#rules.put(spec);
+    // those of the JSON, unless the form has some
+    if (alarms) spec.alarms ??= alarms;
+    if (bins) spec.operating_bins ??= bins;
+    return withoutGaps(spec);
   }
 
   #typed({ target }) {
@@ -299,6 +329,7 @@ export class SetupPage {
     this.#refusals.saved = [];
     this.#showNotice("", "");
     this.#inputs.show(this.#shape);
+    this.#lists.show(this.#shape);
     for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
       folded.hidden = [...folded.querySelectorAll(".setup-field")].every(({ hidden }) => hidden);
     const spec = this.#description();
@@ -353,8 +384,13 @@ export class SetupPage {
   /** Shows the errors at their fields; returns those that have a field. */
   #showRefusals() {
     this.#inputs.clearErrors();
+    this.#rules.clearErrors();
     const { typed, previewed, saved } = this.#refusals;
-    return new Set([...saved, ...typed, ...previewed].filter((refusal) => this.#inputs.fail(refusal)));
+    return new Set(
+      [...saved, ...typed, ...previewed].filter(
+        (refusal) => this.#inputs.fail(refusal) || this.#rules.fail(refusal),
+      ),
+    );
   }
 
   async #submit(event) {
@@ -401,6 +437,8 @@ export class SetupPage {
     if (query.copy === this.#query.copy && query.edit === this.#query.edit) return false;
     this.#query = query;
     this.#asked = false;
+    this.#lists.resize({});
+    this.#rules.fill({});
     this.#inputs.fill({});
     this.#json.value = "";
     this.#pair.value = NUMBERS;
