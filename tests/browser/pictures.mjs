@@ -32,9 +32,9 @@ const { library_id: library } = (await json(`assets/${asset}`)).summary;
  */
 const PICTURES = {
   dashboard: [page, overviewDrawn, 1560],
-  fleet: ["#/", (shown) => shown.getByRole("link", { name: "conveyor" }).first().waitFor(), 680],
+  fleet: ["#/", (shown) => shown.getByRole("link", { name: "conveyor" }).first().waitFor(), 728],
   library: [`#/libraries/${library}`, plots("grid", "stiffness", "transmission"), 1400],
-  alarms: ["#/alarms", (shown) => shown.locator("main tbody tr").first().click(), 700],
+  alarms: ["#/alarms", (shown) => shown.locator("main tbody tr").first().click(), 660],
   wear: [`${page}/wear`, (shown) => shown.locator('[data-plot="mesh"]').waitFor(), 1160],
   record: [
     `${page}?segment=${worn}&show=spectrum,turn,cepstrum&axis=orders&cursor=s~24~1&zoom=1`,
@@ -47,7 +47,7 @@ const PICTURES = {
     1920,
   ],
   match: [`${page}/match`, plots("features"), 1525],
-  waterfall: [`${page}/waterfall?axis=orders`, plots("waterfall"), 960],
+  waterfall: [`${page}/waterfall?axis=orders`, plots("waterfall"), 930],
   live: [`${page}/live`, plots("scope", "live-spectrum"), 1200],
 };
 
