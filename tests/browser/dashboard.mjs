@@ -11,7 +11,7 @@
 // of the start of the asset's run (optional)
 // FLANKWATCH_PAGES: a folder of pages to use instead of those built into the server
 // FLANKWATCH_SHOTS: a folder for screenshots (optional)
-// FLANKWATCH_ONLY: run only checks whose name contains this
+// FLANKWATCH_ONLY: run only checks whose file and name ("fleet: 500 assets") contain this
 
 import { mkdir } from "node:fs/promises";
 import { browser, shots } from "./page.mjs";
@@ -49,22 +49,27 @@ const FILES = [
 const only = process.env.FLANKWATCH_ONLY ?? "";
 
 if (shots) await mkdir(shots, { recursive: true });
-let [failed, run] = [0, 0];
+const failures = [];
+let run = 0;
 for (const file of FILES) {
   const { CHECKS } = await import(`./${file}.mjs`);
-  for (const [name, check] of Object.entries(CHECKS ?? {}).filter(([name]) => name.includes(only))) {
+  for (const [name, check] of Object.entries(CHECKS ?? {}).filter(([name]) =>
+    `${file}: ${name}`.includes(only),
+  )) {
     const began = Date.now();
     run += 1;
     try {
       await check(name);
       console.log(`ok      ${file}: ${name} (${Date.now() - began} ms)`);
     } catch (error) {
-      failed += 1;
-      console.log(`FAILED  ${file}: ${name}\n${error.stack}\n`);
+      failures.push(`FAILED  ${file}: ${name}\n${error.stack}\n`);
+      console.log(`FAILED  ${file}: ${name} (${Date.now() - began} ms)`);
     }
   }
 }
 await browser.close();
-console.log(failed ? `${failed} of ${run} failed` : `all ${run} passed`);
+// At the end, where a long log is read first.
+for (const failure of failures) console.log(failure);
+console.log(failures.length ? `${failures.length} of ${run} failed` : `all ${run} passed`);
 // A failed check may leave a server open, which would keep the process running.
-process.exit(failed ? 1 : 0);
+process.exit(failures.length ? 1 : 0);

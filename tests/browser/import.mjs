@@ -191,12 +191,13 @@ export const CHECKS = {
   "each upload has its progress": async (name) => {
     const opened = await desk();
     const { id, page } = opened;
-    const held = [];
-    await page.route(`**/assets/${id}/segments?*`, (route) =>
-      route.request().method() === "POST"
-        ? new Promise((go) => held.push(go)).then(() => route.continue())
-        : route.continue(),
-    );
+    // each upload waits until it is let go, which may be before its request arrives
+    const [go, held] = [[], []];
+    for (let n = 0; n < 2; n++) held.push(new Promise((resolve) => go.push(resolve)));
+    await page.route(`**/assets/${id}/segments?*`, async (route) => {
+      if (route.request().method() === "POST") await held.shift();
+      await route.continue();
+    });
     await page.setInputFiles("#upload-file", [
       audio("a_20260401_080000.wav", wav(2000)),
       audio("b_20260401_090000.wav", wav(2100)),
@@ -214,11 +215,11 @@ export const CHECKS = {
     await results.nth(1).getByText("b_20260401_090000.wav: waiting.").waitFor();
     assert.ok(await page.getByRole("progressbar", { name: "Upload of b_20260401_090000.wav" }).isHidden());
     await shoot(page, `${name} first`);
-    held.shift()();
+    go[0]();
     await good(page, "a_20260401_080000.wav: record of");
     await bar.waitFor({ state: "detached" });
     await page.getByRole("progressbar", { name: "Upload of b_20260401_090000.wav" }).waitFor();
-    held.shift()();
+    go[1]();
     await good(page, "b_20260401_090000.wav: record of");
     assert.equal(await page.locator(".results progress").count(), 0);
     await end(opened, name);
