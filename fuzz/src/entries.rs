@@ -77,7 +77,7 @@ pub fn flac(bytes: &[u8]) {
 /// A NumPy array, cut into short records.
 pub fn npy(bytes: &[u8]) {
     let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
-    check_cut(NpyFrames::new(bytes), &defaults);
+    check_cut(NpyFrames::new(Cursor::new(bytes)), &defaults);
 }
 
 /// A CSV file.
