@@ -20,6 +20,7 @@ mod node;
 mod output;
 mod pair_file;
 mod quarantine;
+mod reading_progress;
 mod rebuild;
 mod recorded_runs;
 mod recording_files;
