@@ -39,6 +39,7 @@ mod simulations;
 mod stream_cuts;
 #[cfg(not(feature = "cluster"))]
 mod streams;
+mod tables;
 mod token_pages;
 mod trends;
 mod two_stages;
