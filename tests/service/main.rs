@@ -12,6 +12,7 @@ mod damaged_store;
 mod dashboard;
 mod deploy;
 mod deploy_tools;
+mod documented_commands;
 mod durability;
 mod envelopes;
 mod events;
