@@ -4,22 +4,23 @@ use std::io::Cursor;
 use std::str;
 
 use flankwatch::asset::AssetSpec;
-use flankwatch::estimate::MaintenanceEvent;
+use flankwatch::estimate::{Alarm, AlarmReading, AlarmRule, MaintenanceEvent};
 use flankwatch::gear::PairSpec;
 use flankwatch::library::{BuildControl, GridSettings, build};
 use flankwatch::recording::{
     BlockEncoding, CsvFrames, CsvLayout, CsvPreview, Cut, FlacFrames, Format, Frames, McapReader, NpyFrames,
     RawLayout, RawSample, RecordBlocks, RecordDefaults, RecordingError, WavFrames, decode_block, decode_csv,
-    decode_mat, decode_raw, decode_wav,
+    decode_flac, decode_mat, decode_npy, decode_raw, decode_wav,
 };
-use flankwatch::service::ReplayRequest;
+use flankwatch::service::{RecordFormat, ReplayRequest};
 use flankwatch::signal::Record;
+use jiff::{SignedDuration, Timestamp};
 
 /// A name, which is that of the fuzz target, and its function.
 pub type Entry = (&'static str, fn(&[u8]));
 
 /// All entry points.
-pub const ALL: [Entry; 11] = [
+pub const ALL: [Entry; 14] = [
     ("wav", wav),
     ("mcap", mcap),
     ("csv", csv),
@@ -31,6 +32,9 @@ pub const ALL: [Entry; 11] = [
     ("json_block", json_block),
     ("pair", pair),
     ("api_json", api_json),
+    ("csv_upload", csv_upload),
+    ("alarm_rule", alarm_rule),
+    ("media_type", media_type),
 ];
 
 /// Largest number of records or frames read from one input.
@@ -69,15 +73,21 @@ pub fn mat(bytes: &[u8]) {
     }
 }
 
-/// A FLAC recording, cut into short records.
+/// A FLAC recording, whole and cut into short records.
 pub fn flac(bytes: &[u8]) {
+    for record in decode_flac(bytes, &RecordDefaults::default()).into_iter().flatten() {
+        check(&record);
+    }
     check_cut(FlacFrames::new(bytes), &RecordDefaults::default());
 }
 
-/// A NumPy array, cut into short records.
+/// A NumPy array, whole and cut into short records.
 pub fn npy(bytes: &[u8]) {
     let defaults = RecordDefaults { sample_rate_hz: Some(1000.0), ..RecordDefaults::default() };
-    check_cut(NpyFrames::new(bytes), &defaults);
+    for record in decode_npy(bytes, &defaults).into_iter().flatten() {
+        check(&record);
+    }
+    check_cut(NpyFrames::new(Cursor::new(bytes)), &defaults);
 }
 
 /// A CSV file.
@@ -154,6 +164,59 @@ pub fn api_json(bytes: &[u8]) {
     }
     let _ = serde_json::from_slice::<ReplayRequest>(bytes);
     let _ = serde_json::from_slice::<MaintenanceEvent>(bytes);
+}
+
+/// A CSV upload whose query names columns, a rate and a scale, chosen by the first four bytes.
+pub fn csv_upload(bytes: &[u8]) {
+    let [time, first, second, values, text @ ..] = bytes else {
+        return;
+    };
+    let columns: Vec<u16> = [*first, *second].into_iter().filter(|&n| n > 0).map(u16::from).collect();
+    let time_column = (*time < 128).then_some(u16::from(*time));
+    let rate_hz = (values % 2 == 0).then_some(1000.0);
+    let Ok(mut layout) = CsvLayout::new(rate_hz, time_column, &columns) else {
+        return;
+    };
+    layout.scale = [None, Some(-0.5), Some(1e300), Some(f64::MIN_POSITIVE)][usize::from(values / 2 % 4)];
+    assert_eq!(CsvLayout::from_media_type(&layout.to_string()), Some(layout));
+    for record in decode_csv(text, layout, &RecordDefaults::default()).into_iter().flatten() {
+        check(&record);
+    }
+    let _ = CsvPreview::of(text, layout, 100);
+}
+
+/// The body of an alarm rule. An accepted one can be evaluated, and its alarm stored and read back.
+pub fn alarm_rule(bytes: &[u8]) {
+    let Ok(rule) = serde_json::from_slice::<AlarmRule>(bytes) else {
+        return;
+    };
+    if rule.validate().is_err() {
+        return;
+    }
+    let levels = [rule.warning, rule.danger, rule.warning_below, rule.danger_below];
+    let values = levels.into_iter().flat_map(|level| {
+        let level = level.unwrap_or_default();
+        [Some(level), Some(2.0 * level + 1.0), None, Some(0.5 * level - 1.0), Some(f64::MAX)]
+    });
+    let (mut alarm, mut time) = (Alarm::default(), Timestamp::UNIX_EPOCH);
+    for value in values.cycle().take(200) {
+        time += SignedDuration::from_secs(3600);
+        let changed = alarm.reading(&rule, AlarmReading { time, value }).is_some();
+        assert!(!changed || alarm.last().is_some_and(|last| last.time == time));
+    }
+    let stored = serde_json::to_vec(&alarm).expect("an alarm can be serialised");
+    let again: Alarm = serde_json::from_slice(&stored).expect("a serialised alarm can be read back");
+    assert_eq!(again, alarm);
+}
+
+/// The media type that a record is stored with: it is written as it is read.
+pub fn media_type(bytes: &[u8]) {
+    let text = str::from_utf8(bytes).unwrap_or_default();
+    if let Some(format) = RecordFormat::from_media_type(text) {
+        let written = format.media_type();
+        let again = RecordFormat::from_media_type(&written).expect("a written media type can be read");
+        assert_eq!(again.media_type(), written);
+    }
 }
 
 fn check(record: &Record) {

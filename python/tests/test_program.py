@@ -87,6 +87,25 @@ def test_indicators_equal_the_analyze_command(program, tmp_path, speed_hz):
     assert record["preprocessing"] == found.basis["preprocessing"]
 
 
+@pytest.mark.parametrize(
+    ("option", "wanted"),
+    [("1000,2000", {"band_hz": [1000.0, 2000.0]}), ("kurtogram", {"search": "kurtogram"})],
+)
+def test_envelope_equals_the_analyze_command(program, tmp_path, option, wanted):
+    wav = tmp_path / "record.wav"
+    x = gear_signal(5).astype(np.float32)
+    soundfile.write(wav, x, 20_000, subtype="FLOAT")
+    (record,) = run_json(program, "analyze", wav, "--format", "json", "--envelope", option)
+    envelope = flankwatch.envelope_spectrum(x, 20_000.0, **wanted)
+    printed = record["envelope"]
+    assert printed["band_hz"] == list(envelope.band_hz)
+    assert printed["spectral_kurtosis"] == envelope.spectral_kurtosis
+    amplitudes = dict(zip(envelope.frequency_hz.tolist(), envelope.amplitude.tolist()))
+    assert len(printed["lines"]) == 8
+    for line in printed["lines"]:
+        assert amplitudes[line["frequency_hz"]] == line["amplitude"], line
+
+
 def test_estimate_equals_the_analyze_command(program, tmp_path):
     """The program loads the library that the package builds."""
     pair_toml = (ROOT / "fixtures/pairs/shen2022.toml").read_text()

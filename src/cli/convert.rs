@@ -11,6 +11,7 @@ use jiff::{SignedDuration, Timestamp};
 use thiserror::Error;
 
 use super::CliError;
+use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
 use crate::asset::{AssetError, AssetId};
@@ -19,6 +20,9 @@ use crate::recording::{
 };
 use crate::signal::OperatingPoint;
 use source::Source;
+
+/// Frames between two steps of the progress bar.
+const FRAMES_PER_STEP: u64 = 1 << 14;
 
 /// Arguments of `flankwatch convert`.
 #[derive(Debug, Clone, Args)]
@@ -113,10 +117,12 @@ pub(super) fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
     let asset = AssetId::new(args.asset.as_str())?;
     let inputs = recording_files(&args.inputs).map_err(Box::new)?;
     let partial = Partial::create(&args.output)?;
+    let mut progress = ReadingProgress::new(&inputs);
     let written = match target {
-        Target::Mcap => write_mcap(args, &asset, &inputs, &partial.file),
-        Target::Wav => write_wav(args, &inputs, &partial.file),
+        Target::Mcap => write_mcap(args, &asset, &inputs, &partial.file, &mut progress),
+        Target::Wav => write_wav(args, &inputs, &partial.file, &mut progress),
     }?;
+    drop(progress);
     partial.complete(&args.output)?;
     eprintln!("{}: {written}", args.output.display());
     Ok(())
@@ -168,6 +174,7 @@ fn write_mcap(
     asset: &AssetId,
     inputs: &[PathBuf],
     file: &File,
+    progress: &mut ReadingProgress,
 ) -> Result<String, ConvertError> {
     let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
     let mut writer = McapWriter::new(BufWriter::new(file), McapOptions::default()).map_err(output)?;
@@ -175,6 +182,7 @@ fn write_mcap(
     let (mut records, mut channels, mut cut_seconds) = (0_u64, Vec::<String>::new(), None);
     for path in inputs {
         let input = |source: RecordingError| ConvertError::Input { path: path.clone(), source };
+        progress.begin(path);
         let defaults = defaults_of(args, path, next_start)?;
         let source = Source::open(path, args, &defaults)?;
         if let Some(channel) = source.channel_without_unit().filter(|_| defaults.unit.is_none()) {
@@ -187,14 +195,15 @@ fn write_mcap(
                 channels.push(channel.clone());
             }
         }
-        let blocks =
+        let mut blocks =
             RecordBlocks::new(source, &defaults, args.record_seconds.map(Cut::Seconds)).map_err(input)?;
         cut_seconds = cut_seconds.or(blocks.default_cut_seconds());
-        for record in blocks {
+        while let Some(record) = blocks.next() {
             let record = record.map_err(input)?;
             let topic = format!("/{asset}/{}/waveform", record.channel());
             writer.write(&topic, &record).map_err(output)?;
             records += 1;
+            progress.set_read(blocks.frames().bytes_read());
             let length = SignedDuration::from_secs_f64(record.duration_s());
             next_start = next_start.max(record.start_time().saturating_add(length).unwrap_or(next_start));
         }
@@ -207,13 +216,19 @@ fn write_mcap(
 }
 
 /// Writes the selected channels of one recording, interleaved; returns a summary.
-fn write_wav(args: &ConvertArgs, inputs: &[PathBuf], file: &File) -> Result<String, ConvertError> {
+fn write_wav(
+    args: &ConvertArgs,
+    inputs: &[PathBuf],
+    file: &File,
+    progress: &mut ReadingProgress,
+) -> Result<String, ConvertError> {
     let [path] = inputs else {
         let expected = "a name that ends in .mcap for several recordings: a WAV has one".to_owned();
         return Err(argument("OUT", args.output.display(), expected));
     };
     let output = |source: RecordingError| ConvertError::Output { path: args.output.clone(), source };
     let input = |source: RecordingError| ConvertError::Input { path: path.clone(), source };
+    progress.begin(path);
     let defaults = defaults_of(args, path, args.start_time)?;
     let mut source = Source::open(path, args, &defaults)?;
     let channels = source.channels().to_vec();
@@ -234,6 +249,9 @@ fn write_wav(args: &ConvertArgs, inputs: &[PathBuf], file: &File) -> Result<Stri
         }
         writer.write_frame(&frame).map_err(output)?;
         frames += 1;
+        if frames.is_multiple_of(FRAMES_PER_STEP) {
+            progress.set_read(source.bytes_read());
+        }
     }
     if frames == 0 {
         return Err(input(RecordingError::field("the number of samples", 0, "at least 1")));

@@ -10,6 +10,7 @@ mod demo;
 mod ensemble;
 mod error;
 mod evaluate;
+mod export;
 mod figures;
 mod interrupt;
 mod library;
@@ -20,6 +21,7 @@ mod node;
 mod output;
 mod pair_file;
 mod quarantine;
+mod reading_progress;
 mod rebuild;
 mod recorded_runs;
 mod recording_files;
@@ -27,6 +29,7 @@ mod recording_values;
 mod records;
 mod replay;
 mod serve;
+mod server;
 #[cfg(feature = "postgres")]
 mod shared_store;
 mod simulate;
@@ -75,7 +78,11 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Stream samples to a server as they are measured, from a pipe or a growing file
     Stream(stream::StreamArgs),
+    /// Write the trend of an asset's indicators or wear on a server as a Parquet or CSV table
+    Export(export::ExportArgs),
     /// Delete records from a server; their raw recordings move to quarantine
+    ///
+    /// The token needs the scope admin.
     Delete(records::RecordsArgs),
     /// Exclude records on a server from the asset's history, without deleting them
     Exclude(records::RecordsArgs),
@@ -146,6 +153,7 @@ pub fn run() -> ExitCode {
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Stream(args) => stream::run(args),
+        Command::Export(args) => export::run(args),
         Command::Delete(args) => records::run(args, records::Change::Delete),
         Command::Exclude(args) => records::run(args, records::Change::Exclude),
         Command::Include(args) => records::run(args, records::Change::Include),

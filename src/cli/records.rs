@@ -1,15 +1,10 @@
 //! `flankwatch delete`, `exclude`, `include` and `baseline`: corrections of an asset's records on a server.
 
-use std::path::PathBuf;
-use std::time::Duration;
-
 use clap::Args;
 use jiff::Timestamp;
-use ureq::tls::TlsConfig;
 
-use super::replay::root_certificates;
+use super::server::{ServerArgs, asset_id, success_body};
 use super::{CliError, output};
-use crate::asset::AssetId;
 
 /// Arguments that select records of an asset: a time range or one segment.
 #[derive(Args)]
@@ -51,61 +46,6 @@ pub(super) struct BaselineArgs {
     by: String,
     #[command(flatten)]
     server: ServerArgs,
-}
-
-/// Address and credentials of a server.
-#[derive(Args)]
-struct ServerArgs {
-    /// URL of the server
-    #[arg(long, default_value = "http://127.0.0.1:8600")]
-    url: String,
-    /// CA certificates (PEM) to verify the server with [default: the public CAs]
-    #[arg(long, value_name = "FILE")]
-    ca: Option<PathBuf>,
-    /// API token; deleting requires the scope admin [default: the environment variable FLANKWATCH_TOKEN]
-    #[arg(long)]
-    token: Option<String>,
-}
-
-impl ServerArgs {
-    fn agent(&self) -> Result<ureq::Agent, CliError> {
-        Ok(ureq::Agent::config_builder()
-            .http_status_as_error(false)
-            .timeout_global(Some(Duration::from_secs(600)))
-            .tls_config(TlsConfig::builder().root_certs(root_certificates(self.ca.as_deref())?).build())
-            .build()
-            .into())
-    }
-
-    fn address(&self, path: &str) -> String {
-        format!("{}/v1/{path}", self.url.trim_end_matches('/'))
-    }
-
-    /// Adds the token to a request.
-    fn authorized<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
-        match self.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()) {
-            Some(token) => request.header("authorization", format!("Bearer {token}")),
-            None => request,
-        }
-    }
-}
-
-/// Returns the body of a successful response.
-fn success_body(
-    url: &str,
-    result: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
-) -> Result<String, CliError> {
-    let failed = |reason: String| CliError::Server { url: url.to_owned(), reason };
-    let mut response = result.map_err(|error| failed(error.to_string()))?;
-    let (status, body) = (response.status(), response.body_mut().read_to_string().unwrap_or_default());
-    if !status.is_success() {
-        return Err(failed(format!("the server answered {}: {body}", status.as_u16())));
-    }
-    Ok(body)
-}
-
-fn asset_id(text: &str) -> Result<AssetId, CliError> {
-    AssetId::new(text.to_owned()).map_err(|error| CliError::Argument(error.to_string()))
 }
 
 pub(super) fn choose_baseline(args: &BaselineArgs) -> Result<(), CliError> {

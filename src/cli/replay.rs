@@ -5,11 +5,10 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use indicatif::ProgressBar;
 use jiff::Timestamp;
 use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 
-use super::library::progress_bar;
+use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
 use super::{CliError, output};
@@ -84,14 +83,13 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
         sent: 0,
     };
     let files = recording_files(&args.files)?;
-    let bytes: u64 =
-        files.iter().filter_map(|path| path.metadata().ok()).map(|metadata| metadata.len()).sum();
-    let bar = progress_bar(bytes, "bytes");
+    let mut progress = ReadingProgress::new(&files);
     let mut next_start = args.start_time;
     for path in &files {
-        sender.send_file(path, args, &mut next_start, &bar)?;
+        progress.begin(path);
+        sender.send_file(path, args, &mut next_start, &progress)?;
     }
-    bar.finish_and_clear();
+    drop(progress);
     output::print(&format!("{} records sent to {}\n", sender.sent, sender.url))
 }
 
@@ -128,7 +126,7 @@ impl Sender {
         path: &Path,
         args: &ReplayArgs,
         next_start: &mut Timestamp,
-        bar: &ProgressBar,
+        progress: &ReadingProgress,
     ) -> Result<(), CliError> {
         let mut defaults = RecordDefaults {
             start_time: *next_start,
@@ -139,7 +137,6 @@ impl Sender {
         args.values.apply(path, &mut defaults)?;
         let mut file = RecordingFile::open(path, defaults, args.record_seconds.map(Cut::Seconds))
             .map_err(CliError::recording(path))?;
-        let before = bar.position();
         while let Some(recorded) = file.next() {
             let recorded = recorded.map_err(CliError::recording(path))?;
             let length = jiff::SignedDuration::from_secs_f64(recorded.record.duration_s());
@@ -147,8 +144,7 @@ impl Sender {
             *next_start = (*next_start).max(end);
             self.wait_until_due(recorded.record.start_time());
             self.send(&recorded)?;
-            bar.set_position(before + file.bytes_read());
-            bar.set_message(format!("{} records", self.sent));
+            progress.set_read(file.bytes_read());
         }
         Ok(())
     }

@@ -20,7 +20,7 @@ use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::{AssetId, AssetSpec, VelocityZones, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, ChannelContribution, WearEstimate};
-use crate::service::{JointWear, SimulationProgress, SimulationStage};
+use crate::service::{JointWear, Readiness, SimulationProgress, SimulationStage};
 use crate::signal::BearingOrders;
 use crate::store::{Asset, ChannelSummary, StoredAlarm};
 
@@ -58,6 +58,10 @@ struct Summary {
     /// description changes.
     #[serde(skip_serializing_if = "Option::is_none")]
     library_error: Option<String>,
+    /// Expected time in s from the start of the simulation until the first estimates, without waiting for
+    /// other simulations; missing unless the library is `building`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    library_estimated_s: Option<f64>,
     /// Progress of the simulation of the library or its pair variations; missing if none is running.
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<SimulationView>,
@@ -317,6 +321,10 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
         last_start_time: channels.iter().filter_map(|channel| channel.last_start_time).max(),
         library_id,
         library_state,
+        library_estimated_s: match simulation.readiness {
+            Readiness::Building => app.service.simulations.estimated_s(&asset.spec),
+            _ => None,
+        },
         library_error: simulation.error,
         simulation: simulation.progress.map(SimulationView::from),
         wear,

@@ -96,5 +96,6 @@ pub use plotly::plotly_js;
 pub use queue_metrics::queue_metrics;
 pub use server::{Node, RunningService, ServiceConfig, start, start_node};
 pub use start_error::StartError;
+pub(crate) use table::{PARQUET, REDUCED};
 pub use token::{Scope, Token};
 pub use tokens::{TokenError, Tokens};

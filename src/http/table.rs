@@ -11,7 +11,10 @@ use serde::Serialize;
 use super::problem::Problem;
 
 /// Media type of Parquet files.
-const PARQUET: &str = "application/vnd.apache.parquet";
+pub(crate) const PARQUET: &str = "application/vnd.apache.parquet";
+
+/// Header of a table without all rows, as the table itself cannot say so.
+pub(crate) const REDUCED: &str = "flankwatch-reduced";
 
 /// The format of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,9 +50,11 @@ impl Format {
 }
 
 /// Columns of the same length.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Table {
     columns: Vec<Column>,
+    /// Whether rows were dropped.
+    is_reduced: bool,
 }
 
 #[derive(Debug)]
@@ -68,6 +73,10 @@ enum Values {
 }
 
 impl Table {
+    pub(super) fn new(is_reduced: bool) -> Self {
+        Self { columns: Vec::new(), is_reduced }
+    }
+
     pub(super) fn times(&mut self, name: &str, values: impl Iterator<Item = Timestamp>) {
         self.add(name, None, Values::Times(values.collect()));
     }
@@ -120,16 +129,16 @@ pub(super) fn answer<T: Serialize>(
     let fault = |error: String| {
         Problem::new(StatusCode::INTERNAL_SERVER_ERROR, format!("failed to write the table: {error}"))
     };
+    if format == Format::Json {
+        return Ok((fields, Json(view)).into_response());
+    }
+    let table = table_of(&view);
     let (media_type, bytes) = match format {
-        Format::Json => return Ok((fields, Json(view)).into_response()),
-        Format::Csv => {
-            ("text/csv; charset=utf-8", table_of(&view).csv().map_err(|error| fault(error.to_string()))?)
-        }
-        Format::Parquet => {
-            (PARQUET, parquet::file(&table_of(&view)).map_err(|error| fault(error.to_string()))?)
-        }
+        Format::Parquet => (PARQUET, parquet::file(&table).map_err(|error| fault(error.to_string()))?),
+        _ => ("text/csv; charset=utf-8", table.csv().map_err(|error| fault(error.to_string()))?),
     };
-    Ok((fields, [(header::CONTENT_TYPE, media_type)], bytes).into_response())
+    let reduced = table.is_reduced.then_some([(REDUCED, "true")]);
+    Ok((fields, reduced, [(header::CONTENT_TYPE, media_type)], bytes).into_response())
 }
 
 #[cfg(test)]

@@ -215,7 +215,7 @@ pub(super) fn status_name(status: WearStatus) -> String {
 }
 
 fn table_of(view: &HistoryView) -> Table {
-    let mut table = Table::default();
+    let mut table = Table::new(view.reduced);
     let rows = || view.items.iter();
     table.times("start_time", rows().map(|row| row.start_time));
     table.words("segment_id", rows().map(|row| row.segment_id.0.clone()));

@@ -102,7 +102,8 @@ fn whole(name: &str) -> Vec<Vec<u8>> {
         "npy" => {
             let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (4, 2), }\n";
             let length = (text.len() as u16).to_le_bytes();
-            vec![[b"\x93NUMPY\x01\0", &length[..], text.as_bytes(), &[1; 32]].concat()]
+            let by_row = [b"\x93NUMPY\x01\0", &length[..], text.as_bytes(), &[1; 32]].concat();
+            vec![by_row, fs::read(fuzz().join("../fixtures/npy/int16-big-endian-transposed.npy")).unwrap()]
         }
         "csv" => vec![b"time;x\n0,1;-2,5e3\n0,2;1\n".to_vec(), b"1.0,2.0\n3.0,4.0\n".to_vec()],
         "raw" => vec![[&[0, 2][..], &[1; 64]].concat(), [&[1, 3][..], &[7; 60]].concat()],
@@ -121,6 +122,27 @@ fn whole(name: &str) -> Vec<Vec<u8>> {
             br#"{"time": "2026-03-01T08:00:00Z", "kind": "inspected", "by": "Ada", "inspection": {"depth_um": 60}}"#.to_vec(),
             b"id = \"a\"\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = 16.6\n".to_vec(),
         ],
+        "csv_upload" => ["\0\x01\0\0", "\x01\x02\x03\x02", "\x02\x01\0\x05", "\u{7f}\0\0\x04"]
+            .map(|layout| [layout, "t;a;b\n0,001;0,5;-2\n0,002;1e3;4\n0,003;1;0\n"].concat().into_bytes())
+            .to_vec(),
+        "alarm_rule" => [
+            r#"{"quantity": "wear_um", "warning": 100, "danger": 200, "hysteresis": 10}"#,
+            r#"{"quantity": {"rate_per_day": "wear_um"}, "danger": 4, "over_s": 36000}"#,
+            r#"{"quantity": {"indicator": "rms"}, "warning": 1e3, "danger_below": -1e3,
+                "settings": {"raise": 1, "raise_of": 1, "clear": 2, "clear_of": 3}}"#,
+            r#"{"quantity": "sensor_fault", "danger": 0.5}"#,
+        ]
+        .map(|text| text.as_bytes().to_vec())
+        .to_vec(),
+        "media_type" => [
+            "audio/wav;scale=50; unit=g",
+            "application/x-npy;rate=12800;scale=0.5",
+            "application/octet-stream;sample=i16;rate=4000;channels=2;scale=0.001",
+            "text/csv;rate=1000;scale=-0.5;time=1;columns=2,3",
+            "application/x-protobuf",
+        ]
+        .map(|text| text.as_bytes().to_vec())
+        .to_vec(),
         other => panic!("no whole input for {other}"),
     }
 }

@@ -8,6 +8,7 @@ mod evaluation;
 mod figures;
 mod hostile_bytes;
 mod libraries;
+mod progress;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/command.rs"]

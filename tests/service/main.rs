@@ -12,6 +12,7 @@ mod damaged_store;
 mod dashboard;
 mod deploy;
 mod deploy_tools;
+mod documented_commands;
 mod durability;
 mod envelopes;
 mod events;
@@ -39,6 +40,7 @@ mod simulations;
 mod stream_cuts;
 #[cfg(not(feature = "cluster"))]
 mod streams;
+mod tables;
 mod token_pages;
 mod trends;
 mod two_stages;

@@ -4,6 +4,7 @@
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Instant;
 
 use flankwatch::gear::PairSpec;
 use flankwatch::library::{EnsembleSettings, GridSettings, library_id};
@@ -109,6 +110,35 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
     let history = history(&service, "new");
     assert_eq!(history, self::history(&service, "after"));
     assert!(history.iter().any(|item| item["median_um"].is_number()), "{history:?}");
+}
+
+#[test]
+fn a_description_is_answered_with_the_expected_time_of_its_simulation() {
+    let service = Service::start();
+    let asset = asset_with_pair("first", 40.0);
+    let held = HeldSimulation::of(&library_path(&service, &asset));
+    let answer = service.post_json("/v1/assets", &asset).expect(201).json();
+    let assumed_s = answer["summary"]["library_estimated_s"].as_f64().unwrap();
+    assert!(assumed_s > 0.0, "{answer}");
+    let mut renamed = asset.clone();
+    renamed["name"] = json!("feed pump");
+    let answer = service.put_json("/v1/assets/first", &renamed).expect(200).json();
+    assert_eq!(answer["summary"]["library_estimated_s"], assumed_s);
+    held.let_go();
+    let summary = wait_for_library(&service, "first", "ready");
+    assert!(summary.get("library_estimated_s").is_none(), "{summary}");
+    let answer = service.post_json("/v1/assets", &plain_asset("without-pair")).expect(201).json();
+    assert!(answer["summary"].get("library_estimated_s").is_none(), "{answer}");
+
+    // The next one has the measured speed of the first one; this one is not held.
+    let began = Instant::now();
+    let answer = service.post_json("/v1/assets", &asset_with_pair("second", 41.0)).expect(201).json();
+    let _ = wait_for_library(&service, "second", "ready");
+    let (third, took_s) = (asset_with_pair("third", 42.0), began.elapsed().as_secs_f64());
+    assert!(answer["summary"]["library_estimated_s"].as_f64().is_some_and(|s| s > 0.0), "{answer}");
+    let answer = service.post_json("/v1/assets", &third).expect(201).json();
+    let expected_s = answer["summary"]["library_estimated_s"].as_f64().unwrap();
+    assert!(expected_s != assumed_s && expected_s < took_s, "{expected_s} s, took {took_s} s");
 }
 
 #[test]

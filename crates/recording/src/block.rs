@@ -168,7 +168,7 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                 return Err(RecordingError::field(
                     "the block's length in bytes",
                     bytes.len(),
-                    "at max_bytes 83951616 bytes: cut it into shorter records",
+                    "at most 83951616 bytes: cut it into shorter records",
                 ));
             }
             let block = match packed_samples::split(bytes) {
@@ -215,7 +215,7 @@ impl DecodedBlock {
             return Err(RecordingError::field(
                 "channel",
                 format!("{:?}", shortened(channel)),
-                "at max_bytes 256 bytes without control characters",
+                "at most 256 bytes without control characters",
             ));
         }
         let unit = if self.unit.is_empty() { defaults.unit_of(channel) } else { &self.unit };
@@ -223,7 +223,7 @@ impl DecodedBlock {
             return Err(RecordingError::field(
                 "unit",
                 format!("{:?}", shortened(unit)),
-                "at max_bytes 64 bytes without control characters",
+                "at most 64 bytes without control characters",
             ));
         }
         let start_time = self.start_time.unwrap_or(defaults.start_time);

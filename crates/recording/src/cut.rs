@@ -184,6 +184,11 @@ impl<F: Frames> RecordBlocks<F> {
         Ok(Self::with_plan(frames, &info, defaults, plan))
     }
 
+    /// Returns the recording that is cut.
+    pub fn frames(&self) -> &F {
+        &self.frames
+    }
+
     /// Reads a recording as one record per channel.
     ///
     /// # Errors

@@ -41,6 +41,7 @@ enum Records {
 /// twice, first for its timing. A MATLAB file is read into memory.
 pub struct FileFrames {
     frames: AnyFrames,
+    read: Arc<AtomicU64>,
 }
 
 enum AnyFrames {
@@ -62,6 +63,12 @@ impl Read for CountedFile {
         let count = self.file.read(buffer)?;
         self.read.fetch_add(count as u64, Ordering::Relaxed);
         Ok(count)
+    }
+}
+
+impl Seek for CountedFile {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
+        self.file.seek(position)
     }
 }
 
@@ -122,6 +129,11 @@ impl FileFrames {
     /// The file cannot be read, is in no supported format or an MCAP file, or is damaged.
     pub fn open(path: impl AsRef<Path>, channels: &[String]) -> Result<Self, RecordingError> {
         OpenFile::new(path.as_ref())?.frames(channels, &Arc::default())
+    }
+
+    /// Returns the number of bytes of the file read so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.read.load(Ordering::Relaxed)
     }
 
     /// Returns the file's format.
@@ -210,7 +222,7 @@ impl OpenFile {
                 ));
             }
         };
-        Ok(FileFrames { frames })
+        Ok(FileFrames { frames, read: Arc::clone(read) })
     }
 }
 

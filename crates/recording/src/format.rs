@@ -64,7 +64,7 @@ impl Format {
         if beginning.starts_with(super::flac::MAGIC) {
             return Ok(Self::Flac);
         }
-        if beginning.starts_with(super::npy::MAGIC) {
+        if beginning.starts_with(super::npy_header::MAGIC) {
             return Ok(Self::Npy);
         }
         if beginning.starts_with(super::mat::MAGIC) {

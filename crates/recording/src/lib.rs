@@ -72,6 +72,7 @@ mod mcap_topic;
 mod mcap_writer;
 pub mod message;
 mod npy;
+mod npy_header;
 mod number;
 mod packed_samples;
 mod pulse_count;

@@ -1,23 +1,14 @@
 //! NumPy arrays (.npy): the samples of one channel, or one row of samples per time step.
 //!
 //! Values are used unchanged, including integers; `scale` of [`RecordDefaults`] converts them. The array has
-//! neither rate nor time; the defaults give both.
+//! neither rate nor time; the defaults give both. The rows may be stored one after the other, or the columns
+//! (Fortran order), of which a piece each is read at a time.
 
-use std::io::Read;
+use std::io::{Cursor, Read, Seek, SeekFrom};
 
-use super::error::shortened;
-use super::number::Number;
+use super::npy_header::{NpyHeader, npy};
 use super::{Frames, FramesInfo, RecordBlocks, RecordDefaults, RecordingError};
 use flankwatch_signal::Record;
-
-/// Magic number.
-pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
-
-/// Longest header in bytes; those of NumPy have about a hundred.
-const MAX_HEADER: usize = 1 << 16;
-
-/// Largest number of channels.
-const MAX_CHANNELS: u64 = 256;
 
 /// Largest number of frames read at once.
 const FRAMES_AT_ONCE: u64 = 4096;
@@ -30,187 +21,114 @@ pub fn decode_npy(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
     }
-    RecordBlocks::whole(NpyFrames::new(bytes)?, defaults)?.collect()
+    RecordBlocks::whole(NpyFrames::new(Cursor::new(bytes))?, defaults)?.collect()
 }
 
 /// The frames of a NumPy array, read on demand.
 #[derive(Debug)]
 pub struct NpyFrames<R> {
     reader: R,
-    number: Number,
-    big_endian: bool,
-    frames: u64,
-    channels: usize,
+    header: NpyHeader,
+    /// Position of the first value in the file.
+    data: u64,
+    /// Frames read so far, including those in the buffer.
     read: u64,
+    /// Values of the latest frames, in the order of the file.
     buffer: Vec<u8>,
+    /// Frames in the buffer, and the next one to return.
+    buffered: usize,
     next: usize,
 }
 
-impl<R: Read> NpyFrames<R> {
+impl<R: Read + Seek> NpyFrames<R> {
     /// Reads the header of the array.
     ///
     /// # Errors
-    /// The header is damaged, the array is not one of real numbers in one or two dimensions, or reading
-    /// fails.
+    /// The header is damaged, the array is not one of real numbers in one or two dimensions or, in Fortran
+    /// order, is not complete, or reading fails.
     pub fn new(mut reader: R) -> Result<Self, RecordingError> {
-        let header = header(&mut reader)?;
-        let field = |key: &'static str, expected| {
-            value_of(&header, key).ok_or_else(|| npy("description", shortened(header.trim()), expected))
-        };
-        let descr = field("descr", "an array with a type, 'descr'")?;
-        let (number, big_endian) = number(descr)?;
-        let shape = field("shape", "an array with a shape")?;
-        let (frames, channels) = shape_of(shape)?;
-        let is_fortran = field("fortran_order", "an array with an order, 'fortran_order'")?;
-        if is_fortran != "False" && channels > 1 {
-            let expected = "False: rows of channels, one after the other (numpy.ascontiguousarray)";
-            return Err(npy("fortran_order", shortened(is_fortran), expected));
+        let header = NpyHeader::read(&mut reader)?;
+        let data = reader.stream_position()?;
+        if header.is_by_column {
+            // The first frames need the last column.
+            let there = reader.seek(SeekFrom::End(0))?.saturating_sub(data);
+            let frames = there / header.frame_bytes() as u64;
+            if frames < header.frames {
+                return Err(incomplete(header.frames, frames));
+            }
         }
-        Ok(Self { reader, number, big_endian, frames, channels, read: 0, buffer: Vec::new(), next: 0 })
-    }
-
-    fn frame_bytes(&self) -> usize {
-        self.channels * self.number.bytes()
+        Ok(Self { reader, header, data, read: 0, buffer: Vec::new(), buffered: 0, next: 0 })
     }
 
     fn fill(&mut self) -> Result<(), RecordingError> {
-        let frames = FRAMES_AT_ONCE.min(self.frames - self.read);
-        let wanted = frames as usize * self.frame_bytes();
+        let header = &self.header;
+        let frames = FRAMES_AT_ONCE.min(header.frames - self.read);
+        let wanted = frames as usize * header.frame_bytes();
         self.buffer.clear();
-        self.next = 0;
-        self.reader.by_ref().take(wanted as u64).read_to_end(&mut self.buffer)?;
+        (self.buffered, self.next) = (frames as usize, 0);
+        if header.is_by_column {
+            let width = header.number.bytes() as u64;
+            for column in 0..header.channels as u64 {
+                let first = column * header.frames + self.read;
+                self.reader.seek(SeekFrom::Start(self.data + first * width))?;
+                self.reader.by_ref().take(frames * width).read_to_end(&mut self.buffer)?;
+            }
+        } else {
+            self.reader.by_ref().take(wanted as u64).read_to_end(&mut self.buffer)?;
+        }
         if self.buffer.len() < wanted {
-            let found = self.read + (self.buffer.len() / self.frame_bytes()) as u64;
-            let what = format!("{} frames, but {found} are there", self.frames);
-            return Err(npy("shape", what, "as many frames as the file holds"));
+            let there = self.read + (self.buffer.len() / header.frame_bytes()) as u64;
+            return Err(incomplete(header.frames, there));
         }
         self.read += frames;
         Ok(())
     }
 }
 
-impl<R: Read> Frames for NpyFrames<R> {
+fn incomplete(frames: u64, there: u64) -> RecordingError {
+    let what = format!("{frames} frames, but {there} are there");
+    npy("shape", what, "as many frames as the file holds")
+}
+
+impl<R: Read + Seek> Frames for NpyFrames<R> {
     fn info(&self, defaults: &RecordDefaults) -> Result<FramesInfo, RecordingError> {
         let rate_hz = defaults.sample_rate_hz.ok_or_else(|| {
             let expected = "a rate in hertz, as a NumPy array does not contain it";
             RecordingError::field("sample rate", "missing", expected)
         })?;
-        Ok(FramesInfo::without_time(defaults.names_of(self.channels), rate_hz, self.frames, defaults))
+        let names = defaults.names_of(self.header.channels);
+        Ok(FramesInfo::without_time(names, rate_hz, self.header.frames, defaults))
     }
 
     fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
-        if self.next == self.buffer.len() {
+        if self.next == self.buffered {
             self.fill()?;
-            if self.buffer.is_empty() {
+            if self.buffered == 0 {
                 return Ok(false);
             }
         }
-        let end = self.next + self.frame_bytes();
-        let width = self.number.bytes();
-        for (sample, bytes) in frame.iter_mut().zip(self.buffer[self.next..end].chunks_exact_mut(width)) {
-            if self.big_endian {
+        let NpyHeader { number, big_endian, channels, is_by_column, .. } = self.header;
+        let width = number.bytes();
+        for (channel, sample) in frame.iter_mut().enumerate() {
+            let at = if is_by_column {
+                channel * self.buffered + self.next
+            } else {
+                self.next * channels + channel
+            };
+            let bytes = &mut self.buffer[at * width..(at + 1) * width];
+            if big_endian {
                 bytes.reverse();
             }
-            *sample = self.number.value(bytes) as f32;
+            *sample = number.value(bytes) as f32;
         }
-        self.next = end;
+        self.next += 1;
         Ok(true)
-    }
-}
-
-fn npy(field: &'static str, value: impl ToString, expected: &'static str) -> RecordingError {
-    RecordingError::Content { format: "npy", field, value: value.to_string(), expected }
-}
-
-/// Reads the header, a dictionary in Python notation.
-fn header(reader: &mut impl Read) -> Result<String, RecordingError> {
-    let mut beginning = [0; 8];
-    let mut exact = |bytes: &mut [u8]| {
-        reader.read_exact(bytes).map_err(|error| match error.kind() {
-            std::io::ErrorKind::UnexpectedEof => npy("header", "cut off", "a whole header"),
-            _ => error.into(),
-        })
-    };
-    exact(&mut beginning)?;
-    if !beginning.starts_with(MAGIC) {
-        return Err(npy("beginning", format!("{beginning:02x?}"), "the magic number of a NumPy array"));
-    }
-    let length = match beginning[6] {
-        1 => {
-            let mut length = [0; 2];
-            exact(&mut length)?;
-            u32::from(u16::from_le_bytes(length))
-        }
-        2 | 3 => {
-            let mut length = [0; 4];
-            exact(&mut length)?;
-            u32::from_le_bytes(length)
-        }
-        version => return Err(npy("version", version, "1, 2 or 3")),
-    };
-    if length as usize > MAX_HEADER {
-        return Err(npy("header length", length, "at most 65536 bytes"));
-    }
-    let mut text = vec![0; length as usize];
-    exact(&mut text)?;
-    String::from_utf8(text).map_err(|_| npy("header", "not UTF-8", "a dictionary in Python's notation"))
-}
-
-/// Returns the value after a key, up to the next comma.
-fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
-    let after = header.find(&format!("'{key}'")).map(|at| &header[at + key.len() + 2..])?;
-    let value = after.trim_start().strip_prefix(':')?.trim_start();
-    let end = match value.as_bytes().first()? {
-        b'(' => value.find(')')? + 1,
-        b'[' => value.find(']')? + 1,
-        b'\'' => value[1..].find('\'')? + 2,
-        _ => value.find([',', '}'])?,
-    };
-    Some(value[..end].trim_end())
-}
-
-/// Parses the type of the values, and whether the most significant byte comes first.
-fn number(descr: &str) -> Result<(Number, bool), RecordingError> {
-    let name = descr.trim_matches('\'');
-    let number = match name.get(1..) {
-        Some("f4") => Number::F32,
-        Some("f8") => Number::F64,
-        Some("i1") => Number::I8,
-        Some("u1") => Number::U8,
-        Some("i2") => Number::I16,
-        Some("u2") => Number::U16,
-        Some("i4") => Number::I32,
-        Some("u4") => Number::U32,
-        Some("i8") => Number::I64,
-        Some("u8") => Number::U64,
-        _ => {
-            let expected = "f4, f8, or i or u with 1, 2, 4 or 8 bytes (numpy.asarray(x, 'f4'))";
-            return Err(npy("descr", shortened(descr), expected));
-        }
-    };
-    match name.as_bytes()[0] {
-        b'<' | b'|' => Ok((number, false)),
-        b'>' => Ok((number, true)),
-        _ => Err(npy("descr", shortened(descr), "a byte order, < or >")),
-    }
-}
-
-/// Parses the numbers of frames and channels in a shape.
-fn shape_of(shape: &str) -> Result<(u64, usize), RecordingError> {
-    let wrong =
-        || npy("shape", shortened(shape), "(samples,) or (samples, channels) with at most 256 channels");
-    let inner = shape.strip_prefix('(').and_then(|shape| shape.strip_suffix(')')).ok_or_else(wrong)?;
-    let lengths: Result<Vec<u64>, _> =
-        inner.split(',').map(str::trim).filter(|length| !length.is_empty()).map(str::parse).collect();
-    match lengths.map_err(|_| wrong())?[..] {
-        [frames] => Ok((frames, 1)),
-        [frames, channels @ 1..=MAX_CHANNELS] => Ok((frames, channels as usize)),
-        _ => Err(wrong()),
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::npy_header::MAGIC;
     use super::*;
 
     /// A file as NumPy writes it.
@@ -226,9 +144,14 @@ mod tests {
         file(&format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}"), data)
     }
 
+    fn by_column(shape: &str, data: &[u8]) -> Vec<u8> {
+        file(&format!("{{'descr': '<i2', 'fortran_order': True, 'shape': {shape}, }}"), data)
+    }
+
     fn read(bytes: &[u8], scale: Option<f64>) -> Result<Vec<Record>, String> {
         let defaults = RecordDefaults { sample_rate_hz: Some(100.0), scale, ..RecordDefaults::default() };
-        let blocks = NpyFrames::new(bytes).and_then(|frames| RecordBlocks::new(frames, &defaults, None));
+        let blocks =
+            NpyFrames::new(Cursor::new(bytes)).and_then(|frames| RecordBlocks::new(frames, &defaults, None));
         blocks.and_then(Iterator::collect).map_err(|error| error.to_string())
     }
 
@@ -262,6 +185,22 @@ mod tests {
     }
 
     #[test]
+    fn columns_one_after_the_other_are_read_like_rows() {
+        // More frames than are read at once.
+        let value = |frame: usize, channel: usize| (frame * 3 + channel) as i16;
+        let order: Vec<(usize, usize)> = (0..3).flat_map(|c| (0..10_000).map(move |k| (k, c))).collect();
+        let data: Vec<u8> = order.iter().flat_map(|&(k, c)| value(k, c).to_le_bytes()).collect();
+        let rows: Vec<u8> =
+            (0..10_000).flat_map(|k| (0..3).flat_map(move |c| value(k, c).to_le_bytes())).collect();
+        let shape = "(10000, 3)";
+        let expected = read(&array("<i2", shape, &rows), None).unwrap();
+        assert_eq!(expected.len(), 3);
+        assert_eq!(read(&by_column(shape, &data), None).unwrap(), expected);
+        // Bytes after the array are no values.
+        assert_eq!(read(&by_column(shape, &[&data[..], &[1; 6]].concat()), None).unwrap(), expected);
+    }
+
+    #[test]
     fn unreadable_files_name_the_problem() {
         for (bytes, words) in [
             (array("<c16", "(2,)", &[]), ["descr", "'<c16'"]),
@@ -275,9 +214,11 @@ mod tests {
             (array("<f4", "(18446744073709551615,)", &[0; 8]), ["frames", "2 are there"]),
             (array("<f4", "(3,)", &[0; 8]), ["3 frames", "2 are there"]),
             (
-                file("{'descr': '<f4', 'fortran_order': True, 'shape': (2, 2), }", &[0; 16]),
-                ["fortran_order", "True"],
+                file("{'descr': '<f4', 'fortran_order': 1, 'shape': (2, 2), }", &[0; 16]),
+                ["fortran_order", "True or False"],
             ),
+            (by_column("(4, 2)", &[0; 15]), ["4 frames", "3 are there"]),
+            (by_column("(18446744073709551615, 2)", &[0; 8]), ["frames", "2 are there"]),
             (file("{'descr': '<f4', 'shape': (2,), }", &[0; 8]), ["description", "fortran_order"]),
             (file("[]", &[]), ["description", "descr"]),
             (array("<f4", "(2,)", &[])[..40].to_vec(), ["header", "cut off"]),
@@ -291,20 +232,21 @@ mod tests {
             }
         }
         let bytes = array("<f4", "(1,)", &[0; 4]);
-        let frames = NpyFrames::new(&bytes[..]).unwrap();
+        let frames = NpyFrames::new(Cursor::new(&bytes)).unwrap();
         let error = frames.info(&RecordDefaults::default()).unwrap_err();
         assert!(error.to_string().contains("sample rate"), "{error}");
     }
 
     #[test]
     fn arbitrary_bytes_are_read_or_rejected() {
-        let whole = array("<i2", "(3, 2)", &[0; 12]);
-        for at in 0..whole.len() {
-            let _ = read(&whole[..at], None);
-            for value in [0, 0x27, 0x28, 0x2c, 0x7f, 0xff] {
-                let mut damaged = whole.clone();
-                damaged[at] = value;
-                let _ = read(&damaged, None);
+        for whole in [array("<i2", "(3, 2)", &[0; 12]), by_column("(3, 2)", &[0; 12])] {
+            for at in 0..whole.len() {
+                let _ = read(&whole[..at], None);
+                for value in [0, 0x27, 0x28, 0x2c, 0x7f, 0xff] {
+                    let mut damaged = whole.clone();
+                    damaged[at] = value;
+                    let _ = read(&damaged, None);
+                }
             }
         }
     }

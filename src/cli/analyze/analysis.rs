@@ -15,6 +15,7 @@ use crate::asset::AssetSpec;
 use crate::cli::CliError;
 use crate::cli::ensemble::Ensembles;
 use crate::cli::interrupt::interrupted;
+use crate::cli::reading_progress::ReadingProgress;
 use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, MissingLibrary, PanelChange};
 use crate::library::LibraryError;
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile, TimeOfDay};
@@ -60,7 +61,12 @@ impl<'a> Analysis<'a> {
 
     /// Analyses every record of a file; a recording without a time starts at `next_start`, which moves to the
     /// end of the file's last record.
-    pub(super) fn analyze_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
+    pub(super) fn analyze_file(
+        &mut self,
+        path: &Path,
+        next_start: &mut Timestamp,
+        progress: &ReadingProgress,
+    ) -> Result<(), CliError> {
         let mut defaults = RecordDefaults {
             start_time: *next_start,
             time_of_day: TimeOfDay::FromStart,
@@ -78,17 +84,18 @@ impl<'a> Analysis<'a> {
         let cut = self.args.record_seconds.map(Cut::Seconds);
         let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::recording(path))?;
         if let Some(seconds) = file.default_cut_seconds() {
-            eprintln!(
+            progress.print(&format!(
                 "note: {}: long recording split into records of {seconds} s; set another length with --record-seconds",
                 path.display()
-            );
+            ));
         }
-        for recorded in &mut file {
+        while let Some(recorded) = file.next() {
             let recorded = recorded.map_err(CliError::recording(path))?;
             let length = SignedDuration::from_secs_f64(recorded.record.duration_s());
             let end = recorded.record.start_time().saturating_add(length).unwrap_or(*next_start);
             *next_start = (*next_start).max(end);
             self.analyze_record(path, recorded);
+            progress.set_read(file.bytes_read());
         }
         Ok(())
     }

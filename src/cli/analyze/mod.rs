@@ -16,6 +16,7 @@ use jiff::Timestamp;
 use self::analysis::Analysis;
 use self::envelope::EnvelopeArg;
 use self::table::Column;
+use super::reading_progress::ReadingProgress;
 use super::recording_values::RecordingValues;
 use super::{CliError, output, recording_files::recording_files};
 use crate::asset::AssetSpec;
@@ -92,12 +93,15 @@ pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
     let mut next_start = args.start_time;
     let mut failed = 0;
     let files = recording_files(&args.files)?;
+    let mut progress = ReadingProgress::new(&files);
     for path in &files {
-        if let Err(error) = analysis.analyze_file(path, &mut next_start) {
-            eprintln!("error: {error}");
+        progress.begin(path);
+        if let Err(error) = analysis.analyze_file(path, &mut next_start, &progress) {
+            progress.print(&format!("error: {error}"));
             failed += 1;
         }
     }
+    drop(progress);
     analysis.estimate_wear()?;
     output::print(&match args.format {
         Format::Table => table::table(&analysis.records, &columns),

@@ -41,6 +41,11 @@ impl Source {
         self.info.sample_rate_hz
     }
 
+    /// Returns the number of bytes of the file read so far.
+    pub(super) fn bytes_read(&self) -> u64 {
+        self.frames.bytes_read()
+    }
+
     /// Returns the first selected channel whose unit the recording does not state.
     pub(super) fn channel_without_unit(&self) -> Option<&str> {
         let mut channels = self.info.channels.iter();

@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use tokio::sync::watch;
 
+use super::cost::Cost;
 use super::source::LibrarySource;
 use super::status::{Readiness, Simulation, SimulationProgress, SimulationStage};
 use super::turns::Turns;
@@ -34,6 +35,7 @@ pub(super) struct Job {
     /// Libraries are loaded one after the other.
     pub(super) loading: Arc<Mutex<()>>,
     pub(super) turns: Arc<Turns>,
+    pub(super) cost: Arc<Cost>,
     pub(super) ensembles: Arc<Ensembles>,
     pub(super) simulation: watch::Sender<Simulation>,
     /// Set when the library is no longer needed.
@@ -90,8 +92,8 @@ impl Job {
         }
         let library = {
             let turn = self.turns.wait(SimulationStage::Library);
-            self.begin(SimulationStage::Library);
-            turn.run(|| self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel))?
+            let build = || self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel);
+            self.measured(SimulationStage::Library, || turn.run(build))?
         };
         let alone = Ensemble::of(Arc::clone(&library));
         if self.neighbours.members == 0 {
@@ -101,8 +103,8 @@ impl Job {
         // Estimates wait only for the first members; histories are folded again when the rest are ready.
         let first = {
             let turn = self.turns.wait(SimulationStage::FirstMembers);
-            self.begin(SimulationStage::FirstMembers);
-            turn.run(|| self.members(&alone, &self.neighbours.first(), &self.progress()))
+            let build = || self.members(&alone, &self.neighbours.first(), &self.progress());
+            self.measured(SimulationStage::FirstMembers, || turn.run(build))
         };
         let first = match first {
             Ok(first) => first,
@@ -117,6 +119,22 @@ impl Job {
         let whole = self.remaining(first)?;
         self.ready(library, whole, None);
         Ok(())
+    }
+
+    /// Begins a stage and, if it succeeds, measures its speed for the estimates of later simulations.
+    fn measured<T>(
+        &self,
+        stage: SimulationStage,
+        simulate: impl FnOnce() -> Result<T, LibraryError>,
+    ) -> Result<T, LibraryError> {
+        self.begin(stage);
+        let began = Instant::now();
+        let done = simulate()?;
+        let now = Instant::now();
+        let progress = self.simulation.borrow().progress;
+        let pieces = progress.map_or(0, |progress| progress.pieces_since(began, now));
+        self.cost.note(stage, pieces, now.duration_since(began));
+        Ok(done)
     }
 
     /// Simulates all members, some more in each turn.
@@ -265,6 +283,7 @@ mod tests {
             source: LibrarySource::alone(folder),
             loading: Arc::default(),
             turns: Arc::new(Turns::new(2).unwrap()),
+            cost: Arc::new(Cost::new(2)),
             ensembles: Arc::default(),
             simulation,
             cancel: Arc::default(),

@@ -1,6 +1,7 @@
 //! The library of each asset, simulated once in the background. Records do not wait for it: they are folded
 //! without it at first, and again once it is ready.
 
+mod cost;
 mod failures;
 mod job;
 mod source;
@@ -20,6 +21,7 @@ use super::limits::WorkLimits;
 use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::{ChannelEstimator, EstimatorSettings, MissingLibrary};
 use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryCache, library_id};
+use cost::Cost;
 use job::{Ensembles, Job, lock};
 pub(crate) use source::LibrarySource;
 pub use status::{Readiness, Simulation, SimulationProgress, SimulationStage};
@@ -90,6 +92,7 @@ pub struct Simulations {
     /// One library is loaded at a time.
     loading: Arc<Mutex<()>>,
     turns: Arc<Turns>,
+    cost: Arc<Cost>,
 }
 
 impl Simulations {
@@ -103,7 +106,9 @@ impl Simulations {
         limits: &WorkLimits,
         changed: mpsc::UnboundedSender<Vec<AssetId>>,
     ) -> Result<Self, ServiceError> {
+        let turns = Turns::new(limits.simulation_threads)?;
         Ok(Self {
+            cost: Arc::new(Cost::new(turns.threads())),
             changed,
             source,
             grid,
@@ -112,7 +117,7 @@ impl Simulations {
             neighbours: limits.neighbours,
             ensembles: Arc::default(),
             loading: Arc::default(),
-            turns: Arc::new(Turns::new(limits.simulation_threads)?),
+            turns: Arc::new(turns),
         })
     }
 
@@ -127,6 +132,13 @@ impl Simulations {
             Some((id, simulation)) => (Some(id), simulation.borrow().clone()),
             None => (None, Simulation::none()),
         }
+    }
+
+    /// The expected seconds from the start of the simulation of an asset's library until the first estimates;
+    /// `None` if the asset describes no pair.
+    pub fn estimated_s(&self, spec: &AssetSpec) -> Option<f64> {
+        let pair = spec.pair()?;
+        Some(self.cost.estimated_s(&self.grid.for_pair(pair), self.neighbours))
     }
 
     /// Starts the simulation of an asset's library in the background if it was not requested before.
@@ -208,6 +220,7 @@ impl Simulations {
             source: self.source.clone(),
             loading: Arc::clone(&self.loading),
             turns: Arc::clone(&self.turns),
+            cost: Arc::clone(&self.cost),
             ensembles: Arc::clone(&self.ensembles),
             simulation: sender,
             cancel,

@@ -67,6 +67,14 @@ impl SimulationProgress {
         self.first.get_or_insert((now, done));
     }
 
+    /// The number of pieces done since a time, if the stage began then; 0 if some of them come from an earlier
+    /// build, which are done at once.
+    pub(super) fn pieces_since(&self, began: Instant, now: Instant) -> usize {
+        let took = now.duration_since(began);
+        let is_resumed = self.first.is_none_or(|(first, _)| first.duration_since(began) < took / 20);
+        if is_resumed { 0 } else { self.done }
+    }
+
     /// The fraction of the stage that is done, 0 to 1.
     pub fn fraction(&self) -> f64 {
         if self.total == 0 {
@@ -135,6 +143,18 @@ mod tests {
         progress.note(50, 100, after(10));
         progress.note(49, 100, after(10));
         assert_eq!((progress.fraction(), progress.remaining_s(after(10))), (0.5, Some(50.0)));
+    }
+
+    #[test]
+    fn pieces_of_an_earlier_build_are_not_measured() {
+        let began = Instant::now();
+        let after = |s: u64| began + Duration::from_secs(s);
+        let mut progress = SimulationProgress::begin(SimulationStage::Library);
+        assert_eq!(progress.pieces_since(began, after(1)), 0);
+        progress.note(8, 50, after(3));
+        progress.note(50, 50, after(20));
+        assert_eq!(progress.pieces_since(began, after(20)), 50);
+        assert_eq!(progress.pieces_since(after(3), after(20)), 0);
     }
 
     #[test]

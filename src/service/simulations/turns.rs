@@ -38,6 +38,11 @@ impl Turns {
         Ok(Self { threads, queue: Mutex::default(), freed: Condvar::new() })
     }
 
+    /// Number of threads.
+    pub(super) fn threads(&self) -> usize {
+        self.threads.current_num_threads()
+    }
+
     /// Waits for a turn at a stage.
     pub(super) fn wait(&self, stage: SimulationStage) -> Turn<'_> {
         let mut queue = lock(&self.queue);

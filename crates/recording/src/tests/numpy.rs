@@ -41,6 +41,9 @@ fn arrays_of_numpy_are_read_sample_for_sample() {
         ("int64", 1, 100, 1.0),
         ("float32-three-channels", 3, 100, 0.125),
         ("one-column", 1, 100, 0.125),
+        ("float32-transposed", 3, 100, 0.125),
+        ("float64-transposed-long", 2, 5000, 0.125),
+        ("int16-big-endian-transposed", 2, 100, 1.0),
         ("version-2", 1, 100, 0.125),
         ("version-3", 1, 100, 0.125),
     ] {
