@@ -48,6 +48,7 @@ const FILES: &[StaticFile] = files![
     "asset-header.js",
     "asset.css",
     "asset.js",
+    "baseline-lines.js",
     "bearing-geometry.js",
     "bearing-panel.js",
     "bench-list.js",

@@ -157,6 +157,51 @@ export const CHECKS = {
     await close(opened, name);
   },
 
+  "every line of the table has its change since the baseline": async (name) => {
+    const id = await latest();
+    const now = await whole(id);
+    const { baseline } = await json(`assets/${asset}/wear`);
+    const { items } = await json(`assets/${asset}/segments?limit=${Math.min(24, baseline.need)}`);
+    const healthy = await Promise.all(items.map((record) => whole(record.id)));
+    const { frequency_hz: mesh } = now.mesh_harmonics[0];
+    // the same line of each record is at the same order
+    const changeAt = (hz) => {
+      const then = healthy.map((each) =>
+        Math.log(amplitudeAt(each, (hz * each.shaft_speed_hz) / now.shaft_speed_hz)),
+      );
+      const mean = Math.exp(then.reduce((sum, each) => sum + each, 0) / then.length);
+      return 20 * Math.log10(amplitudeAt(now, hz) / mean);
+    };
+    const shaft = Number(now.shaft_speed_hz.toPrecision(7));
+    const centre = Number(mesh.toPrecision(7));
+    const opened = await open(`#/assets/${asset}?zoom=1&cursor=s~${centre}~${shaft}`);
+    const { page } = opened;
+    const column = async () => (await rows(page)).map((row) => row.at(-1).replace("−", "-"));
+    await page
+      .locator('[data-plot="spectrum"] .lines thead')
+      .getByText("Change since baseline, dB")
+      .waitFor();
+    const settled = async () => (await column()).every((cell) => Number.isFinite(Number(cell)));
+    for (let looks = 0; looks < 200 && !(await settled()); looks++) await page.waitForTimeout(250);
+    const cells = await column();
+    assert.equal(cells.length, 11);
+    for (const [n, cell] of cells.entries()) {
+      if (n === 5) continue; // the mesh line's own baseline value comes with the spectrum
+      const wanted = changeAt(centre + (n - 5) * shaft);
+      assert.ok(Math.abs(Number(cell) - wanted) < 0.1, `line ${n}: ${cell}, expected ${wanted}`);
+    }
+    // over orders too
+    await page.goto(`${page.url().split("?")[0]}?axis=orders`);
+    await page.locator('[data-plot="spectrum"] .lines thead th', { hasText: "Frequency" }).waitFor({
+      state: "detached",
+    });
+    await page
+      .locator('[data-plot="spectrum"] .lines thead')
+      .getByText("Change since baseline, dB")
+      .waitFor();
+    await close(opened, name);
+  },
+
   "a sideband cursor starts in the visible part": async (name) => {
     for (const view of ["zoom=2", "band=3000~3300", ""]) {
       const opened = await open(`#/assets/${asset}?${view}`);
