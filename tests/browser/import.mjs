@@ -77,7 +77,7 @@ export const CHECKS = {
     ]);
     await card(page, "mono.flac").getByText("FLAC · 1 channel · 20 kHz (from the file) · 0.25 s").waitFor();
     await card(page, "array.npy").getByText("Sample rate is missing").waitFor();
-    await page.getByText("For files other than MCAP: unit").click();
+    await page.getByText("For all files other than MCAP: unit").click();
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12800");
     await page.getByLabel("Unit", { exact: true }).fill("m/s2");
     await card(page, "array.npy").getByText("NumPy · 2 channels · 12.8 kHz (entered)").waitFor();
@@ -138,7 +138,7 @@ export const CHECKS = {
     await card(page, "block.pb").locator("svg.sketch").waitFor();
     // a MATLAB file without a rate is inspected again when one is entered
     await card(page, "two.mat").locator('.result[data-kind="bad"]').waitFor();
-    await page.getByText("For files other than MCAP: unit").click();
+    await page.getByText("For all files other than MCAP: unit").click();
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
@@ -317,6 +317,39 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "an import is undone after a reload of the page": async (name) => {
+    const opened = await desk();
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", [
+      audio("a_20260401_080000.wav", wav(2000)),
+      audio("b_20260401_090000.wav", wav(2100)),
+      audio("c_20260401_100000.wav", wav(2200)),
+    ]);
+    await send(page);
+    await page.getByRole("button", { name: "Undo this import: delete 3 records…" }).waitFor();
+    await page.reload();
+    const undo = page.getByRole("button", { name: /^Undo the import of 20.* UTC: delete 3 records…$/ });
+    await undo.waitFor();
+    await shoot(page, name);
+    // a record deleted meanwhile is no obstacle
+    const { items } = await json(`assets/${id}/segments`);
+    const answer = await fetch(`${base}/v1/segments/${items[0].id}`, { method: "DELETE" });
+    assert.ok(answer.ok, answer.statusText);
+    page.on("dialog", (dialog) => dialog.accept());
+    await undo.click();
+    await page.getByText("2 records deleted. Import undone.").waitFor();
+    assert.equal((await json(`assets/${id}`)).summary.segments, 0);
+    await page.reload();
+    await page.getByText("Drop recordings or folders").waitFor();
+    assert.ok(await page.getByRole("button", { name: /^Undo/ }).isHidden(), "it is undone only once");
+    const missing = /^console: [^,]* 404 [^,]*$/;
+    assert.ok(
+      opened.faults.splice(0).every((fault) => missing.test(fault)),
+      "only the missing record is reported",
+    );
+    await end(opened, name);
+  },
+
   "existing records are reported and not removed by undo": async () => {
     const opened = await desk();
     const { id, page } = opened;
@@ -434,20 +467,27 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "the full scale of a 16-bit WAV file is applied": async () => {
+  "the full scale of 16-bit WAV files is applied, to all or to one": async () => {
     const opened = await desk();
     const { id, page } = opened;
-    await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
+    await page.setInputFiles("#upload-file", [
+      audio("a_20260401_080000.wav", wav(2000)),
+      audio("b_20260401_090000.wav", wav(2000)),
+    ]);
+    await page.getByText("For all files other than MCAP: unit").click();
+    await page.getByLabel("Full scale of 16-bit WAV files, in the unit").fill("20");
     await page.getByLabel("Full scale of a_20260401_080000.wav").fill("50");
     await send(page);
-    await good(page, "a_20260401_080000.wav: record of");
+    await good(page, "b_20260401_090000.wav: record of");
     const { items } = await json(`assets/${id}/segments`);
-    const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
-    const greatest = Math.max(...wave.value);
-    assert.ok(
-      greatest > 50 * 0.3 && greatest < 50 * 0.4,
-      `9000 of 32768 counts, twice where both lines add up: ${greatest}`,
-    );
+    for (const [n, scale] of [50, 20].entries()) {
+      const wave = await json(`segments/${items[n].id}/waveform?max_points=4000`);
+      const greatest = Math.max(...wave.value);
+      assert.ok(
+        greatest > scale * 0.3 && greatest < scale * 0.4,
+        `9000 of 32768 counts, twice where both lines add up: ${greatest} of ${scale}`,
+      );
+    }
     await end(opened);
   },
 

@@ -142,7 +142,7 @@ export const CHECKS = {
       await whole(await latest()),
       page.locator('[data-plot="spectrum"] .lines thead'),
     ];
-    await head.getByText("Change since baseline, dB").waitFor();
+    await head.getByText("dB to baseline").waitFor();
     const table = await rows(page);
     assert.equal(table.length, harmonics.length);
     const [{ frequency_hz: hz, amplitude, baseline_amplitude: healthy }] = harmonics;
@@ -177,10 +177,7 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}?zoom=1&cursor=s~${centre}~${shaft}`);
     const { page } = opened;
     const column = async () => (await rows(page)).map((row) => row.at(-1).replace("−", "-"));
-    await page
-      .locator('[data-plot="spectrum"] .lines thead')
-      .getByText("Change since baseline, dB")
-      .waitFor();
+    await page.locator('[data-plot="spectrum"] .lines thead').getByText("dB to baseline").waitFor();
     const settled = async () => (await column()).every((cell) => Number.isFinite(Number(cell)));
     for (let looks = 0; looks < 200 && !(await settled()); looks++) await page.waitForTimeout(250);
     const cells = await column();
@@ -195,10 +192,7 @@ export const CHECKS = {
     await page.locator('[data-plot="spectrum"] .lines thead th', { hasText: "Frequency" }).waitFor({
       state: "detached",
     });
-    await page
-      .locator('[data-plot="spectrum"] .lines thead')
-      .getByText("Change since baseline, dB")
-      .waitFor();
+    await page.locator('[data-plot="spectrum"] .lines thead').getByText("dB to baseline").waitFor();
     await close(opened, name);
   },
 

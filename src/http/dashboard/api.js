@@ -136,12 +136,15 @@ export const wear = (id, channel, signal) => get(["assets", id, "wear"], { chann
 /** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear/hindsight">>} */
 export const wearHindsight = (id, channel, signal) =>
   get(["assets", id, "wear", "hindsight"], { channel }, signal);
-/** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear/history">>} */
-export const wearHistory = (id, channel, signal) =>
-  get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
-/** @type {(id: string, channel: string | undefined, names: string[], signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators">>} */
-export const indicators = (id, channel, names, signal) =>
-  get(["assets", id, "indicators"], { channel, names: names.join(","), max_points: 2000 }, signal);
+/** @typedef {{ from: string, to: string }} TimeRange */
+/** @type {(range?: TimeRange) => object} */
+const historyPart = (range) => (range ? { ...range, max_points: 5000 } : { max_points: 2000 });
+/** @type {(id: string, channel?: string, signal?: AbortSignal, range?: TimeRange) => Promise<Answer<"/v1/assets/{asset}/wear/history">>} */
+export const wearHistory = (id, channel, signal, range) =>
+  get(["assets", id, "wear", "history"], { channel, ...historyPart(range) }, signal);
+/** @type {(id: string, channel: string | undefined, names: string[], signal?: AbortSignal, range?: TimeRange) => Promise<Answer<"/v1/assets/{asset}/indicators">>} */
+export const indicators = (id, channel, names, signal, range) =>
+  get(["assets", id, "indicators"], { channel, names: names.join(","), ...historyPart(range) }, signal);
 /** @type {(id: string, channel: string, name: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators">>} */
 export const indicatorUnits = (id, channel, name, signal) =>
   get(["assets", id, "indicators"], { channel, names: name, max_points: 10 }, signal);

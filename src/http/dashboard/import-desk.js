@@ -1,13 +1,11 @@
 // The import panel: files are inspected, completed and uploaded together; a finished import can be undone.
 
-import { deleteRecords } from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { bytes, count } from "./format.js";
+import { bytes, clock, count } from "./format.js";
+import { ImportBatch } from "./import-batch.js";
 import { ImportFile } from "./import-file.js";
 import { ENDINGS, unpacked } from "./import-preview.js";
 import { refusalWords, sendFile } from "./import-sending.js";
-
-const AT_ONCE = 200; // records named in one request
 
 function field(id, label, properties) {
   const input = h("input", { id, ...properties });
@@ -39,6 +37,13 @@ export class ImportDesk {
     placeholder: "from the file",
     onchange: () => this.#lookAgain(),
   });
+  #scale = field("upload-scale", "Full scale of 16-bit WAV files, in the unit", {
+    type: "number",
+    min: 0,
+    step: "any",
+    placeholder: "1",
+    title: "The amplitude of the largest 16-bit value, for example 50 for ±50 m/s²",
+  });
   #list = h("ul", { class: "files" });
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
@@ -49,11 +54,12 @@ export class ImportDesk {
     "Undo this import…",
   );
   #undone = h("p", { class: "result", role: "status" });
-  #stored = []; // ids of the records stored by the latest import
+  #batch;
   element;
 
   constructor(asset) {
     this.#asset = asset;
+    this.#batch = new ImportBatch(asset);
     const drop = h(
       "label",
       { class: "drop", for: "upload-file" },
@@ -65,13 +71,18 @@ export class ImportDesk {
     // the page handles all drops; this area only marks where to drop
     drop.addEventListener("dragover", () => drop.classList.add("over"));
     for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
-    const fields = [this.#unit, this.#speed, this.#torque, this.#temperature, this.#rate].map(
-      ({ element }) => element,
-    );
+    const fields = [
+      this.#unit,
+      this.#scale,
+      this.#speed,
+      this.#torque,
+      this.#temperature,
+      this.#rate,
+    ].map(({ element }) => element);
     const optional = h(
       "details",
       {},
-      h("summary", {}, "For files other than MCAP: unit, operating point, sampling rate"),
+      h("summary", {}, "For all files other than MCAP: unit, full scale, operating point, sampling rate"),
       h("div", { class: "fields" }, fields),
     );
     this.element = h(
@@ -85,6 +96,14 @@ export class ImportDesk {
       this.#undone,
       this.#results,
     );
+    this.#offerUndo();
+  }
+
+  #offerUndo() {
+    const { since, size } = this.#batch;
+    this.#undo.hidden = size === 0;
+    const which = since ? `the import of ${clock(since, { toMinute: true })}` : "this import";
+    setText(this.#undo, `Undo ${which}: delete ${records(size)}…`);
   }
 
   /** Values for all files that do not contain them. */
@@ -95,6 +114,7 @@ export class ImportDesk {
       torque_nm: this.#torque.input.value,
       temperature_c: this.#temperature.input.value,
       rate: Number(this.#rate.input.value) || undefined,
+      fullScale: Number(this.#scale.input.value) || undefined,
     };
   }
 
@@ -162,12 +182,11 @@ export class ImportDesk {
       setChildren(this.#results);
       setText(this.#undone, "");
       this.#undo.hidden = true;
-      this.#stored = [];
+      this.#batch.begin();
       const waiting = cards.map(({ file }) => new Progress(file));
       this.#results.append(...waiting.map(({ element }) => element));
       for (const [n, card] of cards.entries()) await this.#sendOne(card, common, waiting[n]);
-      this.#undo.hidden = this.#stored.length === 0;
-      setText(this.#undo, `Undo this import: delete ${records(this.#stored.length)}…`);
+      this.#offerUndo();
     });
   }
 
@@ -183,7 +202,7 @@ export class ImportDesk {
         common,
         (share) => progress.sent(share),
       );
-      this.#stored.push(...segments);
+      this.#batch.add(segments);
       progress.end(
         kind,
         listed ? words : [...words, `Only its first ${count(segments.length)} records can be deleted here.`],
@@ -195,30 +214,23 @@ export class ImportDesk {
   }
 
   async #undoImport() {
-    const stored = this.#stored;
+    const { size } = this.#batch;
     if (
       !confirm(
-        `Delete the ${records(stored.length)} of this import? The wear history is then recomputed without them.`,
+        `Delete the ${records(size)} of this import? The wear history is then recomputed without them.`,
       )
     )
       return;
     this.#undo.disabled = true;
-    let gone = 0;
     try {
-      for (let at = 0; at < stored.length; at += AT_ONCE) {
-        const { deleted } = await deleteRecords(this.#asset, {
-          ids: stored.slice(at, at + AT_ONCE).join(","),
-        });
-        gone += deleted;
-      }
-      this.#stored = [];
-      this.#undo.hidden = true;
+      const gone = await this.#batch.undo();
       setChildren(this.#results);
       this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
-      this.#stored = stored.slice(gone);
-      this.#showNotice("bad", `Undo failed${gone ? ` after ${records(gone)}` : ""}: ${error.message}.`);
+      const left = size - this.#batch.size;
+      this.#showNotice("bad", `Undo failed${left ? ` after ${records(left)}` : ""}: ${error.message}.`);
     } finally {
+      this.#offerUndo();
       this.#undo.disabled = false;
       changed();
     }

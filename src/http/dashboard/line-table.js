@@ -90,6 +90,9 @@ export class LineTable {
   /** The changes of lines since the baseline; those of other lines than mesh harmonics are requested. */
   #changes(spectrum, rows) {
     const known = rows.map((row) => growth(spectrum, row));
+    const { axis, mesh_harmonics: harmonics } = spectrum;
+    const hasNone = !axis && harmonics.length && !harmonics.some((each) => each.baseline_amplitude > 0);
+    if (hasNone) return known; // the baseline is still being collected
     const others = rows.filter((_, row) => known[row] === null);
     const changes = this.#baseline.changes(
       spectrum,
@@ -123,7 +126,7 @@ export class LineTable {
         rows.map(({ amplitude }) => number(amplitude, 4)),
       ],
       ...furtherColumns(further.layers, further.cursors, rows, view),
-      grown.some((each) => each != null) && ["Change since baseline, dB", grown.map(levelWords)],
+      grown.some((each) => each != null) && ["dB to baseline", grown.map(levelWords)],
     ].filter(Boolean);
     setText(this.#summary, cursor ? "Cursor lines" : "Mesh lines");
     setChildren(
