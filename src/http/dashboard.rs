@@ -91,6 +91,7 @@ const FILES: &[StaticFile] = files![
     "import-file.js",
     "import-preview.js",
     "import-sending.js",
+    "import-spacing.js",
     "import.css",
     "import.js",
     "index.html",

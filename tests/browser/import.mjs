@@ -350,6 +350,58 @@ export const CHECKS = {
     await end(opened, name);
   },
 
+  "files without a start time are placed at an interval, in the order of their names": async (name) => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const spacing = page.locator(".spacing");
+    await page.setInputFiles("#upload-file", [
+      audio("run-10.wav", wav(2300)),
+      audio("run-2.wav", wav(2100)),
+      audio("run-1.wav", wav(2000)),
+      audio("dated_20260401_080000.wav", wav(2200)),
+    ]);
+    await spacing.getByText("3 files do not say when they were recorded").waitFor();
+    await spacing.getByLabel("First record, UTC").fill("2026-05-01T06:00:00");
+    await spacing.getByLabel("Every, minutes").fill("90");
+    await shoot(page, name);
+    await spacing.getByRole("button", { name: "Set start times" }).click();
+    await card(page, "run-10.wav").getByText("at the interval entered").waitFor();
+    await send(page);
+    await page.getByText("4 files read: 4 records added.").waitFor();
+    const { items } = await json(`assets/${id}/segments`);
+    assert.deepEqual(
+      items.map(({ start_time: start, samples }) => [start, samples]),
+      [
+        ["2026-04-01T08:00:00Z", 2200],
+        ["2026-05-01T06:00:00Z", 2000],
+        ["2026-05-01T07:30:00Z", 2100],
+        ["2026-05-01T09:00:00Z", 2300],
+      ],
+    );
+    await end(opened, name);
+  },
+
+  "the unit of the samples is asked for before the first records": async (name) => {
+    const opened = await desk({ sensor: undefined });
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
+    const note = page.getByText("The files do not name the unit of their samples");
+    await note.waitFor();
+    await shoot(page, name);
+    await page.getByLabel("Unit", { exact: true }).first().fill("g");
+    await send(page);
+    await good(page, "a_20260401_080000.wav: record of");
+    const { items } = await json(`assets/${id}/segments`);
+    assert.equal(items[0].unit, "g");
+    await end(opened, name);
+    // an asset with a unit needs no question
+    const other = await desk();
+    await other.page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
+    await other.page.getByRole("button", { name: "Upload file" }).waitFor();
+    assert.ok(await other.page.getByText("The files do not name").isHidden());
+    await end(other);
+  },
+
   "existing records are reported and not removed by undo": async () => {
     const opened = await desk();
     const { id, page } = opened;

@@ -80,7 +80,7 @@ export const CHECKS = {
     const opened = await open("");
     const { page } = opened;
     await page.getByRole("link", { name: "New asset" }).click();
-    await page.getByText("Still required: teeth, driving").waitFor();
+    await page.getByText("Still required: “Teeth, driving”").waitFor();
     await fill(page, { Name: `Form ${id.slice(5)}`, ...NUMBERS });
     assert.equal(await page.getByLabel("Id", { exact: true }).inputValue(), id, "the id follows the name");
     await fill(page, { "Warning (µm)": "20", "Danger (µm)": "30" });

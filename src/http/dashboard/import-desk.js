@@ -1,11 +1,13 @@
 // The import panel: files are inspected, completed and uploaded together; a finished import can be undone.
 
+import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { bytes, clock, count } from "./format.js";
 import { ImportBatch } from "./import-batch.js";
 import { ImportFile } from "./import-file.js";
 import { ENDINGS, unpacked } from "./import-preview.js";
 import { refusalWords, sendFile } from "./import-sending.js";
+import { StartSpacing } from "./import-spacing.js";
 
 function field(id, label, properties) {
   const input = h("input", { id, ...properties });
@@ -44,9 +46,17 @@ export class ImportDesk {
     placeholder: "1",
     title: "The amplitude of the largest 16-bit value, for example 50 for ±50 m/s²",
   });
+  #unitNote = h(
+    "p",
+    { class: "result", "data-kind": "part", hidden: true },
+    "The files do not name the unit of their samples, and the asset has no default. Enter it (m/s2, g, mm/s …): without it levels have no unit and velocity is not computed. It cannot be changed once a channel has records.",
+  );
+  #optional;
+  #spacing = new StartSpacing(() => this.#compare());
   #list = h("ul", { class: "files" });
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
+  #summary = h("p", { class: "result", hidden: true });
   #results = h("div", { class: "results", "aria-live": "polite" });
   #undo = h(
     "button",
@@ -71,29 +81,27 @@ export class ImportDesk {
     // the page handles all drops; this area only marks where to drop
     drop.addEventListener("dragover", () => drop.classList.add("over"));
     for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
-    const fields = [
-      this.#unit,
-      this.#scale,
-      this.#speed,
-      this.#torque,
-      this.#temperature,
-      this.#rate,
-    ].map(({ element }) => element);
-    const optional = h(
+    const fields = [this.#unit, this.#scale, this.#speed, this.#torque, this.#temperature, this.#rate].map(
+      ({ element }) => element,
+    );
+    this.#optional = h(
       "details",
       {},
       h("summary", {}, "For all files other than MCAP: unit, full scale, operating point, sampling rate"),
+      this.#unitNote,
       h("div", { class: "fields" }, fields),
     );
     this.element = h(
       "section",
       { class: "import-desk" },
       h("h3", {}, "Upload files"),
-      optional,
+      this.#optional,
       drop,
+      this.#spacing.element,
       this.#list,
       h("div", { class: "form-buttons" }, this.#send, this.#undo),
       this.#undone,
+      this.#summary,
       this.#results,
     );
     this.#offerUndo();
@@ -136,7 +144,17 @@ export class ImportDesk {
     this.#list.append(...cards.map(({ element }) => element));
     this.#file.value = "";
     for (const card of cards) await card.look();
+    await this.#askForUnit();
     this.#offer(); // files not inspected yet are not sent
+  }
+
+  /** Points to the field of the unit before the first records of an asset, whose unit then stays. */
+  async #askForUnit() {
+    if (this.#unit.input.value || !this.#files.some(({ lacksUnit }) => lacksUnit)) return;
+    const asset = await api.asset(this.#asset).catch(() => null);
+    if (!asset || asset.sensor?.unit || asset.summary.segments > 0) return;
+    this.#unitNote.hidden = false;
+    this.#optional.open = true;
   }
 
   async #lookAgain() {
@@ -152,6 +170,19 @@ export class ImportDesk {
     this.#compare();
   }
 
+  /** Says how far the upload is; `rejected` files are not stored. */
+  #sum(done, all, rejected, isLast) {
+    this.#summary.hidden = all < 2;
+    const refused = rejected ? `, ${count(rejected)} ${rejected === 1 ? "file" : "files"} rejected` : "";
+    this.#summary.dataset.kind = !isLast ? "" : rejected ? "part" : "good";
+    setText(
+      this.#summary,
+      isLast
+        ? `${count(all)} files read: ${records(this.#batch.size)} added${refused}.`
+        : `${count(done)} of ${count(all)} files uploaded${refused}…`,
+    );
+  }
+
   /** Marks the files whose records would have the same start and channel. */
   #compare() {
     const places = this.#files.map((card) => new Set(card.places()));
@@ -163,6 +194,7 @@ export class ImportDesk {
 
   #offer() {
     const { length } = this.#files;
+    this.#spacing.show(this.#files);
     this.#send.hidden = length === 0;
     setText(this.#send, length === 1 ? "Upload file" : `Upload ${length} files`);
   }
@@ -185,13 +217,22 @@ export class ImportDesk {
       this.#batch.begin();
       const waiting = cards.map(({ file }) => new Progress(file));
       this.#results.append(...waiting.map(({ element }) => element));
-      for (const [n, card] of cards.entries()) await this.#sendOne(card, common, waiting[n]);
+      let rejected = 0;
+      for (const [n, card] of cards.entries()) {
+        this.#sum(n, cards.length, rejected, false);
+        if (!(await this.#sendOne(card, common, waiting[n]))) rejected += 1;
+      }
+      this.#sum(cards.length, cards.length, rejected, true);
       this.#offerUndo();
     });
   }
 
+  /** Returns whether the file was taken. */
   async #sendOne({ file, seen, entry }, common, progress) {
-    if (!seen.type) return progress.end("bad", refusalWords(file, new Error(seen.fault)));
+    if (!seen.type) {
+      progress.end("bad", refusalWords(file, new Error(seen.fault)));
+      return false;
+    }
     progress.begin();
     try {
       const { kind, words, segments, listed } = await sendFile(
@@ -208,8 +249,10 @@ export class ImportDesk {
         listed ? words : [...words, `Only its first ${count(segments.length)} records can be deleted here.`],
       );
       changed();
+      return kind !== "bad";
     } catch (error) {
       progress.end("bad", refusalWords(file, error));
+      return false;
     }
   }
 
@@ -225,6 +268,7 @@ export class ImportDesk {
     try {
       const gone = await this.#batch.undo();
       setChildren(this.#results);
+      this.#summary.hidden = true;
       this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
       const left = size - this.#batch.size;

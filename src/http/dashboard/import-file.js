@@ -147,6 +147,27 @@ export class ImportFile {
     this.#time.append(this.#startWords);
   }
 
+  /** Whether the start is the modification time of the file, which a copy may have changed. */
+  get hasGuessedStart() {
+    return Boolean(this.seen?.start?.isGuess) && !this.#typed;
+  }
+
+  /** Sets the start; `words` name its source. */
+  setStart(time, words) {
+    this.#start.value = time.slice(0, -1);
+    this.#typeStart();
+    setText(this.#startWords, words);
+  }
+
+  /** Whether the samples need a unit that the file does not contain. */
+  get lacksUnit() {
+    return (
+      Boolean(this.seen?.type) &&
+      !OWN_NAMES.includes(this.seen.type) &&
+      this.seen.channels.some(({ unit: own }) => !own)
+    );
+  }
+
   #typeStart() {
     this.#typed = true;
     setText(this.#startWords, "entered");

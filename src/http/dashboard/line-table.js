@@ -122,7 +122,7 @@ export class LineTable {
       [
         further.layers.length
           ? recordHeading(further.first)
-          : `Amplitude${unitName ? `, ${unit(unitName)}` : ""}`,
+          : `Amplitude${unit(unitName) ? `, ${unit(unitName)}` : ""}`,
         rows.map(({ amplitude }) => number(amplitude, 4)),
       ],
       ...furtherColumns(further.layers, further.cursors, rows, view),
