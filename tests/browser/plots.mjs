@@ -62,7 +62,7 @@ const recordsDrawn = (page, kind, [from, to]) =>
 /** Waits until exactly these records are drawn between two instants: the words are there before the lines. */
 async function onlyDrawn(page, kind, range, wanted, words = kind) {
   let shown = await recordsDrawn(page, kind, range);
-  for (let looks = 0; looks < 100 && String(shown) !== String(wanted); looks++) {
+  for (let looks = 0; looks < 500 && String(shown) !== String(wanted); looks++) {
     await page.waitForTimeout(200);
     shown = await recordsDrawn(page, kind, range);
   }

@@ -34,7 +34,7 @@ export async function fill(page, values) {
 }
 
 const field = (page, label) => page.locator(".setup-field", { has: page.getByLabel(label, { exact: true }) });
-const worn = (page) => page.locator(".preview[data-wear]").waitFor({ timeout: 30_000 });
+const worn = (page) => page.locator(".preview[data-wear]").waitFor();
 
 /** Moves a slider to a fraction of its range, as a user does. */
 const slide = (page, name, part) =>

@@ -179,7 +179,7 @@ export const CHECKS = {
     const column = async () => (await rows(page)).map((row) => row.at(-1).replace("−", "-"));
     await page.locator('[data-plot="spectrum"] .lines thead').getByText("dB to baseline").waitFor();
     const settled = async () => (await column()).every((cell) => Number.isFinite(Number(cell)));
-    for (let looks = 0; looks < 200 && !(await settled()); looks++) await page.waitForTimeout(250);
+    for (let looks = 0; looks < 400 && !(await settled()); looks++) await page.waitForTimeout(250);
     const cells = await column();
     assert.equal(cells.length, 11);
     for (const [n, cell] of cells.entries()) {
@@ -204,7 +204,7 @@ export const CHECKS = {
       await page.getByLabel("Cursor", { exact: true }).selectOption("s");
       await readout(page).getByText("Sidebands: centre").waitFor();
       for (const slider of ["Centre of the sideband cursor", "First upper sideband of the cursor"])
-        await page.getByRole("slider", { name: slider }).waitFor({ timeout: 5000 });
+        await page.getByRole("slider", { name: slider }).waitFor();
       await close(opened, `${name} ${view}`);
     }
   },
