@@ -208,6 +208,7 @@ export class ImportDesk {
       .filter(({ seen }) => seen)
       .map((card) => ({ file: card.file, seen: card.seen, entry: card.entry() }));
     this.#files = [];
+    this.#unitNote.hidden = true;
     setChildren(this.#list);
     this.#offer();
     this.#sending = this.#sending.then(async () => {
