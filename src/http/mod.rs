@@ -35,6 +35,7 @@ mod library_states;
 mod limits;
 mod line_cache;
 mod line_range;
+mod lines;
 mod live_view;
 mod maintenance;
 mod matching;

@@ -46,7 +46,8 @@ const WITH_BODY: &[(&str, &str)] = &[
 
 /// For operations that read a record's raw bytes.
 const FROM_RAW: &[(&str, &str)] = &[("410", "The raw recording was deleted for the quota")];
-const READ_RAW: [&str; 7] = ["/raw", "/waveform", "/spectrum", "/envelope", "/orders", "/turn", "/cepstrum"];
+const READ_RAW: [&str; 8] =
+    ["/raw", "/waveform", "/spectrum", "/envelope", "/lines", "/orders", "/turn", "/cepstrum"];
 
 /// For operations without a body that write a file.
 const WITH_FILE: &[(&str, &str)] = &[("507", "Insufficient storage")];

@@ -17,7 +17,7 @@ use super::problem::Problem;
 use super::{
     access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, csv_preview, damage,
     dashboard, drain, etag, events, exclusions, export, head, health, hindsight, indicators, issued_tokens,
-    libraries, library_states, live_view, maintenance, matching, metrics, notifications, openapi,
+    libraries, library_states, lines, live_view, maintenance, matching, metrics, notifications, openapi,
     pair_presets, preview, raw_recordings, recomputations, record_choice, recording_preview, replays,
     reports, segments, session, stream_campaigns, streams, traffic, tus, uploads, waterfall, waveforms, wear,
 };
@@ -53,6 +53,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(waveforms::waveform))
         .routes(routes!(waveforms::spectrum))
         .routes(routes!(waveforms::envelope))
+        .routes(routes!(lines::lines))
         .routes(routes!(angle::orders))
         .routes(routes!(angle::turn))
         .routes(routes!(cepstra::cepstrum))

@@ -40,7 +40,7 @@ export const CHECKS = {
     const { page } = opened;
     await page.locator(".table-card").waitFor();
     const id = await alarmed([1, 20]);
-    await row(page, id).waitFor({ timeout: 25_000 });
+    await row(page, id).waitFor();
     assert.equal(await row(page, id).locator(".badge").innerText(), "Warning");
     const { items } = await json("alarms?state=unacknowledged,returned_unacknowledged&limit=1000");
     await page.locator("#alarm-number", { hasText: String(items.length) }).waitFor();

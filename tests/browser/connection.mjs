@@ -48,7 +48,7 @@ async function gate() {
   };
 }
 
-const told = (page, words, timeout = 20_000) => page.locator(`#live[title*="${words}"]`).waitFor({ timeout });
+const told = (page, words) => page.locator(`#live[title*="${words}"]`).waitFor();
 const PUSHED = "Live updates from the server";
 const POLLED = "Polling the server";
 
@@ -72,17 +72,17 @@ export const CHECKS = {
     assert.ok(await page.locator("#banner").isHidden(), "polling is no loss");
 
     passage.close();
-    await page.getByText("Connection lost since").waitFor({ timeout: 20_000 });
+    await page.getByText("Connection lost since").waitFor();
     assert.equal(await page.locator("#live").getAttribute("data-state"), "lost");
     await page.locator("#banner-wait", { hasText: /Retrying/ }).waitFor();
     assert.ok(await page.locator('[data-plot="trends"] .plot').isVisible(), "what was there stays");
     await sendNoise(id, 2);
 
     await passage.open();
-    await page.locator("#banner").waitFor({ state: "hidden", timeout: 25_000 });
+    await page.locator("#banner").waitFor({ state: "hidden" });
     await page.getByText("3 records").waitFor();
     assert.equal(await page.locator("#live").getAttribute("data-state"), "live");
-    await told(page, PUSHED, 25_000);
+    await told(page, PUSHED);
     await sendNoise(id, 3);
     await page.getByText("4 records").waitFor();
     assert.deepEqual(exceptions, []);
@@ -101,7 +101,7 @@ export const CHECKS = {
     await page.locator(".table-card .alarms, .table-card .notice").first().waitFor();
     passage.close();
     await page.goBack();
-    await page.getByText("Connection lost since").waitFor({ timeout: 20_000 });
+    await page.getByText("Connection lost since").waitFor();
     await page.getByRole("button", { name: "Retry now" }).waitFor();
     await passage.open();
     await page.getByRole("button", { name: "Retry now" }).click();
@@ -119,11 +119,11 @@ export const CHECKS = {
     await page.locator(`[data-asset="${asset}"]`).waitFor();
     passage.close();
     await page.getByRole("link", { name: "Libraries" }).click();
-    await page.getByText("This page could not be loaded from the server").waitFor({ timeout: 20_000 });
-    await page.getByText("Connection lost since").waitFor({ timeout: 20_000 });
+    await page.getByText("This page could not be loaded from the server").waitFor();
+    await page.getByText("Connection lost since").waitFor();
     await passage.open();
-    await page.locator("h1", { hasText: "Libraries" }).waitFor({ timeout: 20_000 });
-    await page.locator("tbody tr").first().waitFor({ timeout: 20_000 });
+    await page.locator("h1", { hasText: "Libraries" }).waitFor();
+    await page.locator("tbody tr").first().waitFor();
     await context.close();
     passage.close();
   },

@@ -14,6 +14,13 @@ declare global {
     ? A
     : never;
 
+  /** The JSON that the API takes with a method of a path. */
+  type RequestBody<P extends keyof paths, M extends "post" | "put"> = paths[P][M] extends {
+    requestBody?: { content: { "application/json": infer B } };
+  }
+    ? B
+    : never;
+
   /** Plotly.js as the page loads it. */
   var Plotly: any;
 }

@@ -77,7 +77,7 @@ export const CHECKS = {
     ]);
     await card(page, "mono.flac").getByText("FLAC · 1 channel · 20 kHz (from the file) · 0.25 s").waitFor();
     await card(page, "array.npy").getByText("Sample rate is missing").waitFor();
-    await page.getByText("For files other than MCAP: unit").click();
+    await page.getByText("For all files other than MCAP: unit").click();
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12800");
     await page.getByLabel("Unit", { exact: true }).fill("m/s2");
     await card(page, "array.npy").getByText("NumPy · 2 channels · 12.8 kHz (entered)").waitFor();
@@ -138,7 +138,7 @@ export const CHECKS = {
     await card(page, "block.pb").locator("svg.sketch").waitFor();
     // a MATLAB file without a rate is inspected again when one is entered
     await card(page, "two.mat").locator('.result[data-kind="bad"]').waitFor();
-    await page.getByText("For files other than MCAP: unit").click();
+    await page.getByText("For all files other than MCAP: unit").click();
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
@@ -318,6 +318,91 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "an import is undone after a reload of the page": async (name) => {
+    const opened = await desk();
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", [
+      audio("a_20260401_080000.wav", wav(2000)),
+      audio("b_20260401_090000.wav", wav(2100)),
+      audio("c_20260401_100000.wav", wav(2200)),
+    ]);
+    await send(page);
+    await page.getByRole("button", { name: "Undo this import: delete 3 records…" }).waitFor();
+    await page.reload();
+    const undo = page.getByRole("button", { name: /^Undo the import of 20.* UTC: delete 3 records…$/ });
+    await undo.waitFor();
+    await shoot(page, name);
+    // a record deleted meanwhile is no obstacle
+    const { items } = await json(`assets/${id}/segments`);
+    const answer = await fetch(`${base}/v1/segments/${items[0].id}`, { method: "DELETE" });
+    assert.ok(answer.ok, answer.statusText);
+    page.on("dialog", (dialog) => dialog.accept());
+    await undo.click();
+    await page.getByText("2 records deleted. Import undone.").waitFor();
+    assert.equal((await json(`assets/${id}`)).summary.segments, 0);
+    await page.reload();
+    await page.getByText("Drop recordings or folders").waitFor();
+    assert.ok(await page.getByRole("button", { name: /^Undo/ }).isHidden(), "it is undone only once");
+    const missing = /^console: [^,]* 404 [^,]*$/;
+    assert.ok(
+      opened.faults.splice(0).every((fault) => missing.test(fault)),
+      "only the missing record is reported",
+    );
+    await end(opened, name);
+  },
+
+  "files without a start time are placed at an interval, in the order of their names": async (name) => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const spacing = page.locator(".spacing");
+    await page.setInputFiles("#upload-file", [
+      audio("run-10.wav", wav(2300)),
+      audio("run-2.wav", wav(2100)),
+      audio("run-1.wav", wav(2000)),
+      audio("dated_20260401_080000.wav", wav(2200)),
+    ]);
+    await spacing.getByText("3 files do not say when they were recorded").waitFor();
+    await spacing.getByLabel("First record, UTC").fill("2026-05-01T06:00:00");
+    await spacing.getByLabel("Every, minutes").fill("90");
+    await shoot(page, name);
+    await spacing.getByRole("button", { name: "Set start times" }).click();
+    await card(page, "run-10.wav").getByText("at the interval entered").waitFor();
+    await send(page);
+    await page.getByText("4 files read: 4 records added.").waitFor();
+    const { items } = await json(`assets/${id}/segments`);
+    assert.deepEqual(
+      items.map(({ start_time: start, samples }) => [start, samples]),
+      [
+        ["2026-04-01T08:00:00Z", 2200],
+        ["2026-05-01T06:00:00Z", 2000],
+        ["2026-05-01T07:30:00Z", 2100],
+        ["2026-05-01T09:00:00Z", 2300],
+      ],
+    );
+    await end(opened, name);
+  },
+
+  "the unit of the samples is asked for before the first records": async (name) => {
+    const opened = await desk({ sensor: undefined });
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
+    const note = page.getByText("The files do not name the unit of their samples");
+    await note.waitFor();
+    await shoot(page, name);
+    await page.getByLabel("Unit", { exact: true }).first().fill("g");
+    await send(page);
+    await good(page, "a_20260401_080000.wav: record of");
+    const { items } = await json(`assets/${id}/segments`);
+    assert.equal(items[0].unit, "g");
+    await end(opened, name);
+    // an asset with a unit needs no question
+    const other = await desk();
+    await other.page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
+    await other.page.getByRole("button", { name: "Upload file" }).waitFor();
+    assert.ok(await other.page.getByText("The files do not name").isHidden());
+    await end(other);
+  },
+
   "existing records are reported and not removed by undo": async () => {
     const opened = await desk();
     const { id, page } = opened;
@@ -435,20 +520,27 @@ export const CHECKS = {
     await end(opened);
   },
 
-  "the full scale of a 16-bit WAV file is applied": async () => {
+  "the full scale of 16-bit WAV files is applied, to all or to one": async () => {
     const opened = await desk();
     const { id, page } = opened;
-    await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
+    await page.setInputFiles("#upload-file", [
+      audio("a_20260401_080000.wav", wav(2000)),
+      audio("b_20260401_090000.wav", wav(2000)),
+    ]);
+    await page.getByText("For all files other than MCAP: unit").click();
+    await page.getByLabel("Full scale of 16-bit WAV files, in the unit").fill("20");
     await page.getByLabel("Full scale of a_20260401_080000.wav").fill("50");
     await send(page);
-    await good(page, "a_20260401_080000.wav: record of");
+    await good(page, "b_20260401_090000.wav: record of");
     const { items } = await json(`assets/${id}/segments`);
-    const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
-    const greatest = Math.max(...wave.value);
-    assert.ok(
-      greatest > 50 * 0.3 && greatest < 50 * 0.4,
-      `9000 of 32768 counts, twice where both lines add up: ${greatest}`,
-    );
+    for (const [n, scale] of [50, 20].entries()) {
+      const wave = await json(`segments/${items[n].id}/waveform?max_points=4000`);
+      const greatest = Math.max(...wave.value);
+      assert.ok(
+        greatest > scale * 0.3 && greatest < scale * 0.4,
+        `9000 of 32768 counts, twice where both lines add up: ${greatest} of ${scale}`,
+      );
+    }
     await end(opened);
   },
 

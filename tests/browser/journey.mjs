@@ -49,15 +49,15 @@ export const CHECKS = empty && {
     assert.equal(files.length, 30);
     await page.setInputFiles("#upload-file", files);
     await page.getByRole("button", { name: "Upload 30 files" }).click();
-    await page.locator('.result[data-kind="good"]').nth(29).waitFor({ timeout: 45_000 });
+    await page.locator('.result[data-kind="good"]').nth(29).waitFor();
     await page.getByRole("button", { name: "Close" }).click();
 
     await page.locator(".facts", { hasText: "complete, 8 records" }).waitFor();
-    await page.locator(".wear-now strong", { hasText: "µm" }).waitFor({ timeout: 60_000 });
+    await page.locator(".wear-now strong", { hasText: "µm" }).waitFor();
     await page
       .locator(".verdict .badge", { hasText: /danger|warning/i })
       .first()
-      .waitFor({ timeout: 30_000 });
+      .waitFor();
     await drawn(page, "wear");
     await shoot(page, `${name} wear`);
 

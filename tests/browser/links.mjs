@@ -47,7 +47,7 @@ async function linked(name, address, ready, steps, expected) {
   await ready(restored.page);
   // parts that depend on a record appear with it, on either page
   const alike = async () => isDeepStrictEqual(await controls(restored.page), await controls(page));
-  for (let looks = 0; looks < 60 && !(await alike()); looks++) await restored.page.waitForTimeout(250);
+  for (let looks = 0; looks < 400 && !(await alike()); looks++) await restored.page.waitForTimeout(250);
   assert.deepEqual(await controls(restored.page), await controls(page));
   assert.deepEqual([...parameters(restored.page)], [...parameters(page)], "the link stays as it was");
   await close(restored, `${name} restored`);
@@ -188,7 +188,7 @@ export const CHECKS = {
       const area = restored.page.locator(`[data-plot="${kind}"] .nsewdrag`).first();
       await area.scrollIntoViewIfNeeded();
       // on a busy machine the two clicks may be too far apart for a double click
-      for (let tries = 0; tries < 8 && parameters(restored.page).has(parameter); tries++) {
+      for (let tries = 0; tries < 30 && parameters(restored.page).has(parameter); tries++) {
         await area.dblclick();
         await restored.page.waitForTimeout(1000);
       }

@@ -9,14 +9,14 @@ export const CHECKS = {
     await page.locator(`[data-asset="${asset}"]`).waitFor();
     const id = await createAsset("live", { baseline: { records: 8 } });
     const row = page.locator(`[data-asset="${id}"]`);
-    await row.waitFor({ timeout: 25_000 });
+    await row.waitFor();
     await row.getByText("No records").first().waitFor();
     await row.getByRole("link").click();
     await page.getByRole("heading", { name: "Waiting for the first record" }).waitFor();
     await sendNoise(id, 0);
     await drawn(page, "trends");
     await sendNoise(id, 1);
-    await page.getByText("2 records").waitFor({ timeout: 25_000 });
+    await page.getByText("2 records").waitFor();
     assert.deepEqual(faults, []);
     await page.context().close();
     await removeAsset(id);
@@ -33,7 +33,7 @@ export const CHECKS = {
         await new Promise((resolve) => setTimeout(resolve, 100));
       }
     })();
-    await page.getByText(/^[1-9]\d* records?/).waitFor({ timeout: 10_000 });
+    await page.getByText(/^[1-9]\d* records?/).waitFor();
     assert.ok(
       (await json(`assets/${id}`)).summary.segments < 60,
       "the page followed while records were coming",
@@ -48,7 +48,7 @@ export const CHECKS = {
     const { page } = await open("", {}, (fresh) => fresh.route("**/v1/events*", (route) => route.abort()));
     await page.locator(`[data-asset="${asset}"]`).waitFor();
     const id = await createAsset("polled", {});
-    await page.locator(`[data-asset="${id}"]`).waitFor({ timeout: 10_000 });
+    await page.locator(`[data-asset="${id}"]`).waitFor();
     assert.ok(await page.locator("#banner").isHidden(), "polling is no loss of the connection");
     await page.context().close();
     await removeAsset(id);

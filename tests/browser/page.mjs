@@ -17,6 +17,9 @@ export const shots = process.env.FLANKWATCH_SHOTS;
 export const PLOTS = ["wear", "trends", "spectrum", "envelope"];
 export const PHONE = { viewport: { width: 390, height: 844 }, colorScheme: "dark", hasTouch: true };
 
+/** Limit of every wait: what is awaited comes within seconds, but a busy machine may need far longer. */
+const PATIENCE = 120_000;
+
 const ARGUMENTS = [
   "--no-sandbox",
   "--disable-gpu",
@@ -38,6 +41,7 @@ export const browser = await chromium.launch({
  */
 export async function open(path, options = {}, before = async () => {}, host = base) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
+  context.setDefaultTimeout(PATIENCE);
   const page = await context.newPage();
   const faults = [];
   page.on(
@@ -80,10 +84,7 @@ export async function shoot(page, name) {
 
 /** Waits until a plot is drawn. */
 export const drawn = (page, kind) =>
-  page
-    .locator(`[data-plot="${kind}"] .plot .main-svg`)
-    .first()
-    .waitFor({ state: "visible", timeout: 45_000 });
+  page.locator(`[data-plot="${kind}"] .plot .main-svg`).first().waitFor({ state: "visible" });
 
 /** Waits for the initial plots of an asset's page. */
 export async function overviewDrawn(page) {
@@ -131,9 +132,7 @@ export async function sendNoise(id, minute, amplitude = 1, channel = "a1") {
 /** Waits until the page shows the record named in its address. */
 export async function recordShown(page) {
   const segment = await json(`segments/${parameters(page).get("segment")}`);
-  await page
-    .locator(".record-bar h2", { hasText: shownTime(segment.start_time) })
-    .waitFor({ timeout: 10_000 });
+  await page.locator(".record-bar h2", { hasText: shownTime(segment.start_time) }).waitFor();
   return segment;
 }
 

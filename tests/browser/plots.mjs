@@ -9,6 +9,7 @@ import {
   json,
   open,
   overviewDrawn,
+  parameters,
   removeAsset,
   sendNoise,
 } from "./page.mjs";
@@ -39,6 +40,35 @@ const twoLives = (page) =>
     await route.fulfill({ response: answer, json: history, headers: {} });
   });
 
+/** Asks the server for a few points of the whole life, as for an asset with far more records. */
+const reduced = async (page) => {
+  for (const path of ["**/wear/history?*", "**/indicators?*"])
+    await page.route(path, (route) =>
+      route.continue({ url: route.request().url().replace("max_points=2000", "max_points=20") }),
+    );
+};
+
+/** The times of the records drawn between two instants. */
+const recordsDrawn = (page, kind, [from, to]) =>
+  page.evaluate(
+    ([key, low, high]) => {
+      const { data } = document.querySelector(`[data-plot="${key}"] .plot`);
+      const { x } = data?.find(({ customdata }) => customdata) ?? { x: [] };
+      return x.map((time) => Date.parse(time)).filter((time) => time >= low && time <= high);
+    },
+    [kind, from, to],
+  );
+
+/** Waits until exactly these records are drawn between two instants: the words are there before the lines. */
+async function onlyDrawn(page, kind, range, wanted, words = kind) {
+  let shown = await recordsDrawn(page, kind, range);
+  for (let looks = 0; looks < 500 && String(shown) !== String(wanted); looks++) {
+    await page.waitForTimeout(200);
+    shown = await recordsDrawn(page, kind, range);
+  }
+  assert.deepEqual(shown, wanted, words);
+}
+
 const wear = (page, read) => page.evaluate(`(${read})(document.querySelector('[data-plot="wear"] .plot'))`);
 
 export const CHECKS = {
@@ -58,6 +88,49 @@ export const CHECKS = {
         );
       }),
     );
+    await close(opened, name);
+  },
+
+  "a zoom in time draws every record of its range": async (name) => {
+    const { items } = await json(`assets/${asset}/wear/history?max_points=20000`);
+    const starts = items.map(({ start_time: time }) => Date.parse(time));
+    const opened = await open(`#/assets/${asset}`, {}, reduced);
+    const { page } = opened;
+    await overviewDrawn(page);
+    const kinds = ["wear", "trends"];
+    for (const kind of kinds) {
+      await page.locator(`[data-plot="${kind}"] .plot-sub`).getByText("Reduced for display").waitFor();
+      const whole = await recordsDrawn(page, kind, [starts[0], starts.at(-1)]);
+      assert.ok(whole.length < starts.length / 2, `${whole.length} of ${starts.length} records of ${kind}`);
+    }
+    const plane = page.locator('[data-plot="wear"] .nsewdrag').first();
+    await plane.scrollIntoViewIfNeeded();
+    const { x, y, width, height } = await plane.boundingBox();
+    await page.mouse.move(x + 0.3 * width, y + 0.5 * height);
+    await page.mouse.down();
+    await page.mouse.move(x + 0.5 * width, y + 0.5 * height, { steps: 6 });
+    await page.mouse.up();
+    await page.waitForFunction(() => location.hash.includes("time="));
+    const range = parameters(page)
+      .get("time")
+      .split("~")
+      .map((time) => Date.parse(time));
+    const inside = starts.filter((time) => time >= range[0] && time <= range[1]);
+    for (const kind of kinds) {
+      await page.locator(`[data-plot="${kind}"] .plot-sub`).getByText("Every record").waitFor();
+      await onlyDrawn(page, kind, range, inside);
+      const all = await recordsDrawn(page, kind, [starts[0], starts.at(-1)]);
+      assert.deepEqual(
+        all,
+        [...all].sort((a, b) => a - b),
+        "in the order of time",
+      );
+    }
+    await page.reload();
+    for (const kind of kinds) {
+      await page.locator(`[data-plot="${kind}"] .plot-sub`).getByText("Every record").waitFor();
+      await onlyDrawn(page, kind, range, inside, `the link restores ${kind}`);
+    }
     await close(opened, name);
   },
 

@@ -203,10 +203,7 @@ export const CHECKS = {
       [items[0].kind, items[0].time, items[0].by],
       ["baseline_chosen", "2026-03-01T08:10:00Z", "Ada"],
     );
-    await rows(page)
-      .filter({ hasText: "08:17:00" })
-      .getByText("Collecting baseline")
-      .waitFor({ timeout: 20_000 });
+    await rows(page).filter({ hasText: "08:17:00" }).getByText("Collecting baseline").waitFor();
     await close(opened, name);
     await removeAsset(id);
   },

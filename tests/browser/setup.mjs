@@ -34,7 +34,7 @@ export async function fill(page, values) {
 }
 
 const field = (page, label) => page.locator(".setup-field", { has: page.getByLabel(label, { exact: true }) });
-const worn = (page) => page.locator(".preview[data-wear]").waitFor({ timeout: 30_000 });
+const worn = (page) => page.locator(".preview[data-wear]").waitFor();
 
 /** Moves a slider to a fraction of its range, as a user does. */
 const slide = (page, name, part) =>
@@ -80,7 +80,7 @@ export const CHECKS = {
     const opened = await open("");
     const { page } = opened;
     await page.getByRole("link", { name: "New asset" }).click();
-    await page.getByText("Still required: teeth, driving").waitFor();
+    await page.getByText("Still required: “Teeth, driving”").waitFor();
     await fill(page, { Name: `Form ${id.slice(5)}`, ...NUMBERS });
     assert.equal(await page.getByLabel("Id", { exact: true }).inputValue(), id, "the id follows the name");
     await fill(page, { "Warning (µm)": "20", "Danger (µm)": "30" });

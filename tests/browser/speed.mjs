@@ -1,26 +1,41 @@
 // Speed of the pages, measured and printed.
 
+import assert from "node:assert/strict";
 import { asset, drawn, json, open, say, timed } from "./page.mjs";
 
-/** Serves a history of 100 000 records reduced to 2000 points, derived from the server's own. */
+/**
+ * Serves a history of 100 000 records, one a minute, derived from the server's own: reduced to 2000 points, or
+ * all records of a range.
+ */
 async function long(page) {
+  const begin = Date.UTC(2026, 0, 1);
   const stretch = async (path) => {
     const answer = await json(path);
-    const rows = Array.from({ length: 2000 }, (_, n) => ({
-      ...answer.items[Math.floor((n * answer.items.length) / 2000)],
-      start_time: new Date(Date.UTC(2026, 0, 1) + n * 50 * 60_000).toISOString(),
-    }));
-    return JSON.stringify({ ...answer, items: rows, reduced: true });
+    const rows = (first, count, minutes) =>
+      Array.from({ length: count }, (_, n) => ({
+        ...answer.items[Math.floor((n * answer.items.length) / count)],
+        start_time: new Date(first + n * minutes * 60_000).toISOString(),
+      }));
+    return (url) => {
+      const { searchParams: asked } = new URL(url);
+      if (!asked.has("from"))
+        return JSON.stringify({ ...answer, items: rows(begin, 2000, 50), reduced: true });
+      const [from, to] = ["from", "to"].map((name) => Date.parse(asked.get(name)));
+      const first = Math.max(begin, from);
+      const count = Math.max(1, Math.min(100_000, Math.floor((to - first) / 60_000)));
+      const most = Math.min(count, Number(asked.get("max_points")));
+      return JSON.stringify({ ...answer, items: rows(first, most, count / most), reduced: count > most });
+    };
   };
   const [wear, trend] = await Promise.all([
     stretch(`assets/${asset}/wear/history`),
     stretch(`assets/${asset}/indicators?names=rms,kurtosis,omx`),
   ]);
   await page.route("**/wear/history?*", (route) =>
-    route.fulfill({ contentType: "application/json", body: wear }),
+    route.fulfill({ contentType: "application/json", body: wear(route.request().url()) }),
   );
   await page.route("**/indicators?*", (route) =>
-    route.fulfill({ contentType: "application/json", body: trend }),
+    route.fulfill({ contentType: "application/json", body: trend(route.request().url()) }),
   );
 }
 
@@ -57,6 +72,57 @@ export const CHECKS = {
       await page.context().close();
     }
     say("fleet with its rows on screen", times, 1000);
+  },
+
+  "first useful paint of an asset page": async () => {
+    const [answers, plots, contents, scripts] = [[], [], [], []];
+    for (let turn = 0; turn < 3; turn++) {
+      // an empty cache each time
+      const { page } = await open(`#/assets/${asset}`);
+      // the time in the page: parsing the plotting library would delay a question asked afterwards
+      const at = await page.waitForFunction(() => {
+        const isShown = (name) => document.querySelector(name)?.checkVisibility();
+        return isShown(".verdict .badge") && isShown(".wear-now strong") && performance.now();
+      });
+      answers.push(await at.jsonValue());
+      await drawn(page, "wear");
+      plots.push(await page.evaluate(() => performance.now()));
+      const script = await page.evaluate(() => {
+        const [entry] = performance.getEntriesByType("resource").filter(({ name }) => /plotly/.test(name));
+        return { sent: entry.encodedBodySize, whole: entry.decodedBodySize, ms: entry.duration };
+      });
+      contents.push(script);
+      scripts.push(script.ms);
+      await page.context().close();
+    }
+    say("asset page: verdict and wear on screen, cold", answers, 1000);
+    say("asset page: wear plot drawn, cold", plots, 3000);
+    const [{ sent, whole }] = contents;
+    const mega = (size) => (size / 1e6).toFixed(1);
+    console.log(
+      `        plotly.js: ${mega(sent)} MB sent of ${mega(whole)} MB, fetched in ${scripts.map((ms) => ms.toFixed(0)).join(", ")} ms`,
+    );
+    assert.ok(sent < 0.4 * whole, "it is sent compressed");
+  },
+
+  "the plotting library is fetched for the first plot, and once": async () => {
+    const { page } = await open("");
+    await page.locator(`[data-asset="${asset}"] .badge`).waitFor();
+    const fetched = () =>
+      page.evaluate(() =>
+        performance
+          .getEntriesByType("resource")
+          .filter(({ name }) => /plotly/.test(name))
+          .map(({ transferSize }) => transferSize),
+      );
+    assert.deepEqual(await fetched(), [], "the fleet does not wait for it");
+    await page.goto(`${page.url().split("#")[0]}#/assets/${asset}`);
+    await drawn(page, "wear");
+    assert.ok((await fetched())[0] > 0);
+    await page.reload();
+    await drawn(page, "wear");
+    assert.deepEqual(await fetched(), [0], "a reload takes it from the browser's cache");
+    await page.context().close();
   },
 
   "a trend of 100 000 records": async () => {

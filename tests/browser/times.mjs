@@ -40,6 +40,40 @@ export const CHECKS = {
     await close(opened, name);
   },
 
+  "a link has the selected time zone": async (name) => {
+    const opened = await open(`#/assets/${asset}?trend=rms`, BERLIN);
+    const { page } = opened;
+    const { start_time: start } = await json(`assets/${asset}/wear`);
+    const inUtc = page.locator(".record-bar h2", { hasText: shownTime(start) });
+    await inUtc.waitFor();
+    assert.equal(parameters(page).get("times"), null, "nothing is selected yet");
+    await page.getByLabel("Times in").selectOption("local");
+    await page.locator(".record-bar h2", { hasText: inBerlin(start) }).waitFor();
+    assert.equal(parameters(page).get("times"), "local");
+    // a browser without that choice
+    const link = new URL(page.url()).hash;
+    const other = await open(link, BERLIN);
+    await other.page.locator(".record-bar h2", { hasText: inBerlin(start) }).waitFor();
+    assert.equal(await other.page.getByLabel("Times in").inputValue(), "local");
+    assert.equal(new URL(other.page.url()).hash, link, "the link stays as it was");
+    // other pages follow, and their addresses too
+    await other.page.getByRole("link", { name: "Records", exact: true }).click();
+    await other.page.getByLabel("From, local time").waitFor();
+    assert.equal(parameters(other.page).get("times"), "local");
+    await close(other, `${name} restored`);
+    // a link in UTC, in a browser that prefers local time
+    await page.getByLabel("Times in").selectOption("utc");
+    await inUtc.waitFor();
+    assert.equal(parameters(page).get("times"), "utc");
+    const inUtcLink = new URL(page.url()).hash;
+    await page.getByLabel("Times in").selectOption("local");
+    await page.locator(".record-bar h2", { hasText: inBerlin(start) }).waitFor();
+    await page.goto(`${page.url().split("#")[0]}${inUtcLink}`);
+    await inUtc.waitFor();
+    assert.equal(await page.getByLabel("Times in").inputValue(), "utc");
+    await close(opened, name);
+  },
+
   "a range zoomed in local time is in UTC in the address": async (name) => {
     const opened = await open(`#/assets/${asset}`, BERLIN);
     const { page } = opened;

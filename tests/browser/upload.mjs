@@ -215,7 +215,7 @@ export const CHECKS = {
       mimeType: "application/mcap",
       buffer: await recording("mcap-bad-chunk-crc"),
     });
-    const torn = page.locator('.result[data-kind="part"]');
+    const torn = page.locator('.results .result[data-kind="part"]');
     await torn.getByText(/torn\.mcap: .* 1 refused/).waitFor();
     assert.match(await torn.innerText(), /Record 1: mcap: damaged at byte \d+: Chunk CRC failed/);
     await end(opened);

@@ -98,6 +98,24 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
         .get(&format!("/v1/segments/{id}/waveform?quantity=velocity&cut_hz=0"))
         .expect_problem(400, &["cut_hz"]);
 
+    let mesh = &lines["mesh_harmonics"][0];
+    let (mesh_hz, shaft_hz) =
+        (mesh["frequency_hz"].as_f64().unwrap(), lines["shaft_speed_hz"].as_f64().unwrap());
+    let at = format!("{mesh_hz},{},1e6", mesh_hz + shaft_hz);
+    let compared = service.get(&format!("/v1/segments/{id}/lines?at={at}")).expect(200).json();
+    assert_eq!((compared["baseline_records"].as_u64(), compared["unit"].as_str()), (Some(8), Some("m/s2")));
+    let of = |n: usize, key: &str| compared["items"][n][key].as_f64();
+    // The mesh line has its baseline value in the spectrum, from the analyser's own reading of the line.
+    let known =
+        20.0 * (mesh["amplitude"].as_f64().unwrap() / mesh["baseline_amplitude"].as_f64().unwrap()).log10();
+    assert!((of(0, "change_db").unwrap() - known).abs() < 0.5, "{compared}, by the spectrum {known} dB");
+    assert!(of(1, "change_db").is_some() && of(1, "amplitude") < of(0, "amplitude"), "{compared}");
+    assert_eq!((of(2, "amplitude"), of(2, "change_db")), (None, None), "beyond the spectrum");
+    let over_orders = service.get(&format!("/v1/segments/{id}/lines?axis=orders&at=24")).expect(200).json();
+    let change = over_orders["items"][0]["change_db"].as_f64().unwrap();
+    assert!((change - known).abs() < 1.0, "{change} dB over orders, {known} over hertz");
+    service.get(&format!("/v1/segments/{id}/lines?at=1,two")).expect_problem(400, &["at"]);
+
     let orders =
         service.get(&format!("/v1/segments/{id}/orders?from_order=10&to_order=30")).expect(200).json();
     let (order, amplitude) = (numbers(&orders["order"]), numbers(&orders["amplitude"]));

@@ -236,6 +236,7 @@ export class AlarmRulePanel {
       const place = rules.findIndex((rule) => watches(rule, this.#name));
       const alarms =
         place < 0 ? [...rules, this.#rule] : rules.map((rule, n) => (n === place ? this.#rule : rule));
+      /** @type {any} */
       const spec = Object.fromEntries(Object.entries(asset).filter(([name]) => !FROM_SERVER.includes(name)));
       await api.replaceAsset(id, { ...spec, alarms });
       this.#isChanged = false;

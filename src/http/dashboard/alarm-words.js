@@ -1,7 +1,6 @@
 // Alarms as text and symbols: watched quantity, severity, state, and history.
 
 import { unitOf } from "./alarm-units.js";
-import { h } from "./dom.js";
 import { clock, depth, indicatorName, number, span, unit } from "./format.js";
 import { badge } from "./symbols.js";
 

@@ -136,12 +136,15 @@ export const wear = (id, channel, signal) => get(["assets", id, "wear"], { chann
 /** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear/hindsight">>} */
 export const wearHindsight = (id, channel, signal) =>
   get(["assets", id, "wear", "hindsight"], { channel }, signal);
-/** @type {(id: string, channel?: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/wear/history">>} */
-export const wearHistory = (id, channel, signal) =>
-  get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
-/** @type {(id: string, channel: string | undefined, names: string[], signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators">>} */
-export const indicators = (id, channel, names, signal) =>
-  get(["assets", id, "indicators"], { channel, names: names.join(","), max_points: 2000 }, signal);
+/** @typedef {{ from: string, to: string }} TimeRange */
+/** @type {(range?: TimeRange) => object} */
+const historyPart = (range) => (range ? { ...range, max_points: 5000 } : { max_points: 2000 });
+/** @type {(id: string, channel?: string, signal?: AbortSignal, range?: TimeRange) => Promise<Answer<"/v1/assets/{asset}/wear/history">>} */
+export const wearHistory = (id, channel, signal, range) =>
+  get(["assets", id, "wear", "history"], { channel, ...historyPart(range) }, signal);
+/** @type {(id: string, channel: string | undefined, names: string[], signal?: AbortSignal, range?: TimeRange) => Promise<Answer<"/v1/assets/{asset}/indicators">>} */
+export const indicators = (id, channel, names, signal, range) =>
+  get(["assets", id, "indicators"], { channel, names: names.join(","), ...historyPart(range) }, signal);
 /** @type {(id: string, channel: string, name: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators">>} */
 export const indicatorUnits = (id, channel, name, signal) =>
   get(["assets", id, "indicators"], { channel, names: name, max_points: 10 }, signal);
@@ -156,6 +159,9 @@ export const waveform = (id, from, to, signal, motion = {}) =>
 /** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/orders">>} */
 export const orders = (id, from, to, points, signal) =>
   get(["segments", id, "orders"], { from_order: from, to_order: to, max_points: points }, signal);
+/** @type {(id: string, at: number[], axis: "hz" | "orders", signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/lines">>} */
+export const lines = (id, at, axis, signal) =>
+  get(["segments", id, "lines"], { at: at.join(","), axis }, signal);
 /** @type {(id: string, gear: 1 | 2, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/turn">>} */
 export const turn = (id, gear, signal) =>
   get(["segments", id, "turn"], { gear: gear === 2 ? gear : null }, signal);
@@ -184,6 +190,7 @@ export const streamLevels = (id, name, from, signal) =>
   get(["assets", id, "stream", "levels"], { name, from }, signal);
 export const keepStream = (id, name, seconds) =>
   send("POST", ["assets", id, "stream", "keep"], undefined, undefined, { name, seconds });
+/** @type {(body: RequestBody<"/v1/assets", "post">) => Promise<any>} */
 export const createAsset = (body) => send("POST", ["assets"], body);
 export const deleteAsset = (id) => send("DELETE", ["assets", id]);
 async function postPreview(path, parameters, type, body) {
@@ -199,9 +206,11 @@ export const previewCsv = (lines, parameters) => postPreview("csv-preview", para
 /** Contents of a MATLAB file, a protobuf block or the start of an MCAP recording. */
 export const previewRecording = (body, type, parameters) =>
   postPreview("recording-preview", parameters, type, body);
+/** @type {(body: RequestBody<"/v1/preview", "post">, signal?: AbortSignal) => Promise<any>} */
 export const preview = (body, signal) => send("POST", ["preview"], body, signal);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/pair-presets">>} */
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);
+/** @type {(id: string, body: RequestBody<"/v1/assets/{asset}", "put">) => Promise<any>} */
 export const replaceAsset = (id, body) => send("PUT", ["assets", id], body);
 /** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/spectrum">>} */
 export const spectrum = (id, from, to, points, signal) =>
@@ -222,9 +231,16 @@ export const alarms = (parameters, signal) => get(["alarms"], parameters, signal
 export const alarm = (id, signal) => get(["alarms", id], {}, signal);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/notifications">>} */
 export const notifications = (signal) => get(["notifications"], {}, signal);
+/**
+ * @template {"acknowledge" | "shelve" | "unshelve" | "comment"} A
+ * @param {string} id
+ * @param {A} action
+ * @param {RequestBody<`/v1/alarms/{alarm}/${A}`, "post">} body
+ */
 export const actOnAlarm = (id, action, body) => send("POST", ["alarms", id, action], body);
 /** @type {(id: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/maintenance">>} */
 export const maintenance = (id, signal) => get(["assets", id, "maintenance"], { limit: 200 }, signal);
+/** @type {(id: string, body: RequestBody<"/v1/assets/{asset}/maintenance", "post">) => Promise<any>} */
 export const addMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
 export const deleteMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
 /** @type {(id: string, parameters: object, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/segments">>} */
@@ -240,15 +256,18 @@ export const deleteRecords = (id, parameters) =>
 /** @type {(id: string, channel: string, name: string, signal?: AbortSignal) => Promise<Answer<"/v1/assets/{asset}/indicators/baseline">>} */
 export const baseline = (id, channel, name, signal) =>
   get(["assets", id, "indicators", "baseline"], { channel, names: name }, signal);
+/** @type {(id: string, body: RequestBody<"/v1/assets/{asset}/alarms/try", "post">, signal?: AbortSignal) => Promise<any>} */
 export const tryRule = (id, body, signal) => send("POST", ["assets", id, "alarms", "try"], body, signal);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/tokens">>} */
 export const tokens = (signal) => get(["tokens"], { limit: 1000 }, signal);
+/** @type {(body: RequestBody<"/v1/tokens", "post">) => Promise<any>} */
 export const createToken = (body) => send("POST", ["tokens"], body);
 export const revokeToken = (id) => send("DELETE", ["tokens", id]);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/replays">>} */
 export const replays = (signal) => get(["replays"], { limit: 100 }, signal);
 /** @type {(signal?: AbortSignal) => Promise<Answer<"/v1/replay-files">>} */
 export const replayFiles = (signal) => get(["replay-files"], {}, signal);
+/** @type {(body: RequestBody<"/v1/replays", "post">) => Promise<any>} */
 export const startReplay = (body) => send("POST", ["replays"], body);
 export const stopReplay = (id) => send("DELETE", ["replays", id]);
 

@@ -8,7 +8,7 @@ import { Live, showStatus } from "./live.js";
 import { bindLogin, bindLogout } from "./login.js";
 import { parse } from "./route.js";
 import { bindThemeButton } from "./theme.js";
-import { bindTimeChoice } from "./time-zone.js";
+import { bindTimeChoice, routeWithZone } from "./time-zone.js";
 
 const byId = (id) => document.getElementById(id);
 const main = byId("main");
@@ -124,7 +124,8 @@ function markNavigation(current) {
 }
 
 async function follow() {
-  const route = parse(location.hash);
+  const { route, isOther } = routeWithZone(byId("times"));
+  if (isOther) built = {}; // every time on the page is rendered again
   const same = page && route.page === built.page && route.id === built.id;
   const first = !page;
   shown = route;
@@ -148,7 +149,7 @@ async function follow() {
 bindDrops(() => ({ page, id: shown.page === "library" ? undefined : shown.id }));
 bindThemeButton(byId("theme"));
 bindTimeChoice(byId("times"), async () => {
-  built = {}; // every time on the page is rendered again
+  built = {};
   await follow();
   byId("times").focus();
 });

@@ -4,6 +4,7 @@ import * as api from "./api.js";
 import { h, setChildren } from "./dom.js";
 import { format } from "./route.js";
 
+/** @type {[string, string][]} */
 const VIEWS = [
   ["asset", "Overview"],
   ["records", "Records"],

@@ -8,6 +8,7 @@ import { refusal } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
 import { h, setChildren } from "./dom.js";
 import { EventsCard } from "./events-card.js";
+import { withFineItems } from "./fine-history.js";
 import { hindsightOf } from "./hindsight.js";
 import { fetchEvents } from "./life-events.js";
 import { MaintenanceDialog } from "./maintenance-dialog.js";
@@ -162,7 +163,12 @@ export class AssetPage {
     const changed = (names) => names.some((name) => before[name] !== route.query[name]);
     if (changed(REFETCHED)) return true;
     if (!this.#dragging) this.redraw(); // the dragged range is already displayed
-    return changed(DETAILED);
+    return changed(DETAILED) || (changed(["time"]) && this.#isReduced());
+  }
+
+  /** Whether the plots over time do not show every record. */
+  #isReduced() {
+    return [this.#data.history, this.#data.trend?.answer].some((shown) => shown?.reduced);
   }
 
   /** Writes the dragged-out range to the address. */
@@ -236,7 +242,9 @@ export class AssetPage {
       const { bins } = this.#query;
       const own = asset.operating_bins ?? [];
       const [trend, operating] = await Promise.all([
-        names.length ? answer(api.indicators(this.#id, channel, names, signal)) : null,
+        names.length
+          ? this.#inDetail((range) => api.indicators(this.#id, channel, names, signal, range))
+          : null,
         bins && bins !== "own" ? answer(api.segments(this.#id, channel, signal)) : null,
       ]);
       return {
@@ -253,7 +261,7 @@ export class AssetPage {
       known?.panes ?? fetchPanes(id, this.#query, signal),
       pin ? answer(api.segment(pin, signal)) : null,
       pin ? fetchPanes(pin, this.#query, signal) : null,
-      answer(api.wearHistory(this.#id, channel, signal)),
+      this.#inDetail((range) => api.wearHistory(this.#id, channel, signal, range)),
       trends,
       this.#fetchEvents(channel, signal),
     ]);
@@ -270,6 +278,11 @@ export class AssetPage {
       trend,
       events,
     };
+  }
+
+  /** What `ask` answers for all times, with every record of the zoomed range. */
+  async #inDetail(ask) {
+    return withFineItems(await answer(ask()), timeOf(this.#query.time), (range) => answer(ask(range)));
   }
 
   async #fetchEvents(channel, signal) {

@@ -1,7 +1,10 @@
 // Fault orders of rolling bearings, in multiples of the shaft speed, from their geometry; outer race fixed,
 // no slip.
 
-/** The four fault lines: key and short name. */
+/**
+ * The four fault lines: key and short name.
+ * @type {[string, string][]}
+ */
 export const BEARING_LINES = [
   ["bpfo", "BPFO"],
   ["bpfi", "BPFI"],

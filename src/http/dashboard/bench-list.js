@@ -16,7 +16,6 @@ const option = (value, text) => h("option", { value }, text);
 /** The list of records; calls `onListen(id)` to play one. */
 export class BenchList {
   #onListen;
-  #onError;
   #list = h("ul", { class: "bench-records" });
   #none = h(
     "p",

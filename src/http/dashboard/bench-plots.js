@@ -102,8 +102,7 @@ export class BenchPlots {
         : {
             ...drawing,
             sub: `${drawing.sub}${motion}${missing.join("")}`,
-            // draw the first record on top of the others, and its marks on top of all
-            traces: [...drawing.others, ...drawing.traces],
+            traces: key === "waveform" ? bySize(drawing) : firstOnTop(drawing),
           };
     };
     // the page overlays the cursor's lines on the plot; a picture contains them
@@ -129,6 +128,14 @@ export class BenchPlots {
     for (const card of this.#cards.values()) card.dispose();
   }
 }
+
+/** Draws the first record on top of the others, and its marks on top of all. */
+const firstOnTop = ({ traces, others }) => [...others, ...traces];
+
+const peak = ({ y }) => y.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+
+/** Draws the largest waveform first: a waveform with many samples hides everything behind it. */
+const bySize = ({ traces, others }) => [...others, ...traces].sort((a, b) => peak(b) - peak(a));
 
 const hasLines = (data) => !("frequency_hz" in data) || data.frequency_hz.length > 0;
 

@@ -16,10 +16,10 @@ export function recordsOf(query) {
 /** Formats records for an address. */
 export const formatRecords = (ids) => ids.join(",") || null;
 
-/** Saves the bench's view for this tab. */
+/** Saves the bench's view for this tab; the time zone is the browser's choice. */
 export function saveBench(query) {
   try {
-    sessionStorage.setItem(KEY, format({ page: "bench", query }));
+    sessionStorage.setItem(KEY, format({ page: "bench", query: { ...query, times: null } }));
   } catch {
     // storage unavailable: the view is kept by the address alone
   }

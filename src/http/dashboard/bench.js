@@ -29,8 +29,9 @@ const DETAILED = ["band", "eband", "cursor", "ecursor", "bearing", "speed"];
 function restored(query) {
   const kept = loadBench();
   if (query.records || !kept.records) return query;
-  history.replaceState(null, "", format({ page: "bench", query: kept }));
-  return kept;
+  const whole = { ...kept, times: query.times };
+  history.replaceState(null, "", format({ page: "bench", query: whole }));
+  return whole;
 }
 
 /** The page on which records are compared. */

@@ -14,7 +14,7 @@ export function startInName(name) {
 }
 
 /**
- * `{ time, source }` of a file: an ISO time and its source. `startTime` is the start time in its samples, or null.
+ * `{ time, source, isGuess }` of a file: an ISO time and its source. `startTime` is the start time in its samples, or null.
  */
 export function startOfFile(file, startTime) {
   if (startTime) return { time: startTime, source: "from its time column" };
@@ -23,5 +23,6 @@ export function startOfFile(file, startTime) {
   return {
     time: new Date(file.lastModified).toISOString(),
     source: "modification time of the file: please check",
+    isGuess: true,
   };
 }

@@ -5,6 +5,7 @@ import { depth, number } from "./format.js";
 
 const SHOWN_MM = 0.9; // drawn width of the deepest wear, in mm of the tooth
 const MARGIN = 0.6;
+const SCALE_MM = 2.9; // room for the scale and its words beside the tooth
 
 const path = (points, close = false) =>
   `M${points.map(([x, y]) => `${x.toFixed(3)} ${y.toFixed(3)}`).join("L")}${close ? "Z" : ""}`;
@@ -30,7 +31,8 @@ function tooth(
   const outline = [foot, ...flank, ...mirrored.slice(0, -1).reverse(), mirrored.at(-1)];
   const half = foot[0] + MARGIN;
   const lost = [...flank, ...[...worn].reverse()];
-  const box = `${-half - 1} ${-tip - MARGIN} ${2 * half + 2} ${tip - root + 2 * MARGIN}`;
+  const left = half + SCALE_MM;
+  const box = `${-left} ${-tip - MARGIN} ${2 * left} ${tip - root + 2 * MARGIN}`;
   const deepest = Math.max(...depths);
   const where = depths.indexOf(deepest);
   return h(
@@ -48,8 +50,12 @@ function tooth(
       svg("path", { class: "tooth-unworn", d: path(flank) }),
       svg("path", { class: "tooth-worn", d: path(worn) }),
       svg("line", { class: "tooth-pitch", x1: -half - 1, x2: half + 1, y1: -pitch, y2: -pitch }),
-      svg("line", { class: "tooth-scale", x1: -half - 0.7, x2: -half - 0.7, y1: -root - 2, y2: -root }),
-      svg("text", { class: "tooth-text", "font-size": 0.75, x: -half - 0.45, y: -root - 0.7 }, "2 mm"),
+      svg("line", { class: "tooth-scale", x1: -half - 0.3, x2: -half - 0.3, y1: -root - 2, y2: -root }),
+      svg(
+        "text",
+        { class: "tooth-text", "font-size": 0.75, x: -half - 0.5, y: -root - 0.75, "text-anchor": "end" },
+        "2 mm",
+      ),
     ),
     h("p", { class: "muted" }, `${name}, ${teeth} teeth: deepest ${depth(deepest)} µm`),
   );

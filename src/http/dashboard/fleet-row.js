@@ -82,6 +82,9 @@ function alarmWords({ danger = 0, warning = 0, unacknowledged = 0, shelved = 0 }
   return parts.length ? h("span", { class: "muted alarm-words" }, parts.join(", ")) : null;
 }
 
+/** Whether an asset has no wear to draw over time, so that its row needs less space on a narrow screen. */
+export const isBrief = ({ summary }) => !(summary.recent_wear_um?.length > 1);
+
 /** A row that is built once and then updated. */
 export class FleetRow {
   #asset;
@@ -114,15 +117,13 @@ export class FleetRow {
     const state = assetState(asset);
     this.element.dataset.asset = asset.id;
     this.element.dataset.state = state;
+    this.element.toggleAttribute("data-brief", isBrief(asset));
     this.#link.href = format({ page: "asset", id: asset.id });
     setText(this.#link, assetName(asset));
     setText(this.#id, [asset.location?.mesh, asset.name && asset.id].filter(Boolean).join(" · "));
     setChildren(this.#state, badge(state), alarmWords(summary.alarms));
     setChildren(this.#wear, ...wearContent(asset, state));
-    setChildren(
-      this.#trend,
-      summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"),
-    );
+    setChildren(this.#trend, isBrief(asset) ? note("–") : sparkline(summary.recent_wear_um, asset.limits));
     setChildren(this.#limit, ...limitContent(summary, asset.limits));
     setText(this.#segments, count(summary.segments));
     // compact rows have no space for long text

@@ -4,7 +4,7 @@ import * as api from "./api.js";
 import { focusedData, h, setChildren, setText } from "./dom.js";
 import { firstSteps } from "./first-steps.js";
 import { grouped, GroupRow, placeOf } from "./fleet-groups.js";
-import { assetName, FleetRow } from "./fleet-row.js";
+import { assetName, FleetRow, isBrief } from "./fleet-row.js";
 import { RowWindow } from "./fleet-window.js";
 import { change } from "./route.js";
 import { assetState, rank, STATES, timeToLimit } from "./state.js";
@@ -118,7 +118,7 @@ export class FleetPage {
       this.#table,
       this.#body,
       (item, known) => this.#rowOf(item, known),
-      (item) => `${item.members ? "group" : "asset"} ${this.#height.value}`,
+      (item) => `${item.members ? "group" : isBrief(item) ? "brief" : "asset"} ${this.#height.value}`,
     );
     this.#list.append(tools, this.#table);
     const head = h(

@@ -1,13 +1,13 @@
 // The import panel: files are inspected, completed and uploaded together; a finished import can be undone.
 
-import { deleteRecords } from "./api.js";
+import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { bytes, count } from "./format.js";
+import { bytes, clock, count } from "./format.js";
+import { ImportBatch } from "./import-batch.js";
 import { ImportFile } from "./import-file.js";
 import { ENDINGS, unpacked } from "./import-preview.js";
 import { refusalWords, sendFile } from "./import-sending.js";
-
-const AT_ONCE = 200; // records named in one request
+import { StartSpacing } from "./import-spacing.js";
 
 function field(id, label, properties) {
   const input = h("input", { id, ...properties });
@@ -39,9 +39,24 @@ export class ImportDesk {
     placeholder: "from the file",
     onchange: () => this.#lookAgain(),
   });
+  #scale = field("upload-scale", "Full scale of 16-bit WAV files, in the unit", {
+    type: "number",
+    min: 0,
+    step: "any",
+    placeholder: "1",
+    title: "The amplitude of the largest 16-bit value, for example 50 for ±50 m/s²",
+  });
+  #unitNote = h(
+    "p",
+    { class: "result", "data-kind": "part", hidden: true },
+    "The files do not name the unit of their samples, and the asset has no default. Enter it (m/s2, g, mm/s …): without it levels have no unit and velocity is not computed. It cannot be changed once a channel has records.",
+  );
+  #optional;
+  #spacing = new StartSpacing(() => this.#compare());
   #list = h("ul", { class: "files" });
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
+  #summary = h("p", { class: "result", hidden: true });
   #results = h("div", { class: "results", "aria-live": "polite" });
   #undo = h(
     "button",
@@ -49,11 +64,12 @@ export class ImportDesk {
     "Undo this import…",
   );
   #undone = h("p", { class: "result", role: "status" });
-  #stored = []; // ids of the records stored by the latest import
+  #batch;
   element;
 
   constructor(asset) {
     this.#asset = asset;
+    this.#batch = new ImportBatch(asset);
     const drop = h(
       "label",
       { class: "drop", for: "upload-file" },
@@ -65,26 +81,37 @@ export class ImportDesk {
     // the page handles all drops; this area only marks where to drop
     drop.addEventListener("dragover", () => drop.classList.add("over"));
     for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
-    const fields = [this.#unit, this.#speed, this.#torque, this.#temperature, this.#rate].map(
+    const fields = [this.#unit, this.#scale, this.#speed, this.#torque, this.#temperature, this.#rate].map(
       ({ element }) => element,
     );
-    const optional = h(
+    this.#optional = h(
       "details",
       {},
-      h("summary", {}, "For files other than MCAP: unit, operating point, sampling rate"),
+      h("summary", {}, "For all files other than MCAP: unit, full scale, operating point, sampling rate"),
+      this.#unitNote,
       h("div", { class: "fields" }, fields),
     );
     this.element = h(
       "section",
       { class: "import-desk" },
       h("h3", {}, "Upload files"),
-      optional,
+      this.#optional,
       drop,
+      this.#spacing.element,
       this.#list,
       h("div", { class: "form-buttons" }, this.#send, this.#undo),
       this.#undone,
+      this.#summary,
       this.#results,
     );
+    this.#offerUndo();
+  }
+
+  #offerUndo() {
+    const { since, size } = this.#batch;
+    this.#undo.hidden = size === 0;
+    const which = since ? `the import of ${clock(since, { toMinute: true })}` : "this import";
+    setText(this.#undo, `Undo ${which}: delete ${records(size)}…`);
   }
 
   /** Values for all files that do not contain them. */
@@ -95,6 +122,7 @@ export class ImportDesk {
       torque_nm: this.#torque.input.value,
       temperature_c: this.#temperature.input.value,
       rate: Number(this.#rate.input.value) || undefined,
+      fullScale: Number(this.#scale.input.value) || undefined,
     };
   }
 
@@ -116,7 +144,17 @@ export class ImportDesk {
     this.#list.append(...cards.map(({ element }) => element));
     this.#file.value = "";
     for (const card of cards) await card.look();
+    await this.#askForUnit();
     this.#offer(); // files not inspected yet are not sent
+  }
+
+  /** Points to the field of the unit before the first records of an asset, whose unit then stays. */
+  async #askForUnit() {
+    if (this.#unit.input.value || !this.#files.some(({ lacksUnit }) => lacksUnit)) return;
+    const asset = await api.asset(this.#asset).catch(() => null);
+    if (!asset || asset.sensor?.unit || asset.summary.segments > 0) return;
+    this.#unitNote.hidden = false;
+    this.#optional.open = true;
   }
 
   async #lookAgain() {
@@ -132,6 +170,19 @@ export class ImportDesk {
     this.#compare();
   }
 
+  /** Says how far the upload is; `rejected` files are not stored. */
+  #sum(done, all, rejected, isLast) {
+    this.#summary.hidden = all < 2;
+    const refused = rejected ? `, ${count(rejected)} ${rejected === 1 ? "file" : "files"} rejected` : "";
+    this.#summary.dataset.kind = !isLast ? "" : rejected ? "part" : "good";
+    setText(
+      this.#summary,
+      isLast
+        ? `${count(all)} files read: ${records(this.#batch.size)} added${refused}.`
+        : `${count(done)} of ${count(all)} files uploaded${refused}…`,
+    );
+  }
+
   /** Marks the files whose records would have the same start and channel. */
   #compare() {
     const places = this.#files.map((card) => new Set(card.places()));
@@ -143,6 +194,7 @@ export class ImportDesk {
 
   #offer() {
     const { length } = this.#files;
+    this.#spacing.show(this.#files);
     this.#send.hidden = length === 0;
     setText(this.#send, length === 1 ? "Upload file" : `Upload ${length} files`);
   }
@@ -156,23 +208,32 @@ export class ImportDesk {
       .filter(({ seen }) => seen)
       .map((card) => ({ file: card.file, seen: card.seen, entry: card.entry() }));
     this.#files = [];
+    this.#unitNote.hidden = true;
     setChildren(this.#list);
     this.#offer();
     this.#sending = this.#sending.then(async () => {
       setChildren(this.#results);
       setText(this.#undone, "");
       this.#undo.hidden = true;
-      this.#stored = [];
+      this.#batch.begin();
       const waiting = cards.map(({ file }) => new Progress(file));
       this.#results.append(...waiting.map(({ element }) => element));
-      for (const [n, card] of cards.entries()) await this.#sendOne(card, common, waiting[n]);
-      this.#undo.hidden = this.#stored.length === 0;
-      setText(this.#undo, `Undo this import: delete ${records(this.#stored.length)}…`);
+      let rejected = 0;
+      for (const [n, card] of cards.entries()) {
+        this.#sum(n, cards.length, rejected, false);
+        if (!(await this.#sendOne(card, common, waiting[n]))) rejected += 1;
+      }
+      this.#sum(cards.length, cards.length, rejected, true);
+      this.#offerUndo();
     });
   }
 
+  /** Returns whether the file was taken. */
   async #sendOne({ file, seen, entry }, common, progress) {
-    if (!seen.type) return progress.end("bad", refusalWords(file, new Error(seen.fault)));
+    if (!seen.type) {
+      progress.end("bad", refusalWords(file, new Error(seen.fault)));
+      return false;
+    }
     progress.begin();
     try {
       const { kind, words, segments, listed } = await sendFile(
@@ -183,42 +244,38 @@ export class ImportDesk {
         common,
         (share) => progress.sent(share),
       );
-      this.#stored.push(...segments);
+      this.#batch.add(segments);
       progress.end(
         kind,
         listed ? words : [...words, `Only its first ${count(segments.length)} records can be deleted here.`],
       );
       changed();
+      return kind !== "bad";
     } catch (error) {
       progress.end("bad", refusalWords(file, error));
+      return false;
     }
   }
 
   async #undoImport() {
-    const stored = this.#stored;
+    const { size } = this.#batch;
     if (
       !confirm(
-        `Delete the ${records(stored.length)} of this import? The wear history is then recomputed without them.`,
+        `Delete the ${records(size)} of this import? The wear history is then recomputed without them.`,
       )
     )
       return;
     this.#undo.disabled = true;
-    let gone = 0;
     try {
-      for (let at = 0; at < stored.length; at += AT_ONCE) {
-        const { deleted } = await deleteRecords(this.#asset, {
-          ids: stored.slice(at, at + AT_ONCE).join(","),
-        });
-        gone += deleted;
-      }
-      this.#stored = [];
-      this.#undo.hidden = true;
+      const gone = await this.#batch.undo();
       setChildren(this.#results);
+      this.#summary.hidden = true;
       this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
-      this.#stored = stored.slice(gone);
-      this.#showNotice("bad", `Undo failed${gone ? ` after ${records(gone)}` : ""}: ${error.message}.`);
+      const left = size - this.#batch.size;
+      this.#showNotice("bad", `Undo failed${left ? ` after ${records(left)}` : ""}: ${error.message}.`);
     } finally {
+      this.#offerUndo();
       this.#undo.disabled = false;
       changed();
     }

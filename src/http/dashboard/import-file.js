@@ -45,7 +45,16 @@ export class ImportFile {
   #fields = []; // { name, unit } inputs of each channel
   #start;
   #startWords = h("span", { class: "muted" });
-  #scale = h("input", { type: "number", min: 0, step: "any", placeholder: "1" });
+  #scale = h("input", { type: "number", min: 0, step: "any", placeholder: "as above" });
+  #scaleField = h(
+    "label",
+    {
+      class: "field file-scale",
+      title: "The amplitude of the largest 16-bit value in the unit, for example 50 for ±50 m/s²",
+    },
+    h("span", {}, "Full scale, in the unit"),
+    this.#scale,
+  );
   #facts = h("p", { class: "file-facts muted" }, "Inspecting the file…");
   #fault = h("p", { class: "result", "data-kind": "bad", hidden: true });
   #body = h("div", { class: "file-channels" });
@@ -136,6 +145,27 @@ export class ImportFile {
         : "";
     setText(this.#startWords, `start times in the file${span}${words ? `; ${words}` : ""}`);
     this.#time.append(this.#startWords);
+  }
+
+  /** Whether the start is the modification time of the file, which a copy may have changed. */
+  get hasGuessedStart() {
+    return Boolean(this.seen?.start?.isGuess) && !this.#typed;
+  }
+
+  /** Sets the start; `words` name its source. */
+  setStart(time, words) {
+    this.#start.value = time.slice(0, -1);
+    this.#typeStart();
+    setText(this.#startWords, words);
+  }
+
+  /** Whether the samples need a unit that the file does not contain. */
+  get lacksUnit() {
+    return (
+      Boolean(this.seen?.type) &&
+      !OWN_NAMES.includes(this.seen.type) &&
+      this.seen.channels.some(({ unit: own }) => !own)
+    );
   }
 
   #typeStart() {
@@ -234,16 +264,9 @@ export class ImportFile {
         ? h("p", { class: "muted" }, `and ${channels.length - MAX_CHANNELS} more channels`)
         : null;
     this.#scale.setAttribute("aria-label", `Full scale of ${this.file.name}`);
-    const scale =
-      head && head.bits === 16 && head.format === 1
-        ? h(
-            "label",
-            { class: "field" },
-            h("span", {}, "Full scale of 16-bit samples, in the unit"),
-            this.#scale,
-          )
-        : null;
-    setChildren(this.#body, rows, more, scale, topics(this.seen.summary));
+    const isScaled = head && head.bits === 16 && head.format === 1;
+    if (isScaled && !this.#scaleField.isConnected) this.#time.append(this.#scaleField);
+    setChildren(this.#body, rows, more, topics(this.seen.summary));
   }
 
   /** The start times that are known: those of the file, or the first record of each of its channels. */

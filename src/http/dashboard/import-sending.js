@@ -44,7 +44,8 @@ function withUnits(channels) {
  * `channels` with `name` and `unit`, `fullScale`, `rate` and `roles`; `common` has the values for all files.
  */
 async function requestsOf(file, { type, head }, entry, common) {
-  const { unit, rate, ...point } = common;
+  const { unit, rate, fullScale: commonScale, ...point } = common;
+  const fullScale = entry.fullScale || commonScale;
   const parameters = { ...point, start_time: entry.start };
   if (type === "text/csv") {
     const groups = Map.groupBy(entry.channels, (channel) => channel.unit || unit);
@@ -77,13 +78,13 @@ async function requestsOf(file, { type, head }, entry, common) {
   if (["application/x-matlab-data", "application/x-npy"].includes(type)) parameters.sample_rate_hz = rate;
   else if (!type.startsWith("audio/")) return [{ body: file, type, parameters: {} }];
   const names = withUnits(entry.channels);
-  if (entry.fullScale && head?.format === PCM && head.bits === 16) {
+  if (fullScale && head?.format === PCM && head.bits === 16) {
     const body = file.slice(head.at, head.at + head.frames * head.frameBytes);
     const layout = {
       sample: "i16",
       sample_rate_hz: head.rate,
       channels: head.channels,
-      scale: entry.fullScale / 32768,
+      scale: fullScale / 32768,
     };
     return [
       { body, type: "application/octet-stream", parameters: { ...parameters, unit, ...layout, ...names } },

@@ -14,9 +14,13 @@ import { change } from "./route.js";
 const COLUMNS = [
   ["index", "State", (row) => row.index],
   ["wear_um", "Wear (µm)", (row) => depth(row.wear_um)],
-  ["stiffness_mean_n_per_m", "Mean stiffness (N/µm)", (row) => number(row.stiffness_mean_n_per_m * 1e-6, 4)],
-  ["stiffness_min_n_per_m", "Minimum (N/µm)", (row) => number(row.stiffness_min_n_per_m * 1e-6, 4)],
-  ["stiffness_max_n_per_m", "Maximum (N/µm)", (row) => number(row.stiffness_max_n_per_m * 1e-6, 4)],
+  [
+    "stiffness_mean_n_per_m",
+    "Mean stiffness (N/\u2060µm)",
+    (row) => number(row.stiffness_mean_n_per_m * 1e-6, 4),
+  ],
+  ["stiffness_min_n_per_m", "Minimum (N/\u2060µm)", (row) => number(row.stiffness_min_n_per_m * 1e-6, 4)],
+  ["stiffness_max_n_per_m", "Maximum (N/\u2060µm)", (row) => number(row.stiffness_max_n_per_m * 1e-6, 4)],
   [
     "uste_peak_to_peak_rad",
     "Transmission error, peak to peak (µrad)",

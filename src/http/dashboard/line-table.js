@@ -1,5 +1,6 @@
 // Spectral lines as a table: those of the cursor, or else the visible mesh harmonics and sidebands.
 
+import { BaselineLines } from "./baseline-lines.js";
 import { cursorLines } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
 import { amplitudeAt } from "./fine-lines.js";
@@ -57,7 +58,7 @@ function furtherColumns(layers, cursors, rows, view) {
   });
 }
 
-/** The change of a line since the baseline in dB; null unless it is a mesh harmonic with a baseline value. */
+/** The change of a mesh harmonic since the baseline in dB; null for other lines, or without a baseline. */
 function growth({ mesh_harmonics: harmonics, resolution_hz: step }, { x, amplitude }) {
   const harmonic = harmonics.find(({ frequency_hz: frequency }) => Math.abs(frequency - x) <= SAME * step);
   return harmonic?.baseline_amplitude > 0 && amplitude > 0
@@ -65,8 +66,13 @@ function growth({ mesh_harmonics: harmonics, resolution_hz: step }, { x, amplitu
     : null;
 }
 
+/** A change in dB, or a mark that it is not known yet. */
+const levelWords = (level) => (level === undefined ? "…" : decibels(level));
+
 /** The table under a spectrum. */
 export class LineTable {
+  #baseline = new BaselineLines(() => this.#again());
+  #again = () => {};
   #summary = h("summary");
   #head = h("tr");
   #body = h("tbody");
@@ -81,17 +87,32 @@ export class LineTable {
     ),
   );
 
+  /** The changes of lines since the baseline; those of other lines than mesh harmonics are requested. */
+  #changes(spectrum, rows) {
+    const known = rows.map((row) => growth(spectrum, row));
+    const { axis, mesh_harmonics: harmonics } = spectrum;
+    const hasNone = !axis && harmonics.length && !harmonics.some((each) => each.baseline_amplitude > 0);
+    if (hasNone) return known; // the baseline is still being collected
+    const others = rows.filter((_, row) => known[row] === null);
+    const changes = this.#baseline.changes(
+      spectrum,
+      others.map(({ x }) => x),
+    );
+    return rows.map((row, n) => known[n] ?? changes[others.indexOf(row)]);
+  }
+
   /**
    * Shows the lines of a cursor, or those of the mesh without one; nothing when the spectrum is missing.
    * `further` are other records with their cursors, whose amplitudes are shown beside those of the `first`.
    * @param {{ first?: import("./layers.js").Layer, layers: import("./layers.js").Layer[], cursors: import("./cursor-lines.js").Cursor[] }} [further]
    */
   show(spectrum, cursor, view, further = { layers: [], cursors: [] }) {
+    this.#again = () => this.show(spectrum, cursor, view, further);
     const usable = spectrum && !(spectrum instanceof Error) && spectrum.frequency_hz.length > 0;
     const rows = usable ? rowsOf(spectrum, cursor, view) : [];
     this.element.hidden = rows.length === 0;
     if (rows.length === 0) return;
-    const grown = rows.map((row) => growth(spectrum, row));
+    const grown = this.#changes(spectrum, rows);
     const { shaft_speed_hz: shaft, unit: unitName } = spectrum;
     const inOrders = axisOf(spectrum).name === "order";
     const columns = [
@@ -101,11 +122,11 @@ export class LineTable {
       [
         further.layers.length
           ? recordHeading(further.first)
-          : `Amplitude${unitName ? `, ${unit(unitName)}` : ""}`,
+          : `Amplitude${unit(unitName) ? `, ${unit(unitName)}` : ""}`,
         rows.map(({ amplitude }) => number(amplitude, 4)),
       ],
       ...furtherColumns(further.layers, further.cursors, rows, view),
-      grown.some((each) => each !== null) && ["Change since baseline, dB", grown.map(decibels)],
+      grown.some((each) => each != null) && ["dB to baseline", grown.map(levelWords)],
     ].filter(Boolean);
     setText(this.#summary, cursor ? "Cursor lines" : "Mesh lines");
     setChildren(

@@ -103,9 +103,13 @@ export class PeakList {
     const [, hertzOf, orders, amplitudes, levels] = this.#columns.map(([, values]) => values);
     setChildren(
       this.#head,
-      ["Record", "Frequency, Hz", "Order", `Amplitude${first.unit ? `, ${unit(first.unit)}` : ""}`, "dB"].map(
-        (name) => h("th", { scope: "col" }, name),
-      ),
+      [
+        "Record",
+        "Frequency, Hz",
+        "Order",
+        `Amplitude${unit(first.unit) ? `, ${unit(first.unit)}` : ""}`,
+        "dB",
+      ].map((name) => h("th", { scope: "col" }, name)),
     );
     setChildren(
       this.#body,

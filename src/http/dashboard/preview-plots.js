@@ -70,11 +70,12 @@ function curves({ unworn, worn, wear_um: wear }, read, hover) {
   };
 }
 
-function overMesh(model, extents, { key, scale, title, unit, sub }) {
+/** `least` is the finest difference shown: below it there is only rounding. */
+function overMesh(model, extents, { key, scale, title, unit, sub, least = 0 }) {
   const { unworn, worn } = model;
   const read = (of) => ({
     x: of.phi1_rad.map((radian) => 1000 * (radian - of.phi1_rad[0])),
-    y: of[key].map((value) => value * scale),
+    y: of[key].map((value) => (Math.abs(value * scale) < least ? 0 : value * scale)),
   });
   const { traces, legend } = curves(model, read, `%{x:.1f} mrad: %{y:.4g} ${unit}<extra></extra>`);
   return {
@@ -127,6 +128,7 @@ export function transmissionPlot(model, extents) {
     title: "Transmission error",
     unit: "µrad",
     sub,
+    least: 1e-3,
   });
 }
 

@@ -229,8 +229,8 @@ export const SETUP_GROUPS = [
   {
     title: "Bearing and velocity",
     fields: [
-      { path: "bearings.0.name", label: "Bearing", kind: "text", hint: "drive_end" },
-      { path: "bearings.0.rolling_elements", label: "Rolling elements", kind: "integer", hint: "9" },
+      { path: "bearings.0.name", label: "Bearing", kind: "text", hint: "e.g. drive_end" },
+      { path: "bearings.0.rolling_elements", label: "Rolling elements", kind: "integer", hint: "e.g. 9" },
       { path: "bearings.0.roller_diameter_mm", label: "Roller diameter", unit: "mm" },
       { path: "bearings.0.pitch_diameter_mm", label: "Pitch diameter", unit: "mm" },
       { path: "bearings.0.contact_angle_deg", label: "Contact angle", unit: "°", hint: "0" },
@@ -265,14 +265,20 @@ export const SETUP_GROUPS = [
   {
     title: "Sensor",
     fields: [
-      { path: "sensor.unit", label: "Default unit of samples", kind: "text", hint: "m/s2" },
+      {
+        path: "sensor.unit",
+        label: "Default unit of samples",
+        kind: "text",
+        hint: "e.g. m/s2",
+        about: "Needed for files without a unit, such as WAV.",
+      },
       { path: "points.0.channel", label: "Channel", kind: "text", hint: "any" },
-      { path: "points.0.sensitivity", label: "Sensitivity (for documentation)", hint: "10.2" },
+      { path: "points.0.sensitivity", label: "Sensitivity (for documentation)", hint: "e.g. 10.2" },
       {
         path: "points.0.sensitivity_unit",
         label: "Unit of the sensitivity",
         kind: "text",
-        hint: "mV/(m/s2)",
+        hint: "e.g. mV/(m/s2)",
       },
     ],
     more: {

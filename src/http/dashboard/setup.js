@@ -56,7 +56,6 @@ function typedRefusals({ id, limits, points, velocity_zones: zones }) {
 /** The page at `#/new`; `copy` or `edit` in its address names an asset. */
 export class SetupPage {
   #query;
-  #root;
   #inputs = new SetupInputs();
   #lists = new SetupLists(this.#inputs, () => this.#check(TYPED_MS));
   #rules = new SettingLists();
@@ -86,7 +85,6 @@ export class SetupPage {
   #form;
 
   constructor(root, route) {
-    this.#root = root;
     this.#query = route.query;
     this.#form = h(
       "form",
@@ -344,9 +342,7 @@ export class SetupPage {
       );
     const lacking = this.#inputs.lacking(this.#shape).filter(({ path }) => path !== "id");
     if (lacking.length)
-      return this.#blank(
-        `Still required: ${lacking.map(({ label }) => label.charAt(0).toLowerCase() + label.slice(1)).join(", ")}.`,
-      );
+      return this.#blank(`Still required: ${lacking.map(({ label }) => `“${label}”`).join(", ")}.`);
     this.#panel.describe(spec.gear, wait, spec.name || spec.id);
   }
 
@@ -402,7 +398,9 @@ export class SetupPage {
     if (lacking.length || !spec) {
       this.#showNotice(
         "bad",
-        spec ? `Still required: ${lacking.map(({ label }) => label).join(", ")}.` : "The JSON is invalid.",
+        spec
+          ? `Still required: ${lacking.map(({ label }) => `“${label}”`).join(", ")}.`
+          : "The JSON is invalid.",
       );
       return this.#inputs.focusError();
     }

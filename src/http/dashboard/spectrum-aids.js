@@ -9,13 +9,12 @@ import { change } from "./route.js";
 /** The cursor of a spectrum and the fine lines that it reads. */
 export class SpectrumAids {
   #names;
-  #card;
   #choice;
   #layer;
   table = new LineTable();
 
   constructor(card, names) {
-    [this.#card, this.#names] = [card, names];
+    this.#names = names;
     this.#choice = new CursorChoice(names.cursor, names.part);
     card.tools.append(this.#choice.element);
     this.#layer = new CursorLayer(card, (cursor) =>

@@ -141,6 +141,8 @@ export function transmissionWords({ transmission_error_um: error }) {
   return { number: `${um(error.median)} µm`, interval: `5 to 95 %: ${um(error.p05)} to ${um(error.p95)} µm` };
 }
 
+const capital = (text) => (text ? text[0].toUpperCase() + text.slice(1) : "");
+
 /** A summary of the wear with a recommendation, in one or two sentences. */
 export function sentence(wear, limits, hasPair = true) {
   if (!wear) return "No records yet.";
@@ -158,7 +160,7 @@ export function sentence(wear, limits, hasPair = true) {
   if (wear.status === "awaiting_library")
     return "The library of the gear pair is being simulated. Records are stored with their indicators; their wear is estimated when it is complete.";
   if (wear.status === "provisional")
-    return `Provisional: the rest of the library is still being simulated. ${wear.reason}.`;
+    return `Provisional: the rest of the library is still being simulated. ${capital(wear.reason)}.`;
   if (wear.status === "library_failed")
     return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the asset's settings to try again.`;
   if (wear.status === "excluded")

@@ -1,16 +1,21 @@
-// The time zone of displayed times: UTC, or the browser's.
+// The time zone of displayed times: UTC, or the browser's. Once selected it is remembered by the browser and
+// part of every address, so that a link shows the times that its sender saw.
+
+import { format, parse } from "./route.js";
 
 const KEY = "flankwatch-times";
+const CHOICES = ["utc", "local"];
 
 function stored() {
   try {
-    return localStorage.getItem(KEY) === "local" ? "local" : "utc";
+    const choice = localStorage.getItem(KEY);
+    return CHOICES.includes(choice) ? choice : null;
   } catch {
-    return "utc"; // storage is unavailable in some private windows
+    return null; // storage is unavailable in some private windows
   }
 }
 
-let choice = stored();
+let choice = stored(); // null until selected: UTC
 
 /** Whether times are shown in the browser's time zone. */
 export const isLocal = () => choice === "local";
@@ -42,16 +47,36 @@ export function instant(text) {
   return new Date(isLocal() ? full : `${full}Z`).toISOString();
 }
 
+/** Writes the selected zone to the address. */
+function intoAddress(route) {
+  // an unknown address stays as it is
+  if (!choice || route.page === "unknown" || route.query.times === choice) return route;
+  const whole = { ...route, query: { ...route.query, times: choice } };
+  history.replaceState(null, "", format(whole));
+  return whole;
+}
+
+/** The route of the current address, with the zone; whether the address has selected another zone. */
+export function routeWithZone(select) {
+  const route = parse(location.hash);
+  const given = CHOICES.includes(route.query.times) ? route.query.times : choice;
+  const isOther = (given ?? "utc") !== (choice ?? "utc");
+  choice = given;
+  select.value = choice ?? "utc";
+  return { route: intoAddress(route), isOther };
+}
+
 /** Binds the time-zone selector; `onChange` redraws everything. */
 export function bindTimeChoice(select, onChange) {
-  select.value = choice;
+  select.value = choice ?? "utc";
   select.addEventListener("change", () => {
     choice = select.value;
     try {
       localStorage.setItem(KEY, choice);
     } catch {
-      // the choice then lasts until the page is closed
+      // the choice then lasts as long as the address has it
     }
+    intoAddress(parse(location.hash));
     onChange();
   });
 }

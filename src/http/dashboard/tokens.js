@@ -134,7 +134,7 @@ export class TokensPage {
       this.#name.focus();
       return this.#showStatus("bad", "Enter a name.");
     }
-    const { scope } = this.#scopes.find(({ radio }) => radio.checked);
+    const scope = /** @type {Schemas["Scope"]} */ (this.#scopes.find(({ radio }) => radio.checked).scope);
     try {
       const made = await api.createToken({ name, scope });
       this.#name.value = "";

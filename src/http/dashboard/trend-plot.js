@@ -1,5 +1,6 @@
 // Indicator trends: one pane per kind of indicator over a common time axis.
 
+import { detailWords } from "./fine-history.js";
 import { binEntries, binTraces } from "./operating-bins.js";
 import { indicatorName, number, titled, unit } from "./format.js";
 import { eventMarks, wordsAt } from "./life-events.js";
@@ -121,13 +122,14 @@ function levelLines(name, rules, suffix, colour, logarithmic) {
  * when it contains a forecast, `limits` the velocity zone limits.
  */
 export function trendDrawing(
-  { items, units, channel },
+  indicators,
   panes,
   names,
   logarithmic,
   selected,
   { revision, bins = null, events, range, rules = [], limits = null },
 ) {
+  const { items, units, channel } = indicators;
   const colour = palette();
   const times = items.map((item) => item.start_time);
   const mode = items.length < 40 ? "lines+markers" : "lines";
@@ -240,7 +242,7 @@ export function trendDrawing(
         units[key] ? `${key} (${units[key]})` : key,
         items.map((item) => item[key]),
       ]),
-    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise; novelty measures deviations that wear does not explain.${bins?.words ? ` ${bins.words}` : ""}`,
+    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise; novelty measures deviations that wear does not explain.${bins?.words ? ` ${bins.words}` : ""}${detailWords(indicators)}`,
     summary: `Trends of ${panes.map((pane) => pane.label).join(", ")} over ${items.length} records.`,
   };
 }

@@ -1,5 +1,6 @@
 // Wear over time: median with 50 and 90 % bands, limits, the baseline, and the reference if any.
 
+import { detailWords } from "./fine-history.js";
 import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
 import { hindsightLines } from "./hindsight.js";
@@ -187,7 +188,8 @@ export function formatTime(range) {
  * Draws a wear history; `selected` is the start time of the displayed record, `zoomed` a time range or null,
  * `rule` the alarm rule on the depth.
  */
-export function wearDrawing({ channel, items }, limits, selected, revision, latest, events, zoomed, rule) {
+export function wearDrawing(history, limits, selected, revision, latest, events, zoomed, rule) {
+  const { channel, items } = history;
   const colour = palette();
   const ends = [items[0].start_time, items.at(-1).start_time];
   const times = items.map((item) => item.start_time);
@@ -322,7 +324,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
         "p95_um",
         "reference_wear_um",
       ].map((key) => [key, items.map((item) => item[key])]),
-    sub: `Greatest wear depth over the flank, channel ${channel}. Click a record to see it.`,
+    sub: `Greatest wear depth over the flank, channel ${channel}. Click a record to see it.${detailWords(history)}`,
     summary: `Wear depth over ${items.length} records: ${now}.`,
     layout: {
       uirevision: revision,
