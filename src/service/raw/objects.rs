@@ -169,9 +169,11 @@ impl RawObjects {
         let (store, kept_for) = (self.store.clone(), self.quarantined_for);
         let remove = move || {
             let objects = store.objects();
-            let removed = objects.remove_quarantined(kept_for, objects.time()?)?;
-            let kept = objects.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
-            (0..=u8::MAX).try_for_each(|shard| objects.remove_empty_notes(shard, &kept))?;
+            let age = Age::now(&store)?;
+            let removed = objects.remove_quarantined(kept_for, age.now)?;
+            (0..=u8::MAX).try_for_each(|shard| {
+                objects.remove_empty_notes(shard, |written_at| age.is_old_enough(written_at))
+            })?;
             Ok::<_, StoreError>(removed)
         };
         let (objects, bytes) = self.workers.run("empty the quarantine", remove).await??;
@@ -297,9 +299,7 @@ impl RawObjects {
         self.remove(orphans).await?;
         let store = self.store.clone();
         let remove_notes = move || {
-            let objects = store.objects();
-            let kept = objects.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
-            shards.into_iter().try_for_each(|shard| objects.remove_empty_notes(shard, &kept))
+            shards.into_iter().try_for_each(|shard| store.objects().remove_empty_notes(shard, |_| true))
         };
         self.workers.run("remove notes", remove_notes).await??;
         Ok(count)

@@ -88,23 +88,47 @@ impl Objects {
         Ok(records)
     }
 
-    /// Removes notes none of whose objects exists or is among those `kept` elsewhere.
-    pub fn remove_empty_notes(&self, shard: u8, kept: &HashSet<String>) -> Result<(), StoreError> {
-        let is_there =
-            |name: &str| Ok::<_, StoreError>(kept.contains(name) || self.written_at(name)?.is_some());
+    /// Removes notes that are old enough, and none of whose objects exists, in quarantine or out of it.
+    pub fn remove_empty_notes(
+        &self,
+        shard: u8,
+        is_old_enough: impl Fn(Timestamp) -> bool,
+    ) -> Result<(), StoreError> {
+        let mut empty: Vec<(String, Vec<String>)> = Vec::new();
         for (first, path) in self.note_paths(shard)? {
-            if is_there(&first)? {
+            if self.written_at(&first)?.is_some() {
                 continue;
             }
-            let mut is_empty = true;
-            for record in self.read::<Vec<RecordNote>>(&path)?.unwrap_or_default() {
-                is_empty &= !is_there(&record.raw.sha256)?;
+            let records = self.read::<Vec<RecordNote>>(&path)?.unwrap_or_default();
+            let mut names: Vec<String> = records.into_iter().map(|record| record.raw.sha256).collect();
+            names.push(first);
+            if !self.has_any(&names)? && self.file_written_at(&path)?.is_some_and(&is_old_enough) {
+                empty.push((path, names));
             }
-            if is_empty {
+        }
+        if empty.is_empty() {
+            return Ok(());
+        }
+        // Listed last: an object that was moved into quarantine a moment ago is in the list, and one that was
+        // restored is at its place again.
+        let kept: HashSet<String> =
+            self.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
+        for (path, names) in empty {
+            if !names.iter().any(|name| kept.contains(name)) && !self.has_any(&names)? {
                 self.remove_file(&path)?;
             }
         }
         Ok(())
+    }
+
+    /// Whether one of these objects exists.
+    fn has_any(&self, names: &[String]) -> Result<bool, StoreError> {
+        for name in names {
+            if self.written_at(name)?.is_some() {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Writes the note of an asset.
@@ -199,4 +223,54 @@ fn json(path: &str, note: &impl Serialize) -> Result<Bytes, StoreError> {
         source,
     })?;
     Ok(json.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn note_of(name: &str) -> RecordNote {
+        RecordNote {
+            id: SegmentId(name.to_owned()),
+            asset_id: AssetId::new("pump").unwrap(),
+            channel: "1".to_owned(),
+            start_time: Timestamp::UNIX_EPOCH,
+            received_at: Timestamp::UNIX_EPOCH,
+            unit: "g".to_owned(),
+            operating_point: OperatingPoint::default(),
+            reference_wear_um: None,
+            raw: RawReference {
+                sha256: name.to_owned(),
+                bytes: 3,
+                media_type: "audio/wav".to_owned(),
+                channel_index: 0,
+            },
+        }
+    }
+
+    #[test]
+    fn notes_are_kept_while_objects_move_into_quarantine() {
+        let folder = tempfile::tempdir().unwrap();
+        let objects = Objects::open(folder.path()).unwrap();
+        let names: Vec<String> = (0..60).map(|number| format!("00{number:062x}")).collect();
+        for name in &names {
+            objects.put_all(&[(name.clone(), Bytes::from_static(b"abc"))], &[note_of(name)]).unwrap();
+        }
+        std::thread::scope(|scope| {
+            let moving = scope.spawn(|| {
+                for name in &names {
+                    objects.quarantine(name, Timestamp::UNIX_EPOCH).unwrap();
+                }
+            });
+            while !moving.is_finished() {
+                objects.remove_empty_notes(0, |_| true).unwrap();
+            }
+        });
+        assert_eq!(objects.notes(0).unwrap().len(), names.len());
+        objects.remove_quarantined(std::time::Duration::ZERO, Timestamp::now()).unwrap();
+        objects.remove_empty_notes(0, |_| false).unwrap();
+        assert_eq!(objects.notes(0).unwrap().len(), names.len(), "young notes stay");
+        objects.remove_empty_notes(0, |_| true).unwrap();
+        assert_eq!(objects.notes(0).unwrap(), []);
+    }
 }
