@@ -1,10 +1,10 @@
 //! Records over the shaft angle.
 
-use flankwatch_signal::{AngleSource, MeshContext, Record};
+use flankwatch_signal::{AngleSource, MeshContext, RecordOf};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::to_python;
+use crate::arguments::{Samples, to_python};
 use crate::error::not_computed_error;
 use crate::record::{Machine, analyze};
 
@@ -59,8 +59,8 @@ fn angle_source(py: Python<'_>, source: &AngleSource) -> PyResult<Py<PyAny>> {
 
 /// Creates record and mesh from the arguments shared by the functions of this module.
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
-fn record_and_mesh(
-    x: &Bound<'_, PyAny>,
+fn record_and_mesh<'a>(
+    samples: &'a Samples<'_>,
     rate_hz: f64,
     teeth: u32,
     shaft_speed_hz: Option<f64>,
@@ -69,7 +69,7 @@ fn record_and_mesh(
     pulse_times_s: Option<&Bound<'_, PyAny>>,
     pulses_per_revolution: u32,
     unit: &str,
-) -> PyResult<(Record, MeshContext)> {
+) -> PyResult<(RecordOf<'a>, MeshContext)> {
     let machine = Machine {
         teeth: Some(teeth),
         shaft_speed_hz,
@@ -79,7 +79,7 @@ fn record_and_mesh(
         pulse_times_s,
         pulses_per_revolution,
     };
-    Ok((machine.record(x, rate_hz, unit)?, machine.required_mesh()?))
+    Ok((machine.record(samples, rate_hz, unit)?, machine.required_mesh()?))
 }
 
 /// Resamples the record over the angle of its shaft.
@@ -116,8 +116,9 @@ pub(crate) fn angle_record(
     unit: &str,
 ) -> PyResult<AngleRecord> {
     let py = x.py();
+    let samples = Samples::new(x)?;
     let (record, mesh) = record_and_mesh(
-        x,
+        &samples,
         rate_hz,
         teeth,
         shaft_speed_hz,
@@ -176,8 +177,9 @@ pub(crate) fn order_spectrum(
     unit: &str,
 ) -> PyResult<OrderSpectrum> {
     let py = x.py();
+    let samples = Samples::new(x)?;
     let (record, mesh) = record_and_mesh(
-        x,
+        &samples,
         rate_hz,
         teeth,
         shaft_speed_hz,
@@ -232,8 +234,9 @@ pub(crate) fn gear_signals(
     unit: &str,
 ) -> PyResult<GearSignals> {
     let py = x.py();
+    let samples = Samples::new(x)?;
     let (record, mesh) = record_and_mesh(
-        x,
+        &samples,
         rate_hz,
         teeth,
         shaft_speed_hz,

@@ -9,18 +9,32 @@ use serde::de::DeserializeOwned;
 
 use crate::error::{argument_error, value_error};
 
-/// Returns the samples of one channel in single precision, from anything that NumPy converts to an array of
-/// real numbers.
-pub(crate) fn samples(x: &Bound<'_, PyAny>) -> PyResult<Vec<f32>> {
-    if let Ok(array) = x.extract::<PyReadonlyArray1<'_, f32>>() {
-        return Ok(match array.as_slice() {
-            Ok(contiguous) => contiguous.to_vec(),
-            Err(_) => array.as_array().iter().copied().collect(),
-        });
+/// Samples of one channel in single precision: those of a NumPy array, or a copy of samples of another type.
+pub(crate) enum Samples<'py> {
+    Borrowed(PyReadonlyArray1<'py, f32>),
+    Copied(Vec<f32>),
+}
+
+impl<'py> Samples<'py> {
+    /// Accepts anything that NumPy converts to an array of real numbers.
+    pub(crate) fn new(x: &Bound<'py, PyAny>) -> PyResult<Self> {
+        if let Ok(array) = x.extract::<PyReadonlyArray1<'_, f32>>() {
+            if array.as_slice().is_ok() {
+                return Ok(Self::Borrowed(array));
+            }
+            return Ok(Self::Copied(array.as_array().iter().copied().collect()));
+        }
+        let real = real_array(x, "x", 1)?;
+        let real = real.readonly();
+        Ok(Self::Copied(real.as_array().iter().map(|&sample| sample as f32).collect()))
     }
-    let real = real_array(x, "x", 1)?;
-    let real = real.readonly();
-    Ok(real.as_array().iter().map(|&sample| sample as f32).collect())
+
+    pub(crate) fn as_slice(&self) -> PyResult<&[f32]> {
+        match self {
+            Self::Borrowed(array) => array.as_slice().map_err(value_error),
+            Self::Copied(samples) => Ok(samples),
+        }
+    }
 }
 
 /// Returns an array of real numbers in double precision with this number of dimensions.

@@ -5,7 +5,7 @@ use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arguments::{from_python, to_python};
+use crate::arguments::{Samples, from_python, to_python};
 use crate::error::{argument_error, not_computed_error, value_error};
 use crate::record::{Machine, analyze, plain_record};
 
@@ -132,7 +132,8 @@ pub(crate) fn condition<'py>(
         pulse_times_s,
         pulses_per_revolution,
     };
-    let (mesh, record) = (machine.mesh()?, machine.record(x, rate_hz, unit)?);
+    let samples = Samples::new(x)?;
+    let (mesh, record) = (machine.mesh()?, machine.record(&samples, rate_hz, unit)?);
     let bands: Vec<Band> = bands.map_or_else(|| Ok(Vec::new()), |bands| from_python("bands", bands))?;
     if let Some(band) = bands.iter().find(|band| !band.is_valid()) {
         let expected =
@@ -170,7 +171,8 @@ pub(crate) fn condition<'py>(
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, unit="1"))]
 pub(crate) fn amplitude_spectrum(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str) -> PyResult<Spectrum> {
-    let record = plain_record(x, rate_hz, unit)?;
+    let samples = Samples::new(x)?;
+    let record = plain_record(&samples, rate_hz, unit)?;
     let computed = analyze(x.py(), |analyzer| analyzer.amplitude_spectrum(&record));
     Ok(spectrum(x.py(), computed))
 }
@@ -187,7 +189,8 @@ pub(crate) fn amplitude_spectrum(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str)
 #[pyfunction]
 #[pyo3(signature = (x, rate_hz, *, unit="1"))]
 pub(crate) fn power_spectral_density(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str) -> PyResult<Spectrum> {
-    let record = plain_record(x, rate_hz, unit)?;
+    let samples = Samples::new(x)?;
+    let record = plain_record(&samples, rate_hz, unit)?;
     let computed = analyze(x.py(), |analyzer| analyzer.power_spectral_density(&record));
     Ok(spectrum(x.py(), computed))
 }
@@ -247,7 +250,8 @@ pub(crate) fn envelope_spectrum(
         pulse_times_s: None,
         pulses_per_revolution: 1,
     };
-    let (mesh, record) = (machine.mesh()?, machine.record(x, rate_hz, unit)?);
+    let samples = Samples::new(x)?;
+    let (mesh, record) = (machine.mesh()?, machine.record(&samples, rate_hz, unit)?);
     let (band, computed) = analyze(py, |analyzer| {
         let band = match band_hz {
             Some(band_hz) => EnvelopeBand::given(band_hz, BandSource::Query),
@@ -284,7 +288,8 @@ pub(crate) fn envelope_spectrum(
 #[pyfunction]
 pub(crate) fn kurtogram(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Kurtogram> {
     let py = x.py();
-    let record = plain_record(x, rate_hz, "1")?;
+    let samples = Samples::new(x)?;
+    let record = plain_record(&samples, rate_hz, "1")?;
     let computed = analyze(py, |analyzer| analyzer.kurtogram(&record))
         .map_err(|reason| not_computed_error("kurtogram", reason))?;
     Ok(Kurtogram {
@@ -307,7 +312,8 @@ pub(crate) fn kurtogram(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Kurtogra
 #[pyfunction]
 pub(crate) fn cepstrum(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Cepstrum> {
     let py = x.py();
-    let record = plain_record(x, rate_hz, "1")?;
+    let samples = Samples::new(x)?;
+    let record = plain_record(&samples, rate_hz, "1")?;
     let computed = analyze(py, |analyzer| analyzer.cepstrum(&record))
         .map_err(|reason| not_computed_error("cepstrum", reason))?;
     Ok(Cepstrum {

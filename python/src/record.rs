@@ -3,13 +3,13 @@
 use std::cell::RefCell;
 
 use flankwatch_signal::{
-    AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record, Tachometer,
+    AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, RecordOf, Tachometer,
 };
 use jiff::Timestamp;
 use numpy::PyArrayMethods;
 use pyo3::prelude::*;
 
-use crate::arguments::{real_array, samples};
+use crate::arguments::{Samples, real_array};
 use crate::error::{argument_error, value_error};
 
 thread_local! {
@@ -23,8 +23,8 @@ pub(crate) fn analyze<T: Send>(py: Python<'_>, work: impl FnOnce(&mut Analyzer) 
 }
 
 /// Creates a record without data of the machine.
-pub(crate) fn plain_record(x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str) -> PyResult<Record> {
-    Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, unit, samples(x)?).map_err(value_error)
+pub(crate) fn plain_record<'a>(samples: &'a Samples<'_>, rate_hz: f64, unit: &str) -> PyResult<RecordOf<'a>> {
+    RecordOf::borrowing("1", Timestamp::UNIX_EPOCH, rate_hz, unit, samples.as_slice()?).map_err(value_error)
 }
 
 /// Arguments of a function that describe the machine.
@@ -86,13 +86,18 @@ impl Machine<'_, '_> {
     }
 
     /// Creates the record with its operating point and tachometer.
-    pub(crate) fn record(&self, x: &Bound<'_, PyAny>, rate_hz: f64, unit: &str) -> PyResult<Record> {
+    pub(crate) fn record<'a>(
+        &self,
+        samples: &'a Samples<'_>,
+        rate_hz: f64,
+        unit: &str,
+    ) -> PyResult<RecordOf<'a>> {
         let point = OperatingPoint {
             shaft_speed_hz: self.shaft_speed_hz,
             torque_nm: self.torque_nm,
             ..OperatingPoint::default()
         };
-        let record = plain_record(x, rate_hz, unit)?.with_operating_point(point).map_err(value_error)?;
+        let record = plain_record(samples, rate_hz, unit)?.with_operating_point(point).map_err(value_error)?;
         let Some(times) = self.pulse_times_s else {
             return Ok(record);
         };

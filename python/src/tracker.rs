@@ -9,7 +9,7 @@ use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arguments::{from_python, to_python};
+use crate::arguments::{Samples, from_python, to_python};
 use crate::error::{argument_error, value_error};
 use crate::library::ensemble_of;
 use crate::record::{Machine, analyze};
@@ -116,7 +116,8 @@ impl Tracker {
         let py = x.py();
         let machine =
             Machine { pulse_times_s, pulses_per_revolution, ..self.machine(shaft_speed_hz, torque_nm) };
-        let (mesh, record) = (machine.required_mesh()?, machine.record(x, rate_hz, &self.unit)?);
+        let samples = Samples::new(x)?;
+        let (mesh, record) = (machine.required_mesh()?, machine.record(&samples, rate_hz, &self.unit)?);
         let time = crate::arguments::time(time)?;
         let settings = ConditionSettings {
             mesh: MeshContext {

@@ -1,16 +1,15 @@
 //! `flankwatch evaluate`: scores the wear estimate on simulated runs to failure with known wear.
 
+use std::iter;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use plotly::common::{Line, Mode, Title};
-use plotly::layout::Axis;
-use plotly::{Layout, Plot, Scatter};
+use serde_json::json;
 
 use super::ensemble::Ensembles;
 use super::library::progress_bar;
 use super::recorded_runs;
-use super::{CliError, output, pair_file};
+use super::{CliError, output, pair_file, plot};
 use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, RunOptions, Score, evaluate};
 use crate::library::{EnsembleSettings, VARIANTS};
 
@@ -236,51 +235,49 @@ fn single_indicators(scores: &[Score]) -> String {
 }
 
 fn page(scores: &[Score], settings: &EvaluationSettings) -> String {
-    let mut plot = Plot::new();
-    let ideal = Scatter::new(vec![0.0, 1.0], vec![0.0, 1.0]).mode(Mode::Lines).name("ideal");
-    plot.add_trace(ideal.line(Line::new().color("#000000").width(1.0)));
-    for score in scores.iter().filter(|score| score.rank_correlation.is_some()) {
-        plot.add_trace(
-            Scatter::new(NOMINAL.to_vec(), score.calibration.clone())
-                .mode(Mode::LinesMarkers)
-                .name(&score.case),
-        );
-    }
-    let axis = |title: &str| Axis::new().title(Title::with_text(title)).range(vec![0.0, 1.0]);
-    plot.set_layout(
-        Layout::new()
-            .title(Title::with_text("Calibration: coverage of central intervals"))
-            .height(560)
-            .x_axis(axis("nominal coverage"))
-            .y_axis(axis("actual coverage")),
-    );
-    let mut widths = Plot::new();
     let worn: Vec<&Score> = scores.iter().filter(|score| score.rank_correlation.is_some()).collect();
-    let names: Vec<String> = worn.iter().map(|score| score.case.clone()).collect();
-    for (i, name) in ["median", "90 %", "99 %"].into_iter().enumerate() {
+    let ideal = json!({
+        "type": "scatter", "mode": "lines", "x": [0, 1], "y": [0, 1], "name": "ideal",
+        "line": { "color": "#000000", "width": 1 },
+    });
+    let actual = worn.iter().map(|score| {
+        let (x, y) = (NOMINAL, &score.calibration);
+        json!({ "type": "scatter", "mode": "lines+markers", "x": x, "y": y, "name": score.case })
+    });
+    let calibration: Vec<_> = iter::once(ideal).chain(actual).collect();
+    let axis = |title: &str| json!({ "title": { "text": title }, "range": [0, 1] });
+    let calibration = plot::html(
+        &calibration,
+        &json!({
+            "title": { "text": "Calibration: coverage of central intervals" },
+            "height": 560,
+            "xaxis": axis("nominal coverage"),
+            "yaxis": axis("actual coverage"),
+        }),
+    );
+    let names: Vec<&str> = worn.iter().map(|score| score.case.as_str()).collect();
+    let errors = ["median", "90 %", "99 %"].into_iter().enumerate().map(|(i, name)| {
         let values: Vec<f64> = worn.iter().map(|score| score.error_quantiles_um[i]).collect();
-        widths.add_trace(Scatter::new(names.clone(), values).mode(Mode::Markers).name(name));
-    }
-    widths.set_layout(
-        Layout::new()
-            .title(Title::with_text("Quantiles of the absolute error"))
-            .height(460)
-            .y_axis(Axis::new().title(Title::with_text("µm"))),
+        json!({ "type": "scatter", "mode": "markers", "x": names, "y": values, "name": name })
+    });
+    let errors = plot::html(
+        &errors.collect::<Vec<_>>(),
+        &json!({
+            "title": { "text": "Quantiles of the absolute error" },
+            "height": 460,
+            "yaxis": { "title": { "text": "µm" } },
+        }),
     );
     let mut table = header();
     scores.iter().for_each(|score| table += &row(score));
     table += &single_indicators(scores);
-    let script = Plot::offline_js_sources();
+    let script = plot::script_element();
     format!(
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>flankwatch evaluation</title>{script}</head><body>\
          <h1>Wear estimation on simulated runs</h1><p>{} runs per case of {} records, seed {}. Errors and widths are of the maximum wear depth, in µm. \
          Covered: fraction of records whose 90 % interval contains the true depth. Flagged: fraction of fault-free records that were flagged. Found: \
          fraction of runs flagged within 10 records of a fault. Named: most frequent name of the fault's flagged records. Crossing: fraction of the \
          prognoses from half of life on whose 90 % interval contains the time of 80 % of the library's depth.</p><pre>{table}</pre>{}{}</body></html>",
-        settings.runs,
-        settings.records,
-        settings.seed,
-        plot.to_inline_html(None),
-        widths.to_inline_html(None),
+        settings.runs, settings.records, settings.seed, calibration, errors,
     )
 }

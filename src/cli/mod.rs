@@ -20,6 +20,7 @@ mod mqtt;
 mod node;
 mod output;
 mod pair_file;
+mod plot;
 mod quarantine;
 mod reading_progress;
 mod rebuild;

@@ -1,18 +1,14 @@
 //! The dashboard's files, built into the program.
 
-use std::io::{Read, Write};
 use std::sync::LazyLock;
 
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use flate2::Compression;
-use flate2::read::GzDecoder;
-use flate2::write::GzEncoder;
 
 use super::etag::{self, is_known};
-use super::plotly::plotly_js;
+use super::plotly::{PLOTLY_JS_GZIP, plotly_js};
 use super::problem::Problem;
 
 /// A static file.
@@ -182,33 +178,9 @@ const FILES: &[StaticFile] = files![
     "wear-plot.js",
 ];
 
-/// Plotly.js from the `plotly` crate, compressed once on first use.
-static PLOTLY: LazyLock<Compressed> = LazyLock::new(|| Compressed::new(plotly_js().as_bytes()));
-
 const PLOTLY_NAME: &str = "plotly.js";
 
-struct Compressed {
-    gzip: Vec<u8>,
-    etag: HeaderValue,
-}
-
-impl Compressed {
-    fn new(bytes: &[u8]) -> Self {
-        let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-        // Writing to a vector cannot fail.
-        let gzip = encoder.write_all(bytes).and_then(|()| encoder.finish()).unwrap_or_default();
-        Self { gzip, etag: etag::of_bytes(&[bytes]) }
-    }
-
-    fn decompressed(&self) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        let mut decoder = GzDecoder::new(&self.gzip[..]);
-        if let Err(error) = decoder.read_to_end(&mut bytes) {
-            tracing::error!(%error, "failed to decompress an embedded script");
-        }
-        bytes
-    }
-}
+static PLOTLY_ETAG: LazyLock<HeaderValue> = LazyLock::new(|| etag::of_bytes(&[PLOTLY_JS_GZIP]));
 
 pub(super) async fn index(headers: HeaderMap) -> Response {
     match FILES.iter().find(|file| file.name == "index.html") {
@@ -247,17 +219,15 @@ fn send(headers: &HeaderMap, file: &'static StaticFile) -> Response {
 }
 
 async fn send_plotly(headers: &HeaderMap) -> Response {
-    let Ok(script) = tokio::task::spawn_blocking(|| &*PLOTLY).await else {
-        return Problem::not_found("the script is unavailable").into_response();
-    };
+    let etag = PLOTLY_ETAG.clone();
     let caching = HeaderValue::from_static("public, max-age=86400");
-    if is_known(headers, &script.etag) {
-        let fields = [(header::ETAG, script.etag.clone()), (header::CACHE_CONTROL, caching)];
-        return (StatusCode::NOT_MODIFIED, fields).into_response();
+    if is_known(headers, &etag) {
+        return (StatusCode::NOT_MODIFIED, [(header::ETAG, etag), (header::CACHE_CONTROL, caching)])
+            .into_response();
     }
     let fields = [
         (header::CONTENT_TYPE, HeaderValue::from_static(content_type(PLOTLY_NAME))),
-        (header::ETAG, script.etag.clone()),
+        (header::ETAG, etag),
         (header::CACHE_CONTROL, caching),
         (header::VARY, HeaderValue::from_static("accept-encoding")),
     ];
@@ -266,12 +236,11 @@ async fn send_plotly(headers: &HeaderMap) -> Response {
         .and_then(|value| value.to_str().ok())
         .is_some_and(|value| value.split(',').any(|coding| coding.trim().split(';').next() == Some("gzip")));
     if takes_gzip {
-        (fields, [(header::CONTENT_ENCODING, "gzip")], script.gzip.as_slice()).into_response()
-    } else {
-        match tokio::task::spawn_blocking(|| PLOTLY.decompressed()).await {
-            Ok(bytes) => (fields, bytes).into_response(),
-            Err(_) => Problem::not_found("the script is unavailable").into_response(),
-        }
+        return (fields, [(header::CONTENT_ENCODING, "gzip")], PLOTLY_JS_GZIP).into_response();
+    }
+    match tokio::task::spawn_blocking(plotly_js).await {
+        Ok(script) => (fields, script).into_response(),
+        Err(_) => Problem::not_found("the script is unavailable").into_response(),
     }
 }
 
@@ -284,15 +253,5 @@ fn content_type(name: &str) -> &'static str {
         Some("png") => "image/png",
         Some("json") => "application/json",
         _ => "application/octet-stream",
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn compression_round_trips() {
-        assert_eq!(Compressed::new(b"function f() {}").decompressed(), b"function f() {}");
     }
 }

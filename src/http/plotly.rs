@@ -1,13 +1,19 @@
-//! Plotly.js from the `plotly` crate's embedded copy.
+//! Plotly.js, which `build.rs` takes from the `plotly` crate and compresses.
 
-/// The script without the surrounding HTML, and without MathJax, which the crate appends and which is loaded
-/// from elsewhere.
+use std::io::Read;
+
+use flate2::read::GzDecoder;
+
+/// The script, compressed with gzip.
+pub(super) const PLOTLY_JS_GZIP: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plotly.js.gz"));
+
+/// Returns the script as text.
 pub fn plotly_js() -> String {
-    let sources = plotly::Plot::offline_js_sources();
-    let begin = sources.find('>').map_or(0, |tag_end| tag_end + 1);
-    // The script itself contains the end tag only within lines.
-    let end = sources.match_indices("</script>\n").next().map_or(sources.len(), |(at, _)| at);
-    sources.get(begin..end).unwrap_or_default().to_owned()
+    let mut script = String::new();
+    if let Err(error) = GzDecoder::new(PLOTLY_JS_GZIP).read_to_string(&mut script) {
+        tracing::error!(%error, "failed to decompress the embedded Plotly.js");
+    }
+    script
 }
 
 #[cfg(test)]

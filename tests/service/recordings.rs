@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use flankwatch::recording::{BlockEncoding, encode_block};
+use flankwatch::recording::{BlockEncoding, RecordDefaults, decode_block, encode_block};
 use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
@@ -125,6 +125,11 @@ fn a_replay_of_any_format_takes_what_the_file_lacks() {
         (&ended["first_start_time"], &ended["last_start_time"]),
         (&json!(start), &json!("2026-01-05T08:00:00.5Z"))
     );
+    // The scale is stored with the record.
+    let first = service.get("/v1/assets/pump/segments?limit=1").json()["items"][0].clone();
+    let raw = service.get(&format!("/v1/segments/{}/raw", first["id"].as_str().unwrap()));
+    let record = decode_block(&raw.bytes, BlockEncoding::Protobuf, &RecordDefaults::default()).unwrap();
+    assert_eq!((record.source_scale(), record.unit()), (Some(0.5), "m/s2"));
     // A time of day is the last one before the replay, or the first one from a given start.
     let started = replay(json!({ "asset": "pump", "file": "acc.csv" })).expect(202).json();
     let ended = wait_for_end(&service, &started);

@@ -155,6 +155,7 @@ pub(crate) struct DecodedBlock {
     pub(crate) operating_point: OperatingPoint,
     pub(crate) quality: Quality,
     pub(crate) pulses: Option<Pulses>,
+    pub(crate) source_scale: Option<f64>,
 }
 
 /// Decodes a block without validating its fields.
@@ -192,6 +193,7 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                     gap: quality.gap,
                 }),
                 pulses: block.tachometer.map(Pulses::from),
+                source_scale: block.source_scale,
             })
         }
         BlockEncoding::Json => JsonBlock::decode(bytes)?.into_block(),
@@ -226,12 +228,16 @@ impl DecodedBlock {
                 "at most 64 bytes without control characters",
             ));
         }
+        if let Some(scale) = self.source_scale.filter(|scale| *scale == 0.0 || !scale.is_finite()) {
+            return Err(RecordingError::field("source_scale", scale, "a finite number other than 0"));
+        }
         let start_time = self.start_time.unwrap_or(defaults.start_time);
         let operating_point = completed_by(self.operating_point, defaults.operating_point);
         let record = Record::new(channel, start_time, self.sample_rate_hz, unit, self.samples)?
             .with_operating_point(operating_point)?;
         let tachometer = self.pulses.and_then(|pulses| pulses.of(start_time));
-        Ok(record.with_quality(self.quality).with_tachometer(tachometer))
+        let record = record.with_quality(self.quality).with_tachometer(tachometer);
+        Ok(record.with_source_scale(self.source_scale))
     }
 }
 
@@ -263,6 +269,7 @@ pub(crate) fn message_of(record: &Record) -> WaveformBlock {
             temperature_c: point.temperature_c,
         }),
         tachometer: Pulses::of_record(record).map(message::Tachometer::from),
+        source_scale: record.source_scale(),
     }
 }
 
@@ -316,6 +323,7 @@ mod tests {
             prop::option::of(1e-6f64..1e4),
             [prop::option::of(-1e6f64..1e6), prop::option::of(-1e2f64..1e3)],
             any::<[bool; 2]>(),
+            prop::option::of(1e-6f64..1e6),
         )
             .prop_map(
                 |(
@@ -327,6 +335,7 @@ mod tests {
                     shaft_speed_hz,
                     [torque_nm, temperature_c],
                     [clipped, gap],
+                    source_scale,
                 )| {
                     let time = Timestamp::from_nanosecond(time.into()).unwrap();
                     Record::new(channel, time, rate, unit, samples)
@@ -334,6 +343,7 @@ mod tests {
                         .with_operating_point(OperatingPoint { shaft_speed_hz, torque_nm, temperature_c })
                         .unwrap()
                         .with_quality(Quality { clipped, gap })
+                        .with_source_scale(source_scale)
                 },
             )
     }
@@ -403,6 +413,9 @@ mod tests {
         block.sample_rate_hz = 1.0;
         block.unit = "m".repeat(65);
         assert!(refused(&block).contains("unit is"));
+        block.unit = String::new();
+        block.source_scale = Some(0.0);
+        assert!(refused(&block).contains("source_scale is 0"));
     }
 
     #[test]

@@ -144,6 +144,7 @@ impl Cutter {
         let records = named.zip(columns).map(|((channel, unit), samples)| {
             Record::new(channel, start_time, self.sample_rate_hz, unit, samples)
                 .and_then(|record| record.with_operating_point(self.operating_point))
+                .map(|record| record.with_source_scale(self.scale))
                 .map_err(|source| match (first_sample, source) {
                     (0, source) => RecordingError::Record(source),
                     (first_sample, source @ RecordError::NotFinite { .. }) => {

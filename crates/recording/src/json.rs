@@ -56,6 +56,9 @@ pub struct JsonBlock {
     /// Pulses of a tachometer on the driving shaft.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     tachometer: Option<JsonTachometer>,
+    /// Factor by which the sender multiplied the values of its source. The samples are in `unit` already.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    source_scale: Option<f64>,
 }
 
 /// A tachometer message in JSON.
@@ -177,6 +180,7 @@ impl JsonBlock {
                 ..Default::default()
             }),
             tachometer: Pulses::of_record(record).map(JsonTachometer::from),
+            source_scale: record.source_scale(),
         }
     }
 
@@ -211,6 +215,7 @@ impl JsonBlock {
                 .unwrap_or_default(),
             quality: self.quality.unwrap_or_default(),
             pulses: self.tachometer.map(Pulses::from),
+            source_scale: self.source_scale,
         })
     }
 }

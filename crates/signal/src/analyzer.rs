@@ -10,7 +10,7 @@ use super::kurtogram::KurtogramWork;
 use super::line::read_line;
 use super::mesh_lines::{MeshLine, MeshPositions};
 use super::moments::Moments;
-use super::record::{OperatingPoint, Record};
+use super::record::{OperatingPoint, RecordOf};
 use super::record_spectrum::RecordSpectrum;
 use super::resampling::Resampler;
 use super::spectrum::Spectrum;
@@ -78,12 +78,17 @@ impl Analyzer {
     /// Computes the indicators and features of a record. The shaft speed is the first one available of: the
     /// record's operating point, its tachometer, the asset's exact nominal speed, the mesh comb. Indicators
     /// that cannot be computed are omitted, with a reason.
-    pub fn analyze(&mut self, record: &Record, mesh: &MeshContext) -> Analysis {
+    pub fn analyze(&mut self, record: &RecordOf<'_>, mesh: &MeshContext) -> Analysis {
         self.analyze_with_bands(record, mesh, &[])
     }
 
     /// Like [`analyze`](Self::analyze), with the values of `bands` among the indicators.
-    pub fn analyze_with_bands(&mut self, record: &Record, mesh: &MeshContext, bands: &[Band]) -> Analysis {
+    pub fn analyze_with_bands(
+        &mut self,
+        record: &RecordOf<'_>,
+        mesh: &MeshContext,
+        bands: &[Band],
+    ) -> Analysis {
         let located = self.locate(record, mesh);
         let mut analysis = self.analyze_located(record, mesh, bands, &located);
         if located.1.mesh.is_ok() {
@@ -96,7 +101,7 @@ impl Analyzer {
     }
 
     /// Transforms a record and locates the mesh comb in its spectrum.
-    pub(super) fn locate(&mut self, record: &Record, mesh: &MeshContext) -> (Moments, LocatedMesh) {
+    pub(super) fn locate(&mut self, record: &RecordOf<'_>, mesh: &MeshContext) -> (Moments, LocatedMesh) {
         let work = &mut self.work;
         let moments = work.transform(record);
         let resolution_hz = work.resolution_hz(record);
@@ -116,7 +121,7 @@ impl Analyzer {
     /// Analyses the record that was transformed last.
     pub(super) fn analyze_located(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         bands: &[Band],
         (moments, located): &(Moments, LocatedMesh),
@@ -217,7 +222,7 @@ impl Analyzer {
     }
 
     /// Returns the Hann amplitude spectrum of a record with its mean removed.
-    pub fn amplitude_spectrum(&mut self, record: &Record) -> Spectrum {
+    pub fn amplitude_spectrum(&mut self, record: &RecordOf<'_>) -> Spectrum {
         self.work.transform(record);
         let spectrum =
             Spectrum::hann(record.unit(), self.work.resolution_hz(record), self.work.amplitude.clone());
@@ -227,13 +232,17 @@ impl Analyzer {
 
     /// Returns the power spectral density of a record with its mean removed, under one Hann window over the
     /// whole record.
-    pub fn power_spectral_density(&mut self, record: &Record) -> Spectrum {
+    pub fn power_spectral_density(&mut self, record: &RecordOf<'_>) -> Spectrum {
         self.amplitude_spectrum(record).into_density(spectrum_length(record.samples().len()))
     }
 
     /// Returns the Hann amplitude spectrum of the envelope of a band `[low, high]` in hertz: the modulus,
     /// mean removed, of the analytic signal of the band's bins. It reaches up to the band's width.
-    pub fn envelope_spectrum(&mut self, record: &Record, band_hz: [f64; 2]) -> Result<Spectrum, BandError> {
+    pub fn envelope_spectrum(
+        &mut self,
+        record: &RecordOf<'_>,
+        band_hz: [f64; 2],
+    ) -> Result<Spectrum, BandError> {
         let band = band_bins(band_hz, spectrum_length(record.samples().len()), record.sample_rate_hz())?;
         let work = &mut self.work;
         work.transform(record);
@@ -252,7 +261,7 @@ impl Analyzer {
     /// - `Kurtogram`: its best band; the whole spectrum if there is none.
     pub fn envelope_band(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         speed: Option<&ShaftSpeed>,
         search: EnvelopeSearch,
     ) -> EnvelopeBand {
@@ -274,7 +283,7 @@ impl Analyzer {
     }
 
     /// Returns the band around the strongest mesh harmonic of the record that was transformed last.
-    pub(super) fn mesh_band(&self, record: &Record, speed: &ShaftSpeed) -> Option<EnvelopeBand> {
+    pub(super) fn mesh_band(&self, record: &RecordOf<'_>, speed: &ShaftSpeed) -> Option<EnvelopeBand> {
         let mesh_hz = speed.mesh_frequency_hz;
         let mesh_bins = mesh_hz / self.work.resolution_hz(record);
         let (order, _) = (1..=self.settings.harmonics)
@@ -289,7 +298,7 @@ impl Analyzer {
     }
 
     /// Frees the buffers if the record is a very long one.
-    pub(super) fn release_large_buffers(&mut self, record: &Record) {
+    pub(super) fn release_large_buffers(&mut self, record: &RecordOf<'_>) {
         if record.samples().len() > MAX_RETAINED_SAMPLES {
             self.work = RecordSpectrum::default();
             self.resampler.release();
@@ -310,6 +319,7 @@ mod tests {
 
     use super::super::{OperatingPoint, OtherMeshes, SpeedSource};
     use super::*;
+    use crate::Record;
 
     const RATE_HZ: f64 = 20_000.0;
     const SHAFT_HZ: f64 = 16.71;

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::analyzer::Analyzer;
 use super::indicators::NotComputed;
-use super::record::Record;
+use super::record::RecordOf;
 
 /// Lowest amplitude relative to the highest, to avoid the logarithm of zero.
 const AMPLITUDE_FLOOR: f64 = 1e-9;
@@ -26,7 +26,7 @@ impl Analyzer {
     ///
     /// # Errors
     /// [`NotComputed::Constant`] if all samples are equal.
-    pub fn cepstrum(&mut self, record: &Record) -> Result<Cepstrum, NotComputed> {
+    pub fn cepstrum(&mut self, record: &RecordOf<'_>) -> Result<Cepstrum, NotComputed> {
         let work = &mut self.work;
         let moments = work.transform(record);
         let highest = work.amplitude.iter().copied().fold(0.0, f64::max);
@@ -53,6 +53,7 @@ mod tests {
 
     use super::super::AnalysisSettings;
     use super::*;
+    use crate::Record;
 
     /// An impulse train with a period of 50 samples has its first rahmonic there.
     #[test]

@@ -9,7 +9,7 @@ use super::features::PREPROCESSING;
 use super::gear_indicators::AngleUsed;
 use super::impacts::BearingSettings;
 use super::indicators::NotComputed;
-use super::record::{Quality, Record};
+use super::record::{Quality, RecordOf};
 use super::speed::MeshContext;
 
 /// Identifier of the method behind the indicators over the shaft angle.
@@ -55,7 +55,7 @@ pub struct Condition {
 
 impl Analyzer {
     /// Computes everything that is stored of a record, from one transform and one resampling.
-    pub fn condition(&mut self, record: &Record, settings: &ConditionSettings<'_>) -> Condition {
+    pub fn condition(&mut self, record: &RecordOf<'_>, settings: &ConditionSettings<'_>) -> Condition {
         let mesh = &settings.mesh;
         let located = self.locate(record, mesh);
         let mut analysis = self.analyze_located(record, mesh, settings.bands, &located);

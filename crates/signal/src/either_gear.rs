@@ -5,7 +5,7 @@ use super::angle_record::AngleRecord;
 use super::gear_signals::GearSignals;
 use super::indicators::NotComputed;
 use super::order_tracking::split;
-use super::record::Record;
+use super::record::RecordOf;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::speed::MeshContext;
 
@@ -63,7 +63,7 @@ impl Analyzer {
     /// a driven gear with an unknown number of teeth.
     pub fn turn_average(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         gear: Gear,
         angle: Option<&ShaftAngle>,
@@ -83,7 +83,7 @@ impl Analyzer {
     /// Resamples a record over the angle of the driven gear; `gear_mesh` is `mesh` referred to that gear.
     fn driven_record(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         gear_mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
@@ -112,6 +112,7 @@ mod tests {
 
     use super::super::{AnalysisSettings, OtherMesh, OtherMeshes, Tachometer};
     use super::*;
+    use crate::Record;
 
     #[derive(Deserialize)]
     struct Vectors {

@@ -5,7 +5,7 @@ use super::bearing::Bearing;
 use super::bearing_lines::EnvelopeLines;
 use super::envelope::{EnvelopeBand, EnvelopeSearch, band_bins};
 use super::indicators::{Indicators, NotComputed};
-use super::record::Record;
+use super::record::RecordOf;
 use super::speed::SpeedSource;
 
 /// The strongest line is searched up to this fraction of the sampling rate.
@@ -31,7 +31,7 @@ impl Analyzer {
     /// record that was transformed last.
     pub(super) fn insert_impacts(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         settings: &BearingSettings<'_>,
         tolerance: f64,
         analysis: &mut Analysis,
@@ -67,7 +67,7 @@ impl Analyzer {
         analysis.features.envelope_line = lines.strongest(&detected, band_hz, highest_hz, &mut work.sorting);
     }
 
-    fn impact_band(&mut self, record: &Record, settings: &BearingSettings<'_>) -> [f64; 2] {
+    fn impact_band(&mut self, record: &RecordOf<'_>, settings: &BearingSettings<'_>) -> [f64; 2] {
         let default_band = EnvelopeBand::of_impacts(record.sample_rate_hz()).band_hz;
         match (settings.band_hz, settings.search) {
             (Some(band_hz), _) => band_hz,
@@ -102,6 +102,7 @@ mod tests {
         OperatingPoint,
     };
     use super::*;
+    use crate::Record;
 
     const RATE_HZ: f64 = 20_000.0;
     const SHAFT_HZ: f64 = 29.3;

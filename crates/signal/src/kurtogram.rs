@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::analyzer::Analyzer;
 use super::indicators::NotComputed;
-use super::record::Record;
+use super::record::RecordOf;
 use super::transform::Transforms;
 
 /// Fewest bins of a band: the kurtosis of noise scatters by 2/√64 = 0.25 there.
@@ -79,7 +79,7 @@ impl Analyzer {
     ///
     /// # Errors
     /// [`NotComputed::Constant`], or [`NotComputed::TooShort`] below 129 samples.
-    pub fn kurtogram(&mut self, record: &Record) -> Result<Kurtogram, NotComputed> {
+    pub fn kurtogram(&mut self, record: &RecordOf<'_>) -> Result<Kurtogram, NotComputed> {
         let moments = self.work.transform(record);
         let kurtogram =
             if moments.constant { Err(NotComputed::Constant) } else { self.kurtogram_transformed(record) };
@@ -88,7 +88,7 @@ impl Analyzer {
     }
 
     /// Computes the kurtogram of the record that was transformed last, which is not constant.
-    pub(super) fn kurtogram_transformed(&mut self, record: &Record) -> Result<Kurtogram, NotComputed> {
+    pub(super) fn kurtogram_transformed(&mut self, record: &RecordOf<'_>) -> Result<Kurtogram, NotComputed> {
         let resolution_hz = self.work.resolution_hz(record);
         let usable = (self.work.length - 1) / 2;
         let nyquist_hz = 0.5 * record.sample_rate_hz();
@@ -194,6 +194,7 @@ mod tests {
 
     use super::super::{AnalysisSettings, BandSource, EnvelopeSearch};
     use super::*;
+    use crate::Record;
 
     const RATE_HZ: f64 = 20_000.0;
 

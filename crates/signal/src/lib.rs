@@ -114,7 +114,7 @@ pub use kurtogram::{Kurtogram, KurtogramBand, KurtogramLevel};
 pub use mesh_lines::MeshLine;
 pub use motion::Motion;
 pub use other_meshes::{OtherMesh, OtherMeshes};
-pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError, Tachometer};
+pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError, RecordOf, Tachometer};
 pub use shaft_angle::{AngleSource, PulseError, ShaftAngle};
 pub use spectrum::Spectrum;
 pub use speed::{MeshContext, ShaftSpeed, SpeedDoubt, SpeedSource};

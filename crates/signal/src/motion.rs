@@ -6,7 +6,7 @@ use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
 use serde::{Deserialize, Serialize};
 
-use super::Record;
+use super::RecordOf;
 use super::acceleration::in_m_s2;
 
 /// A quantity of motion.
@@ -70,7 +70,7 @@ impl Motion {
     /// quantities. Integration removes the bins below `cut_hz`, which would otherwise amplify low-frequency
     /// noise above everything else. The record is treated as periodic, so the first and the last period of
     /// the cut-off frequency are less accurate.
-    pub fn of_record(self, record: &Record, cut_hz: f64) -> Option<Vec<f32>> {
+    pub fn of_record(self, record: &RecordOf<'_>, cut_hz: f64) -> Option<Vec<f32>> {
         let (own, own_si) = Self::of_unit(record.unit())?;
         let factor = own_si / self.si();
         let power = self.derivatives() - own.derivatives();
@@ -108,6 +108,7 @@ mod tests {
     use jiff::Timestamp;
 
     use super::*;
+    use crate::Record;
 
     const RATE_HZ: f64 = 2000.0;
 

@@ -10,7 +10,7 @@ use super::gear_signals::GearSignals;
 use super::indicators::NotComputed;
 use super::mesh_phase::MeshBand;
 use super::moments::Moments;
-use super::record::Record;
+use super::record::RecordOf;
 use super::resampling::MIN_TURNS;
 use super::shaft_angle::ShaftAngle;
 use super::speed::{LocatedMesh, MeshContext, given_speed};
@@ -28,7 +28,11 @@ impl Analyzer {
     ///
     /// # Errors
     /// Why there is no shaft speed, as for the mesh lines of [`analyze`](Self::analyze).
-    pub fn shaft_angle(&mut self, record: &Record, mesh: &MeshContext) -> Result<ShaftAngle, NotComputed> {
+    pub fn shaft_angle(
+        &mut self,
+        record: &RecordOf<'_>,
+        mesh: &MeshContext,
+    ) -> Result<ShaftAngle, NotComputed> {
         let (moments, located) = self.locate(record, mesh);
         let angle = self.tracked_angle(record, mesh, moments.constant, located.mesh);
         self.release_large_buffers(record);
@@ -39,7 +43,7 @@ impl Analyzer {
     /// bins.
     fn tracked_angle(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         constant: bool,
         located: Result<f64, NotComputed>,
@@ -85,7 +89,7 @@ impl Analyzer {
     /// [`NotComputed::SpeedVaries`].
     pub fn angle_record(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> Result<AngleRecord, NotComputed> {
@@ -101,7 +105,7 @@ impl Analyzer {
 
     pub(super) fn resampled(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         angle: &ShaftAngle,
     ) -> Result<AngleRecord, NotComputed> {
@@ -110,7 +114,11 @@ impl Analyzer {
 
     /// Resamples a record over its tachometer's angle; an error tells why its pulses cannot be used. `None`
     /// without a tachometer.
-    fn by_tachometer(&mut self, record: &Record, mesh: &MeshContext) -> Option<Result<AngleRecord, String>> {
+    fn by_tachometer(
+        &mut self,
+        record: &RecordOf<'_>,
+        mesh: &MeshContext,
+    ) -> Option<Result<AngleRecord, String>> {
         Some(match record.tachometer_angle()? {
             Ok(angle) => self.resampled(record, mesh, &angle).map_err(|reason| match reason {
                 NotComputed::TooFewTurns => {
@@ -129,7 +137,7 @@ impl Analyzer {
     /// [`angle_record`](Self::angle_record).
     pub fn order_spectrum(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> Result<OrderSpectrum, NotComputed> {
@@ -141,7 +149,7 @@ impl Analyzer {
     /// [`angle_record`](Self::angle_record).
     pub fn gear_signals(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> Result<GearSignals, NotComputed> {
@@ -154,7 +162,7 @@ impl Analyzer {
     /// as its waveform is not the machine's.
     pub fn gear_indicators(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> GearAnalysis {
@@ -163,7 +171,7 @@ impl Analyzer {
 
     fn try_gear_indicators(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         angle: Option<&ShaftAngle>,
     ) -> Result<GearAnalysis, NotComputed> {
@@ -184,7 +192,7 @@ impl Analyzer {
     /// Resamples the record that was transformed last over the best available angle, or returns its `fault`.
     pub(super) fn angle_record_located(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         (moments, located): &(Moments, LocatedMesh),
         fault: Option<NotComputed>,
@@ -239,7 +247,7 @@ impl Analyzer {
     /// Resamples the record over the best available angle, without the lines of other meshes.
     fn best_angle_record(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         mesh: &MeshContext,
         moments: &Moments,
         located: &LocatedMesh,
@@ -291,7 +299,7 @@ pub(super) fn split(
 }
 
 /// Returns an error if a record is clipped or has gaps.
-fn usable(record: &Record, moments: &Moments) -> Result<(), NotComputed> {
+fn usable(record: &RecordOf<'_>, moments: &Moments) -> Result<(), NotComputed> {
     let flagged = record.quality().clipped.then_some(NotComputed::Clipped);
     match fault(record.samples(), moments.range).or(flagged) {
         Some(fault) => Err(fault),
@@ -310,6 +318,7 @@ mod tests {
 
     use super::super::{AnalysisSettings, AngleSource, OperatingPoint, OtherMeshes};
     use super::*;
+    use crate::Record;
 
     const RATE_HZ: f64 = 20_000.0;
     const SAMPLES: usize = 200_000;

@@ -1,5 +1,7 @@
 //! A validated vibration record of one channel.
 
+use std::borrow::Cow;
+
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -55,14 +57,19 @@ pub struct Tachometer {
     pub pulses_per_revolution: u32,
 }
 
-/// A validated vibration record: at least one sample, all finite, at a plausible rate.
+/// A [`RecordOf`] samples of its own.
+pub type Record = RecordOf<'static>;
+
+/// A validated vibration record of samples that it owns or borrows: at least one sample, all finite, at a
+/// plausible rate.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Record {
+pub struct RecordOf<'a> {
     channel: String,
     start_time: Timestamp,
     sample_rate_hz: f64,
     unit: String,
-    samples: Vec<f32>,
+    source_scale: Option<f64>,
+    samples: Cow<'a, [f32]>,
     operating_point: OperatingPoint,
     quality: Quality,
     tachometer: Option<Tachometer>,
@@ -157,7 +164,29 @@ impl Record {
         unit: impl Into<String>,
         samples: Vec<f32>,
     ) -> Result<Self, RecordError> {
-        let channel = channel.into();
+        Self::checked(channel.into(), start_time, sample_rate_hz, unit.into(), Cow::Owned(samples))
+    }
+}
+
+impl<'a> RecordOf<'a> {
+    /// Checks the parts and creates a record that borrows its samples; otherwise like [`Record::new`].
+    pub fn borrowing(
+        channel: impl Into<String>,
+        start_time: Timestamp,
+        sample_rate_hz: f64,
+        unit: impl Into<String>,
+        samples: &'a [f32],
+    ) -> Result<Self, RecordError> {
+        Self::checked(channel.into(), start_time, sample_rate_hz, unit.into(), Cow::Borrowed(samples))
+    }
+
+    fn checked(
+        channel: String,
+        start_time: Timestamp,
+        sample_rate_hz: f64,
+        unit: String,
+        samples: Cow<'a, [f32]>,
+    ) -> Result<Self, RecordError> {
         if !(MIN_SAMPLE_RATE_HZ..=MAX_SAMPLE_RATE_HZ).contains(&sample_rate_hz) {
             return Err(RecordError::SampleRate(sample_rate_hz));
         }
@@ -172,7 +201,8 @@ impl Record {
             channel,
             start_time,
             sample_rate_hz,
-            unit: unit.into(),
+            unit,
+            source_scale: None,
             samples,
             operating_point: OperatingPoint::default(),
             quality: Quality::default(),
@@ -211,7 +241,7 @@ impl Record {
 
     /// Multiplies every sample by `factor` and sets the resulting unit.
     pub(crate) fn scaled(mut self, factor: f64, unit: &str) -> Result<Self, RecordError> {
-        for sample in &mut self.samples {
+        for sample in self.samples.to_mut() {
             *sample = (f64::from(*sample) * factor) as f32;
         }
         check_finite(&self.channel, &self.samples)?;
@@ -222,6 +252,13 @@ impl Record {
     /// Sets the channel name.
     pub fn with_channel(mut self, channel: impl Into<String>) -> Self {
         self.channel = channel.into();
+        self
+    }
+
+    /// Sets the factor by which the values of the source were multiplied to get the samples: finite and not 0.
+    /// It is metadata; the samples stay as they are.
+    pub fn with_source_scale(mut self, source_scale: Option<f64>) -> Self {
+        self.source_scale = source_scale;
         self
     }
 
@@ -267,6 +304,11 @@ impl Record {
     /// Returns the samples' unit.
     pub fn unit(&self) -> &str {
         &self.unit
+    }
+
+    /// Returns the factor by which the values of the source were multiplied, if they were.
+    pub fn source_scale(&self) -> Option<f64> {
+        self.source_scale
     }
 
     /// Returns the samples, in [`unit`](Self::unit).

@@ -4,7 +4,7 @@ use realfft::num_complex::Complex;
 
 use super::envelope::Envelope;
 use super::moments::Moments;
-use super::record::Record;
+use super::record::RecordOf;
 use super::shaft_angle::ShaftAngle;
 use super::spectrum::hann_amplitude;
 use super::transform::{Transforms, spectrum_length};
@@ -30,7 +30,7 @@ pub(super) struct RecordSpectrum {
 
 impl RecordSpectrum {
     /// Transforms a record, its mean removed: `bins` without a window, `amplitude` with the Hann window.
-    pub(super) fn transform(&mut self, record: &Record) -> Moments {
+    pub(super) fn transform(&mut self, record: &RecordOf<'_>) -> Moments {
         let moments = Moments::of(record.samples(), &mut self.samples);
         self.tracked_angle = None;
         self.length = spectrum_length(self.samples.len());
@@ -41,7 +41,7 @@ impl RecordSpectrum {
         moments
     }
 
-    pub(super) fn resolution_hz(&self, record: &Record) -> f64 {
+    pub(super) fn resolution_hz(&self, record: &RecordOf<'_>) -> f64 {
         record.sample_rate_hz() / self.length as f64
     }
 }

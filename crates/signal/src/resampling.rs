@@ -5,7 +5,7 @@ use pulp::{Simd, WithSimd};
 use super::angle_record::AngleRecord;
 use super::indicators::NotComputed;
 use super::interpolation::{Kernel, REACH};
-use super::record::Record;
+use super::record::RecordOf;
 use super::shaft_angle::ShaftAngle;
 use super::sums::mean_of;
 
@@ -43,7 +43,7 @@ impl Resampler {
     /// record would grow more than fourfold.
     pub(super) fn resample(
         &mut self,
-        record: &Record,
+        record: &RecordOf<'_>,
         angle: &ShaftAngle,
         orders: f64,
     ) -> Result<AngleRecord, NotComputed> {

@@ -7,7 +7,7 @@ use super::indicators::NotComputed;
 use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, background, fits, read_line};
 use super::mesh_comb::{self, MESH_RESOLVED_BINS, MeshComb};
 use super::other_meshes::OtherMeshes;
-use super::record::Record;
+use super::record::RecordOf;
 
 /// The known data of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -174,7 +174,7 @@ pub(super) struct LocatedMesh {
 }
 
 /// Returns the speed given with a record: that of its operating point, else the mean of its tachometer.
-pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
+pub(super) fn given_speed(record: &RecordOf<'_>) -> Option<(f64, SpeedSource)> {
     let own = record.operating_point().shaft_speed_hz.map(|speed| (speed, SpeedSource::Record));
     own.or_else(|| {
         let angle = record.tachometer_angle()?.ok()?;

@@ -1,8 +1,8 @@
 //! The HTML page of all figures.
 
 use super::panel::{COLOURS, Panel};
+use crate::cli::plot;
 use crate::figures::{Check, Figures, IndicatorState, Lines, MeshState, Vibration};
-use crate::http::plotly_js;
 
 /// Limit of Δφ₂ in Fig. 13 (c), in 1e-4 rad.
 const MAX_LEAD: f64 = 6.0;
@@ -31,15 +31,14 @@ pub(super) fn html(figures: &Figures) -> String {
     let summary: String = figures.checks.iter().map(summary_row).collect();
     format!(
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title>\
-         <style>{STYLE}</style><script>{script}</script></head><body><h1>{title}</h1>\
+         <style>{STYLE}</style>{script}</head><body><h1>{title}</h1>\
          <p>Gear pair “{pair}”, model version {version}. Figure numbers are those of Z. Shen et al., Front. Mech. Eng. 17 (2022); all curves are \
          computed with this model. Wear01, Wear02 and Wear03 have a maximum wear depth of {slight}, {moderate} and {severe} µm: the paper does not \
          state its values. Vibration: {states} states in steps of {step} µm, records of {seconds} s at {rate} Hz.</p>\
          <h2>Statements</h2><p>{holding} of {count} hold.</p><table><thead><tr><th>Figure</th><th>Statement</th><th>Result</th><th>Measured</th></tr></thead>\
          <tbody>{summary}</tbody></table>{sections}</body></html>",
         title = "The model's figures",
-        // An end tag within the script's own strings must not end the element.
-        script = plotly_js().replace("</script", "<\\/script"),
+        script = plot::script_element(),
         pair = escape(&figures.pair.name),
         version = figures.model_version,
         states = settings.states,

@@ -29,6 +29,9 @@ pub struct WaveformBlock {
     /// Pulses of a tachometer on the driving shaft meanwhile, best with one before the first sample and one after the last.
     #[prost(message, optional, tag = "9")]
     pub tachometer: ::core::option::Option<Tachometer>,
+    /// Factor by which the sender multiplied the values of its source, such as the integers of a WAV file. The samples are in `unit` already.
+    #[prost(double, optional, tag = "10")]
+    pub source_scale: ::core::option::Option<f64>,
 }
 /// Quality flags of a block.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]

@@ -55,7 +55,7 @@ fn a_recording_is_scaled_and_cut() {
     let records: Vec<Record> = blocks.map(Result::unwrap).collect();
     assert_eq!(records.iter().map(|record| record.samples().len()).collect::<Vec<_>>(), [1000; 6]);
     let third = &records[5];
-    assert_eq!((third.channel(), third.unit()), ("2", "g"));
+    assert_eq!((third.channel(), third.unit(), third.source_scale()), ("2", "g", Some(50.0)));
     assert_eq!(third.samples()[7], (f64::from(sample(1, 2007, 16)) * 50.0) as f32);
 }
 
