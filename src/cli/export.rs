@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use jiff::Timestamp;
 
-use super::server::{ServerArgs, asset_id, success};
+use super::server::{self, ServerArgs, asset_id, success};
 use super::{CliError, output};
 use crate::http::{PARQUET, REDUCED};
 
@@ -68,7 +68,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<(), CliError> {
             "--names is {names}, expected no names of indicators for wear"
         )));
     }
-    let agent = args.server.agent()?;
+    let agent = args.server.agent(server::TIMEOUT)?;
     let url = args.server.address(&format!("assets/{}/{}", asset_id(&args.asset)?, args.trend.path()));
     let mut request = agent.get(&url).header("accept", media_type).query("max_points", MAX_ROWS.to_string());
     for (name, value) in [

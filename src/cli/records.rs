@@ -3,7 +3,7 @@
 use clap::Args;
 use jiff::Timestamp;
 
-use super::server::{ServerArgs, asset_id, success_body};
+use super::server::{self, ServerArgs, asset_id, success_body};
 use super::{CliError, output};
 
 /// Arguments that select records of an asset: a time range or one segment.
@@ -49,7 +49,7 @@ pub(super) struct BaselineArgs {
 }
 
 pub(super) fn choose_baseline(args: &BaselineArgs) -> Result<(), CliError> {
-    let agent = args.server.agent()?;
+    let agent = args.server.agent(server::TIMEOUT)?;
     let url = args.server.address(&format!("assets/{}/maintenance", asset_id(&args.asset)?));
     let event = serde_json::json!({
         "time": args.from, "until": args.to, "kind": "baseline_chosen", "by": args.by,
@@ -74,7 +74,7 @@ pub(super) enum Change {
 }
 
 pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
-    let agent = args.server.agent()?;
+    let agent = args.server.agent(server::TIMEOUT)?;
     let url = match (&args.segment, &args.asset) {
         (Some(segment), _) => {
             if !segment.bytes().all(|byte| byte.is_ascii_alphanumeric()) {

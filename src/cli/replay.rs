@@ -6,13 +6,12 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use jiff::Timestamp;
-use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 
 use super::reading_progress::ReadingProgress;
 use super::recording_files::recording_files;
 use super::recording_values::RecordingValues;
+use super::server::{ServerArgs, asset_id};
 use super::{CliError, output};
-use crate::asset::AssetId;
 use crate::recording::{
     BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, TimeOfDay, encode_block,
 };
@@ -20,6 +19,9 @@ use crate::service::Pace;
 
 /// Maximum attempts to send a record while the server is busy or unreachable.
 const MAX_ATTEMPTS: u32 = 8;
+
+/// Timeout of a request.
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Maximum wait between two attempts where the server sends no `Retry-After`.
 const MAX_WAIT: Duration = Duration::from_secs(30);
@@ -39,15 +41,8 @@ pub(super) struct ReplayArgs {
     /// Identifier of the asset that the recordings belong to
     #[arg(long, value_name = "ID")]
     asset: String,
-    /// URL of the server
-    #[arg(long, default_value = "http://127.0.0.1:8600")]
-    url: String,
-    /// CA certificates (PEM) to verify the server with [default: the public CAs]
-    #[arg(long, value_name = "FILE")]
-    ca: Option<PathBuf>,
-    /// API token [default: the environment variable FLANKWATCH_TOKEN]
-    #[arg(long)]
-    token: Option<String>,
+    #[command(flatten)]
+    server: ServerArgs,
     /// Replay speed: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
@@ -68,16 +63,11 @@ pub(super) struct ReplayArgs {
 /// Runs the command. The server ignores records that it has already, so an interrupted replay is resumed by
 /// running it again.
 pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
-    let asset = AssetId::new(args.asset.clone()).map_err(|error| CliError::Argument(error.to_string()))?;
+    let asset = asset_id(&args.asset)?;
     let mut sender = Sender {
-        agent: ureq::Agent::config_builder()
-            .http_status_as_error(false)
-            .timeout_global(Some(Duration::from_secs(120)))
-            .tls_config(TlsConfig::builder().root_certs(root_certificates(args.ca.as_deref())?).build())
-            .build()
-            .into(),
-        url: format!("{}/v1/assets/{asset}/segments", args.url.trim_end_matches('/')),
-        token: args.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()),
+        server: &args.server,
+        agent: args.server.agent(TIMEOUT)?,
+        url: args.server.address(&format!("assets/{asset}/segments")),
         pace: args.pace,
         first: None,
         sent: 0,
@@ -93,34 +83,16 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     output::print(&format!("{} records sent to {}\n", sender.sent, sender.url))
 }
 
-/// Returns the CA certificates of a file, or the public ones.
-pub(super) fn root_certificates(file: Option<&Path>) -> Result<RootCerts, CliError> {
-    let Some(file) = file else {
-        return Ok(RootCerts::WebPki);
-    };
-    let bytes = std::fs::read(file).map_err(CliError::io(file))?;
-    let certificates = parse_pem(&bytes).filter_map(|item| match item {
-        Ok(PemItem::Certificate(certificate)) => Some(certificate),
-        _ => None,
-    });
-    let certificates: Vec<_> = certificates.collect();
-    if certificates.is_empty() {
-        let path = file.display();
-        return Err(CliError::Argument(format!("--ca is {path}, expected a PEM file with a certificate")));
-    }
-    Ok(RootCerts::from(certificates))
-}
-
-struct Sender {
+struct Sender<'a> {
+    server: &'a ServerArgs,
     agent: ureq::Agent,
     url: String,
-    token: Option<String>,
     pace: Pace,
     first: Option<(Timestamp, Instant)>,
     sent: u64,
 }
 
-impl Sender {
+impl Sender<'_> {
     fn send_file(
         &mut self,
         path: &Path,
@@ -165,10 +137,8 @@ impl Sender {
         loop {
             attempts += 1;
             let mut retry_after = None;
-            let mut request = self.agent.post(&self.url).content_type("application/x-protobuf");
-            if let Some(token) = &self.token {
-                request = request.header("authorization", format!("Bearer {token}"));
-            }
+            let request = self.agent.post(&self.url).content_type("application/x-protobuf");
+            let mut request = self.server.authorized(request);
             if let Some(depth) = recorded.reference_wear_um {
                 request = request.query("reference_wear_um", depth.to_string());
             }

@@ -1,17 +1,19 @@
 //! The server that a command sends requests to.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use ureq::tls::TlsConfig;
+use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 
 use super::CliError;
-use super::replay::root_certificates;
 use crate::asset::AssetId;
 
+/// Timeout of a request that may change or list many records.
+pub(super) const TIMEOUT: Duration = Duration::from_secs(600);
+
 /// Address and credentials of a server.
-#[derive(Args)]
+#[derive(Debug, Clone, Args)]
 pub(super) struct ServerArgs {
     /// URL of the server
     #[arg(long, default_value = "http://127.0.0.1:8600")]
@@ -25,15 +27,17 @@ pub(super) struct ServerArgs {
 }
 
 impl ServerArgs {
-    pub(super) fn agent(&self) -> Result<ureq::Agent, CliError> {
+    /// Returns a client whose requests end after `timeout`.
+    pub(super) fn agent(&self, timeout: Duration) -> Result<ureq::Agent, CliError> {
         Ok(ureq::Agent::config_builder()
             .http_status_as_error(false)
-            .timeout_global(Some(Duration::from_secs(600)))
+            .timeout_global(Some(timeout))
             .tls_config(TlsConfig::builder().root_certs(root_certificates(self.ca.as_deref())?).build())
             .build()
             .into())
     }
 
+    /// Returns the URL of a path of the API.
     pub(super) fn address(&self, path: &str) -> String {
         format!("{}/v1/{path}", self.url.trim_end_matches('/'))
     }
@@ -45,6 +49,24 @@ impl ServerArgs {
             None => request,
         }
     }
+}
+
+/// Returns the CA certificates of a file, or the public ones.
+fn root_certificates(file: Option<&Path>) -> Result<RootCerts, CliError> {
+    let Some(file) = file else {
+        return Ok(RootCerts::WebPki);
+    };
+    let bytes = std::fs::read(file).map_err(CliError::io(file))?;
+    let certificates = parse_pem(&bytes).filter_map(|item| match item {
+        Ok(PemItem::Certificate(certificate)) => Some(certificate),
+        _ => None,
+    });
+    let certificates: Vec<_> = certificates.collect();
+    if certificates.is_empty() {
+        let path = file.display();
+        return Err(CliError::Argument(format!("--ca is {path}, expected a PEM file with a certificate")));
+    }
+    Ok(RootCerts::from(certificates))
 }
 
 /// Returns a successful response.

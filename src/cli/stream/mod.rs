@@ -18,8 +18,8 @@ use clap::Args;
 use jiff::Timestamp;
 
 use super::interrupt::interrupted;
+use super::server::{ServerArgs, asset_id};
 use super::{CliError, output};
-use crate::asset::AssetId;
 use crate::recording::RawSample;
 use crate::recording::stream::StreamFormat;
 use sender::{SendOutcome, Sender};
@@ -41,9 +41,8 @@ pub(super) struct StreamArgs {
     /// Identifier of the asset that the samples belong to
     #[arg(long, value_name = "ID")]
     asset: String,
-    /// URL of the server
-    #[arg(long, default_value = "http://127.0.0.1:8600")]
-    url: String,
+    #[command(flatten)]
+    server: ServerArgs,
     /// Name of the stream, unique within the asset
     #[arg(long, default_value = "main")]
     name: String,
@@ -77,12 +76,6 @@ pub(super) struct StreamArgs {
     /// Maximum size of the spool folder in bytes; above it the oldest samples are dropped
     #[arg(long, value_name = "BYTES", default_value_t = 1 << 30)]
     spool_bytes: u64,
-    /// CA certificates (PEM) to verify the server with [default: the public CAs]
-    #[arg(long, value_name = "FILE")]
-    ca: Option<PathBuf>,
-    /// API token [default: the environment variable FLANKWATCH_TOKEN]
-    #[arg(long)]
-    token: Option<String>,
 }
 
 /// State shared by the reading and the sending thread.
@@ -109,7 +102,7 @@ impl Shared {
 
 /// Runs the command until the source ends or Ctrl-C.
 pub(super) fn run(args: &StreamArgs) -> Result<(), CliError> {
-    let asset = AssetId::new(args.asset.clone()).map_err(|error| CliError::Argument(error.to_string()))?;
+    let asset = asset_id(&args.asset)?;
     let is_file = args.source != "-";
     if is_file && args.start_time.is_none() {
         let detail = "--start-time is missing, expected the time of the first sample of the file";

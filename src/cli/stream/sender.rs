@@ -4,10 +4,9 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use serde::Deserialize;
-use ureq::tls::TlsConfig;
 
 use super::super::CliError;
-use super::super::replay::root_certificates;
+use super::super::server::ServerArgs;
 use super::StreamArgs;
 use super::spool::Block;
 use crate::asset::AssetId;
@@ -22,8 +21,8 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Sends the blocks of one stream.
 pub(super) struct Sender {
+    server: ServerArgs,
     agent: ureq::Agent,
-    token: Option<String>,
     /// URL that blocks are sent to.
     pub(super) url: String,
     name: String,
@@ -51,11 +50,6 @@ struct Answer {
 
 impl Sender {
     pub(super) fn new(args: &StreamArgs, asset: &AssetId, format: &StreamFormat) -> Result<Self, CliError> {
-        let agent = ureq::Agent::config_builder()
-            .http_status_as_error(false)
-            .timeout_global(Some(TIMEOUT))
-            .tls_config(TlsConfig::builder().root_certs(root_certificates(args.ca.as_deref())?).build())
-            .build();
         let mut query = format!(
             "sample={}&sample_rate_hz={}&channels={}",
             format.sample().name(),
@@ -71,9 +65,9 @@ impl Sender {
         add("unit", args.unit.clone());
         add("channel_names", Some(args.channel_names.join(",")).filter(|names| !names.is_empty()));
         Ok(Self {
-            agent: agent.into(),
-            token: args.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()),
-            url: format!("{}/v1/assets/{asset}/stream", args.url.trim_end_matches('/')),
+            server: args.server.clone(),
+            agent: args.server.agent(TIMEOUT)?,
+            url: args.server.address(&format!("assets/{asset}/stream")),
             name: args.name.clone(),
             format: query,
             frame_bytes: format.frame_bytes(),
@@ -86,7 +80,7 @@ impl Sender {
     /// Returns the index that the server expects next; `None` if it has no such stream or is unreachable.
     pub(super) fn server_next(&self) -> Option<u64> {
         let request = self.agent.get(format!("{}?name={}", self.url, escaped(&self.name)));
-        let mut response = self.authorized(request).call().ok()?;
+        let mut response = self.server.authorized(request).call().ok()?;
         let text = response.body_mut().read_to_string().ok()?;
         serde_json::from_str::<Answer>(&text).ok()?.next
     }
@@ -106,7 +100,7 @@ impl Sender {
             block.first,
         );
         let request = self.agent.post(address).content_type("application/octet-stream");
-        let reason = match self.authorized(request).send(&block.bytes[..]) {
+        let reason = match self.server.authorized(request).send(&block.bytes[..]) {
             Ok(mut response) => {
                 let status = response.status().as_u16();
                 let text = response.body_mut().read_to_string();
@@ -145,13 +139,6 @@ impl Sender {
     pub(super) fn caught_up(&mut self) {
         self.is_behind = false;
         eprintln!("sent all buffered samples");
-    }
-
-    fn authorized<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
-        match &self.token {
-            Some(token) => request.header("authorization", format!("Bearer {token}")),
-            None => request,
-        }
     }
 }
 
