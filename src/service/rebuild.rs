@@ -161,7 +161,7 @@ impl Service {
         rebuilt: &mut Rebuilt,
     ) -> Result<Vec<RecordNote>, ServiceError> {
         let mut missing: BTreeMap<(AssetId, Timestamp, SegmentId), RecordNote> = BTreeMap::new();
-        for shard in 0..=u8::MAX {
+        for shard in self.on_objects(Objects::shards).await? {
             let mut notes = self.on_objects(move |objects| objects.notes(shard)).await?;
             let ids: Vec<SegmentId> = notes.iter().map(|note| note.id.clone()).collect();
             let known: HashSet<SegmentId> = self.store.known_segments(&ids).await?;

@@ -145,7 +145,7 @@ impl Life {
     async fn audit(&self) -> Vec<Finding> {
         let settings = StoreSettings::from(self.folder.as_path());
         let store = Store::open_to_read(&settings).await.unwrap();
-        let audit = store.audit(true).await.unwrap();
+        let audit = store.audit(true, Duration::ZERO).await.unwrap();
         store.close().await;
         audit.findings
     }

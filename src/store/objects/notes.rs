@@ -155,7 +155,7 @@ impl Objects {
     /// Copies all notes to other objects; existing notes of assets are replaced.
     pub(in crate::store) fn copy_notes(&self, to: &Self) -> Result<(), StoreError> {
         let mut paths: Vec<String> = Vec::new();
-        for shard in 0..=u8::MAX {
+        for shard in self.shards()? {
             paths.extend(self.note_paths(shard)?.into_iter().map(|(_, path)| path));
         }
         for folder in [ASSETS, REMOVED] {
