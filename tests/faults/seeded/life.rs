@@ -1,0 +1,180 @@
+//! One process of a schedule: its start on a folder, and the copy of the folder that its end leaves.
+
+use std::fs;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use flankwatch::asset::{AssetId, AssetSpec, Segment};
+use flankwatch::http::{RunningService, ServiceConfig, start_on};
+use flankwatch::library::EnsembleSettings;
+use flankwatch::service::Service;
+use flankwatch::store::{Disk, SegmentFilter, Store, StoreSettings};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+use tokio::runtime::{Builder, Runtime};
+
+use crate::forgetful_disk::ForgetfulDisk;
+use crate::running::ManualClock;
+
+/// Timeout for a start to finish the work of the process before, for a busy machine.
+const MAX_WORK: Duration = Duration::from_secs(60);
+
+/// One process on one folder.
+pub(super) struct Life {
+    runtime: Runtime,
+    running: RunningService,
+    pub(super) disk: Arc<ForgetfulDisk>,
+    folder: PathBuf,
+}
+
+impl Life {
+    pub(super) fn begin(folder: PathBuf, seed: u64) -> Self {
+        let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+        let disk = Arc::new(ForgetfulDisk::new(seed, log_of(&folder)));
+        let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), &folder);
+        config.work.workers = 1;
+        config.work.simulation_threads = 1;
+        config.work.neighbours = EnsembleSettings::described_alone();
+        config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
+        let on: Arc<dyn Disk> = disk.clone();
+        let running = runtime.block_on(async {
+            let store = Store::open_on(&folder, on).await.unwrap();
+            start_on(config, store, Arc::new(ManualClock::default())).await.unwrap()
+        });
+        Self { runtime, running, disk, folder }
+    }
+
+    pub(super) fn service(&self) -> &Arc<Service> {
+        self.running.service()
+    }
+
+    pub(super) fn url(&self, path: &str) -> String {
+        format!("{}{path}", self.running.url())
+    }
+
+    pub(super) fn block_on<T>(&self, work: impl Future<Output = T>) -> T {
+        self.runtime.block_on(work)
+    }
+
+    pub(super) fn make_asset(&self, description: &Value) {
+        let spec: AssetSpec = serde_json::from_value(description.clone()).unwrap();
+        self.block_on(self.service().assets.create(&spec)).unwrap();
+    }
+
+    /// The stored records of an asset in the order of time.
+    pub(super) fn stored(&self, asset: &str) -> Vec<Segment> {
+        let (id, filter) = (AssetId::new(asset).unwrap(), SegmentFilter::default());
+        let mut stored = self.block_on(self.service().store.segments(&id, &filter, 1000)).unwrap();
+        stored.sort_by_key(|segment| segment.start_time);
+        stored
+    }
+
+    /// Waits until `look` returns a value.
+    pub(super) fn wait_for<T>(&self, what: &str, look: impl AsyncFn() -> Option<T>) -> T {
+        let began = Instant::now();
+        self.block_on(async {
+            loop {
+                if let Some(found) = look().await {
+                    break found;
+                }
+                assert!(began.elapsed() < MAX_WORK, "waited too long for {what}");
+                tokio::time::sleep(Duration::from_millis(1)).await;
+            }
+        })
+    }
+
+    /// Removes what a killed process left without a record, and expects `flankwatch verify` to find nothing.
+    pub(super) fn sweep_and_verify(&self) {
+        let settings = StoreSettings::from(self.folder.as_path());
+        let audit = self.block_on(async {
+            self.service().sweep().await.unwrap();
+            let store = Store::open_to_read(&settings).await.unwrap();
+            let audit = store.audit(true, Duration::ZERO).await.unwrap();
+            store.close().await;
+            audit
+        });
+        assert!(audit.findings.is_empty(), "verify: {:?}", audit.findings);
+    }
+
+    /// Ends the process in order.
+    pub(super) fn end(self) {
+        self.runtime.block_on(self.running.stop()).unwrap();
+    }
+
+    /// Kills the process and copies what the disk kept to another folder.
+    pub(super) fn kill(self, to: PathBuf, random: &mut ChaCha8Rng) -> PathBuf {
+        self.disk.stop();
+        for name in ["raw", "streams"] {
+            let folder = self.folder.join(name);
+            if folder.is_dir() {
+                copy_folder(&folder, &to.join(name));
+            }
+        }
+        self.disk.forget(&self.folder, &to);
+        let database = self.folder.join("flankwatch.db");
+        let log = loop {
+            // Copied again if a checkpoint ran meanwhile.
+            let before = self.head();
+            fs::copy(&database, to.join("flankwatch.db")).unwrap();
+            let log = read_log(&self.folder);
+            if before == self.head() {
+                break log;
+            }
+        };
+        fs::write(log_of(&to), self.torn(log, random)).unwrap();
+        self.runtime.shutdown_background();
+        to
+    }
+
+    /// What a checkpoint changes: when the database was written, and the salt of its log, by which one log
+    /// differs from the next in the same file.
+    fn head(&self) -> (std::time::SystemTime, Vec<u8>) {
+        let database = fs::metadata(self.folder.join("flankwatch.db")).unwrap();
+        (database.modified().unwrap(), salt(&read_log(&self.folder)).to_vec())
+    }
+
+    /// The log as a crash leaves it: what was written after everything else stopped is there, in part, or
+    /// not.
+    fn torn(&self, mut log: Vec<u8>, random: &mut ChaCha8Rng) -> Vec<u8> {
+        let at_end = self.disk.log_at_end();
+        if salt(&log) != salt(&at_end) || log.len() <= at_end.len() {
+            return log;
+        }
+        log.truncate(random.random_range(at_end.len()..=log.len()));
+        for sector in log[at_end.len()..].chunks_mut(512) {
+            if random.random_bool(0.05) {
+                sector.fill(0);
+            }
+        }
+        log
+    }
+}
+
+fn log_of(folder: &Path) -> PathBuf {
+    folder.join("flankwatch.db-wal")
+}
+
+fn read_log(folder: &Path) -> Vec<u8> {
+    fs::read(log_of(folder)).unwrap_or_default()
+}
+
+fn salt(log: &[u8]) -> &[u8] {
+    &log[..log.len().min(32)]
+}
+
+/// Copies a folder with everything in it.
+pub(super) fn copy_folder(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let copy = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            copy_folder(&entry.path(), &copy);
+        } else {
+            fs::copy(entry.path(), copy).unwrap();
+        }
+    }
+}
