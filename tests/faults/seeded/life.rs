@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use flankwatch::asset::{AssetId, AssetSpec, Segment};
 use flankwatch::http::{RunningService, ServiceConfig, start_on};
 use flankwatch::library::EnsembleSettings;
-use flankwatch::service::Service;
-use flankwatch::store::{Disk, SegmentFilter, Store, StoreSettings};
+use flankwatch::service::{Role, Service, ServiceFolders};
+use flankwatch::store::{Disk, SegmentFilter, Store};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -25,13 +25,16 @@ const MAX_WORK: Duration = Duration::from_secs(60);
 /// One process on one folder.
 pub(super) struct Life {
     runtime: Runtime,
-    running: RunningService,
+    service: Arc<Service>,
+    /// The service over HTTP.
+    running: Option<RunningService>,
     pub(super) disk: Arc<ForgetfulDisk>,
     folder: PathBuf,
 }
 
 impl Life {
-    pub(super) fn begin(folder: PathBuf, seed: u64) -> Self {
+    /// Starts a process. The resumable uploads need HTTP, whose start takes longer than everything else.
+    pub(super) fn begin(folder: PathBuf, seed: u64, is_on_http: bool) -> Self {
         let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
         let disk = Arc::new(ForgetfulDisk::new(seed, log_of(&folder)));
         let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), &folder);
@@ -40,19 +43,33 @@ impl Life {
         config.work.neighbours = EnsembleSettings::described_alone();
         config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
         let on: Arc<dyn Disk> = disk.clone();
-        let running = runtime.block_on(async {
+        let (service, running) = runtime.block_on(async {
             let store = Store::open_on(&folder, on).await.unwrap();
-            start_on(config, store, Arc::new(ManualClock::default())).await.unwrap()
+            let clock = Arc::new(ManualClock::default());
+            if is_on_http {
+                let running = start_on(config, store, clock).await.unwrap();
+                return (Arc::clone(running.service()), Some(running));
+            }
+            let folders = ServiceFolders {
+                libraries: folder.join("libraries"),
+                recordings: folder.join("recordings"),
+                uploads: folder.join("uploads"),
+                streams: folder.join("streams"),
+            };
+            let service =
+                Service::new(store, folders, &config.work, config.grid, clock, Role::Standalone).unwrap();
+            service.resume().await.unwrap();
+            (service, None)
         });
-        Self { runtime, running, disk, folder }
+        Self { runtime, service, running, disk, folder }
     }
 
     pub(super) fn service(&self) -> &Arc<Service> {
-        self.running.service()
+        &self.service
     }
 
     pub(super) fn url(&self, path: &str) -> String {
-        format!("{}{path}", self.running.url())
+        format!("{}{path}", self.running.as_ref().unwrap().url())
     }
 
     pub(super) fn block_on<T>(&self, work: impl Future<Output = T>) -> T {
@@ -88,20 +105,16 @@ impl Life {
 
     /// Removes what a killed process left without a record, and expects `flankwatch verify` to find nothing.
     pub(super) fn sweep_and_verify(&self) {
-        let settings = StoreSettings::from(self.folder.as_path());
         let audit = self.block_on(async {
-            self.service().sweep().await.unwrap();
-            let store = Store::open_to_read(&settings).await.unwrap();
-            let audit = store.audit(true, Duration::ZERO).await.unwrap();
-            store.close().await;
-            audit
+            self.service.sweep().await.unwrap();
+            self.service.store.audit(true, Duration::ZERO).await.unwrap()
         });
         assert!(audit.findings.is_empty(), "verify: {:?}", audit.findings);
     }
 
     /// Ends the process in order.
     pub(super) fn end(self) {
-        self.runtime.block_on(self.running.stop()).unwrap();
+        self.runtime.block_on(self.running.unwrap().stop()).unwrap();
     }
 
     /// Kills the process and copies what the disk kept to another folder.
