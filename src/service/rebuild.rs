@@ -44,7 +44,7 @@ impl Service {
     /// records in the order of time. `on_progress` is called with the numbers of records done and in total.
     /// If none fails, the database then counts as the one that the raw recordings belong to.
     ///
-    /// Records that users removed are skipped, unless `with_removed`.
+    /// Records that users removed are skipped; `with_removed` they are ingested, and no longer noted as removed.
     pub async fn rebuild(
         &self,
         with_removed: bool,
@@ -103,6 +103,11 @@ impl Service {
             if let Some(segment) = self.store.segment(&record.id).await? {
                 self.exclusions.set_one(&segment, true).await?;
             }
+        }
+        if with_removed {
+            let ids: Vec<SegmentId> = self.removal_times().await?.into_keys().collect();
+            let stored = self.store.known_segments(&ids).await?;
+            self.on_objects(move |objects| objects.note_restored(&stored)).await?;
         }
         if rebuilt.failed == 0 {
             self.store.accept_objects().await?;
