@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use flankwatch::asset::{AssetId, AssetSpec, Segment};
 use flankwatch::http::{RunningService, ServiceConfig, start_on};
 use flankwatch::library::EnsembleSettings;
-use flankwatch::service::{Role, Service, ServiceFolders};
+use flankwatch::service::{Clock, Role, Service, ServiceFolders};
 use flankwatch::store::{Disk, SegmentFilter, Store};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -29,6 +29,7 @@ pub(super) struct Life {
     /// The service over HTTP.
     running: Option<RunningService>,
     pub(super) disk: Arc<ForgetfulDisk>,
+    pub(super) clock: Arc<ManualClock>,
     folder: PathBuf,
 }
 
@@ -43,11 +44,12 @@ impl Life {
         config.work.neighbours = EnsembleSettings::described_alone();
         config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
         let on: Arc<dyn Disk> = disk.clone();
+        let clock = Arc::new(ManualClock::default());
+        let on_clock: Arc<dyn Clock> = clock.clone();
         let (service, running) = runtime.block_on(async {
             let store = Store::open_on(&folder, on).await.unwrap();
-            let clock = Arc::new(ManualClock::default());
             if is_on_http {
-                let running = start_on(config, store, clock).await.unwrap();
+                let running = start_on(config, store, on_clock).await.unwrap();
                 return (Arc::clone(running.service()), Some(running));
             }
             let folders = ServiceFolders {
@@ -57,11 +59,11 @@ impl Life {
                 streams: folder.join("streams"),
             };
             let service =
-                Service::new(store, folders, &config.work, config.grid, clock, Role::Standalone).unwrap();
+                Service::new(store, folders, &config.work, config.grid, on_clock, Role::Standalone).unwrap();
             service.resume().await.unwrap();
             (service, None)
         });
-        Self { runtime, service, running, disk, folder }
+        Self { runtime, service, running, disk, clock, folder }
     }
 
     pub(super) fn service(&self) -> &Arc<Service> {
@@ -114,7 +116,30 @@ impl Life {
 
     /// Ends the process in order.
     pub(super) fn end(self) {
-        self.runtime.block_on(self.running.unwrap().stop()).unwrap();
+        match self.running {
+            Some(running) => self.runtime.block_on(running.stop()).unwrap(),
+            None => self.runtime.block_on(self.service.store.close()),
+        }
+        self.runtime.shutdown_background();
+    }
+
+    /// Ends the process, loses its database, and builds it anew from the raw recordings in another folder.
+    pub(super) fn rebuild(self, to: PathBuf, assets: &[&str]) -> Self {
+        for asset in assets {
+            let id = AssetId::new(*asset).unwrap();
+            self.wait_for("the note of an asset", async || {
+                let excluded = self.service.store.excluded(&id).await.unwrap();
+                let note = self.service.store.objects().asset_note(&id).unwrap();
+                note.filter(|note| note.excluded == excluded)
+            });
+        }
+        let raw = self.folder.join("raw");
+        self.end();
+        copy_folder(&raw, &to.join("raw"));
+        let life = Self::begin(to, 0, false);
+        let rebuilt = life.block_on(life.service.rebuild(false, |_, _| {})).unwrap();
+        assert_eq!(rebuilt.failed, 0, "{rebuilt:?}");
+        life
     }
 
     /// Kills the process and copies what the disk kept to another folder.

@@ -9,7 +9,7 @@ mod stream;
 mod uploads;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -31,6 +31,9 @@ const LIVES: u32 = 3;
 /// Part of the schedules that have resumable uploads; the others have a stream.
 const UPLOADING: f64 = 0.25;
 
+/// Part of the schedules that end with a lost database.
+const REBUILT: f64 = 0.1;
+
 /// What was acknowledged in a schedule.
 struct Known<'a> {
     records: KnownRecords<'a>,
@@ -46,6 +49,17 @@ impl Known<'_> {
         self.stream.check(life);
         life.sweep_and_verify();
         self.records.check(life);
+    }
+
+    /// Loses the database, and compares the one that is built anew from the raw recordings.
+    fn check_rebuilt(&self, life: Life, to: PathBuf) {
+        let counts = |life: &Life| [stream::ASSET, uploads::ASSET].map(|asset| life.stored(asset).len());
+        let before = counts(&life);
+        let life = life.rebuild(to, &records::ASSETS);
+        assert_eq!(counts(&life), before);
+        self.records.check_rebuilt(&life);
+        life.sweep_and_verify();
+        life.end();
     }
 }
 
@@ -70,8 +84,13 @@ fn run(seed: u64, template: &Path, sent: &SentRecords, folder: &Path) {
     copy_folder(template, &place);
     for n in 0..LIVES {
         let life = Life::begin(place, random.random(), has_uploads);
+        // After every change of the process before.
+        life.clock.advance(i64::from(n) * 60);
         known.check(&life);
         if n + 1 == LIVES {
+            if random.random_bool(REBUILT) {
+                known.check_rebuilt(life, folder.join("anew"));
+            }
             break;
         }
         life.disk.fail(if random.random_bool(0.5) { 0.0 } else { random.random_range(0.0..0.1) });
@@ -82,6 +101,7 @@ fn run(seed: u64, template: &Path, sent: &SentRecords, folder: &Path) {
                 6..=9 if has_uploads => known.uploads.send(&life, &mut random),
                 _ => known.stream.send(&life, &mut random),
             }
+            life.clock.advance(1);
             if life.disk.is_stopped() {
                 break;
             }

@@ -16,7 +16,7 @@ use tokio::task::JoinSet;
 use super::life::Life;
 use crate::running::{plain_asset, record};
 
-const ASSETS: [&str; 2] = ["pump", "fan"];
+pub(super) const ASSETS: [&str; 2] = ["pump", "fan"];
 
 /// Number of records per asset of a schedule.
 const RECORDS: usize = 8;
@@ -46,6 +46,8 @@ struct Known {
     presence: Presence,
     id: Option<SegmentId>,
     is_excluded: Option<bool>,
+    /// Whether its deletion was acknowledged, and it was not sent again.
+    is_deleted: bool,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -89,6 +91,29 @@ impl<'a> KnownRecords<'a> {
         }
     }
 
+    /// Compares the records of a database that was built anew with the responses. A deletion that was not
+    /// acknowledged may be lost with the database.
+    pub(super) fn check_rebuilt(&self, life: &Life) {
+        for asset in ASSETS {
+            let stored = life.stored(asset);
+            for n in 0..RECORDS {
+                let Some(known) = self.all.get(&(asset, n)) else { continue };
+                let found = stored.iter().find(|segment| segment.raw.sha256 == self.sent.0[n].1);
+                match known.presence {
+                    Presence::Present => {
+                        let found = found.unwrap_or_else(|| panic!("record {n} of {asset} is not rebuilt"));
+                        assert_eq!(
+                            (Some(&found.id), Some(found.excluded)),
+                            (known.id.as_ref(), known.is_excluded)
+                        );
+                    }
+                    _ if known.is_deleted => assert!(found.is_none(), "record {n} of {asset} was deleted"),
+                    _ => {}
+                }
+            }
+        }
+    }
+
     /// Applies changes of different records concurrently, as far as the disk allows.
     pub(super) fn make(&mut self, life: &Life, random: &mut ChaCha8Rng) {
         let changes = some_changes(random);
@@ -127,7 +152,7 @@ fn check_record(life: &Life, (sent, name): &(Bytes, String), stored: &[Segment],
         Presence::Unknown => {}
     }
     let Some(segment) = found.first() else {
-        *known = Known::default();
+        *known = Known { is_deleted: known.is_deleted, ..Known::default() };
         return;
     };
     assert_eq!(life.service().store.objects().get(name).unwrap(), *sent, "the bits of record {name}");
@@ -136,8 +161,9 @@ fn check_record(life: &Life, (sent, name): &(Bytes, String), stored: &[Segment],
         let is_as_said = known.is_excluded.is_none_or(|is_excluded| is_excluded == segment.excluded);
         assert!(is_as_said, "record {name} is excluded: {}", segment.excluded);
     }
-    // From here on the asset is acknowledged.
+    // From here on the record is acknowledged.
     *known = Known {
+        is_deleted: false,
         presence: Presence::Present,
         id: Some(segment.id.clone()),
         is_excluded: Some(segment.excluded),
@@ -170,6 +196,7 @@ async fn make(
 
 /// Notes what a response proves; `None` if it was an error or was not received.
 fn learn(known: &mut Known, change: Change, answer: Option<Option<SegmentId>>) {
+    known.is_deleted &= !matches!(change, Change::Upload);
     match (change, answer) {
         (Change::Upload, Some(id)) => {
             if known.presence == Presence::Present {
@@ -179,7 +206,7 @@ fn learn(known: &mut Known, change: Change, answer: Option<Option<SegmentId>>) {
             }
             (known.presence, known.id) = (Presence::Present, id);
         }
-        (Change::Delete, Some(_)) => *known = Known::default(),
+        (Change::Delete, Some(_)) => *known = Known { is_deleted: true, ..Known::default() },
         (Change::Exclude(is_excluded), Some(_)) => known.is_excluded = Some(is_excluded),
         // A repeat of a stored record changes nothing.
         (Change::Upload, None) if known.presence == Presence::Present => {}

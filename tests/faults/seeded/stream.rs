@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::life::Life;
 use crate::running::plain_asset;
 
-const ASSET: &str = "mill";
+pub(super) const ASSET: &str = "mill";
 const NAME: &str = "main";
 
 /// Samples of each record that is cut.

@@ -9,7 +9,7 @@ use super::life::Life;
 use crate::resumable_client::{OFFSET_TYPE, TUS};
 use crate::running::{mcap, plain_asset, record};
 
-const ASSET: &str = "lift";
+pub(super) const ASSET: &str = "lift";
 
 /// Records of each upload.
 const RECORDS: u32 = 2;
