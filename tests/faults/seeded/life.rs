@@ -34,9 +34,13 @@ pub(super) struct Life {
 }
 
 impl Life {
-    /// Starts a process. The resumable uploads need HTTP, whose start takes longer than everything else.
-    pub(super) fn begin(folder: PathBuf, seed: u64, is_on_http: bool) -> Self {
-        let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    /// Starts a process, by a clock that stands still `minutes` after the first start. Resumable uploads need
+    /// HTTP, whose start takes longer than everything else.
+    pub(super) fn begin(folder: PathBuf, seed: u64, minutes: u32, is_on_http: bool) -> Self {
+        // One thread is enough, unless a server has to run beside its client.
+        let mut builder =
+            if is_on_http { Builder::new_multi_thread() } else { Builder::new_current_thread() };
+        let runtime = builder.worker_threads(1).enable_all().build().unwrap();
         let disk = Arc::new(ForgetfulDisk::new(seed, log_of(&folder)));
         let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), &folder);
         config.work.workers = 1;
@@ -45,6 +49,7 @@ impl Life {
         config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
         let on: Arc<dyn Disk> = disk.clone();
         let clock = Arc::new(ManualClock::default());
+        clock.advance(i64::from(minutes) * 60);
         let on_clock: Arc<dyn Clock> = clock.clone();
         let (service, running) = runtime.block_on(async {
             let store = Store::open_on(&folder, on).await.unwrap();
@@ -136,7 +141,7 @@ impl Life {
         let raw = self.folder.join("raw");
         self.end();
         copy_folder(&raw, &to.join("raw"));
-        let life = Self::begin(to, 0, false);
+        let life = Self::begin(to, 0, 0, false);
         let rebuilt = life.block_on(life.service.rebuild(false, |_, _| {})).unwrap();
         assert_eq!(rebuilt.failed, 0, "{rebuilt:?}");
         life

@@ -65,7 +65,7 @@ impl Known<'_> {
 
 /// A data folder with all assets, made once, so that schedules need not migrate a database.
 fn make_template(folder: &Path, sent: &SentRecords) {
-    let life = Life::begin(folder.to_path_buf(), 0, true);
+    let life = Life::begin(folder.to_path_buf(), 0, 0, true);
     for spec in sent.assets().chain([stream::asset(), uploads::asset()]) {
         life.make_asset(&spec);
     }
@@ -83,9 +83,7 @@ fn run(seed: u64, template: &Path, sent: &SentRecords, folder: &Path) {
     let mut place = folder.join("0");
     copy_folder(template, &place);
     for n in 0..LIVES {
-        let life = Life::begin(place, random.random(), has_uploads);
-        // After every change of the process before.
-        life.clock.advance(i64::from(n) * 60);
+        let life = Life::begin(place, random.random(), n, has_uploads);
         known.check(&life);
         if n + 1 == LIVES {
             if random.random_bool(REBUILT) {
