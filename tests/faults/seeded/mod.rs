@@ -25,6 +25,9 @@ use uploads::KnownUploads;
 /// Default number of schedules.
 const SCHEDULES: u64 = 100;
 
+/// Number of schedules after which the progress is printed.
+const PROGRESS: u64 = 1000;
+
 /// Number of processes of a schedule; all but the last one are killed.
 const LIVES: u32 = 3;
 
@@ -136,6 +139,9 @@ fn every_schedule_keeps_acknowledged_data() {
                     let seed = next.fetch_add(1, Ordering::Relaxed);
                     if seed >= first + schedules {
                         break;
+                    }
+                    if seed > first && (seed - first).is_multiple_of(PROGRESS) {
+                        eprintln!("{} schedules in {:.0} s", seed - first, began.elapsed().as_secs_f64());
                     }
                     let folder = folder();
                     let run = || run(seed, template.path(), &sent, folder.path());
