@@ -1,11 +1,16 @@
 //! `flankwatch verify`: checks the database against the raw recordings.
 
+use std::time::Duration;
+
 use clap::Args;
 
 use super::CliError;
 use super::output::print;
 use super::store_place::{StorePlace, runtime};
 use crate::store::Store;
+
+/// How long a running service may take from storing a raw recording to storing its rows.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Arguments of `flankwatch verify`.
 #[derive(Debug, Clone, Args)]
@@ -21,7 +26,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), CliError> {
     let (_, settings) = args.place.resolve()?;
     let audit = runtime()?.block_on(async {
         let store = Store::open_to_read(&settings).await?;
-        let audit = store.audit(!args.without_hashes).await;
+        let audit = store.audit(!args.without_hashes, PATIENCE).await;
         store.close().await;
         audit
     })?;

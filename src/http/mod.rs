@@ -95,7 +95,7 @@ pub use health::HealthServer;
 pub use limits::HttpLimits;
 pub use plotly::plotly_js;
 pub use queue_metrics::queue_metrics;
-pub use server::{Node, RunningService, ServiceConfig, start, start_node};
+pub use server::{Node, RunningService, ServiceConfig, start, start_node, start_on};
 pub use start_error::StartError;
 pub(crate) use table::{PARQUET, REDUCED};
 pub use token::{Scope, Token};

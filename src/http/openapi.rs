@@ -1,5 +1,7 @@
 //! The API description (OpenAPI 3.1), generated from the handlers, and the page that shows it.
 
+use std::sync::{Arc, OnceLock};
+
 use axum::Router;
 use axum::http::{HeaderValue, header};
 use axum::response::{Html, IntoResponse, Response};
@@ -53,7 +55,7 @@ const READ_RAW: [&str; 8] =
 const WITH_FILE: &[(&str, &str)] = &[("507", "Insufficient storage")];
 
 /// The complete description as JSON.
-pub(super) fn document(generated: OpenApi) -> Value {
+fn document(generated: &OpenApi) -> Value {
     // a structure of strings, numbers and maps always serialises
     let mut document = serde_json::to_value(generated).unwrap_or_default();
     document["info"] = json!({
@@ -150,15 +152,18 @@ fn write_out(part: &mut Value, schemas: &Value) {
 }
 
 /// `/openapi.json`, `/docs` and the files of the page.
-pub(super) fn routes<S: Clone + Send + Sync + 'static>(document: &Value) -> Router<S> {
-    let text = Bytes::from(document.to_string());
+pub(super) fn routes<S: Clone + Send + Sync + 'static>(generated: OpenApi) -> Router<S> {
+    // Made when it is first asked for: a start does not wait for it.
+    static TEXT: OnceLock<Bytes> = OnceLock::new();
+    let generated = Arc::new(generated);
+    let text = move || TEXT.get_or_init(|| document(&generated).to_string().into()).clone();
     let ui = swagger_ui_dist::generate_routes::<&str>(swagger_ui_dist::ApiDefinition {
         uri_prefix: UI_FILES,
         api_definition: swagger_ui_dist::OpenApiSource::Uri("/openapi.json"),
         title: None,
     });
     Router::new()
-        .route("/openapi.json", get(move || async move { typed("application/json", text) }))
+        .route("/openapi.json", get(move || async move { typed("application/json", text()) }))
         .route("/docs", get(|| async { Html(PAGE) }))
         .route(
             "/docs/docs.js",

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io::{self, Cursor, Read};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -17,12 +18,19 @@ pub(super) struct PieceReader {
     upload: String,
     pieces: VecDeque<UploadPiece>,
     current: Cursor<Bytes>,
+    failure: Arc<Mutex<Option<StoreError>>>,
 }
 
 impl PieceReader {
     /// Reads these pieces of an upload.
     pub(super) fn new(store: Store, upload: String, pieces: Vec<UploadPiece>) -> Self {
-        Self { store, upload, pieces: pieces.into(), current: Cursor::default() }
+        let (current, failure) = (Cursor::default(), Arc::default());
+        Self { store, upload, pieces: pieces.into(), current, failure }
+    }
+
+    /// Why a piece could not be read, once that has happened: a codec reports it as an invalid recording.
+    pub(super) fn failure(&self) -> Arc<Mutex<Option<StoreError>>> {
+        Arc::clone(&self.failure)
     }
 
     fn piece(&self, name: &str) -> Result<Bytes, StoreError> {
@@ -47,7 +55,12 @@ impl Read for PieceReader {
             let Some(piece) = self.pieces.pop_front() else {
                 return Ok(0);
             };
-            self.current = Cursor::new(self.piece(&piece.object).map_err(io::Error::other)?);
+            let bytes = self.piece(&piece.object).map_err(|error| {
+                let text = error.to_string();
+                *self.failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                io::Error::other(text)
+            })?;
+            self.current = Cursor::new(bytes);
         }
     }
 }

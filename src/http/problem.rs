@@ -46,6 +46,9 @@ pub(super) struct Details {
     retry_after_s: Option<u32>,
     #[serde(skip)]
     damage: Option<String>,
+    /// Whether the disk failed, and not the request.
+    #[serde(skip)]
+    is_of_disk: bool,
 }
 
 /// Marks an answer that reports damage to the database file.
@@ -71,6 +74,7 @@ impl Problem {
             expected: None,
             retry_after_s: None,
             damage: None,
+            is_of_disk: false,
         }))
     }
 
@@ -111,7 +115,12 @@ impl Problem {
 
     /// Whether the same request can succeed later.
     pub(super) fn may_pass(&self) -> bool {
-        self.0.status == StatusCode::SERVICE_UNAVAILABLE || self.is_no_room()
+        self.is_busy() || self.is_no_room() || self.0.is_of_disk
+    }
+
+    /// Whether the same request can succeed in a moment.
+    pub(super) fn is_busy(&self) -> bool {
+        self.0.status == StatusCode::SERVICE_UNAVAILABLE
     }
 
     /// Whether the disk is full.
@@ -153,6 +162,13 @@ impl Problem {
             self.0.field = Some(field.to_string());
         }
         self
+    }
+
+    /// An error of the disk, which may be gone later.
+    fn of_disk(error: &dyn std::error::Error) -> Self {
+        let mut problem = Self::internal(error);
+        problem.0.is_of_disk = true;
+        problem
     }
 
     /// An internal error: details go to the log, not to the client.
@@ -201,6 +217,7 @@ impl From<StoreError> for Problem {
                 return Self::busy(error.to_string(), 5);
             }
             error if error.is_conflict() => return Self::busy(error.to_string(), 1),
+            error @ StoreError::File { .. } => return Self::of_disk(error),
             error => return Self::internal(error),
         };
         Self::new(status, error.to_string())
@@ -245,9 +262,8 @@ impl From<ServiceError> for Problem {
             ServiceError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
-            ServiceError::File { .. }
-            | ServiceError::WorkerLost(_)
-            | ServiceError::QueuedRecordMismatch { .. } => Self::internal(&error),
+            ServiceError::File { .. } => Self::of_disk(&error),
+            ServiceError::WorkerLost(_) | ServiceError::QueuedRecordMismatch { .. } => Self::internal(&error),
         }
     }
 }

@@ -4,6 +4,7 @@
 //! A piece is stored before it is counted, so that a killed process never leaves a piece that is counted but
 //! missing. If two requests send the bytes of the same offset, the second finds that the upload has advanced.
 
+use std::sync::PoisonError;
 use std::time::Duration;
 
 use axum::body::Body;
@@ -39,7 +40,7 @@ const ALIVE_INTERVAL: Duration = Duration::from_secs(5);
 /// Delay before retrying an upload that could not be processed.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
-/// While the disk is full, the delay doubles up to this limit: each retry reads the recording from the
+/// While the disk is full or fails, the delay doubles up to this limit: each retry reads the recording from the
 /// beginning.
 const MAX_WAIT: Duration = Duration::from_secs(60);
 
@@ -259,7 +260,7 @@ async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer
                     "failed to process an upload: retrying later"
                 );
                 app.reading_waits.set(&upload.id, Some(problem.detail()));
-                wait = if problem.is_no_room() { wait } else { RETRY_AFTER };
+                wait = if problem.is_busy() { RETRY_AFTER } else { wait };
                 tokio::time::sleep(wait).await;
                 wait = (2 * wait).min(MAX_WAIT);
             }
@@ -284,7 +285,10 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
         return Err(Problem::new(StatusCode::INTERNAL_SERVER_ERROR, detail));
     }
     let reader = PieceReader::new(app.service.store.clone(), upload.id.clone(), pieces);
-    uploads::take_recording(app, &upload.asset, move || Ok(reader)).await
+    let failure = reader.failure();
+    let taken = uploads::take_recording(app, &upload.asset, move || Ok(reader)).await;
+    let failure = failure.lock().unwrap_or_else(PoisonError::into_inner).take();
+    failure.map_or(taken, |error| Err(error.into()))
 }
 
 /// Stores the result of an upload and removes its pieces.

@@ -99,10 +99,9 @@ fn operations() -> OpenApiRouter<App> {
 /// The router of the whole service.
 pub(super) fn router(app: App) -> Router {
     let (api, description) = operations().split_for_parts();
-    let description = openapi::document(description);
     let site = Router::new().route("/", get(dashboard::index)).route("/static/{file}", get(dashboard::file));
     api.merge(site)
-        .merge(openapi::routes(&description))
+        .merge(openapi::routes(description))
         .fallback(no_such_path)
         .method_not_allowed_fallback(no_such_method)
         .layer(from_fn(etag::layer))

@@ -100,6 +100,17 @@ pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<Runni
     start_as(config, None, clock).await
 }
 
+/// Starts the service on an opened store of its data folder; it runs until [`RunningService::stop`].
+///
+/// Fails as [`start`] does.
+pub async fn start_on(
+    config: ServiceConfig,
+    store: Store,
+    clock: Arc<dyn Clock>,
+) -> Result<RunningService, StartError> {
+    start_as(config, Some(Opened::Store(store)), clock).await
+}
+
 /// Starts one of several services on the same store. Its data folder holds only replaceable data.
 ///
 /// Fails as [`start`] does.
@@ -108,12 +119,18 @@ pub async fn start_node(
     node: Node,
     clock: Arc<dyn Clock>,
 ) -> Result<RunningService, StartError> {
-    start_as(config, Some(node), clock).await
+    start_as(config, Some(Opened::Node(node)), clock).await
+}
+
+/// What is open before the start.
+enum Opened {
+    Store(Store),
+    Node(Node),
 }
 
 async fn start_as(
     config: ServiceConfig,
-    node: Option<Node>,
+    opened: Option<Opened>,
     clock: Arc<dyn Clock>,
 ) -> Result<RunningService, StartError> {
     if config.http.record_bytes > config.work.bytes_at_once {
@@ -123,9 +140,9 @@ async fn start_as(
             expected: format!("at most limits.bytes_at_once, {}", config.work.bytes_at_once),
         });
     }
-    let tokens = match &node {
-        None => Tokens::of(&config.data_dir),
-        Some(node) => Tokens::shared(node.store.clone()),
+    let tokens = match &opened {
+        None | Some(Opened::Store(_)) => Tokens::of(&config.data_dir),
+        Some(Opened::Node(node)) => Tokens::shared(node.store.clone()),
     };
     let is_loopback = config.listen.ip().to_canonical().is_loopback();
     let has_tokens = tokens.list().await?.is_some_and(|tokens| !tokens.is_empty());
@@ -133,8 +150,9 @@ async fn start_as(
         return Err(StartError::NoTokens(config.listen));
     }
     let tls = config.tls.as_ref().map(TlsFiles::load).transpose()?;
-    let (store, role, shared) = match node {
-        Some(Node { store, queue, events }) => (store, Role::ApiNode(queue), Some(events)),
+    let (store, role, shared) = match opened {
+        Some(Opened::Node(Node { store, queue, events })) => (store, Role::ApiNode(queue), Some(events)),
+        Some(Opened::Store(store)) => (store, Role::Standalone, None),
         None => {
             let settings = config.store.clone().unwrap_or_else(|| config.data_dir.as_path().into());
             let opened = Store::open(&settings).await;

@@ -279,6 +279,11 @@ impl Service {
         Ok(())
     }
 
+    /// Moves unreferenced raw objects into quarantine, and removes objects whose time there is over.
+    pub async fn sweep(&self) -> Result<(), ServiceError> {
+        self.raw.sweep().await
+    }
+
     /// Writes the notes of assets that the previous process did not write beside the raw objects.
     fn write_notes_in_background(&self, assets: Vec<AssetId>) {
         let raw = Arc::clone(&self.raw);

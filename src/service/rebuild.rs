@@ -44,7 +44,7 @@ impl Service {
     /// records in the order of time. `on_progress` is called with the numbers of records done and in total.
     /// If none fails, the database then counts as the one that the raw recordings belong to.
     ///
-    /// Records that users removed are skipped, unless `with_removed`.
+    /// Records that users removed are skipped; `with_removed` they are ingested, and no longer noted as removed.
     pub async fn rebuild(
         &self,
         with_removed: bool,
@@ -104,6 +104,11 @@ impl Service {
                 self.exclusions.set_one(&segment, true).await?;
             }
         }
+        if with_removed {
+            let ids: Vec<SegmentId> = self.removal_times().await?.into_keys().collect();
+            let stored = self.store.known_segments(&ids).await?;
+            self.on_objects(move |objects| objects.note_restored(&stored)).await?;
+        }
         if rebuilt.failed == 0 {
             self.store.accept_objects().await?;
         }
@@ -161,7 +166,7 @@ impl Service {
         rebuilt: &mut Rebuilt,
     ) -> Result<Vec<RecordNote>, ServiceError> {
         let mut missing: BTreeMap<(AssetId, Timestamp, SegmentId), RecordNote> = BTreeMap::new();
-        for shard in 0..=u8::MAX {
+        for shard in self.on_objects(Objects::shards).await? {
             let mut notes = self.on_objects(move |objects| objects.notes(shard)).await?;
             let ids: Vec<SegmentId> = notes.iter().map(|note| note.id.clone()).collect();
             let known: HashSet<SegmentId> = self.store.known_segments(&ids).await?;

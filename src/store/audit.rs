@@ -1,9 +1,11 @@
 //! Audit of a store: compares rows with objects and lists inconsistencies.
 
 use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
 
 use super::rows::get;
-use super::{Database, Objects, Store, StoreError, StoreSettings, integrity};
+use super::{Database, Objects, Store, StoreError, StoreSettings, SystemDisk, integrity};
 use crate::asset::SegmentId;
 
 /// Rows read in one query.
@@ -82,7 +84,8 @@ impl Store {
         match settings {
             StoreSettings::Folder(folder) => {
                 let database = Database::open_folder_to_read(folder).await?;
-                Ok(Self::of(database, Objects::open_to_read(folder.join("raw")), None))
+                let objects = Objects::open_to_read(folder.join("raw"));
+                Ok(Self::of(database, objects, Arc::new(SystemDisk), None))
             }
             #[cfg(feature = "postgres")]
             shared @ StoreSettings::Shared(_) => Self::open(shared).await,
@@ -90,7 +93,8 @@ impl Store {
     }
 
     /// Compares rows and objects; `with_hashes` also reads the bytes of every object and checks their hashes.
-    pub async fn audit(&self, with_hashes: bool) -> Result<Audit, StoreError> {
+    /// An object is unreferenced if it still has no row after `patience`.
+    pub async fn audit(&self, with_hashes: bool, patience: Duration) -> Result<Audit, StoreError> {
         let mut audit = Audit::default();
         if let Some(path) = &self.inner.database.path {
             for what in integrity::findings_of(path).await? {
@@ -102,7 +106,7 @@ impl Store {
         }
         self.audit_records(&mut audit).await?;
         self.audit_objects(with_hashes, &mut audit).await?;
-        self.audit_orphans(&mut audit).await?;
+        self.audit_orphans(patience, &mut audit).await?;
         audit.quarantined = self.on_objects(Objects::quarantined).await?.len() as u64;
         Ok(audit)
     }
@@ -166,9 +170,9 @@ impl Store {
         }
     }
 
-    async fn audit_orphans(&self, audit: &mut Audit) -> Result<(), StoreError> {
+    async fn audit_orphans(&self, patience: Duration, audit: &mut Audit) -> Result<(), StoreError> {
         let mut suspects = Vec::new();
-        for shard in 0..=u8::MAX {
+        for shard in self.on_objects(Objects::shards).await? {
             let listed = self.on_objects(move |objects| objects.list(shard)).await?;
             suspects
                 .extend(self.orphans_among(listed.into_iter().map(|object| object.name).collect()).await?);
@@ -177,7 +181,7 @@ impl Store {
             return Ok(());
         }
         // Objects that a running service is storing get their rows in a moment.
-        tokio::time::sleep(std::time::Duration::from_secs(2)).await;
+        tokio::time::sleep(patience).await;
         for name in self.orphans_among(suspects).await? {
             let checked = name.clone();
             if self.on_objects(move |objects| objects.written_at(&checked)).await?.is_some() {

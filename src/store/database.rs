@@ -169,6 +169,8 @@ async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
     first.close().await?;
     AnyPoolOptions::new()
         .max_connections(connections)
+        // A file does not hang up: a ping would only cost a round trip to the connection's thread.
+        .test_before_acquire(false)
         .after_connect(|connection, _| Box::pin(prepare(connection)))
         .after_release(|connection, _| {
             Box::pin(async move {

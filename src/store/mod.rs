@@ -103,6 +103,8 @@ pub struct Store {
 struct Inner {
     database: Database,
     objects: Objects,
+    /// The disk of stream journals.
+    disk: Arc<dyn Disk>,
     trends: TrendCache,
     curves: CurveCache,
     /// Age at which an unreferenced object is removed; `None` unless other processes share the store, which
@@ -128,10 +130,12 @@ impl Store {
         Ok(store)
     }
 
-    /// Opens a data folder with its objects on the given disk; the database stays on the system's disk.
+    /// Opens a data folder with its objects and stream journals on the given disk; the database stays on the
+    /// system's disk.
     pub async fn open_on(folder: &Path, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
         let database = Database::open_folder(folder).await?;
-        let store = Self::of(database, Objects::open_on(folder.join("raw"), disk)?, None);
+        let objects = Objects::open_on(folder.join("raw"), Arc::clone(&disk))?;
+        let store = Self::of(database, objects, disk, None);
         store.compare_marks(true).await?;
         Ok(store)
     }
@@ -155,14 +159,20 @@ impl Store {
                 (Database::connect(shared).await?, objects, Some(age))
             }
         };
-        Ok(Self::of(database, objects, orphan_age))
+        Ok(Self::of(database, objects, Arc::new(SystemDisk), orphan_age))
     }
 
-    fn of(database: Database, objects: Objects, orphan_age: Option<SignedDuration>) -> Self {
+    fn of(
+        database: Database,
+        objects: Objects,
+        disk: Arc<dyn Disk>,
+        orphan_age: Option<SignedDuration>,
+    ) -> Self {
         Self {
             inner: Arc::new(Inner {
                 database,
                 objects,
+                disk,
                 trends: TrendCache::default(),
                 curves: CurveCache::default(),
                 orphan_age,
@@ -182,6 +192,11 @@ impl Store {
     /// The raw objects. Their methods block on the disk or the network.
     pub fn objects(&self) -> &Objects {
         &self.inner.objects
+    }
+
+    /// The disk of stream journals.
+    pub(crate) fn disk(&self) -> Arc<dyn Disk> {
+        Arc::clone(&self.inner.disk)
     }
 
     /// Checks that the database responds and that no damage of it is known.

@@ -198,6 +198,15 @@ impl Objects {
         }
     }
 
+    /// The first bytes of the names of existing objects and notes, in order; in a bucket all bytes.
+    pub fn shards(&self) -> Result<Vec<u8>, StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.shards(),
+            #[cfg(feature = "s3")]
+            Backend::Bucket(_) => Ok((0..=u8::MAX).collect()),
+        }
+    }
+
     /// Lists the objects whose names start with this byte.
     pub fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         match &self.backend {

@@ -107,6 +107,9 @@ impl Store {
 
     /// Returns the names that no asset references.
     pub async fn orphans_among(&self, names: Vec<String>) -> Result<Vec<String>, StoreError> {
+        if names.is_empty() {
+            return Ok(names);
+        }
         let mut snapshot = self.read().begin().await?;
         let kept = kept_among(&mut snapshot, &names).await?;
         Ok(names.into_iter().filter(|name| !kept.contains(name)).collect())

@@ -154,10 +154,12 @@ fn sync(folder: &Path) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use bytes::Bytes;
 
     use super::*;
-    use crate::store::{JournalEntry, StreamJournal};
+    use crate::store::{JournalEntry, StreamJournal, SystemDisk};
 
     fn frames(first: u64) -> JournalEntry {
         let bytes = (first..first + 10).flat_map(|k| (k as i16).to_le_bytes()).collect();
@@ -167,7 +169,7 @@ mod tests {
     /// Indices of the first samples of the entries in a journal.
     fn firsts(folder: &Path) -> Vec<u64> {
         let mut firsts = Vec::new();
-        StreamJournal::replay(folder, |entry| match entry {
+        StreamJournal::replay(&SystemDisk, folder, |entry| match entry {
             JournalEntry::Frames { first, .. } => firsts.push(first),
             JournalEntry::Checkpoint(_) => {}
             entry => panic!("{entry:?}"),
@@ -180,7 +182,7 @@ mod tests {
     fn a_copy_is_contiguous_while_files_are_added_and_removed() {
         let (data, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let folder = data.path().join("streams/pump/main");
-        let mut journal = StreamJournal::open(&folder, 2, Bytes::new()).unwrap();
+        let mut journal = StreamJournal::open(Arc::new(SystemDisk), &folder, 2, Bytes::new()).unwrap();
         std::thread::scope(|scope| {
             let writer = scope.spawn(|| {
                 for k in 0..200 {

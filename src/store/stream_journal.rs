@@ -6,14 +6,15 @@
 //! new file.
 
 use std::collections::VecDeque;
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read, Write};
+use std::fs::{self, File};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use bytes::{BufMut, Bytes, BytesMut};
 
-use super::StoreError;
 use super::objects::file_error;
+use super::{Disk, StoreError};
 
 /// File size in bytes at which a new file is started.
 const FILE_BYTES: u64 = 4 << 20;
@@ -116,6 +117,7 @@ struct JournalFile {
 /// A journal that is open for writing.
 #[derive(Debug)]
 pub struct StreamJournal {
+    disk: Arc<dyn Disk>,
     folder: PathBuf,
     frame_bytes: usize,
     /// The oldest first; the last one is written to.
@@ -127,9 +129,13 @@ pub struct StreamJournal {
 impl StreamJournal {
     /// Calls `take` with the entries of the journal in a folder, file by file, each up to its first
     /// incomplete entry.
-    pub fn replay(folder: &Path, mut take: impl FnMut(JournalEntry)) -> Result<(), StoreError> {
+    pub fn replay(
+        disk: &dyn Disk,
+        folder: &Path,
+        mut take: impl FnMut(JournalEntry),
+    ) -> Result<(), StoreError> {
         for number in numbers(folder)? {
-            read_entries(&path_of(folder, number), |entry| {
+            read_entries(disk, &path_of(folder, number), |entry| {
                 take(entry);
                 true
             })?;
@@ -139,12 +145,17 @@ impl StreamJournal {
 
     /// Opens the journal in a folder and starts a new file with a checkpoint. `frame_bytes` is the size of a
     /// frame.
-    pub fn open(folder: &Path, frame_bytes: usize, checkpoint: Bytes) -> Result<Self, StoreError> {
-        fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
+    pub fn open(
+        disk: Arc<dyn Disk>,
+        folder: &Path,
+        frame_bytes: usize,
+        checkpoint: Bytes,
+    ) -> Result<Self, StoreError> {
+        disk.create_folder(folder).map_err(|source| file_error("create the folder", folder, source))?;
         let mut files = VecDeque::new();
         for number in numbers(folder)? {
             let mut end = None;
-            read_entries(&path_of(folder, number), |entry| {
+            read_entries(&*disk, &path_of(folder, number), |entry| {
                 end = end_of(&entry, frame_bytes).or(end);
                 true
             })?;
@@ -152,13 +163,13 @@ impl StreamJournal {
         }
         let number = files.back().map_or(0, |file| file.number + 1);
         let end = files.iter().rev().find_map(|file| file.end);
-        let (current, current_bytes) = begin_file(folder, number, checkpoint)?;
+        let (current, current_bytes) = begin_file(&*disk, folder, number, checkpoint)?;
         files.push_back(JournalFile { number, end });
         // The parent folders must survive a power failure too.
         for folder in folder.ancestors().skip(1).take(3) {
-            sync_folder(folder)?;
+            sync_folder(&*disk, folder)?;
         }
-        Ok(Self { folder: folder.to_path_buf(), frame_bytes, files, current, current_bytes })
+        Ok(Self { disk, folder: folder.to_path_buf(), frame_bytes, files, current, current_bytes })
     }
 
     /// Whether the current file is full and a new one should be started with [`rotate`](Self::rotate).
@@ -170,7 +181,7 @@ impl StreamJournal {
     pub fn rotate(&mut self, checkpoint: Bytes) -> Result<(), StoreError> {
         let last = self.files.back();
         let (number, end) = last.map_or((0, None), |file| (file.number + 1, file.end));
-        (self.current, self.current_bytes) = begin_file(&self.folder, number, checkpoint)?;
+        (self.current, self.current_bytes) = begin_file(&*self.disk, &self.folder, number, checkpoint)?;
         self.files.push_back(JournalFile { number, end });
         Ok(())
     }
@@ -181,10 +192,9 @@ impl StreamJournal {
         for entry in entries {
             entry.write(&mut bytes);
         }
-        let written = self.current.write_all(&bytes).and_then(|()| self.current.sync_data());
-        if let Err(source) = written {
+        if let Err(source) = self.disk.append_synced(&self.current, &bytes) {
             // Entries that may be partial, or only in memory, must not look durable.
-            let _ = self.current.set_len(self.current_bytes);
+            let _ = self.disk.cut_file(&self.current, self.current_bytes);
             let number = self.files.back().map_or(0, |file| file.number);
             return Err(file_error("write", &path_of(&self.folder, number), source));
         }
@@ -203,7 +213,7 @@ impl StreamJournal {
             && oldest.end.is_none_or(|end| end <= index)
         {
             let path = path_of(&self.folder, oldest.number);
-            match fs::remove_file(&path) {
+            match self.disk.remove_file(&path) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => {
                     return Err(file_error("remove", &path, error));
                 }
@@ -223,7 +233,7 @@ impl StreamJournal {
             if next == end || file.end.is_none_or(|end| end <= next) {
                 continue;
             }
-            read_entries(&path_of(&self.folder, file.number), |entry| {
+            read_entries(&*self.disk, &path_of(&self.folder, file.number), |entry| {
                 if let JournalEntry::Frames { first, bytes, .. } = entry {
                     let there = first + (bytes.len() / width) as u64;
                     if first <= next && next < there {
@@ -275,34 +285,41 @@ fn numbers(folder: &Path) -> Result<Vec<u64>, StoreError> {
     Ok(numbers)
 }
 
-fn begin_file(folder: &Path, number: u64, checkpoint: Bytes) -> Result<(File, u64), StoreError> {
+fn begin_file(
+    disk: &dyn Disk,
+    folder: &Path,
+    number: u64,
+    checkpoint: Bytes,
+) -> Result<(File, u64), StoreError> {
     let path = path_of(folder, number);
     let mut bytes = BytesMut::new();
     JournalEntry::Checkpoint(checkpoint).write(&mut bytes);
     let begin = || {
-        let mut file = OpenOptions::new().append(true).create_new(true).open(&path)?;
-        file.write_all(&bytes)?;
-        file.sync_all()?;
+        let file = disk.create_file(&path)?;
+        disk.append_synced(&file, &bytes)?;
         Ok(file)
     };
     let file = begin().map_err(|source| {
         // Free the number for a retry.
-        let _ = fs::remove_file(&path);
+        let _ = disk.remove_file(&path);
         file_error("write", &path, source)
     })?;
-    sync_folder(folder)?;
+    sync_folder(disk, folder)?;
     Ok((file, bytes.len() as u64))
 }
 
-fn sync_folder(folder: &Path) -> Result<(), StoreError> {
-    let synced = File::open(folder).and_then(|folder| folder.sync_all());
-    synced.map_err(|source| file_error("sync the folder", folder, source))
+fn sync_folder(disk: &dyn Disk, folder: &Path) -> Result<(), StoreError> {
+    disk.sync_folder(folder).map_err(|source| file_error("sync the folder", folder, source))
 }
 
 /// Calls `take` with the entries of a file until it returns false or an entry is incomplete.
-fn read_entries(path: &Path, mut take: impl FnMut(JournalEntry) -> bool) -> Result<(), StoreError> {
+fn read_entries(
+    disk: &dyn Disk,
+    path: &Path,
+    mut take: impl FnMut(JournalEntry) -> bool,
+) -> Result<(), StoreError> {
     let failed = |source| file_error("read", path, source);
-    let mut file = io::BufReader::with_capacity(1 << 16, File::open(path).map_err(failed)?);
+    let mut file = io::BufReader::with_capacity(1 << 16, disk.open(path).map_err(failed)?);
     loop {
         let mut head = [0; HEAD_BYTES];
         if !read_whole(&mut file, &mut head).map_err(failed)? {
@@ -340,6 +357,7 @@ fn read_whole(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::SystemDisk;
 
     fn frames(first: u64, count: u64) -> JournalEntry {
         let bytes = (first..first + count).flat_map(|k| (k as i16).to_le_bytes()).collect();
@@ -348,14 +366,15 @@ mod tests {
 
     fn entries(folder: &Path) -> Vec<JournalEntry> {
         let mut all = Vec::new();
-        StreamJournal::replay(folder, |entry| all.push(entry)).unwrap();
+        StreamJournal::replay(&SystemDisk, folder, |entry| all.push(entry)).unwrap();
         all
     }
 
     #[test]
     fn complete_entries_are_read_back() {
         let folder = tempfile::tempdir().unwrap();
-        let mut journal = StreamJournal::open(folder.path(), 2, Bytes::from_static(b"a")).unwrap();
+        let mut journal =
+            StreamJournal::open(Arc::new(SystemDisk), folder.path(), 2, Bytes::from_static(b"a")).unwrap();
         let gap = JournalEntry::Gap { first: 10, frames: 5 };
         let note = JournalEntry::Note(Bytes::from_static(b"note"));
         let all = [frames(0, 10), gap, frames(15, 5), note];
@@ -381,7 +400,8 @@ mod tests {
         assert_eq!(entries(folder.path()), expected[..1]);
         // Later entries are in a new file.
         fs::write(&path, &whole[..whole.len() - 1]).unwrap();
-        let mut journal = StreamJournal::open(folder.path(), 2, Bytes::from_static(b"b")).unwrap();
+        let mut journal =
+            StreamJournal::open(Arc::new(SystemDisk), folder.path(), 2, Bytes::from_static(b"b")).unwrap();
         journal.append(&[frames(20, 1)]).unwrap();
         assert_eq!(entries(folder.path())[4..], [checkpoint(b"b"), frames(20, 1)]);
         assert_eq!(journal.frames(18, 3).unwrap().unwrap().len(), 6);
@@ -390,7 +410,7 @@ mod tests {
     #[test]
     fn files_are_removed_once_they_are_not_needed() {
         let folder = tempfile::tempdir().unwrap();
-        let mut journal = StreamJournal::open(folder.path(), 2, Bytes::new()).unwrap();
+        let mut journal = StreamJournal::open(Arc::new(SystemDisk), folder.path(), 2, Bytes::new()).unwrap();
         for k in 0..4 {
             journal.append(&[frames(k * 10, 10)]).unwrap();
             journal.rotate(Bytes::new()).unwrap();

@@ -1,13 +1,14 @@
 //! A simulated disk that fails at random, stops in the middle of an operation, and loses unsynced writes.
 
-use std::fs;
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 
 use flankwatch::store::Disk;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use tokio::sync::watch;
 
 /// A rename or removal that a crash may undo, as the folder has not been synced since.
 #[derive(Debug)]
@@ -31,7 +32,7 @@ struct State {
     failing: f64,
     /// Number of operations until the disk stops.
     left: Option<u32>,
-    is_dead: bool,
+    is_dead: watch::Sender<bool>,
     unsynced: Vec<Change>,
     /// The database's log, which is not on this disk.
     log: PathBuf,
@@ -52,7 +53,7 @@ impl ForgetfulDisk {
                 random: ChaCha8Rng::seed_from_u64(seed),
                 failing: 0.0,
                 left: None,
-                is_dead: false,
+                is_dead: watch::Sender::new(false),
                 unsynced: Vec::new(),
                 log,
                 log_at_end: Vec::new(),
@@ -82,7 +83,16 @@ impl ForgetfulDisk {
     }
 
     pub(crate) fn is_stopped(&self) -> bool {
-        self.state().is_dead
+        *self.state().is_dead.borrow()
+    }
+
+    /// Waits for `work`; returns `None` if the disk stops first.
+    pub(crate) async fn unless_stopped<T>(&self, work: impl Future<Output = T>) -> Option<T> {
+        let mut stopped = self.state().is_dead.subscribe();
+        tokio::select! {
+            done = work => Some(done),
+            _ = stopped.wait_for(|is_dead| *is_dead) => None,
+        }
     }
 
     /// Undoes some unsynced changes in a copy of a folder: in each folder the latest ones.
@@ -116,7 +126,7 @@ impl ForgetfulDisk {
     /// Decides whether the next operation succeeds; returns the error if it fails.
     fn next(&self) -> Result<MutexGuard<'_, State>, (MutexGuard<'_, State>, io::Error)> {
         let mut state = self.state();
-        if state.is_dead {
+        if *state.is_dead.borrow() {
             return Err((state, io::Error::other("the disk has stopped")));
         }
         match &mut state.left {
@@ -139,16 +149,31 @@ impl ForgetfulDisk {
 
 impl State {
     fn end(&mut self) {
-        if !self.is_dead {
-            self.is_dead = true;
+        if !self.is_dead.send_replace(true) {
             self.log_at_end = fs::read(&self.log).unwrap_or_default();
         }
+    }
+
+    /// What a failed write of these bytes leaves: a part, any part of which may be zeros.
+    fn part(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let length = self.random.random_range(0..=bytes.len());
+        let mut part = bytes[..length].to_vec();
+        if self.random.random_bool(0.3) {
+            let zeros = self.random.random_range(0..=length);
+            part[zeros..].fill(0);
+        }
+        part
     }
 
     fn note(&mut self, path: &Path, before: Before) {
         let folder = path.parent().unwrap().to_path_buf();
         self.unsynced.push(Change { folder, path: path.to_path_buf(), before });
     }
+}
+
+/// Whether the disk had stopped before the operation that failed.
+fn was_stopped(error: &io::Error) -> bool {
+    error.to_string().contains("has stopped")
 }
 
 fn what_is_at(path: &Path) -> Before {
@@ -175,15 +200,9 @@ impl Disk for ForgetfulDisk {
                 Ok(())
             }
             Err((mut state, error)) => {
-                // A part may have been written, any part of which may be zeros.
-                let length = state.random.random_range(0..=bytes.len());
-                let mut part = bytes[..length].to_vec();
-                if state.random.random_bool(0.3) {
-                    let zeros = state.random.random_range(0..=length);
-                    part[zeros..].fill(0);
-                }
-                let is_dead_for_long = error.to_string().contains("has stopped");
-                if !is_dead_for_long && let Ok(()) = fs::write(path, part) {
+                if !was_stopped(&error)
+                    && let Ok(()) = fs::write(path, state.part(bytes))
+                {
                     state.note(path, Before::Nothing);
                 }
                 Err(error)
@@ -194,6 +213,31 @@ impl Disk for ForgetfulDisk {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         let _state = self.next().map_err(|(_, error)| error)?;
         fs::read(path)
+    }
+
+    fn open(&self, path: &Path) -> io::Result<File> {
+        let _state = self.next().map_err(|(_, error)| error)?;
+        File::open(path)
+    }
+
+    fn create_file(&self, path: &Path) -> io::Result<File> {
+        let mut state = self.next().map_err(|(_, error)| error)?;
+        let file = File::options().append(true).create_new(true).open(path)?;
+        state.note(path, Before::Nothing);
+        Ok(file)
+    }
+
+    fn append_synced(&self, mut file: &File, bytes: &[u8]) -> io::Result<()> {
+        match self.next() {
+            Ok(_state) => file.write_all(bytes),
+            Err((_, error)) if was_stopped(&error) => Err(error),
+            Err((mut state, error)) => file.write_all(&state.part(bytes)).and(Err(error)),
+        }
+    }
+
+    fn cut_file(&self, file: &File, bytes: u64) -> io::Result<()> {
+        let _state = self.next().map_err(|(_, error)| error)?;
+        file.set_len(bytes)
     }
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {

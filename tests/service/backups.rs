@@ -164,3 +164,27 @@ fn recordings_in_quarantine_are_listed_and_restored() {
     assert_eq!(program.segments("pump").len(), 1);
     program.kill();
 }
+
+#[test]
+fn deleted_records_that_were_imported_again_stay() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("data");
+    let program = Program::start(&folder);
+    program.make(&plain_asset("pump"));
+    for n in 0..3 {
+        program.upload("pump", n).unwrap();
+    }
+    let deleted = program.send("DELETE", "/v1/assets/pump/segments?to=2026-01-01T00:01:30Z", &[], b"");
+    assert_eq!(deleted.status(), 200);
+    program.kill();
+    on(&folder, &["quarantine", "restore", "--all"]).expect_success();
+    for (arguments, imported) in [
+        (&["rebuild"][..], "imported 0 assets and 0 records"),
+        (&["rebuild", "--with-deleted"], "imported 0 assets and 2 records"),
+        (&["rebuild", "--anew"], "imported 1 assets and 3 records"),
+    ] {
+        let output = on(&folder, arguments).expect_success().out();
+        assert!(output.contains(imported), "{arguments:?}: {output}");
+    }
+    on(&folder, &["verify"]).expect_success();
+}

@@ -114,7 +114,7 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
 
 #[test]
 fn a_description_is_answered_with_the_expected_time_of_its_simulation() {
-    let service = Service::start();
+    let mut service = Service::start();
     let asset = asset_with_pair("first", 40.0);
     let held = HeldSimulation::of(&library_path(&service, &asset));
     let answer = service.post_json("/v1/assets", &asset).expect(201).json();
@@ -139,6 +139,12 @@ fn a_description_is_answered_with_the_expected_time_of_its_simulation() {
     let answer = service.post_json("/v1/assets", &third).expect(201).json();
     let expected_s = answer["summary"]["library_estimated_s"].as_f64().unwrap();
     assert!(expected_s != assumed_s && expected_s < took_s, "{expected_s} s, took {took_s} s");
+
+    // A library of a deleted asset is still in the folder.
+    service.delete("/v1/assets/first").expect(204);
+    service.restart();
+    let answer = service.post_json("/v1/assets", &asset).expect(201).json();
+    assert!(answer["summary"]["library_estimated_s"].as_f64().is_none_or(|s| s == 0.0), "{answer}");
 }
 
 #[test]

@@ -27,7 +27,20 @@ impl Program {
 
     /// Starts with additional options.
     pub(crate) fn start_with(folder: &Path, options: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+        Self::start_by(Command::new(env!("CARGO_BIN_EXE_flankwatch")), folder, options)
+    }
+
+    /// Starts with a maximum size of the files that it writes; a longer write fails with EFBIG.
+    pub(crate) fn start_with_file_size(folder: &Path, bytes: u64) -> Self {
+        // In blocks of 512 bytes. The signal would end the program.
+        let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" \"$@\"", bytes / 512);
+        let mut command = Command::new("sh");
+        command.args(["-c", &script, env!("CARGO_BIN_EXE_flankwatch")]);
+        Self::start_by(command, folder, &[])
+    }
+
+    fn start_by(mut command: Command, folder: &Path, options: &[&str]) -> Self {
+        let mut child = command
             .args(["serve", "--data-dir"])
             .arg(folder)
             .args(if options.contains(&"--listen") { &[][..] } else { &["--listen", "127.0.0.1:0"] })

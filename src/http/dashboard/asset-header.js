@@ -47,17 +47,19 @@ const STAGES = {
 };
 
 /** Progress of a simulation. */
-function simulationWords({ stage, fraction, remaining_s: left }) {
-  if (stage === "waiting") return STAGES.waiting;
-  const time =
-    left == null ? "" : left < 90 ? `, ${Math.ceil(left)} s left` : `, ${Math.ceil(left / 60)} min left`;
+const roughTime = (seconds) => (seconds < 90 ? `${Math.ceil(seconds)} s` : `${Math.ceil(seconds / 60)} min`);
+
+function simulationWords({ stage, fraction, remaining_s: left }, estimated) {
+  if (stage === "waiting") return STAGES.waiting + (estimated ? `, then about ${roughTime(estimated)}` : "");
+  const time = left == null ? "" : `, ${roughTime(left)} left`;
   return `${STAGES[stage] ?? stage}: ${Math.floor(100 * fraction)} % simulated${time}`;
 }
 
-function libraryFact({ library_id: id, library_state: state, library_error: error, simulation }, wear) {
+function libraryFact(summary, wear) {
+  const { library_id: id, library_state: state, library_error: error, simulation } = summary;
   const best = wear?.best_state;
   const words = best ? `state ${best.index}, ${depth(best.wear_um)} µm` : (LIBRARY_STATES[state] ?? state);
-  const detail = simulation ? simulationWords(simulation) : error ? `failed: ${error}` : null;
+  const detail = simulation ? simulationWords(simulation, summary.library_estimated_s) : error ? `failed: ${error}` : null;
   return fact(
     best ? "Best library state" : "Library",
     words,

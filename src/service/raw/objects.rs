@@ -171,7 +171,7 @@ impl RawObjects {
             let objects = store.objects();
             let age = Age::now(&store)?;
             let removed = objects.remove_quarantined(kept_for, age.now)?;
-            (0..=u8::MAX).try_for_each(|shard| {
+            objects.shards()?.into_iter().try_for_each(|shard| {
                 objects.remove_empty_notes(shard, |written_at| age.is_old_enough(written_at))
             })?;
             Ok::<_, StoreError>(removed)
@@ -186,7 +186,9 @@ impl RawObjects {
     async fn quarantine_orphans(&self) -> Result<(u64, u64), ServiceError> {
         let (mut count, mut bytes) = (0, 0);
         let mut waiting: Option<HashSet<String>> = None;
-        for shard in 0..=u8::MAX {
+        let store = self.store.clone();
+        let shards = self.workers.run("list raw objects", move || store.objects().shards()).await??;
+        for shard in shards {
             let store = self.store.clone();
             let list = move || -> Result<_, StoreError> {
                 let mut listed = store.objects().list(shard)?;

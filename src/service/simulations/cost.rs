@@ -47,11 +47,14 @@ impl Cost {
         }
     }
 
-    /// The expected seconds until the library and the first members are ready.
-    pub(super) fn estimated_s(&self, grid: &GridSettings, neighbours: EnsembleSettings) -> f64 {
-        let times = lock(&self.pieces);
-        let groups = neighbours.first().members.div_ceil(VARIANTS);
-        times.state_s * grid.simulations() as f64 + times.group_s * groups as f64
+    /// The expected seconds until a library is ready.
+    pub(super) fn library_s(&self, grid: &GridSettings) -> f64 {
+        lock(&self.pieces).state_s * grid.simulations() as f64
+    }
+
+    /// The expected seconds from then on until the first members of its ensemble are ready.
+    pub(super) fn first_members_s(&self, neighbours: EnsembleSettings) -> f64 {
+        lock(&self.pieces).group_s * neighbours.first().members.div_ceil(VARIANTS) as f64
     }
 }
 
@@ -63,15 +66,17 @@ mod tests {
     fn the_estimate_follows_the_last_measurement() {
         let (grid, neighbours) = (GridSettings::default(), EnsembleSettings::default());
         let cost = Cost::new(2);
-        assert!((cost.estimated_s(&grid, neighbours) - 9.0 * 1.04 / 2.0).abs() < 1e-9);
-        assert!((cost.estimated_s(&grid, EnsembleSettings::described_alone()) - 0.52).abs() < 1e-9);
+        let both_s = |grid| cost.library_s(grid) + cost.first_members_s(neighbours);
+        assert!((both_s(&grid) - 9.0 * 1.04 / 2.0).abs() < 1e-9);
+        assert!((cost.library_s(&grid) - 0.52).abs() < 1e-9);
+        assert_eq!(cost.first_members_s(EnsembleSettings::described_alone()), 0.0);
         cost.note(SimulationStage::Library, 50, Duration::from_secs(10));
         cost.note(SimulationStage::FirstMembers, 24, Duration::from_secs(48));
         // A library that was fetched, and a stage that no estimate contains.
         cost.note(SimulationStage::Library, 0, Duration::from_secs(1));
         cost.note(SimulationStage::Members, 100, Duration::from_secs(1));
-        assert!((cost.estimated_s(&grid, neighbours) - 58.0).abs() < 1e-9);
+        assert!((both_s(&grid) - 58.0).abs() < 1e-9);
         let twice = GridSettings { torque_factors: vec![0.5, 1.0], ..grid };
-        assert!((cost.estimated_s(&twice, neighbours) - 68.0).abs() < 1e-9);
+        assert!((both_s(&twice) - 68.0).abs() < 1e-9);
     }
 }

@@ -20,7 +20,7 @@ use super::keys::{analysis_keys, fold_key};
 use super::limits::WorkLimits;
 use crate::asset::{AssetId, AssetSpec};
 use crate::estimate::{ChannelEstimator, EstimatorSettings, MissingLibrary};
-use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryCache, library_id};
+use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryCache, ensemble_id, library_id};
 use cost::Cost;
 use job::{Ensembles, Job, lock};
 pub(crate) use source::LibrarySource;
@@ -134,11 +134,20 @@ impl Simulations {
         }
     }
 
-    /// The expected seconds from the start of the simulation of an asset's library until the first estimates;
-    /// `None` if the asset describes no pair.
+    /// The expected seconds from the start of the simulation of an asset's library until the first estimates,
+    /// without what is in the folder of libraries; `None` if the asset describes no pair.
     pub fn estimated_s(&self, spec: &AssetSpec) -> Option<f64> {
         let pair = spec.pair()?;
-        Some(self.cost.estimated_s(&self.grid.for_pair(pair), self.neighbours))
+        let (grid, cache) = (self.grid.for_pair(pair), self.source.cache());
+        let id = library_id(pair, &grid);
+        let has_members = |settings| cache.has_ensemble(&ensemble_id(&id, &settings));
+        let library_s = if cache.has(&id) { 0.0 } else { self.cost.library_s(&grid) };
+        let members_s = if has_members(self.neighbours) || has_members(self.neighbours.first()) {
+            0.0
+        } else {
+            self.cost.first_members_s(self.neighbours)
+        };
+        Some(library_s + members_s)
     }
 
     /// Starts the simulation of an asset's library in the background if it was not requested before.

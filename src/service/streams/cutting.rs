@@ -187,10 +187,13 @@ pub(super) fn check_bytes(frames: u64, format: &StreamFormat) -> Result<(), Reco
 mod tests {
     use jiff::Timestamp;
 
+    use std::sync::Arc;
+
     use super::*;
     use crate::recording::RawSample;
     use crate::recording::stream::Chunk;
     use crate::service::streams::stored::StoredStream;
+    use crate::store::SystemDisk;
 
     /// Records of 2 s of a machine that is steady for 5 s, one every 100 s of an operating bin, at 10 Hz.
     fn steady() -> Cutting {
@@ -234,7 +237,9 @@ mod tests {
     ) -> Vec<(u64, u64, f64)> {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::I16, 10.0, 1, None).unwrap();
-        let mut stream = StoredStream::create(folder.path(), Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+        let mut stream =
+            StoredStream::create(Arc::new(SystemDisk), folder.path(), Timestamp::UNIX_EPOCH, format, Some(0))
+                .unwrap();
         let mut edges: Vec<u64> = (0..=3000 / piece).map(|n| n * piece).collect();
         edges.extend(points.iter().map(|(index, _)| *index).chain(gaps.iter().flat_map(|at| [*at, at + 1])));
         edges.sort_unstable();
@@ -242,7 +247,7 @@ mod tests {
         for pair in edges.windows(2) {
             if restarts {
                 drop(stream);
-                stream = StoredStream::open(folder.path()).unwrap().unwrap();
+                stream = StoredStream::open(Arc::new(SystemDisk), folder.path()).unwrap().unwrap();
                 stream.plan_records(&steady()).unwrap();
             }
             if gaps.contains(&pair[0]) {
@@ -296,7 +301,9 @@ mod tests {
             toml::from_str(&format!("id = \"a\"\nshaft = {{ speed_hz = 10.0 }}\n{text}")).unwrap()
         };
         let cutting = Cutting::of(&spec("stream = { steady = {} }"), &format).unwrap();
-        let mut stream = StoredStream::create(folder.path(), Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+        let mut stream =
+            StoredStream::create(Arc::new(SystemDisk), folder.path(), Timestamp::UNIX_EPOCH, format, Some(0))
+                .unwrap();
         for second in 0..200 {
             stream.set_operating_point(point(10.0 + second as f64, 1.0), &cutting).unwrap();
             let bytes = vec![0; 80_000].into();

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::watch;
 
@@ -13,6 +13,7 @@ use super::stored::StoredStream;
 use crate::asset::AssetId;
 use crate::recording::RecordingError;
 use crate::service::error::ServiceError;
+use crate::store::Disk;
 
 /// A stream of an asset.
 #[derive(Debug)]
@@ -20,6 +21,7 @@ pub(crate) struct LiveStream {
     pub(crate) asset: AssetId,
     pub(crate) name: String,
     pub(crate) folder: PathBuf,
+    pub(super) disk: Arc<dyn Disk>,
     /// `None` until it is read, and after a failed write: it is then read again.
     stored: Mutex<Option<StoredStream>>,
     /// The number of the connection that sends it; 0 before the first one.
@@ -35,11 +37,12 @@ pub(crate) struct LiveStream {
 }
 
 impl LiveStream {
-    pub(super) fn new(asset: AssetId, name: String, folder: PathBuf) -> Self {
+    pub(super) fn new(asset: AssetId, name: String, folder: PathBuf, disk: Arc<dyn Disk>) -> Self {
         Self {
             asset,
             name,
             folder,
+            disk,
             stored: Mutex::default(),
             owner: watch::Sender::new(0),
             pending: watch::Sender::new(0),
@@ -109,7 +112,7 @@ impl LiveStream {
             return Err(ServiceError::StreamTaken);
         }
         if stored.is_none() {
-            *stored = StoredStream::open(&self.folder)?;
+            *stored = StoredStream::open(Arc::clone(&self.disk), &self.folder)?;
         }
         let done = work(&mut stored);
         if matches!(done, Err(ServiceError::Store(_) | ServiceError::File { .. })) {
@@ -151,7 +154,7 @@ impl LiveStream {
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         *stored = None;
         self.pending.send_replace(0);
-        match std::fs::remove_dir_all(&self.folder) {
+        match self.disk.remove_folder(&self.folder) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                 Err(ServiceError::File { action: "remove", path: self.folder.clone(), source: error })
             }

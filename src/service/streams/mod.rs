@@ -132,11 +132,12 @@ impl Streams {
                 if stored.as_ref().is_some_and(|stored| stored.state().asset_created_at != created_at) {
                     // The stream of a deleted asset of the same name.
                     *stored = None;
-                    remove_folder(&opened.folder)?;
+                    remove_folder(&opened)?;
                 }
                 let stored = match stored {
                     Some(stored) => stored,
                     None => stored.insert(StoredStream::create(
+                        Arc::clone(&opened.disk),
                         &opened.folder,
                         created_at,
                         wanted.clone(),
@@ -319,7 +320,7 @@ impl Streams {
             return Err(ServiceError::Field { field: "name", value: name.to_owned(), expected });
         }
         let folder = folder_of(folder, asset.as_str(), name);
-        let stream = Arc::new(LiveStream::new(asset.clone(), name.to_owned(), folder));
+        let stream = Arc::new(LiveStream::new(asset.clone(), name.to_owned(), folder, self.store.disk()));
         all.insert(key, Arc::clone(&stream));
         Ok(stream)
     }
@@ -353,10 +354,10 @@ fn check_name(name: &str) -> Result<(), ServiceError> {
     })
 }
 
-fn remove_folder(folder: &std::path::Path) -> Result<(), ServiceError> {
-    std::fs::remove_dir_all(folder).map_err(|source| ServiceError::File {
+fn remove_folder(stream: &LiveStream) -> Result<(), ServiceError> {
+    stream.disk.remove_folder(&stream.folder).map_err(|source| ServiceError::File {
         action: "remove",
-        path: folder.to_path_buf(),
+        path: stream.folder.clone(),
         source,
     })
 }

@@ -1,6 +1,7 @@
 //! One stream on the disk: its journal, its state, and its pending records.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -13,7 +14,7 @@ use crate::recording::RecordingError;
 use crate::recording::stream::{Assembler, Chunk, Piece, StreamCut, StreamFormat};
 use crate::service::error::ServiceError;
 use crate::signal::OperatingPoint;
-use crate::store::{JournalEntry, StoreError, StreamJournal, StreamLevels, TimedLevel};
+use crate::store::{Disk, JournalEntry, StoreError, StreamJournal, StreamLevels, TimedLevel};
 
 /// Seconds by which chunks may arrive ahead of earlier ones.
 const REORDER_S: f64 = 2.0;
@@ -50,34 +51,35 @@ pub(crate) struct StoredStream {
 impl StoredStream {
     /// Creates a stream that starts at the index `next`, or at that of the first chunk.
     pub(crate) fn create(
+        disk: Arc<dyn Disk>,
         folder: &Path,
         asset_created_at: Timestamp,
         format: StreamFormat,
         next: Option<u64>,
     ) -> Result<Self, ServiceError> {
-        Self::with_state(folder, StreamState::new(asset_created_at, format, next))
+        Self::with_state(disk, folder, StreamState::new(asset_created_at, format, next))
     }
 
     /// Opens the stream in a folder, also after a crash; returns `None` if there is none.
-    pub(crate) fn open(folder: &Path) -> Result<Option<Self>, ServiceError> {
+    pub(crate) fn open(disk: Arc<dyn Disk>, folder: &Path) -> Result<Option<Self>, ServiceError> {
         let mut state: Option<StreamState> = None;
         let mut levels = Vec::new();
-        StreamJournal::replay(folder, |entry| match (&mut state, &entry) {
+        StreamJournal::replay(&*disk, folder, |entry| match (&mut state, &entry) {
             (Some(state), entry) => state.apply(entry, &mut levels),
             (None, JournalEntry::Checkpoint(text)) => state = serde_json::from_slice(text).ok(),
             (None, _) => {}
         })?;
         let Some(state) = state else { return Ok(None) };
-        let mut stream = Self::with_state(folder, state)?;
+        let mut stream = Self::with_state(disk, folder, state)?;
         stream.levels.append(&levels)?;
         stream.journal.remove_before(stream.state.needed_from())?;
         Ok(Some(stream))
     }
 
-    fn with_state(folder: &Path, state: StreamState) -> Result<Self, ServiceError> {
+    fn with_state(disk: Arc<dyn Disk>, folder: &Path, state: StreamState) -> Result<Self, ServiceError> {
         let format = &state.format;
         Ok(Self {
-            journal: StreamJournal::open(folder, format.frame_bytes(), state.checkpoint())?,
+            journal: StreamJournal::open(disk, folder, format.frame_bytes(), state.checkpoint())?,
             levels: StreamLevels::open(folder, format.channels())?,
             assembler: Assembler::new(format, state.next, format.frames_in(REORDER_S)),
             state,
@@ -301,6 +303,8 @@ mod tests {
     use super::*;
     use crate::recording::RawSample;
     use crate::recording::stream::CutPolicy;
+    use crate::store::SystemDisk;
+    use crate::store::SystemDisk;
 
     const RATE_HZ: f64 = 100.0;
 
@@ -318,7 +322,15 @@ mod tests {
     }
 
     fn stream(folder: &Path) -> StoredStream {
-        StoredStream::create(folder, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap()
+        StoredStream::create(
+            Arc::new(SystemDisk),
+            Arc::new(SystemDisk),
+            folder,
+            Timestamp::UNIX_EPOCH,
+            format(),
+            Some(0),
+        )
+        .unwrap()
     }
 
     #[test]
@@ -348,7 +360,9 @@ mod tests {
                 bytes.extend_from_slice(&[120, 0, 0, 0, 1, 2, 3, 4, 2, 9]);
                 std::fs::write(&newest, bytes).unwrap();
             }
-            killed = StoredStream::open(folder.path()).unwrap().unwrap();
+            killed = StoredStream::open(Arc::new(SystemDisk), Arc::new(SystemDisk), folder.path())
+                .unwrap()
+                .unwrap();
             // Chunks that waited for earlier ones are sent again.
             let next = killed.state.next.unwrap_or(0);
             let again: Vec<Chunk> =
@@ -368,7 +382,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
         let policy = Cutting::from(CutPolicy::new(1.0, 30.0, 10_000.0).unwrap());
-        let mut stream = StoredStream::create(folder.path(), Timestamp::UNIX_EPOCH, format, Some(0)).unwrap();
+        let mut stream = StoredStream::create(
+            Arc::new(SystemDisk),
+            Arc::new(SystemDisk),
+            folder.path(),
+            Timestamp::UNIX_EPOCH,
+            format,
+            Some(0),
+        )
+        .unwrap();
         let second = |k: u64| Chunk {
             first: k * 10_000,
             time_ns: Some(k as i64 * 1_000_000_000),

@@ -1,7 +1,7 @@
-//! The disk operations of a folder of objects. Tests replace them by a disk that fails or loses writes.
+//! The disk operations of objects and of stream journals. Tests replace them by a disk that fails or loses writes.
 
 use std::fmt::Debug;
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -22,6 +22,27 @@ pub trait Disk: Debug + Send + Sync {
     /// Reads a whole file.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         fs::read(path)
+    }
+
+    /// Opens a file for reading.
+    fn open(&self, path: &Path) -> io::Result<File> {
+        File::open(path)
+    }
+
+    /// Creates a file for [`append_synced`](Self::append_synced), which must not exist.
+    fn create_file(&self, path: &Path) -> io::Result<File> {
+        OpenOptions::new().append(true).create_new(true).open(path)
+    }
+
+    /// Appends bytes to a file, and waits until they are durable.
+    fn append_synced(&self, mut file: &File, bytes: &[u8]) -> io::Result<()> {
+        file.write_all(bytes)?;
+        file.sync_data()
+    }
+
+    /// Cuts a file to this number of bytes.
+    fn cut_file(&self, file: &File, bytes: u64) -> io::Result<()> {
+        file.set_len(bytes)
     }
 
     /// Renames a file, replacing an existing one.

@@ -138,6 +138,22 @@ impl Folder {
         }
     }
 
+    /// The first bytes of the names of existing objects and notes.
+    pub(super) fn shards(&self) -> Result<Vec<u8>, StoreError> {
+        let failed = |source| file_error("list", &self.folder, source);
+        let entries = match fs::read_dir(&self.folder) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            entries => entries.map_err(failed)?,
+        };
+        let mut found = Vec::new();
+        for entry in entries {
+            let name = entry.map_err(failed)?.file_name();
+            found.extend(name.to_str().and_then(shard_of));
+        }
+        found.sort_unstable();
+        Ok(found)
+    }
+
     /// Lists the objects whose names start with this byte.
     pub(super) fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         let folder = self.folder.join(format!("{shard:02x}"));
@@ -330,6 +346,13 @@ impl Folder {
         }
         Ok(temporary)
     }
+}
+
+/// The first byte of the names in a folder called `name`.
+fn shard_of(name: &str) -> Option<u8> {
+    let mut shard = [0];
+    hex::decode_to_slice(name, &mut shard).ok()?;
+    Some(shard[0])
 }
 
 /// Whether a file contains these bytes.

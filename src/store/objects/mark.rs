@@ -48,7 +48,7 @@ impl Objects {
 
     /// Whether there are no objects.
     pub fn is_empty(&self) -> Result<bool, StoreError> {
-        for shard in 0..=u8::MAX {
+        for shard in self.shards()? {
             if !self.list(shard)?.is_empty() {
                 return Ok(false);
             }

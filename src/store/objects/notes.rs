@@ -155,7 +155,7 @@ impl Objects {
     /// Copies all notes to other objects; existing notes of assets are replaced.
     pub(in crate::store) fn copy_notes(&self, to: &Self) -> Result<(), StoreError> {
         let mut paths: Vec<String> = Vec::new();
-        for shard in 0..=u8::MAX {
+        for shard in self.shards()? {
             paths.extend(self.note_paths(shard)?.into_iter().map(|(_, path)| path));
         }
         for folder in [ASSETS, REMOVED] {
@@ -181,6 +181,25 @@ impl Objects {
     pub fn removals(&self) -> Result<Vec<RemovalNote>, StoreError> {
         let notes = self.files(REMOVED)?.into_iter().map(|file| self.read(&file.path));
         Ok(notes.collect::<Result<Vec<Option<RemovalNote>>, _>>()?.into_iter().flatten().collect())
+    }
+
+    /// Takes segments out of the notes of removed records, because they are stored again.
+    pub fn note_restored(&self, restored: &HashSet<SegmentId>) -> Result<(), StoreError> {
+        for file in self.files(REMOVED)? {
+            let Some(note) = self.read::<RemovalNote>(&file.path)? else { continue };
+            let (removed_at, mut segments) = (note.removed_at, note.segments);
+            let count = segments.len();
+            segments.retain(|segment| !restored.contains(segment));
+            if segments.len() == count {
+                continue;
+            }
+            // Written before the other is removed: a crash leaves both.
+            if !segments.is_empty() {
+                self.put_removal(&RemovalNote { removed_at, segments })?;
+            }
+            self.remove_file(&file.path)?;
+        }
+        Ok(())
     }
 
     /// Removes the note of an asset.
@@ -246,6 +265,22 @@ mod tests {
                 channel_index: 0,
             },
         }
+    }
+
+    #[test]
+    fn restored_records_are_taken_out_of_the_notes_of_removed_ones() {
+        let folder = tempfile::tempdir().unwrap();
+        let objects = Objects::open(folder.path()).unwrap();
+        let segment = |name: &str| SegmentId(name.to_owned());
+        let notes = [vec!["a", "b"], vec!["c"], vec!["d"]].map(|names| RemovalNote {
+            removed_at: Timestamp::UNIX_EPOCH,
+            segments: names.into_iter().map(segment).collect(),
+        });
+        notes.iter().for_each(|note| objects.put_removal(note).unwrap());
+        objects.note_restored(&["b", "c", "e"].into_iter().map(segment).collect()).unwrap();
+        let mut left: Vec<_> = objects.removals().unwrap().into_iter().map(|note| note.segments).collect();
+        left.sort_unstable_by(|one, other| one[0].0.cmp(&other[0].0));
+        assert_eq!(left, [[segment("a")], [segment("d")]]);
     }
 
     #[test]

@@ -112,6 +112,16 @@ impl LibraryCache {
         write_atomically(&self.ensemble_path(ensemble.id()), &encode_ensemble(ensemble))
     }
 
+    /// Whether there is a file of a library, which may be damaged.
+    pub fn has(&self, id: &str) -> bool {
+        self.path(id).is_file()
+    }
+
+    /// Whether there is a file of an ensemble, which may be damaged.
+    pub fn has_ensemble(&self, id: &str) -> bool {
+        self.ensemble_path(id).is_file()
+    }
+
     fn ensemble_path(&self, id: &str) -> PathBuf {
         self.folder.join("ensembles").join(id).with_extension("fwens")
     }
