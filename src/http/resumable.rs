@@ -18,7 +18,7 @@ use super::resumable_upload::ResumableUpload;
 use super::shares::Client;
 use super::uploads::{self, UploadAnswer};
 use crate::asset::AssetId;
-use crate::service::{ServiceError, blocking, detached};
+use crate::service::{ChannelNames, ServiceError, blocking, detached};
 use crate::store::{NewUpload, UploadPiece};
 
 /// How long an inactive upload is kept, and how long the result of a finished one.
@@ -284,7 +284,7 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
         return Err(Problem::new(StatusCode::INTERNAL_SERVER_ERROR, detail));
     }
     let reader = PieceReader::new(app.service.store.clone(), upload.id.clone(), pieces);
-    uploads::take_recording(app, &upload.asset, move || Ok(reader)).await
+    uploads::take_recording(app, &upload.asset, ChannelNames::default(), move || Ok(reader)).await
 }
 
 /// Stores the result of an upload and removes its pieces.
