@@ -252,18 +252,15 @@ pub(super) async fn envelope(
     let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
     let range = LineRange::new(["from_hz", "to_hz"], params.from_hz, params.to_hz)?;
     let segment = segments::find(&app, &id).await?;
+    if params.band.is_some() && (params.band_low_hz.is_some() || params.band_high_hz.is_some()) {
+        let expected = "no value together with band_low_hz and band_high_hz";
+        return Err(Problem::query("band", "given", expected));
+    }
     let ends = envelope_band::requested(params.band_low_hz, params.band_high_hz, &segment)?;
     let band = match (params.band, ends) {
-        (None, None) => BandChoice::OfAsset,
+        (Some(search), _) => BandChoice::Search(search),
         (None, Some(ends)) => BandChoice::Hertz(ends),
-        (Some(search), None) => BandChoice::Search(search),
-        (Some(_), Some(_)) => {
-            return Err(Problem::query(
-                "band",
-                "given",
-                "no value together with band_low_hz and band_high_hz",
-            ));
-        }
+        (None, None) => BandChoice::OfAsset,
     };
     let _ticket = app.service.workers.admit_answer()?;
     let computed = app.service.records.envelope(&segment, band).await;

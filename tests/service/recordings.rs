@@ -262,16 +262,15 @@ fn channels_of_a_recording_get_other_names_and_units() {
         let path = format!("/v1/assets/pump/segments?channel={channel}&order=desc&limit=1");
         service.get(&path).expect(200).json()["items"][0].clone()
     };
-    let rms = |channel: &str| latest(channel)["rms"].as_f64().unwrap();
+    let rms = |channel: &str| latest(channel)["indicators"]["rms"].as_f64().unwrap();
     // Samples without a unit are in g; those of y have their own unit, which takes precedence.
     assert_eq!((&latest("input")["unit"], &latest("x")["unit"]), (&json!("m/s2"), &json!("m/s2")));
     let first = service.get("/v1/assets/pump/segments?channel=input&limit=1").expect(200).json();
-    let ratio = first["items"][0]["rms"].as_f64().unwrap() / rms("x");
+    let ratio = first["items"][0]["indicators"]["rms"].as_f64().unwrap() / rms("x");
     assert!((ratio / 9.80665 - 1.0).abs() < 1e-5, "{ratio}");
     // The stored bytes are those of the recording, and are read under the new name and unit.
     let id = latest("input")["id"].as_str().unwrap().to_owned();
-    let waveform =
-        service.get(&format!("/v1/segments/{id}/waveform?max_points=200000")).expect(200).json();
+    let waveform = service.get(&format!("/v1/segments/{id}/waveform?max_points=200000")).expect(200).json();
     let read = waveform["value"][7].as_f64().unwrap();
     assert!((read / (f64::from(samples(1)[7]) * 9.80665) - 1.0).abs() < 1e-5, "{read}");
     let again = send("recorded_channels=x,y&channel_names=input,x&channel_units=g,mm/s").expect(201).json();

@@ -73,7 +73,8 @@ fn lines_of_the_envelope(service: &Service, id: &str, shaft_hz: f64) {
     assert_eq!((&of_asset["baseline_records"], &of_asset["spectrum"]), (&json!(8), &json!("envelope")));
     let [low, high] = [0, 1].map(|end| envelope["band_hz"][end].as_f64().unwrap());
     let band = format!("band_low_hz={low}&band_high_hz={high}");
-    let over_orders = lines(&format!("axis=orders&at={}&{band}", hertz[strongest] / shaft_hz)).expect(200).json();
+    let over_orders =
+        lines(&format!("axis=orders&at={}&{band}", hertz[strongest] / shaft_hz)).expect(200).json();
     let (order, hz) = (&over_orders["items"][0], &of_asset["items"][0]);
     assert_eq!(order["amplitude"], hz["amplitude"]);
     let change = |line: &Value| line["change_db"].as_f64().unwrap();
@@ -225,7 +226,10 @@ fn a_report_is_one_page_without_scripts() {
     let answer = service.get("/v1/assets/gearbox/report").expect(200);
     assert_eq!(answer.header("content-type"), "text/html; charset=utf-8");
     let html = String::from_utf8_lossy(&answer.bytes);
-    assert!(html.contains("12 records") && html.matches("<svg class=\"narrow\" viewBox=\"0 0 360").count() >= 4, "{html}");
+    assert!(
+        html.contains("12 records") && html.matches("<svg class=\"narrow\" viewBox=\"0 0 360").count() >= 4,
+        "{html}"
+    );
     assert!(!html.contains("<script"));
 }
 

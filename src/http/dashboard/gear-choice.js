@@ -3,7 +3,10 @@
 import { h } from "./dom.js";
 import { change } from "./route.js";
 
-/** The numbers of the gears in an address: 1 driving, 2 driven. */
+/**
+ * The numbers of the gears in an address: 1 driving, 2 driven.
+ * @returns {(1 | 2)[]}
+ */
 export const gearsIn = ({ gear }) => (gear === "both" ? [1, 2] : gear === "2" ? [2] : [1]);
 
 const NAMES = ["Driving gear", "Driven gear"];

@@ -59,7 +59,7 @@ export class ImportChannels {
     const { channels, summary } = seen;
     const kept = this.#fields.map(({ name, unit: own }) => [name.value, own?.value]);
     this.#fields = [];
-    const rows = channels.slice(0, MAX_CHANNELS).map((channel, n) => this.#row(channel, n, kept[n] ?? []));
+    const rows = channels.slice(0, MAX_CHANNELS).map((channel, n) => this.#row(channel, n, kept[n]));
     const more =
       channels.length > MAX_CHANNELS
         ? h("p", { class: "muted" }, `and ${channels.length - MAX_CHANNELS} more channels`)
@@ -67,7 +67,7 @@ export class ImportChannels {
     setChildren(this.element, rows, more, topics(summary));
   }
 
-  #row(channel, n, [keptName, keptUnit]) {
+  #row(channel, n, [keptName, keptUnit] = [undefined, undefined]) {
     const { type, channels } = this.#seen;
     const label = channel.name || `channel ${n + 1}`;
     const of = `${label} of ${this.#file.name}`;
