@@ -57,7 +57,7 @@ export class ImportChannels {
   show(seen) {
     this.#seen = seen;
     const { channels, summary } = seen;
-    const kept = this.#fields.map(({ name, unit: own }) => [name.value, own?.value]);
+    const kept = this.#fields.map(({ name, unit: own }) => ({ name: name.value, unit: own?.value }));
     this.#fields = [];
     const rows = channels.slice(0, MAX_CHANNELS).map((channel, n) => this.#row(channel, n, kept[n]));
     const more =
@@ -67,7 +67,7 @@ export class ImportChannels {
     setChildren(this.element, rows, more, topics(summary));
   }
 
-  #row(channel, n, [keptName, keptUnit] = [undefined, undefined]) {
+  #row(channel, n, kept) {
     const { type, channels } = this.#seen;
     const label = channel.name || `channel ${n + 1}`;
     const of = `${label} of ${this.#file.name}`;
@@ -99,8 +99,8 @@ export class ImportChannels {
           disabled: Boolean(channel.unit), // the file's own unit takes precedence
         })
       : null;
-    name.value = keptName ?? (type === "text/csv" && channels.length > 1 ? channel.name : "");
-    if (own) own.value = channel.unit || (keptUnit ?? "");
+    name.value = kept?.name ?? (type === "text/csv" && channels.length > 1 ? channel.name : "");
+    if (own) own.value = channel.unit || (kept?.unit ?? "");
     this.#fields.push({ name, unit: own });
     return h(
       "div",

@@ -330,6 +330,12 @@ export class SetupPage {
 
   /** The current description; null when the JSON is invalid. */
   #description() {
+    const spec = this.#entered();
+    return spec && withoutGaps(spec);
+  }
+
+  /** The same with the empty entries of lists. */
+  #entered() {
     const rest = this.#rest();
     if (!rest) return null;
     const spec = this.#inputs.description(rest, this.#shape);
@@ -338,7 +344,7 @@ export class SetupPage {
     // those of the JSON, unless the form has some
     if (alarms) spec.alarms ??= alarms;
     if (bins) spec.operating_bins ??= bins;
-    return withoutGaps(spec);
+    return spec;
   }
 
   #typed({ target }) {
@@ -352,7 +358,7 @@ export class SetupPage {
   }
 
   #keepDraft() {
-    const spec = this.#isNew && this.#description();
+    const spec = this.#isNew && this.#entered();
     if (spec) this.#draft.keep(spec);
   }
 
