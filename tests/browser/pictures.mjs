@@ -39,12 +39,12 @@ const PICTURES = {
   record: [
     `${page}?segment=${worn}&show=spectrum,turn&axis=orders&cursor=s~24~1&zoom=1`,
     plots("spectrum", "turn"),
-    [640, 500, 630, 1632],
+    [640, 500, 630, 1566],
   ],
   bench: [
     `#/bench?records=${[worn, middle, early].join(",")}&show=spectrum,waveform&axis=orders&scale=db&quantity=velocity`,
     plots("spectrum", "waveform"),
-    1920,
+    2240,
   ],
   match: [`${page}/match`, plots("features"), 1525],
   waterfall: [`${page}/waterfall?axis=orders`, plots("waterfall"), 930],
