@@ -19,7 +19,7 @@ use super::resumable_upload::ResumableUpload;
 use super::shares::Client;
 use super::uploads::{self, UploadAnswer};
 use crate::asset::AssetId;
-use crate::service::{ServiceError, blocking, detached};
+use crate::service::{ChannelNames, ServiceError, blocking, detached};
 use crate::store::{NewUpload, UploadPiece};
 
 /// How long an inactive upload is kept, and how long the result of a finished one.
@@ -286,7 +286,8 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
     }
     let reader = PieceReader::new(app.service.store.clone(), upload.id.clone(), pieces);
     let failure = reader.failure();
-    let taken = uploads::take_recording(app, &upload.asset, move || Ok(reader)).await;
+    let taken =
+        uploads::take_recording(app, &upload.asset, ChannelNames::default(), move || Ok(reader)).await;
     let failure = failure.lock().unwrap_or_else(PoisonError::into_inner).take();
     failure.map_or(taken, |error| Err(error.into()))
 }

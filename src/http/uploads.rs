@@ -21,7 +21,8 @@ use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::{JsonBlock, RawLayout};
 use crate::service::{
-    Accepted, BatchSummary, QueuedRecord, RecordFormat, SampleFile, ServiceError, UploadMetadata, detached,
+    Accepted, BatchSummary, ChannelNames, QueuedRecord, RecordFormat, SampleFile, ServiceError,
+    UploadMetadata, detached,
 };
 use crate::signal::OperatingPoint;
 use crate::store::KeyedUpload;
@@ -58,15 +59,22 @@ pub(super) struct UploadParameters {
     /// The channel's name, if the recording has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     channel: Option<String>,
-    /// Names of the channels of a multi-channel recording, in order, comma-separated.
+    /// Names of the channels of a multi-channel recording, in order, comma-separated; for MCAP, those of the
+    /// channels in `recorded_channels`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "input,output")]
     channel_names: Option<String>,
+    /// For MCAP: names in the recording of the channels that get the names in `channel_names`, in the same
+    /// order, comma-separated. Other channels keep their names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = "gearbox/x,gearbox/y")]
+    recorded_channels: Option<String>,
     /// Unit of the samples if the recording does not contain it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "m/s2")]
     unit: Option<String>,
-    /// Units of the channels named in `channel_names`, in order, comma-separated; empty entries use `unit`.
+    /// Units of the channels named in `channel_names`, in order, comma-separated, for samples whose unit the
+    /// recording does not contain; empty entries use `unit`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "g,m/s2")]
     channel_units: Option<String>,
@@ -306,9 +314,7 @@ impl Upload<'_> {
 
     async fn take_mcap(&self, headers: &HeaderMap, body: Body) -> Result<Answered, Problem> {
         let app = self.app;
-        if let Some(name) = self.params.first_given() {
-            return Err(Problem::query(&name, "given", "no value: an MCAP file contains it for each record"));
-        }
+        let names = self.params.channels_of_recording()?;
         let ticket = app.service.workers.admit()?;
         let spooled = SpooledBody::receive(headers, body, &app.uploads, &app.limits).await?;
         if self.key.is_some()
@@ -319,7 +325,7 @@ impl Upload<'_> {
         let (app, asset) = (app.clone(), self.asset.clone());
         let work = async move {
             let path = spooled.path().to_path_buf();
-            let answer = take_recording(&app, &asset, move || File::open(path)).await;
+            let answer = take_recording(&app, &asset, names, move || File::open(path)).await;
             drop((spooled, ticket));
             answer
         };
@@ -354,6 +360,7 @@ impl Upload<'_> {
         let given: &[(&str, bool)] = &[
             ("sample", params.sample.is_some()),
             ("channels", params.channels.is_some()),
+            ("recorded_channels", params.recorded_channels.is_some()),
             ("time_column", params.time_column.is_some()),
             ("columns", params.columns.is_some()),
             ("sample_rate_hz", params.sample_rate_hz.is_some()),
@@ -415,10 +422,6 @@ impl Upload<'_> {
         if let (Some(_), Some(unit)) = (&in_g, params.unit.as_deref().filter(|unit| *unit != "g")) {
             return Err(Problem::query("unit", unit, "g, or no value, with sensitivity_mv_per_g"));
         }
-        let listed = |list: &Option<String>| {
-            let list = list.as_deref();
-            list.map(|list| list.split(',').map(|each| each.trim().to_string()).collect()).unwrap_or_default()
-        };
         Ok(UploadMetadata {
             start_time: params.start_time,
             channel: params.channel.clone(),
@@ -444,9 +447,10 @@ fn answer_before(first: &KeyedUpload) -> Option<Answered> {
 pub(super) async fn take_recording<R: Read + Send + 'static>(
     app: &App,
     asset: &AssetId,
+    names: ChannelNames,
     open: impl FnOnce() -> io::Result<R> + Send + 'static,
 ) -> Result<UploadAnswer, Problem> {
-    let mut summary = app.service.pipeline.accept_recording(asset, open).await?;
+    let mut summary = app.service.pipeline.accept_recording(asset, names, open).await?;
     let segments = std::mem::take(&mut summary.segments);
     let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
     let wear = match channel {
@@ -471,10 +475,25 @@ impl UploadParameters {
         }
     }
 
-    fn first_given(&self) -> Option<String> {
-        let given = serde_json::to_value(self).ok()?;
-        given.as_object()?.keys().next().cloned()
+    /// Returns the new names of an MCAP recording's channels; a problem if anything else is given, as the
+    /// recording contains it.
+    fn channels_of_recording(&self) -> Result<ChannelNames, Problem> {
+        const USED: [&str; 3] = ["recorded_channels", "channel_names", "channel_units"];
+        let given = serde_json::to_value(self).unwrap_or_default();
+        let mut names = given.as_object().into_iter().flat_map(|given| given.keys());
+        if let Some(name) = names.find(|name| !USED.contains(&name.as_str())) {
+            return Err(Problem::query(name, "given", "no value: an MCAP file contains it for each record"));
+        }
+        let [recorded, names, units] =
+            [&self.recorded_channels, &self.channel_names, &self.channel_units].map(listed);
+        Ok(ChannelNames::new(&recorded, &names, &units)?)
     }
+}
+
+/// The entries of a comma-separated list.
+fn listed(list: &Option<String>) -> Vec<String> {
+    let list = list.as_deref();
+    list.map(|list| list.split(',').map(|each| each.trim().to_string()).collect()).unwrap_or_default()
 }
 
 fn key(headers: &HeaderMap) -> Result<Option<String>, Problem> {

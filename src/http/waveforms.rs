@@ -9,9 +9,9 @@ use super::app::App;
 use super::line_range::LineRange;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
-use super::{matching, segments};
+use super::{envelope_band, matching, segments};
 use crate::asset::{Segment, SegmentId};
-use crate::service::{BandChoice, ServiceError};
+use crate::service::BandChoice;
 use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Motion, Spectrum, reduction};
 
 /// Default number of points of a curve.
@@ -252,36 +252,19 @@ pub(super) async fn envelope(
     let max_points = query::max_points(params.max_points, DEFAULT_POINTS)?;
     let range = LineRange::new(["from_hz", "to_hz"], params.from_hz, params.to_hz)?;
     let segment = segments::find(&app, &id).await?;
-    let half_rate_hz = segment.sample_rate_hz / 2.0;
-    let band = match (params.band, params.band_low_hz, params.band_high_hz) {
-        (None, None, None) => BandChoice::OfAsset,
-        (Some(search), None, None) => BandChoice::Search(search),
-        (Some(_), _, _) => {
-            return Err(Problem::query(
-                "band",
-                "given",
-                "no value together with band_low_hz and band_high_hz",
-            ));
-        }
-        (None, Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => {
-            BandChoice::Hertz([low, high])
-        }
-        (None, low, high) => {
-            let end = |hz: Option<f64>| hz.map_or_else(|| "missing".to_owned(), |hz| hz.to_string());
-            let found = format!("{} to {}", end(low), end(high));
-            let expected = format!("both ends, the lower one first, from 0 to {half_rate_hz} Hz");
-            return Err(Problem::query("band_low_hz, band_high_hz", found, &expected));
-        }
+    if params.band.is_some() && (params.band_low_hz.is_some() || params.band_high_hz.is_some()) {
+        let expected = "no value together with band_low_hz and band_high_hz";
+        return Err(Problem::query("band", "given", expected));
+    }
+    let ends = envelope_band::requested(params.band_low_hz, params.band_high_hz, &segment)?;
+    let band = match (params.band, ends) {
+        (Some(search), _) => BandChoice::Search(search),
+        (None, Some(ends)) => BandChoice::Hertz(ends),
+        (None, None) => BandChoice::OfAsset,
     };
     let _ticket = app.service.workers.admit_answer()?;
     let computed = app.service.records.envelope(&segment, band).await;
-    let envelope = computed.map_err(|error| match error {
-        // The requested band is finer than the record's resolution.
-        ServiceError::Field { value, expected, .. } if band != BandChoice::OfAsset => {
-            Problem::query("band_low_hz, band_high_hz", value, expected)
-        }
-        error => error.into(),
-    })?;
+    let envelope = computed.map_err(|error| envelope_band::refusal(error, band))?;
     Ok(Json(EnvelopeView {
         spectrum: view(segment, envelope.spectrum, envelope.mesh_lines, max_points, range),
         band: envelope.band,

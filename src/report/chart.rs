@@ -5,8 +5,22 @@ use std::fmt::Write;
 use super::page::escape;
 use super::ticks::{self, Tick};
 
-const WIDTH: f64 = 760.0;
-const HEIGHT: f64 = 250.0;
+/// The size of a drawing in units of its text, of which a digit is about 7 wide.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Size {
+    class: &'static str,
+    width: f64,
+    height: f64,
+    /// Number of ticks on axes of time, of numbers, and on the vertical one.
+    ticks: [usize; 3],
+}
+
+/// For paper and wide screens.
+const WIDE: Size = Size { class: "wide", width: 760.0, height: 250.0, ticks: [6, 8, 5] };
+
+/// For a phone, where the wide one would have unreadable text.
+const NARROW: Size = Size { class: "narrow", width: 360.0, height: 230.0, ticks: [3, 4, 5] };
+
 const LEFT: f64 = 64.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
@@ -67,17 +81,19 @@ pub(super) struct Chart {
 
 /// The ranges of the plot area.
 struct Frame {
+    size: Size,
     x: [f64; 2],
     y: [f64; 2],
 }
 
 impl Frame {
     fn x_px(&self, x: f64) -> f64 {
-        LEFT + (x - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT)
+        LEFT + (x - self.x[0]) / (self.x[1] - self.x[0]) * (self.size.width - LEFT - RIGHT)
     }
 
     fn y_px(&self, y: f64) -> f64 {
-        HEIGHT - BOTTOM - (y - self.y[0]) / (self.y[1] - self.y[0]) * (HEIGHT - TOP - BOTTOM)
+        let height = self.size.height;
+        height - BOTTOM - (y - self.y[0]) / (self.y[1] - self.y[0]) * (height - TOP - BOTTOM)
     }
 }
 
@@ -87,11 +103,19 @@ impl Chart {
         self.series.iter().all(|series| series.points.iter().all(|(_, y)| y.is_none()))
     }
 
-    /// Renders the chart as SVG; `label` describes it for screen readers.
+    /// Renders the chart as SVG in a wide and a narrow form, of which the page shows the one that fits; `label`
+    /// describes it for screen readers.
     pub(super) fn svg(&self, label: &str) -> String {
-        let frame = self.frame();
-        let mut svg =
-            format!("<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">", escape(label));
+        [WIDE, NARROW].map(|size| self.drawn(size, label)).concat()
+    }
+
+    fn drawn(&self, size: Size, label: &str) -> String {
+        let frame = self.frame(size);
+        let Size { class, width, height, .. } = size;
+        let mut svg = format!(
+            "<svg class=\"{class}\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{}\">",
+            escape(label)
+        );
         self.axes(&frame, &mut svg);
         if !self.band.is_empty() {
             let upper = self.band.iter().map(|(x, _, high)| (*x, *high));
@@ -105,7 +129,7 @@ impl Chart {
                 svg,
                 "<line class=\"{0}\" x1=\"{LEFT}\" x2=\"{1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/><text class=\"{0}\" x=\"{2}\" y=\"{3:.1}\">{4}</text>",
                 level.class,
-                WIDTH - RIGHT,
+                width - RIGHT,
                 LEFT + 4.0,
                 y - 4.0,
                 escape(&level.name)
@@ -118,7 +142,7 @@ impl Chart {
                 svg,
                 "<line class=\"mark {}\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{}\"><title>{}</title></line>",
                 mark.class,
-                HEIGHT - BOTTOM,
+                height - BOTTOM,
                 escape(&mark.name)
             );
         }
@@ -148,7 +172,7 @@ impl Chart {
         format!("<ul class=\"legend\">{entries}</ul>")
     }
 
-    fn frame(&self) -> Frame {
+    fn frame(&self, size: Size) -> Frame {
         let xs = || self.series.iter().flat_map(|series| series.points.iter().map(|(x, _)| *x));
         let ys = self.series.iter().flat_map(|series| series.points.iter().filter_map(|(_, y)| *y));
         let ys = ys
@@ -160,12 +184,13 @@ impl Chart {
         }
         let margin = 0.06 * (high - low);
         let below = if self.from_zero && low == 0.0 { 0.0 } else { margin };
-        Frame { x: extent(xs()), y: [low - below, high + margin] }
+        Frame { size, x: extent(xs()), y: [low - below, high + margin] }
     }
 
     fn axes(&self, frame: &Frame, svg: &mut String) {
-        let (right, bottom) = (WIDTH - RIGHT, HEIGHT - BOTTOM);
-        for Tick { at, label } in ticks::numbers(frame.y[0], frame.y[1], 5) {
+        let Size { width, height, ticks: [times, numbers, upwards], .. } = frame.size;
+        let (right, bottom) = (width - RIGHT, height - BOTTOM);
+        for Tick { at, label } in ticks::numbers(frame.y[0], frame.y[1], upwards) {
             let y = frame.y_px(at);
             let _ = write!(
                 svg,
@@ -175,13 +200,13 @@ impl Chart {
             );
         }
         let across = match self.horizontal {
-            XAxis::Time => ticks::times(frame.x[0], frame.x[1], 6),
-            XAxis::Number => ticks::numbers(frame.x[0], frame.x[1], 8),
+            XAxis::Time => ticks::times(frame.x[0], frame.x[1], times),
+            XAxis::Number => ticks::numbers(frame.x[0], frame.x[1], numbers),
         };
         for Tick { at, label } in across {
             let x = frame.x_px(at);
             // A label centred on the last tick would exceed the edge of the chart.
-            let anchor = if x + LABEL_HALF > WIDTH { "end" } else { "middle" };
+            let anchor = if x + LABEL_HALF > width { "end" } else { "middle" };
             let _ = write!(
                 svg,
                 "<line class=\"tick\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{bottom}\" y2=\"{}\"/><text x=\"{x:.1}\" y=\"{}\" text-anchor=\"{anchor}\">{label}</text>",
@@ -195,7 +220,7 @@ impl Chart {
              <text class=\"title\" x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>\
              <text class=\"title\" transform=\"translate(14 {}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
             (LEFT + right) / 2.0,
-            HEIGHT - 8.0,
+            height - 8.0,
             escape(&self.x_title),
             (TOP + bottom) / 2.0,
             escape(&self.y_title)
@@ -277,7 +302,7 @@ mod tests {
         let svg =
             chart(vec![(0.0, Some(1.0)), (1.0, Some(2.0)), (2.0, None), (3.0, Some(1.0)), (4.0, Some(0.5))])
                 .svg("words");
-        assert_eq!(svg.matches("<polyline").count(), 2);
+        assert_eq!(svg.matches("<polyline").count(), 2 * 2, "in the wide and in the narrow drawing");
     }
 
     #[test]
@@ -285,7 +310,7 @@ mod tests {
         let mut points: Vec<_> = (0..100_000).map(|n| (f64::from(n), Some(0.0))).collect();
         points[54_321].1 = Some(7.0);
         let chart = chart(points);
-        let frame = chart.frame();
+        let frame = chart.frame(WIDE);
         let reduced = downsample(&chart.series[0].points, &frame);
         assert!(reduced.len() < 4000 && reduced.contains(&(54_321.0, 7.0)), "{}", reduced.len());
     }

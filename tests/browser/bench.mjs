@@ -360,6 +360,42 @@ export const CHECKS = {
     await close(opened, name);
   },
 
+  "the averages of both gears are above one another": async (name) => {
+    const chosen = await records(2);
+    const opened = await open(address(chosen, "show=turn"));
+    const { page } = opened;
+    await drawn(page, "turn");
+    await page
+      .getByRole("combobox", { name: "Gear of the average", exact: true })
+      .selectOption({ label: "Both gears" });
+    for (const gear of ["driving", "driven"])
+      await page.locator('[data-plot="turn"] .infolayer', { hasText: `Angle of the ${gear} gear` }).waitFor();
+    const expected = await Promise.all(
+      chosen.flatMap(({ id }) => [1, 2].map((gear) => json(`segments/${id}/turn?gear=${gear}`))),
+    );
+    const lines = await page.evaluate(() =>
+      document
+        .querySelector('[data-plot="turn"] .plot')
+        .data.map(({ y, yaxis = "y" }) => ({ y: Array.from(y), yaxis })),
+    );
+    // the first record is drawn last, on top
+    const [first, second] = [expected.slice(0, 2), expected.slice(2)];
+    assert.deepEqual(
+      lines,
+      [...second, ...first].map(({ average, gear }) => ({ y: average, yaxis: gear === 2 ? "y2" : "y" })),
+    );
+    assert.equal(parameters(page).get("gear"), "both");
+    const restored = await open(`#/assets/${asset}?show=turn&segment=${chosen[0].id}&gear=both`);
+    const { driven, driving } = { driving: first[0], driven: first[1] };
+    for (const words of [
+      `${driving.turns} turns of the driving gear`,
+      `${driven.turns} turns of the driven gear`,
+    ])
+      await restored.page.getByText(words).waitFor();
+    await close(restored, `${name} on the record's page`);
+    await close(opened, name);
+  },
+
   "the largest lines are those of the spectrum at full resolution": async (name) => {
     const chosen = await records(2);
     const opened = await open(address(chosen, "band=1000~3000&peaks=5"));

@@ -11,7 +11,8 @@
 // of the start of the asset's run (optional)
 // FLANKWATCH_PAGES: a folder of pages to use instead of those built into the server
 // FLANKWATCH_SHOTS: a folder for screenshots (optional)
-// FLANKWATCH_ONLY: run only checks whose file and name ("fleet: 500 assets") contain this
+// FLANKWATCH_ONLY: run only checks whose file and name ("fleet: 500 assets") contain this, or one of several
+// texts separated by "|"
 
 import { mkdir } from "node:fs/promises";
 import { browser, shots } from "./page.mjs";
@@ -28,6 +29,7 @@ const FILES = [
   "links",
   "downloads",
   "bench",
+  "baseline-lines",
   "times",
   "live",
   "stream",
@@ -36,8 +38,10 @@ const FILES = [
   "alarm-levels",
   "upload",
   "import",
+  "import-channels",
   "records",
   "setup",
+  "setup-draft",
   "journey",
   "session",
   "tokens",
@@ -46,7 +50,7 @@ const FILES = [
   "accessibility",
   "speed",
 ];
-const only = process.env.FLANKWATCH_ONLY ?? "";
+const only = (process.env.FLANKWATCH_ONLY ?? "").split("|");
 
 if (shots) await mkdir(shots, { recursive: true });
 const failures = [];
@@ -54,7 +58,7 @@ let run = 0;
 for (const file of FILES) {
   const { CHECKS } = await import(`./${file}.mjs`);
   for (const [name, check] of Object.entries(CHECKS ?? {}).filter(([name]) =>
-    `${file}: ${name}`.includes(only),
+    only.some((text) => `${file}: ${name}`.includes(text)),
   )) {
     const began = Date.now();
     run += 1;

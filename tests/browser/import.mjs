@@ -77,7 +77,7 @@ export const CHECKS = {
     ]);
     await card(page, "mono.flac").getByText("FLAC · 1 channel · 20 kHz (from the file) · 0.25 s").waitFor();
     await card(page, "array.npy").getByText("Sample rate is missing").waitFor();
-    await page.getByText("For all files other than MCAP: unit").click();
+    await page.getByText("Unit; for all files other than MCAP").click();
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12800");
     await page.getByLabel("Unit", { exact: true }).fill("m/s2");
     await card(page, "array.npy").getByText("NumPy · 2 channels · 12.8 kHz (entered)").waitFor();
@@ -138,7 +138,7 @@ export const CHECKS = {
     await card(page, "block.pb").locator("svg.sketch").waitFor();
     // a MATLAB file without a rate is inspected again when one is entered
     await card(page, "two.mat").locator('.result[data-kind="bad"]').waitFor();
-    await page.getByText("For all files other than MCAP: unit").click();
+    await page.getByText("Unit; for all files other than MCAP").click();
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").fill("12000");
     await page.getByLabel("Sampling rate of a CSV, MATLAB or NumPy file, Hz").blur();
     await card(page, "two.mat").getByText("MATLAB · 2 channels · 12 kHz (entered)").waitFor();
@@ -527,7 +527,7 @@ export const CHECKS = {
       audio("a_20260401_080000.wav", wav(2000)),
       audio("b_20260401_090000.wav", wav(2000)),
     ]);
-    await page.getByText("For all files other than MCAP: unit").click();
+    await page.getByText("Unit; for all files other than MCAP").click();
     await page.getByLabel("Full scale of 16-bit WAV files, in the unit").fill("20");
     await page.getByLabel("Full scale of a_20260401_080000.wav").fill("50");
     await send(page);

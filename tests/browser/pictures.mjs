@@ -37,14 +37,14 @@ const PICTURES = {
   alarms: ["#/alarms", (shown) => shown.locator("main tbody tr").first().click(), 660],
   wear: [`${page}/wear`, (shown) => shown.locator('[data-plot="mesh"]').waitFor(), 1160],
   record: [
-    `${page}?segment=${worn}&show=spectrum,turn,cepstrum&axis=orders&cursor=s~24~1&zoom=1`,
-    plots("spectrum", "turn", "cepstrum"),
-    [640, 500, 630, 1490],
+    `${page}?segment=${worn}&show=spectrum,turn&axis=orders&cursor=s~24~1&zoom=1`,
+    plots("spectrum", "turn"),
+    [640, 500, 630, 1566],
   ],
   bench: [
     `#/bench?records=${[worn, middle, early].join(",")}&show=spectrum,waveform&axis=orders&scale=db&quantity=velocity`,
     plots("spectrum", "waveform"),
-    1920,
+    2240,
   ],
   match: [`${page}/match`, plots("features"), 1525],
   waterfall: [`${page}/waterfall?axis=orders`, plots("waterfall"), 930],

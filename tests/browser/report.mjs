@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { writeFile } from "node:fs/promises";
 import { join } from "node:path";
-import { asset, close, open, shots } from "./page.mjs";
+import { asset, close, noSidewaysScrolling, open, PHONE, shots } from "./page.mjs";
 
 /** Puts a link at the start and end of every unbreakable element: a PDF tells on which page a link is. */
 const mark = (page) =>
@@ -91,6 +91,33 @@ export const CHECKS = {
     assert.ok(pages.length <= figures.length + 3, `${pages.length} pages for ${figures.length} plots`);
     await page.emulateMedia({ media: "print" });
     assert.ok(await page.locator(".form").isHidden(), "the form is not printed");
+    await close(opened, name);
+  },
+
+  "plots are readable on a phone": async (name) => {
+    const opened = await open(`v1/assets/${asset}/report`, { ...PHONE, colorScheme: "light" });
+    const { page } = opened;
+    await noSidewaysScrolling(page);
+    const plots = await page.locator("figure").evaluateAll((figures) =>
+      figures.map((figure) => {
+        const shown = [...figure.querySelectorAll(":scope > svg")].filter((svg) => svg.checkVisibility());
+        const frame = figure.getBoundingClientRect();
+        const labels = [...shown[0].querySelectorAll("text")].map((text) => text.getBoundingClientRect());
+        const along = labels.slice(0, -2).filter(({ width, height }) => width > height);
+        return {
+          shown: shown.length,
+          least: Math.min(...along.map(({ height }) => height)),
+          outside: labels.filter(({ left, right }) => left < frame.left - 1 || right > frame.right + 1)
+            .length,
+          fits: figure.scrollWidth <= figure.clientWidth,
+        };
+      }),
+    );
+    assert.ok(plots.length >= 4, `${plots.length} plots`);
+    for (const plot of plots) {
+      assert.deepEqual([plot.shown, plot.outside, plot.fits], [1, 0, true], JSON.stringify(plot));
+      assert.ok(plot.least >= 11, `text of ${plot.least} px`);
+    }
     await close(opened, name);
   },
 };

@@ -378,7 +378,7 @@ export const CHECKS = {
     });
     await page.locator("summary", { hasText: /^Unit and calibration of the channel/ }).click();
     await page.locator("summary", { hasText: /^Fault frequencies/ }).click();
-    for (const word of ["bearing", "bearing", "measuring point", "custom band", "other mesh"])
+    for (const word of ["bearing", "bearing", "measuring point", "custom band", "mesh on the machine"])
       await page.getByRole("button", { name: `Add another ${word}` }).click();
     const values = {
       Bearing: "drive_end",

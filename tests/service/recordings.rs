@@ -249,6 +249,47 @@ fn every_measuring_point_has_its_unit_in_every_format() {
 }
 
 #[test]
+fn channels_of_a_recording_get_other_names_and_units() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let without_unit = |channel: &str, n: u32| {
+        let record = record(channel, n);
+        Record::new(channel, record.start_time(), record.sample_rate_hz(), "", record.samples().to_vec())
+            .unwrap()
+    };
+    let recording = mcap(&[without_unit("x", 0), record("y", 0), record("z", 0), without_unit("x", 1)]);
+    let send = |query: &str| {
+        service.post(&format!("/v1/assets/pump/segments?{query}"), "application/mcap", &recording)
+    };
+    let answer = send("recorded_channels=x,y&channel_names=input,x&channel_units=g,mm/s").expect(201).json();
+    assert_eq!((&answer["stored"], &answer["channels"]), (&json!(4), &json!(["input", "x", "z"])));
+    let latest = |channel: &str| {
+        let path = format!("/v1/assets/pump/segments?channel={channel}&order=desc&limit=1");
+        service.get(&path).expect(200).json()["items"][0].clone()
+    };
+    let rms = |channel: &str| latest(channel)["indicators"]["rms"].as_f64().unwrap();
+    // Samples without a unit are in g; those of y have their own unit, which takes precedence.
+    assert_eq!((&latest("input")["unit"], &latest("x")["unit"]), (&json!("m/s2"), &json!("m/s2")));
+    let first = service.get("/v1/assets/pump/segments?channel=input&limit=1").expect(200).json();
+    let ratio = first["items"][0]["indicators"]["rms"].as_f64().unwrap() / rms("x");
+    assert!((ratio / 9.80665 - 1.0).abs() < 1e-5, "{ratio}");
+    // The stored bytes are those of the recording, and are read under the new name and unit.
+    let id = latest("input")["id"].as_str().unwrap().to_owned();
+    let waveform = service.get(&format!("/v1/segments/{id}/waveform?max_points=200000")).expect(200).json();
+    let read = waveform["value"][7].as_f64().unwrap();
+    assert!((read / (f64::from(samples(1)[7]) * 9.80665) - 1.0).abs() < 1e-5, "{read}");
+    let again = send("recorded_channels=x,y&channel_names=input,x&channel_units=g,mm/s").expect(201).json();
+    assert_eq!((&again["stored"], &again["repeated"]), (&json!(0), &json!(4)));
+
+    send("recorded_channels=x,y&channel_names=a").expect_problem(422, &["recorded_channels"]);
+    send("recorded_channels=x,y&channel_names=a,a").expect_problem(422, &["channel_names", "at most once"]);
+    send("channel_names=a").expect_problem(422, &["recorded_channels"]);
+    send("unit=g").expect_problem(400, &["unit"]);
+    let path = "/v1/assets/pump/segments?recorded_channels=x&channel_names=a";
+    service.post(path, "audio/wav", &wav(&[samples(1)])).expect_problem(400, &["recorded_channels"]);
+}
+
+#[test]
 fn recordings_are_previewed_without_being_stored() {
     let service = Service::start();
     let look = |query: &str, media_type: &str, bytes: &[u8]| {

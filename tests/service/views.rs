@@ -61,6 +61,34 @@ fn fed(service: &Service, with_library: bool) -> String {
     last
 }
 
+/// The lines of the envelope are those of its spectrum, beside the baseline's in the same band.
+fn lines_of_the_envelope(service: &Service, id: &str, shaft_hz: f64) {
+    let envelope = service.get(&format!("/v1/segments/{id}/envelope?max_points=200000")).expect(200).json();
+    let (hertz, amplitude) = (numbers(&envelope["frequency_hz"]), numbers(&envelope["amplitude"]));
+    let strongest = highest(&amplitude);
+    let lines = |query: &str| service.get(&format!("/v1/segments/{id}/lines?spectrum=envelope&{query}"));
+    let of_asset = lines(&format!("at={}", hertz[strongest])).expect(200).json();
+    assert_eq!(of_asset["items"][0]["amplitude"], amplitude[strongest]);
+    assert_eq!(of_asset["band_hz"], envelope["band_hz"]);
+    assert_eq!((&of_asset["baseline_records"], &of_asset["spectrum"]), (&json!(8), &json!("envelope")));
+    let [low, high] = [0, 1].map(|end| envelope["band_hz"][end].as_f64().unwrap());
+    let band = format!("band_low_hz={low}&band_high_hz={high}");
+    let over_orders =
+        lines(&format!("axis=orders&at={}&{band}", hertz[strongest] / shaft_hz)).expect(200).json();
+    let (order, hz) = (&over_orders["items"][0], &of_asset["items"][0]);
+    assert_eq!(order["amplitude"], hz["amplitude"]);
+    let change = |line: &Value| line["change_db"].as_f64().unwrap();
+    assert!((change(order) - change(hz)).abs() < 0.5, "{over_orders}, over hertz {of_asset}");
+    let expected = 20.0 * (amplitude[strongest] / hz["baseline_amplitude"].as_f64().unwrap()).log10();
+    assert!((change(hz) - expected).abs() < 1e-9, "{of_asset}");
+    lines("at=1&band_low_hz=500").expect_problem(400, &["band_low_hz, band_high_hz"]);
+    lines(&format!("at=1&band_low_hz=500&band_high_hz={RATE_HZ}"))
+        .expect_problem(400, &["band_low_hz, band_high_hz"]);
+    service
+        .get(&format!("/v1/segments/{id}/lines?at=1&{band}"))
+        .expect_problem(400, &["band_low_hz, band_high_hz"]);
+}
+
 #[test]
 fn a_record_is_shown_over_time_angle_and_quefrency() {
     let service = Service::start();
@@ -115,6 +143,7 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
     let change = over_orders["items"][0]["change_db"].as_f64().unwrap();
     assert!((change - known).abs() < 1.0, "{change} dB over orders, {known} over hertz");
     service.get(&format!("/v1/segments/{id}/lines?at=1,two")).expect_problem(400, &["at"]);
+    lines_of_the_envelope(&service, &id, shaft_hz);
 
     let orders =
         service.get(&format!("/v1/segments/{id}/orders?from_order=10&to_order=30")).expect(200).json();
@@ -197,7 +226,10 @@ fn a_report_is_one_page_without_scripts() {
     let answer = service.get("/v1/assets/gearbox/report").expect(200);
     assert_eq!(answer.header("content-type"), "text/html; charset=utf-8");
     let html = String::from_utf8_lossy(&answer.bytes);
-    assert!(html.contains("12 records") && html.matches("<svg viewBox=\"0 0 760").count() >= 4, "{html}");
+    assert!(
+        html.contains("12 records") && html.matches("<svg class=\"narrow\" viewBox=\"0 0 360").count() >= 4,
+        "{html}"
+    );
     assert!(!html.contains("<script"));
 }
 

@@ -159,9 +159,11 @@ export const waveform = (id, from, to, signal, motion = {}) =>
 /** @type {(id: string, from?: number, to?: number, points?: number, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/orders">>} */
 export const orders = (id, from, to, points, signal) =>
   get(["segments", id, "orders"], { from_order: from, to_order: to, max_points: points }, signal);
-/** @type {(id: string, at: number[], axis: "hz" | "orders", signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/lines">>} */
-export const lines = (id, at, axis, signal) =>
-  get(["segments", id, "lines"], { at: at.join(","), axis }, signal);
+/** @type {(id: string, at: number[], axis: "hz" | "orders", band?: number[], signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/lines">>} */
+export const lines = (id, at, axis, band, signal) => {
+  const envelope = band && { spectrum: "envelope", band_low_hz: band[0], band_high_hz: band[1] };
+  return get(["segments", id, "lines"], { at: at.join(","), axis, ...envelope }, signal);
+};
 /** @type {(id: string, gear: 1 | 2, signal?: AbortSignal) => Promise<Answer<"/v1/segments/{segment}/turn">>} */
 export const turn = (id, gear, signal) =>
   get(["segments", id, "turn"], { gear: gear === 2 ? gear : null }, signal);

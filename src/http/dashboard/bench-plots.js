@@ -48,7 +48,8 @@ export class BenchPlots {
   /** Draws the panes selected in the address for records `{ segment, asset, colour, name, panes }`. */
   async show(records, query, isWanted, isLoading) {
     const keys = benchPanes(query);
-    this.#gear.show(query, sameTeeth(records));
+    const hasGears = records.length === 0 || records.some(({ asset }) => asset.gear);
+    this.#gear.show(query, sameTeeth(records), hasGears);
     for (const [key, card] of this.#cards) card.element.hidden = !isWanted || !keys.includes(key);
     await Promise.all(
       BENCH_PANES.filter(({ key }) => keys.includes(key)).map((pane) =>

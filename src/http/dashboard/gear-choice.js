@@ -1,10 +1,15 @@
-// Selects the gear of a synchronous average: driving or driven. The address keeps it as `gear`.
+// Selects the gear of a synchronous average: driving, driven, or both. The address keeps it as `gear`.
 
 import { h } from "./dom.js";
 import { change } from "./route.js";
 
-/** The number of the gear in an address: 1 driving, 2 driven. */
-export const gearOf = (query) => (query.gear === "2" ? 2 : 1);
+/**
+ * The numbers of the gears in an address: 1 driving, 2 driven.
+ * @returns {(1 | 2)[]}
+ */
+export const gearsIn = ({ gear }) => (gear === "both" ? [1, 2] : gear === "2" ? [2] : [1]);
+
+const NAMES = ["Driving gear", "Driven gear"];
 
 /** The selection of a gear beside the plot of its average. */
 export class GearChoice {
@@ -15,16 +20,19 @@ export class GearChoice {
       onchange: () => change({ gear: this.element.value }, { quiet: true }),
     },
     [
-      ["", "Driving gear"],
-      ["2", "Driven gear"],
+      ["", NAMES[0]],
+      ["2", NAMES[1]],
+      ["both", "Both gears"],
     ].map(([value, text]) => h("option", { value }, text)),
   );
 
-  /** Updates from the address; shows the tooth numbers when known. */
-  show(query, teeth) {
-    ["Driving gear", "Driven gear"].forEach((name, index) => {
+  /** Updates from the address; shows the tooth numbers when known. A machine without gears has no choice. */
+  show(query, teeth, hasGears = true) {
+    this.element.hidden = !hasGears;
+    NAMES.forEach((name, index) => {
       this.element.options[index].textContent = teeth ? `${name}, ${teeth[index]} teeth` : name;
     });
-    this.element.value = gearOf(query) === 2 ? "2" : "";
+    const [gear, other] = gearsIn(query);
+    this.element.value = other ? "both" : gear === 2 ? "2" : "";
   }
 }

@@ -8,10 +8,19 @@ import { ImportFile } from "./import-file.js";
 import { ENDINGS, unpacked } from "./import-preview.js";
 import { refusalWords, sendFile } from "./import-sending.js";
 import { StartSpacing } from "./import-spacing.js";
+import { UNITS, unitList, unknownUnitWords } from "./known-units.js";
+import { format } from "./route.js";
 
 function field(id, label, properties) {
   const input = h("input", { id, ...properties });
   return { input, element: h("label", { class: "field", for: id }, h("span", {}, label), input) };
+}
+
+/** Makes the browser ask before the page is closed or reloaded, which would end an upload; until aborted. */
+function warnBeforeLeaving() {
+  const until = new AbortController();
+  addEventListener("beforeunload", (event) => event.preventDefault(), { signal: until.signal });
+  return until;
 }
 
 const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
@@ -28,7 +37,12 @@ export class ImportDesk {
     accept: [...ENDINGS, ".gz"].join(","),
     onchange: () => this.take([...this.#file.files]),
   });
-  #unit = field("upload-unit", "Unit", { placeholder: "m/s2", size: 6 });
+  #unit = field("upload-unit", "Unit", {
+    placeholder: "e.g. m/s2",
+    size: 6,
+    list: UNITS,
+    onchange: () => this.#checkUnit(),
+  });
   #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
   #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
   #temperature = field("upload-temperature", "Temperature, °C", { type: "number", step: "any" });
@@ -51,12 +65,14 @@ export class ImportDesk {
     { class: "result", "data-kind": "part", hidden: true },
     "The files do not name the unit of their samples, and the asset has no default. Enter it (m/s2, g, mm/s …): without it levels have no unit and velocity is not computed. It cannot be changed once a channel has records.",
   );
+  #unknownUnit = h("p", { class: "result", "data-kind": "part", role: "status", hidden: true });
   #optional;
   #spacing = new StartSpacing(() => this.#compare());
   #list = h("ul", { class: "files" });
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
   #summary = h("p", { class: "result", hidden: true });
+  #next = h("p", { class: "next-step", hidden: true });
   #results = h("div", { class: "results", "aria-live": "polite" });
   #undo = h(
     "button",
@@ -67,8 +83,13 @@ export class ImportDesk {
   #batch;
   element;
 
-  constructor(asset) {
+  /** `isOnPage` offers the way to the asset's overview after an import; a dialog is closed instead. */
+  constructor(asset, { isOnPage = false } = {}) {
     this.#asset = asset;
+    if (isOnPage)
+      this.#next.append(
+        h("a", { class: "button", href: format({ page: "asset", id: asset }) }, "Show the results"),
+      );
     this.#batch = new ImportBatch(asset);
     const drop = h(
       "label",
@@ -87,9 +108,11 @@ export class ImportDesk {
     this.#optional = h(
       "details",
       {},
-      h("summary", {}, "For all files other than MCAP: unit, full scale, operating point, sampling rate"),
+      h("summary", {}, "Unit; for all files other than MCAP: full scale, operating point, sampling rate"),
       this.#unitNote,
       h("div", { class: "fields" }, fields),
+      this.#unknownUnit,
+      unitList(),
     );
     this.element = h(
       "section",
@@ -102,6 +125,7 @@ export class ImportDesk {
       h("div", { class: "form-buttons" }, this.#send, this.#undo),
       this.#undone,
       this.#summary,
+      this.#next,
       this.#results,
     );
     this.#offerUndo();
@@ -155,6 +179,12 @@ export class ImportDesk {
     if (!asset || asset.sensor?.unit || asset.summary.segments > 0) return;
     this.#unitNote.hidden = false;
     this.#optional.open = true;
+  }
+
+  #checkUnit() {
+    const words = unknownUnitWords(this.#unit.input.value.trim());
+    this.#unknownUnit.hidden = !words;
+    setText(this.#unknownUnit, words);
   }
 
   async #lookAgain() {
@@ -214,8 +244,9 @@ export class ImportDesk {
     this.#sending = this.#sending.then(async () => {
       setChildren(this.#results);
       setText(this.#undone, "");
-      this.#undo.hidden = true;
+      this.#undo.hidden = this.#next.hidden = true;
       this.#batch.begin();
+      const stay = warnBeforeLeaving();
       const waiting = cards.map(({ file }) => new Progress(file));
       this.#results.append(...waiting.map(({ element }) => element));
       let rejected = 0;
@@ -224,6 +255,8 @@ export class ImportDesk {
         if (!(await this.#sendOne(card, common, waiting[n]))) rejected += 1;
       }
       this.#sum(cards.length, cards.length, rejected, true);
+      stay.abort();
+      this.#next.hidden = !this.#next.children.length || this.#batch.size === 0;
       this.#offerUndo();
     });
   }
@@ -269,7 +302,7 @@ export class ImportDesk {
     try {
       const gone = await this.#batch.undo();
       setChildren(this.#results);
-      this.#summary.hidden = true;
+      this.#summary.hidden = this.#next.hidden = true;
       this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
       const left = size - this.#batch.size;

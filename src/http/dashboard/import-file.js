@@ -1,14 +1,10 @@
 // One file of the import panel: its contents, start time, and channel names.
 
-import { h, setChildren, setText } from "./dom.js";
-import { bytes, clock, count, hertz, number, unit } from "./format.js";
+import { h, setText } from "./dom.js";
+import { bytes, clock, count, hertz, number } from "./format.js";
+import { ImportChannels } from "./import-channels.js";
 import { preview } from "./import-preview.js";
 import { recordsAt } from "./import-sending.js";
-import { sketch } from "./sketch.js";
-
-const MAX_TOPICS = 6;
-const MAX_CHANNELS = 16; // with fields of their own
-const OWN_NAMES = ["application/json", "application/x-protobuf", "application/mcap"]; // these name channel and unit themselves
 
 function length(seconds) {
   return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
@@ -42,7 +38,7 @@ export class ImportFile {
   #typed = false;
   #looks = 0;
   #roles;
-  #fields = []; // { name, unit } inputs of each channel
+  #channels;
   #start;
   #startWords = h("span", { class: "muted" });
   #scale = h("input", { type: "number", min: 0, step: "any", placeholder: "as above" });
@@ -57,7 +53,6 @@ export class ImportFile {
   );
   #facts = h("p", { class: "file-facts muted" }, "Inspecting the file…");
   #fault = h("p", { class: "result", "data-kind": "bad", hidden: true });
-  #body = h("div", { class: "file-channels" });
   #columns = h("div", { class: "file-columns", hidden: true });
   #collision = h("p", { class: "result", "data-kind": "part", hidden: true });
   #twins = h("p", { class: "result", "data-kind": "part", hidden: true });
@@ -67,6 +62,7 @@ export class ImportFile {
 
   constructor(file, asset, common, onRemove, onChange) {
     [this.file, this.#asset, this.#common, this.#onChange] = [file, asset, common, onChange];
+    this.#channels = new ImportChannels(file, onChange);
     const remove = h(
       "button",
       {
@@ -94,7 +90,7 @@ export class ImportFile {
         this.#fault,
         this.#time,
         this.#columns,
-        this.#body,
+        this.#channels.element,
         this.#collision,
         this.#twins,
       ),
@@ -115,7 +111,8 @@ export class ImportFile {
     );
     this.#showStart();
     this.#showColumns();
-    this.#showChannels();
+    this.#channels.show(seen);
+    this.#showScale();
     this.#onChange();
     await this.#lookForCollision();
   }
@@ -161,11 +158,7 @@ export class ImportFile {
 
   /** Whether the samples need a unit that the file does not contain. */
   get lacksUnit() {
-    return (
-      Boolean(this.seen?.type) &&
-      !OWN_NAMES.includes(this.seen.type) &&
-      this.seen.channels.some(({ unit: own }) => !own)
-    );
+    return this.#channels.lackUnit;
   }
 
   #typeStart() {
@@ -202,71 +195,16 @@ export class ImportFile {
 
   #takeRoles(selects) {
     this.#roles = selects.map(({ value }) => value);
-    this.#fields = [];
+    this.#channels.clear();
     this.look();
   }
 
-  #showChannels() {
-    const { channels, head, type } = this.seen;
-    const kept = this.#fields.map(({ name, unit: own }) => [name.value, own?.value]);
-    this.#fields = [];
-    const isOwn = OWN_NAMES.includes(type);
-    const rows = channels.slice(0, MAX_CHANNELS).map((channel, n) => {
-      const label = channel.name || `channel ${n + 1}`;
-      const drawn = channel.sketch && sketch(channel.sketch, `${label} of ${this.file.name}`);
-      const part =
-        channel.sketch && !channel.sketch.whole
-          ? h(
-              "span",
-              { class: "muted" },
-              type === "text/csv"
-                ? "the start"
-                : type === "application/mcap"
-                  ? "its first record"
-                  : "a sample of it",
-            )
-          : null;
-      if (isOwn)
-        return h(
-          "div",
-          { class: "file-channel" },
-          h("p", {}, [label, unit(channel.unit)].filter(Boolean).join(", ")),
-          h("div", {}, drawn, part),
-        );
-      const name = h("input", {
-        placeholder: channels.length > 1 || type === "text/csv" ? channel.name : "default channel",
-        "aria-label": `Name of ${label} of ${this.file.name}`,
-        size: 8,
-        onchange: () => this.#onChange(),
-      });
-      const own =
-        type === "text/csv" || (type === "audio/wav" && channels.length > 1)
-          ? h("input", {
-              placeholder: "as above",
-              "aria-label": `Unit of ${label} of ${this.file.name}`,
-              size: 6,
-              disabled: Boolean(channel.unit), // the file's own unit takes precedence
-            })
-          : null;
-      name.value = kept[n]?.[0] ?? (type === "text/csv" && channels.length > 1 ? channel.name : "");
-      if (own) own.value = channel.unit || (kept[n]?.[1] ?? "");
-      this.#fields.push({ name, unit: own, place: channel.place });
-      return h(
-        "div",
-        { class: "file-channel" },
-        h("label", { class: "field" }, h("span", {}, "Channel"), name),
-        own && h("label", { class: "field" }, h("span", {}, "Unit"), own),
-        h("div", {}, drawn, part),
-      );
-    });
-    const more =
-      channels.length > MAX_CHANNELS
-        ? h("p", { class: "muted" }, `and ${channels.length - MAX_CHANNELS} more channels`)
-        : null;
+  /** For WAV files of 16-bit integers: the field of their full scale. */
+  #showScale() {
+    const { head } = this.seen;
     this.#scale.setAttribute("aria-label", `Full scale of ${this.file.name}`);
     const isScaled = head && head.bits === 16 && head.format === 1;
     if (isScaled && !this.#scaleField.isConnected) this.#time.append(this.#scaleField);
-    setChildren(this.#body, rows, more, topics(this.seen.summary));
   }
 
   /** The start times that are known: those of the file, or the first record of each of its channels. */
@@ -297,13 +235,10 @@ export class ImportFile {
   places() {
     if (!this.seen?.type) return [];
     const own = this.start() ?? this.seen.ownStart;
-    const isNamed = OWN_NAMES.includes(this.seen.type);
-    return this.seen.channels.flatMap(({ name, start }, n) => {
+    const names = this.#channels.names();
+    return this.seen.channels.flatMap(({ start }, n) => {
       const time = own ?? start;
-      // a single channel without a name is the default channel in every file
-      const standing = isNamed ? name : this.seen.channels.length > 1 ? String(name || n + 1) : "";
-      const channel = this.#fields[n]?.name.value.trim() || standing;
-      return time ? [`${new Date(time).toISOString()} ${channel}`] : [];
+      return time ? [`${new Date(time).toISOString()} ${names[n]}`] : [];
     });
   }
 
@@ -325,33 +260,12 @@ export class ImportFile {
 
   /** The values entered for the file. */
   entry() {
-    const { channels } = this.seen;
-    const typed = this.#fields.map(({ name, unit: own, place }) => ({
-      name: name.value,
-      unit: own?.disabled ? "" : own?.value.trim(),
-      place,
-    }));
-    const further = channels.slice(typed.length).map(({ name, place }) => ({ name, unit: "", place }));
     return {
       start: this.start(),
-      channels: [...typed, ...further],
+      channels: this.#channels.entries(),
       fullScale: Number(this.#scale.value) || null,
       roles: this.#roles,
       isTyped: this.#typed,
     };
   }
-}
-
-function topics(summary) {
-  if (!summary) return null;
-  const shown = summary.topics
-    .slice(0, MAX_TOPICS)
-    .map(({ topic, messages }) => h("li", {}, h("code", {}, topic), ` ${count(messages)}`));
-  const more = summary.topics.length - MAX_TOPICS;
-  return h(
-    "ul",
-    { class: "file-topics" },
-    shown,
-    more > 0 ? h("li", { class: "muted" }, `and ${more} more`) : null,
-  );
 }

@@ -3,7 +3,7 @@
 import { previewCsv, previewRecording } from "./api.js";
 import { startOfFile } from "./file-start.js";
 import { mcapSummary } from "./mcap-summary.js";
-import { number } from "./format.js";
+import { bytes, number } from "./format.js";
 import { envelopeOf, wavHead, wavSketch } from "./wav-head.js";
 
 export const TYPES = {
@@ -52,13 +52,16 @@ async function ofWav(file) {
     sketch: sketches[n] ?? null,
   }));
   const form = `${head.bits} bit ${head.format === 3 ? "floats" : "integers"}`;
-  return { head, channels, rate: head.rate, seconds: head.frames / head.rate, form };
+  const fault = head.lost
+    ? `it is truncated: ${bytes(head.lost)} of the ${bytes(head.bytes + head.lost)} of samples that it declares are missing`
+    : null;
+  return { head, channels, rate: head.rate, seconds: head.frames / head.rate, form, fault };
 }
 
 /** The whole lines at the start of a file. */
 async function firstLines(file) {
-  const bytes = new Uint8Array(await file.slice(0, CSV_BEGIN).arrayBuffer());
-  return file.size > CSV_BEGIN ? bytes.slice(0, bytes.lastIndexOf(10) + 1) : bytes;
+  const begin = new Uint8Array(await file.slice(0, CSV_BEGIN).arrayBuffer());
+  return file.size > CSV_BEGIN ? begin.slice(0, begin.lastIndexOf(10) + 1) : begin;
 }
 
 /**

@@ -24,24 +24,40 @@ function send(href, body, type, onProgress) {
   });
 }
 
-/** The channel names as parameters; unnamed channels of several are numbered. */
+const list = (names) => names.map((name) => name.replaceAll(",", " ")).join(",");
+
+/** The channel names as parameters; unnamed channels of several have the names in the file. */
 function named(channels) {
-  const names = channels.map(({ name }) => name?.trim() ?? "");
+  const names = channels.map(({ name }) => name);
   if (names.every((name) => !name)) return {};
   if (names.length === 1) return { channel: names[0] };
-  return { channel_names: names.map((name, n) => (name || String(n + 1)).replaceAll(",", " ")).join(",") };
+  return { channel_names: list(channels.map(({ name, recorded }, n) => name || recorded || String(n + 1))) };
 }
 
-/** The names, and the units of the channels of one file that have their own. */
-function withUnits(channels) {
-  if (!channels.some((channel) => channel.unit)) return named(channels);
-  const numbered = channels.map(({ name }, n) => ({ name: name?.trim() || String(n + 1) }));
-  return { ...named(numbered), channel_units: channels.map((channel) => channel.unit ?? "").join(",") };
+/** The names and units of channels; `unit` is that of channels without one of their own. */
+function withUnits(channels, unit) {
+  const units = channels.map((channel) => channel.unit);
+  if (!units.some(Boolean)) return { unit, ...named(channels) };
+  if (channels.length === 1) return { unit: units[0], ...named(channels) };
+  const all = channels.map((channel) => ({ ...channel, name: channel.name || channel.recorded }));
+  return { unit, ...named(all), channel_units: list(units) };
+}
+
+/** The new names and units of an MCAP recording's channels; nothing when none was entered. */
+function renamed(channels, unit) {
+  // a name with a comma cannot be listed
+  const known = channels.filter(({ recorded }) => recorded && !recorded.includes(","));
+  if (!known.some((channel) => channel.name || channel.unit || unit)) return {};
+  return {
+    recorded_channels: list(known.map(({ recorded }) => recorded)),
+    channel_names: list(known.map(({ name, recorded }) => name || recorded)),
+    channel_units: list(known.map((channel) => channel.unit || unit)),
+  };
 }
 
 /**
  * The requests for a file, each `{ body, type, parameters }`. `entry` has what was entered for it: `start`,
- * `channels` with `name` and `unit`, `fullScale`, `rate` and `roles`; `common` has the values for all files.
+ * `channels` with `name`, `unit` and `recorded`, `fullScale`, `rate` and `roles`; `common` has the values for all files.
  */
 async function requestsOf(file, { type, head }, entry, common) {
   const { unit, rate, fullScale: commonScale, ...point } = common;
@@ -76,8 +92,10 @@ async function requestsOf(file, { type, head }, entry, common) {
     }));
   }
   if (["application/x-matlab-data", "application/x-npy"].includes(type)) parameters.sample_rate_hz = rate;
+  else if (type === "application/mcap")
+    return [{ body: file, type, parameters: renamed(entry.channels, unit) }];
   else if (!type.startsWith("audio/")) return [{ body: file, type, parameters: {} }];
-  const names = withUnits(entry.channels);
+  const names = withUnits(entry.channels, unit);
   if (fullScale && head?.format === PCM && head.bits === 16) {
     const body = file.slice(head.at, head.at + head.frames * head.frameBytes);
     const layout = {
@@ -86,11 +104,9 @@ async function requestsOf(file, { type, head }, entry, common) {
       channels: head.channels,
       scale: fullScale / 32768,
     };
-    return [
-      { body, type: "application/octet-stream", parameters: { ...parameters, unit, ...layout, ...names } },
-    ];
+    return [{ body, type: "application/octet-stream", parameters: { ...parameters, ...layout, ...names } }];
   }
-  return [{ body: file, type, parameters: { ...parameters, unit, ...names } }];
+  return [{ body: file, type, parameters: { ...parameters, ...names } }];
 }
 
 /** The ids of an asset's records with a given start. */

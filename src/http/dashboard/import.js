@@ -20,7 +20,7 @@ export class ImportPage {
     [this.#root, this.#id, this.#query] = [root, route.id, route.query];
     this.#frame = new AssetFrame(route.id, "import");
     this.#frame.update(route.id, route.query);
-    [this.#desk, this.#replay] = [new ImportDesk(route.id), new ReplayPanel(route.id)];
+    [this.#desk, this.#replay] = [new ImportDesk(route.id, { isOnPage: true }), new ReplayPanel(route.id)];
     const card = (panel) => h("div", { class: "card" }, panel.element);
     setChildren(
       root,

@@ -1,6 +1,6 @@
 // Spectral lines as a table: those of the cursor, or else the visible mesh harmonics and sidebands.
 
-import { BaselineLines } from "./baseline-lines.js";
+import { BaselineLines, levelWords } from "./baseline-lines.js";
 import { cursorLines } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
 import { amplitudeAt } from "./fine-lines.js";
@@ -66,9 +66,6 @@ function growth({ mesh_harmonics: harmonics, resolution_hz: step }, { x, amplitu
     : null;
 }
 
-/** A change in dB, or a mark that it is not known yet. */
-const levelWords = (level) => (level === undefined ? "…" : decibels(level));
-
 /** The table under a spectrum. */
 export class LineTable {
   #baseline = new BaselineLines(() => this.#again());
@@ -90,8 +87,9 @@ export class LineTable {
   /** The changes of lines since the baseline; those of other lines than mesh harmonics are requested. */
   #changes(spectrum, rows) {
     const known = rows.map((row) => growth(spectrum, row));
-    const { axis, mesh_harmonics: harmonics } = spectrum;
-    const hasNone = !axis && harmonics.length && !harmonics.some((each) => each.baseline_amplitude > 0);
+    const { axis, band_hz: band, mesh_harmonics: harmonics } = spectrum;
+    const hasNone =
+      !axis && !band && harmonics.length && !harmonics.some((each) => each.baseline_amplitude > 0);
     if (hasNone) return known; // the baseline is still being collected
     const others = rows.filter((_, row) => known[row] === null);
     const changes = this.#baseline.changes(

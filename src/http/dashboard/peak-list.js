@@ -1,5 +1,6 @@
 // The largest lines of each record in the visible part of a spectrum.
 
+import { BaselineLines, levelWords } from "./baseline-lines.js";
 import { amplitudeAt, greatestPeaks } from "./fine-lines.js";
 import { decibels, number, unit } from "./format.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -34,6 +35,8 @@ export function peaksOf(layers, part, count) {
 
 /** The list under a spectrum. */
 export class PeakList {
+  #baseline = new BaselineLines(() => this.#again());
+  #again = () => {};
   #count = h(
     "select",
     {
@@ -73,11 +76,23 @@ export class PeakList {
     );
   }
 
+  /** The change of each peak since the baseline of its record's channel. */
+  #changes(layers, peaks) {
+    return layers.flatMap((layer) => {
+      const own = peaks.filter((peak) => peak.layer === layer);
+      return this.#baseline.changes(
+        layer.data,
+        own.map(({ x }) => x),
+      );
+    });
+  }
+
   /**
    * Shows the peaks of spectra in a part; nothing without spectra.
    * @param {import("./layers.js").Layer[]} layers
    */
   show(layers, part, query, filename) {
+    this.#again = () => this.show(layers, part, query, filename);
     this.element.hidden = layers.length === 0;
     if (layers.length === 0) return;
     this.#filename = filename;
@@ -91,15 +106,18 @@ export class PeakList {
     const inOrders = ({ layer: { data }, x }) => (data.shaft_speed_hz ? x / data.shaft_speed_hz : null);
     setText(
       this.#note,
-      `Range: ${number(part[0], 5)} to ${number(part[1], 5)}${first.axis ? " orders" : " Hz"}${layers.length > 1 ? "; dB relative to the first record's line at the same position" : ""}.`,
+      `Range: ${number(part[0], 5)} to ${number(part[1], 5)}${first.axis ? " orders" : " Hz"}${layers.length > 1 ? "; levels relative to the first record's line at the same position" : ""}.`,
     );
+    const found = this.#changes(layers, peaks);
+    const changes = found.some((each) => each !== null) ? found : null;
     this.#columns = [
       ["record", peaks.map(({ layer }) => layer.name)],
       ["frequency_hz", peaks.map((row) => (first.axis && !first.hertz_per_unit ? null : toHertz(row)))],
       ["order", peaks.map(inOrders)],
       [`amplitude_peak${shownUnit}`, peaks.map(({ amplitude }) => amplitude)],
       ["level re first record (dB)", peaks.map(({ level_db: level }) => level)],
-    ];
+      ["level re baseline (dB)", changes],
+    ].filter(([, values]) => values);
     const [, hertzOf, orders, amplitudes, levels] = this.#columns.map(([, values]) => values);
     setChildren(
       this.#head,
@@ -108,8 +126,11 @@ export class PeakList {
         "Frequency, Hz",
         "Order",
         `Amplitude${unit(first.unit) ? `, ${unit(first.unit)}` : ""}`,
-        "dB",
-      ].map((name) => h("th", { scope: "col" }, name)),
+        layers.length > 1 && "dB to first record",
+        changes && "dB to baseline",
+      ]
+        .filter(Boolean)
+        .map((name) => h("th", { scope: "col" }, name)),
     );
     setChildren(
       this.#body,
@@ -127,8 +148,11 @@ export class PeakList {
             number(hertzOf[row], 6),
             number(orders[row], 5),
             number(amplitudes[row], 4),
-            decibels(levels[row]),
-          ].map((text) => h("td", {}, text)),
+            layers.length > 1 && decibels(levels[row]),
+            changes && levelWords(changes[row]),
+          ]
+            .filter((text) => typeof text === "string")
+            .map((text) => h("td", {}, text)),
         ),
       ),
     );

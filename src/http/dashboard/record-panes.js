@@ -4,7 +4,7 @@ import * as api from "./api.js";
 import { cepstrumDrawing } from "./cepstrum-plot.js";
 import { cursorOf } from "./cursor-lines.js";
 import { readByCursor, withFineLines } from "./fine-lines.js";
-import { gearOf } from "./gear-choice.js";
+import { gearsIn } from "./gear-choice.js";
 import { posteriorDrawing } from "./posterior-plot.js";
 import {
   envelopeDrawing,
@@ -70,6 +70,12 @@ async function envelope(
   return withFineLines(whole, partOf(query.eband) ?? part, cursor ? readByCursor(cursor, whole) : read, ask);
 }
 
+/** The average of one gear; with both, that of the driven one is its `driven`. */
+async function turn(id, query, signal) {
+  const [first, driven] = await Promise.all(gearsIn(query).map((gear) => api.turn(id, gear, signal)));
+  return driven ? { ...first, driven } : first;
+}
+
 function posterior({ segment, asset, revision }) {
   const { wear, reference_wear_um: reference } = segment;
   if (wear?.status === "outside_library")
@@ -118,7 +124,7 @@ export const PANES = [
   {
     key: "turn",
     label: "Average over one turn",
-    fetch: (id, query, signal) => api.turn(id, gearOf(query), signal),
+    fetch: turn,
     draw: (layers, { revision }) => turnDrawing(layers, revision),
   },
   {

@@ -88,6 +88,7 @@ export class RecordView {
     envelope.tools.append(this.#near);
     this.#envelopeAids = new SpectrumAids(envelope, { cursor: "ecursor", part: "eband" });
     this.#cards.get("turn").tools.append(this.#gear.element);
+    this.#bearing.element.hidden = true; // until a cursor needs it
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Views" });
     for (const { key, label } of PANES) {
       const chip = h("button", { type: "button", class: "chip", onclick: () => this.#toggle(key) }, label);
@@ -162,7 +163,7 @@ export class RecordView {
     this.#query = query;
     const keys = shownPanes(query);
     this.#near.value = query.near === "1" ? "1" : "";
-    this.#gear.show(query, asset.gear?.teeth);
+    this.#gear.show(query, asset.gear?.teeth, Boolean(asset.gear));
     const view = {
       ...this.#tools.update(panes.spectrum, query, firstBearing(asset)),
       near: query.near === "1",

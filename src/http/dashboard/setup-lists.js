@@ -9,7 +9,7 @@ const LISTS = [
   { path: "bearings", word: "bearing", group: "Bearing and velocity" },
   { path: "points", word: "measuring point", group: "Sensor" },
   { path: "bands", word: "custom band", group: "Sensor" },
-  { path: "gear.other_meshes", word: "other mesh", group: "Sensor" },
+  { path: "gear.other_meshes", word: "mesh on the machine", group: "Sensor" },
 ];
 
 /** The paths of all lists. */

@@ -8,6 +8,7 @@ import { PreviewPanel } from "./preview-panel.js";
 import { format, go } from "./route.js";
 import { SETUP_GROUPS } from "./setup-fields.js";
 import { SetupInputs } from "./setup-inputs.js";
+import { SetupDraft } from "./setup-draft.js";
 import { SetupLists, withoutGaps } from "./setup-lists.js";
 import { showMeasures } from "./setup-measures.js";
 import { SettingLists } from "./settings-lists.js";
@@ -17,6 +18,14 @@ const FROM_SERVER = ["summary", "created_at", "updated_at"];
 const NUMBERS = "numbers";
 const NONE = "none";
 const NO_GEARS = "no-gears";
+
+/** The fields without which an asset cannot be created; those of the pair can be done without. */
+function requiredWords(lacking) {
+  const words = `Still required: ${lacking.map(({ label }) => `“${label}”`).join(", ")}.`;
+  return lacking.every(({ ofPair }) => ofPair)
+    ? `${words} Without them, choose “None: indicators only” as the gear pair: everything but the wear in µm is computed.`
+    : words;
+}
 
 /** Derives an id from a name. */
 const slug = (name) =>
@@ -83,6 +92,7 @@ export class SetupPage {
     onError: (error) => this.#refused(error),
   });
   #form;
+  #draft;
 
   constructor(root, route) {
     this.#query = route.query;
@@ -107,9 +117,11 @@ export class SetupPage {
         "div",
         { class: "form-buttons" },
         this.#save,
-        h("a", { class: "button", href: this.#wayBack() }, "Cancel"),
+        h("a", { class: "button", href: this.#wayBack(), onclick: () => this.#draft.clear() }, "Cancel"),
       ),
     );
+    this.#draft = new SetupDraft(this.#form, () => this.#empty());
+    this.#form.prepend(this.#draft.element);
     const side = h(
       "aside",
       { class: "setup-side" },
@@ -228,6 +240,21 @@ export class SetupPage {
     this.#pair.value = chosen;
     if (asset instanceof Error) return this.#showNotice("bad", `${asset.message}.`);
     if (asset) this.#begin(asset);
+    else this.#restore();
+  }
+
+  /** Whether the form describes a new asset from nothing. */
+  get #isNew() {
+    return !this.#query.edit && !this.#query.copy;
+  }
+
+  #restore() {
+    const { spec } = this.#draft;
+    if (!spec) return;
+    this.#fill(spec);
+    this.#draft.restore();
+    this.#idTyped = Boolean(spec.id);
+    this.#check(0);
   }
 
   #begin(asset) {
@@ -279,6 +306,7 @@ export class SetupPage {
       });
     }
     this.#check(0);
+    this.#keepDraft();
   }
 
   /** The content of the JSON editor; null when it is invalid. */
@@ -302,6 +330,12 @@ export class SetupPage {
 
   /** The current description; null when the JSON is invalid. */
   #description() {
+    const spec = this.#entered();
+    return spec && withoutGaps(spec);
+  }
+
+  /** The same with the empty entries of lists. */
+  #entered() {
     const rest = this.#rest();
     if (!rest) return null;
     const spec = this.#inputs.description(rest, this.#shape);
@@ -310,7 +344,7 @@ export class SetupPage {
     // those of the JSON, unless the form has some
     if (alarms) spec.alarms ??= alarms;
     if (bins) spec.operating_bins ??= bins;
-    return withoutGaps(spec);
+    return spec;
   }
 
   #typed({ target }) {
@@ -320,6 +354,12 @@ export class SetupPage {
     if (target === name && !this.#idTyped) id.value = slug(name.value);
     if (target.closest(".preview")) return;
     this.#check(TYPED_MS);
+    this.#keepDraft();
+  }
+
+  #keepDraft() {
+    const spec = this.#isNew && this.#entered();
+    if (spec) this.#draft.keep(spec);
   }
 
   /** Checks the input; the service checks the gear pair. */
@@ -341,8 +381,7 @@ export class SetupPage {
           : "No preview without gears: records are judged by their indicators and novelty.",
       );
     const lacking = this.#inputs.lacking(this.#shape).filter(({ path }) => path !== "id");
-    if (lacking.length)
-      return this.#blank(`Still required: ${lacking.map(({ label }) => `“${label}”`).join(", ")}.`);
+    if (lacking.length) return this.#blank(requiredWords(lacking));
     this.#panel.describe(spec.gear, wait, spec.name || spec.id);
   }
 
@@ -396,12 +435,7 @@ export class SetupPage {
     this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
     this.#showRefusals();
     if (lacking.length || !spec) {
-      this.#showNotice(
-        "bad",
-        spec
-          ? `Still required: ${lacking.map(({ label }) => `“${label}”`).join(", ")}.`
-          : "The JSON is invalid.",
-      );
+      this.#showNotice("bad", spec ? requiredWords(lacking) : "The JSON is invalid.");
       return this.#inputs.focusError();
     }
     this.#save.disabled = true;
@@ -409,6 +443,7 @@ export class SetupPage {
       const { id } = this.#query.edit
         ? await api.replaceAsset(this.#query.edit, spec)
         : await api.createAsset(spec);
+      this.#draft.clear();
       go({ page: "asset", id });
     } catch (error) {
       const refusal =
@@ -435,15 +470,18 @@ export class SetupPage {
     if (query.copy === this.#query.copy && query.edit === this.#query.edit) return false;
     this.#query = query;
     this.#asked = false;
-    this.#lists.resize({});
-    this.#rules.fill({});
-    this.#inputs.fill({});
-    this.#json.value = "";
-    this.#pair.value = NUMBERS;
+    this.#draft.element.hidden = true;
+    this.#empty();
     this.#inputs.get("id").input.readOnly = false;
     this.#name();
-    this.#check(0);
     return true;
+  }
+
+  #empty() {
+    this.#fill({});
+    this.#pair.value = NUMBERS;
+    this.#idTyped = false;
+    this.#check(0);
   }
 
   /** Redraws in a changed theme. */

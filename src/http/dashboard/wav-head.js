@@ -1,6 +1,7 @@
 // The header of a WAV file and a thumbnail of its samples, read in slices: a file may exceed the page's
 // memory.
 
+const UNKNOWN_LENGTH = 0xffffffff; // of a stream
 const CHUNKS = 64; // searched for the samples
 const EXTENSIBLE = 0xfffe;
 const COLUMNS = 240; // of a thumbnail
@@ -26,8 +27,8 @@ const tag = (data, at) => String.fromCharCode(...Array.from({ length: 4 }, (_, n
 export class WavError extends Error {}
 
 /**
- * `{ format, bits, channels, rate, at, bytes, frames, frameBytes }` of a WAV file; `at` is the offset of its
- * samples.
+ * `{ format, bits, channels, rate, at, bytes, frames, frameBytes, lost }` of a WAV file; `at` is the offset of
+ * its samples, `lost` the number of declared bytes that the file does not have.
  */
 export async function wavHead(file) {
   const begin = await view(file, 0, 12);
@@ -51,10 +52,11 @@ export async function wavHead(file) {
     }
     if (name === "data") {
       if (!form) throw new WavError("the data chunk precedes the format chunk");
-      const bytes = Math.min(size, file.size - at - 8); // recorders that stop abruptly leave a size that is too large
+      const bytes = Math.min(size, file.size - at - 8);
       if (!form.frameBytes || !form.channels || !form.rate)
         throw new WavError("its format chunk has no rate or channels");
-      return { ...form, at: at + 8, bytes, frames: Math.floor(bytes / form.frameBytes) };
+      const lost = size === UNKNOWN_LENGTH ? 0 : size - bytes;
+      return { ...form, at: at + 8, bytes, frames: Math.floor(bytes / form.frameBytes), lost };
     }
     at += 8 + size + (size % 2);
   }

@@ -12,7 +12,7 @@ use super::{Accepted, Batch, Pipeline};
 use crate::asset::AssetId;
 use crate::recording::McapReader;
 use crate::service::error::ServiceError;
-use crate::service::record::{ChannelUnits, check_time, defaults_of, identify_recorded};
+use crate::service::record::{ChannelNames, ChannelUnits, check_time, defaults_of, identify_recorded};
 use crate::service::sensor_group::SensorGroup;
 use crate::service::tally::Outcome;
 
@@ -25,22 +25,25 @@ pub(crate) struct RecordedBatch {
 }
 
 impl Pipeline {
-    /// Accepts every record of an MCAP recording, read from the reader that `open` returns; returns once
-    /// everything is durable.
+    /// Accepts every record of an MCAP recording, read from the reader that `open` returns, with `names` for its
+    /// channels; returns once everything is durable.
     ///
     /// An invalid record is listed in the summary and the others are accepted. An error is returned only if
     /// no record could be read, or if the service itself failed.
     pub async fn accept_recording<R: Read + Send + 'static>(
         &self,
         asset: &AssetId,
+        names: ChannelNames,
         open: impl FnOnce() -> io::Result<R> + Send + 'static,
     ) -> Result<BatchSummary, ServiceError> {
         let _turn = self.workers.admit_recording()?;
         let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
         let units = ChannelUnits::of(&self.store, &spec).await?;
-        let defaults = defaults_of(&spec, &units, self.clock.now());
+        let mut defaults = defaults_of(&spec, &units, self.clock.now());
+        defaults.channel_units.extend(names.units(&units));
         let mut records = RecordStream::spawn(self.workers.recording_bytes(), move || {
-            Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults))
+            let reader = McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults);
+            Ok(reader.map(move |recorded| Ok(names.applied_to(recorded?))))
         });
         let mut summary = BatchSummary::default();
         let mut before: Option<RecordedBatch> = None;

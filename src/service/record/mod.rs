@@ -2,12 +2,14 @@
 //! stored.
 
 mod analyse;
+mod channel_names;
 mod channel_units;
 mod decode;
 mod identify;
 mod stored;
 
 pub(crate) use analyse::{analyse, analyse_all};
+pub use channel_names::ChannelNames;
 pub(crate) use channel_units::ChannelUnits;
 pub use decode::{RecordFormat, SampleFile, SampleFileKind, UploadMetadata};
 pub(crate) use decode::{decode_upload, defaults_of};
