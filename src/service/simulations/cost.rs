@@ -66,7 +66,7 @@ mod tests {
     fn the_estimate_follows_the_last_measurement() {
         let (grid, neighbours) = (GridSettings::default(), EnsembleSettings::default());
         let cost = Cost::new(2);
-        let both_s = |grid| cost.library_s(grid) + cost.first_members_s(neighbours);
+        let both_s = |grid: &GridSettings| cost.library_s(grid) + cost.first_members_s(neighbours);
         assert!((both_s(&grid) - 9.0 * 1.04 / 2.0).abs() < 1e-9);
         assert!((cost.library_s(&grid) - 0.52).abs() < 1e-9);
         assert_eq!(cost.first_members_s(EnsembleSettings::described_alone()), 0.0);
@@ -76,7 +76,7 @@ mod tests {
         cost.note(SimulationStage::Library, 0, Duration::from_secs(1));
         cost.note(SimulationStage::Members, 100, Duration::from_secs(1));
         assert!((both_s(&grid) - 58.0).abs() < 1e-9);
-        let twice = GridSettings { torque_factors: vec![0.5, 1.0], ..grid };
+        let twice = GridSettings { torque_factors: vec![0.5, 1.0], ..grid.clone() };
         assert!((both_s(&twice) - 68.0).abs() < 1e-9);
     }
 }

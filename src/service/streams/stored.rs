@@ -304,7 +304,6 @@ mod tests {
     use crate::recording::RawSample;
     use crate::recording::stream::CutPolicy;
     use crate::store::SystemDisk;
-    use crate::store::SystemDisk;
 
     const RATE_HZ: f64 = 100.0;
 
@@ -322,15 +321,7 @@ mod tests {
     }
 
     fn stream(folder: &Path) -> StoredStream {
-        StoredStream::create(
-            Arc::new(SystemDisk),
-            Arc::new(SystemDisk),
-            folder,
-            Timestamp::UNIX_EPOCH,
-            format(),
-            Some(0),
-        )
-        .unwrap()
+        StoredStream::create(Arc::new(SystemDisk), folder, Timestamp::UNIX_EPOCH, format(), Some(0)).unwrap()
     }
 
     #[test]
@@ -360,9 +351,7 @@ mod tests {
                 bytes.extend_from_slice(&[120, 0, 0, 0, 1, 2, 3, 4, 2, 9]);
                 std::fs::write(&newest, bytes).unwrap();
             }
-            killed = StoredStream::open(Arc::new(SystemDisk), Arc::new(SystemDisk), folder.path())
-                .unwrap()
-                .unwrap();
+            killed = StoredStream::open(Arc::new(SystemDisk), folder.path()).unwrap().unwrap();
             // Chunks that waited for earlier ones are sent again.
             let next = killed.state.next.unwrap_or(0);
             let again: Vec<Chunk> =
@@ -382,15 +371,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let format = StreamFormat::new(RawSample::F32, 10_000.0, 4, None).unwrap();
         let policy = Cutting::from(CutPolicy::new(1.0, 30.0, 10_000.0).unwrap());
-        let mut stream = StoredStream::create(
-            Arc::new(SystemDisk),
-            Arc::new(SystemDisk),
-            folder.path(),
-            Timestamp::UNIX_EPOCH,
-            format,
-            Some(0),
-        )
-        .unwrap();
+        let mut stream =
+            StoredStream::create(Arc::new(SystemDisk), folder.path(), Timestamp::UNIX_EPOCH, format, Some(0))
+                .unwrap();
         let second = |k: u64| Chunk {
             first: k * 10_000,
             time_ns: Some(k as i64 * 1_000_000_000),

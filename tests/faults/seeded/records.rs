@@ -206,7 +206,11 @@ fn learn(known: &mut Known, change: Change, answer: Option<Option<SegmentId>>) {
             }
             (known.presence, known.id) = (Presence::Present, id);
         }
-        (Change::Delete, Some(_)) => *known = Known { is_deleted: true, ..Known::default() },
+        (Change::Delete, Some(_)) => {
+            // Nothing may have been there to delete: then a refused upload may have left its note.
+            let is_deleted = known.is_deleted || known.presence == Presence::Present;
+            *known = Known { is_deleted, ..Known::default() };
+        }
         (Change::Exclude(is_excluded), Some(_)) => known.is_excluded = Some(is_excluded),
         // A repeat of a stored record changes nothing.
         (Change::Upload, None) if known.presence == Presence::Present => {}
