@@ -37,7 +37,7 @@ export const CHECKS = {
     await page.getByLabel("Gear pair, for wear in µm").selectOption({ label: "None: indicators only" });
     await fill(page, { "Bearing 2": "" });
     await page.getByRole("button", { name: "Create asset" }).click();
-    await page.waitForFunction((asset) => location.hash === `#/assets/${asset}`, id);
+    await page.getByRole("heading", { name: id }).first().waitFor();
     await page.goto(`${page.url().split("#")[0]}#/new`);
     await page.getByRole("heading", { name: "New asset" }).waitFor();
     assert.equal(await value("Teeth, driven"), "", "what was created is not offered again");

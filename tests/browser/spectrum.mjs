@@ -128,6 +128,7 @@ export const CHECKS = {
       );
     assert.deepEqual(await within(), inside);
     await page.reload();
+    await drawn(page, "envelope"); // its words come first
     await words.getByText("all drawn").waitFor();
     assert.deepEqual(await within(), inside, "the link restores the zoom");
     await close(opened, name);
