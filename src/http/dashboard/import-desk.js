@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { bytes, clock, count } from "./format.js";
+import { bytes, clock, count, speedDoubt } from "./format.js";
 import { ImportBatch } from "./import-batch.js";
 import { ImportFile } from "./import-file.js";
 import { ENDINGS, unpacked } from "./import-preview.js";
@@ -57,6 +57,7 @@ export class ImportDesk {
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
   #summary = h("p", { class: "result", hidden: true });
+  #question = h("p", { class: "result", "data-kind": "part", role: "status", hidden: true });
   #results = h("div", { class: "results", "aria-live": "polite" });
   #undo = h(
     "button",
@@ -102,6 +103,7 @@ export class ImportDesk {
       h("div", { class: "form-buttons" }, this.#send, this.#undo),
       this.#undone,
       this.#summary,
+      this.#question,
       this.#results,
     );
     this.#offerUndo();
@@ -155,6 +157,14 @@ export class ImportDesk {
     if (!asset || asset.sensor?.unit || asset.summary.segments > 0) return;
     this.#unitNote.hidden = false;
     this.#optional.open = true;
+  }
+
+  /** After an upload, asks whether teeth and speed are right if the lines of the latest record contradict them. */
+  async #askAboutSpeed() {
+    const latest = await api.wear(this.#asset).catch(() => null);
+    const doubt = latest?.shaft_speed ? speedDoubt(latest.shaft_speed) : null;
+    this.#question.hidden = !doubt;
+    setText(this.#question, doubt ? `The speed of the latest record is ${doubt}` : "");
   }
 
   async #lookAgain() {
@@ -214,6 +224,7 @@ export class ImportDesk {
     this.#sending = this.#sending.then(async () => {
       setChildren(this.#results);
       setText(this.#undone, "");
+      this.#question.hidden = true;
       this.#undo.hidden = true;
       this.#batch.begin();
       const waiting = cards.map(({ file }) => new Progress(file));
@@ -225,6 +236,7 @@ export class ImportDesk {
       }
       this.#sum(cards.length, cards.length, rejected, true);
       this.#offerUndo();
+      await this.#askAboutSpeed();
     });
   }
 
@@ -270,6 +282,7 @@ export class ImportDesk {
       const gone = await this.#batch.undo();
       setChildren(this.#results);
       this.#summary.hidden = true;
+      this.#question.hidden = true;
       this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
       const left = size - this.#batch.size;
