@@ -178,6 +178,7 @@ mod tests {
     fn a_rate_that_is_too_low_is_reported_with_the_one_needed() {
         assert_eq!(sampled_too_slowly(&record(1.0), 12_000.0), None);
         let why = sampled_too_slowly(&record(1.0), 16_000.0).unwrap();
-        assert!(why.contains("12800 Hz") && why.contains("16000 Hz"), "{why}");
+        assert!(why.reason.contains("12800 Hz") && why.reason.contains("16000 Hz"), "{why:?}");
+        assert_eq!(why.short, "12800 Hz, 16000 Hz needed");
     }
 }
