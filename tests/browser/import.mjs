@@ -17,7 +17,7 @@ import {
   shoot,
   shownTime,
 } from "./page.mjs";
-import { csv, drop, wav } from "./upload.mjs";
+import { csv, drop, gearbox, wav } from "./upload.mjs";
 
 const replays = process.env.FLANKWATCH_REPLAYS; // the service's replay folder
 const audio = (name, buffer) => ({ name, mimeType: "audio/wav", buffer });
@@ -92,6 +92,31 @@ export const CHECKS = {
       "text/csv",
     ]);
     await end(opened, name);
+  },
+
+  "records of another gearbox ask whether teeth and speed are right": async (name) => {
+    const opened = await desk({ gear: { teeth: [32, 80], shaft_speed_hz: 30 } });
+    const { id, page } = opened;
+    const question = /the lines fit 24 × 16.64 Hz better than 32 × .*; are teeth and speed right\?/;
+    const buffer = wav(20_000, gearbox(10_000), 10_000);
+    await page.setInputFiles("#upload-file", [audio("pump_20260401_080000.wav", buffer)]);
+    await send(page);
+    const asked = page.locator('.import-desk > .result[data-kind="part"]', { hasText: question });
+    await asked.getByText("The speed of the latest record is uncertain").waitFor();
+    await shoot(page, name);
+    await page.goto(`${base}/#/assets/${id}`);
+    await page.locator(".sentence", { hasText: question }).waitFor();
+    // a speed given with the record is used for the baseline, and asked about too
+    await page.goto(`${base}/#/assets/${id}/import`);
+    await page.locator("summary", { hasText: "sampling rate" }).click();
+    await page.getByLabel("Shaft speed, Hz").fill("30");
+    await page.setInputFiles("#upload-file", [audio("pump_20260401_090000.wav", buffer)]);
+    await send(page);
+    await asked.waitFor();
+    await page.goto(`${base}/#/assets/${id}`);
+    await page.locator(".sentence", { hasText: /^Collecting the baseline: 1 of \d+ records/ }).waitFor();
+    await page.locator(".sentence", { hasText: question }).waitFor();
+    await end(opened);
   },
 
   "a preview shows the contents of each file before the upload": async (name) => {

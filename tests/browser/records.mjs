@@ -14,6 +14,7 @@ import {
   sendNoise,
   shoot,
 } from "./page.mjs";
+import { gearbox } from "./upload.mjs";
 
 const BASELINE = 8;
 
@@ -99,7 +100,37 @@ export const CHECKS = {
     await settled(page, "1 to 1 of 1 record");
     await rows(page)
       .locator('[data-label="Shaft speed"]')
-      .getByText(`uncertain: ${speed.harmonics_found} of ${speed.harmonics_sought} mesh harmonics found`)
+      .getByText(`uncertain: ${speed.harmonics_found} of ${speed.harmonics_sought} mesh harmonics of 31 × `)
+      .waitFor();
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
+  "a record that is not comparable says briefly what it lacks": async (name) => {
+    const gear = { teeth: [24, 26], shaft_speed_hz: 16.64 };
+    const id = await createAsset("short", { gear, baseline: { records: BASELINE } });
+    const samples = Array.from({ length: 20_000 }, (_, n) => gearbox(10_000)(n));
+    for (let minute = 0; minute <= BASELINE; minute++) {
+      const body = {
+        start_time: `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`,
+        sample_rate_hz: 10_000,
+        unit: "m/s2",
+        channel: "a1",
+        samples: minute < BASELINE ? samples.slice(minute) : samples.slice(0, 1000),
+      };
+      const sent = await fetch(`${base}/v1/assets/${id}/segments`, {
+        method: "POST",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify(body),
+      });
+      assert.equal(sent.status, 201);
+    }
+    const opened = await open(`#/assets/${id}/records`);
+    const { page } = opened;
+    await rows(page)
+      .filter({ hasText: "Not comparable" })
+      .locator('[data-label="Status"]')
+      .getByText("0.1 s, 0.3 s needed")
       .waitFor();
     await close(opened, name);
     await removeAsset(id);

@@ -7,8 +7,25 @@ import { asset, base, createAsset, json, open, removeAsset } from "./page.mjs";
 const RATE = 4000;
 const value = (n) => Math.sin((2 * Math.PI * 310 * n) / RATE) + 0.3 * Math.sin(n * n);
 
+/** A gearbox of 24 and 26 teeth at 16.64 Hz, sampled at `rate`: mesh harmonics with sidebands, shaft lines, noise. */
+export function gearbox(rate) {
+  const lines = [1, 2, 3, 4].map((order) => [order, 0.3]);
+  for (let order = 1; order <= 12; order++) {
+    lines.push([24 * order, 1]);
+    if (order <= 4) for (const side of [-2, -1, 1, 2]) lines.push([24 * order + side, 0.3]);
+  }
+  return (n) => {
+    const turns = (16.64 * n) / rate;
+    const sum = lines.reduce(
+      (all, [order, amplitude]) => all + amplitude * Math.sin(2 * Math.PI * order * turns + order * order),
+      0,
+    );
+    return 0.05 * (sum + Math.sin(n * n * 1.7));
+  };
+}
+
 /** A WAV file of 16-bit samples. */
-export function wav(samples) {
+export function wav(samples, of = value, rate = RATE) {
   const bytes = Buffer.alloc(44 + 2 * samples);
   bytes.write("RIFF", 0);
   bytes.writeUInt32LE(36 + 2 * samples, 4);
@@ -17,14 +34,14 @@ export function wav(samples) {
     [16, 16, 4],
     [20, 1, 2],
     [22, 1, 2],
-    [24, RATE, 4],
-    [28, 2 * RATE, 4],
+    [24, rate, 4],
+    [28, 2 * rate, 4],
     [32, 2, 2],
     [34, 16, 2],
   ].forEach(([at, number, size]) => bytes.writeUIntLE(number, at, size));
   bytes.write("data", 36);
   bytes.writeUInt32LE(2 * samples, 40);
-  for (let n = 0; n < samples; n++) bytes.writeInt16LE(Math.round(9000 * value(n)), 44 + 2 * n);
+  for (let n = 0; n < samples; n++) bytes.writeInt16LE(Math.round(9000 * of(n)), 44 + 2 * n);
   return bytes;
 }
 

@@ -128,6 +128,53 @@ fn an_interrupted_analysis_keeps_its_provisional_estimate() {
     assert!(table.trim_end().lines().last().unwrap().starts_with("provisional: worn "), "{table}");
 }
 
+/// Writes a file of an asset without a pair, with these teeth and this speed.
+fn plain_asset_file(folder: &TempDir, teeth: [u32; 2], shaft_speed_hz: f64) -> String {
+    let name = path(folder, &format!("asset-{}.toml", teeth[0]));
+    let gear = format!("[gear]\nteeth = {teeth:?}\nshaft_speed_hz = {shaft_speed_hz:?}");
+    fs::write(&name, format!("id = \"pump\"\n{gear}\n[baseline]\nrecords = 8\n")).unwrap();
+    name
+}
+
+#[test]
+fn the_table_asks_about_teeth_and_speed_and_says_why_records_are_not_comparable() {
+    let folder = tempfile::tempdir().unwrap();
+    let [run, short] = ["run.mcap", "short.mcap"].map(|name| path(&folder, name));
+    let simulate = |words: &[&str]| {
+        flankwatch(&[&["simulate", "--seed", "3", "--max-wear-um", "1"], words].concat()).expect_success();
+    };
+    simulate(&["--out", &run, "--records", "8", "--seconds", "2"]);
+    simulate(&[
+        "--out",
+        &short,
+        "--records",
+        "1",
+        "--seconds",
+        "0.1",
+        "--start-time",
+        "2026-02-01T00:00:00Z",
+    ]);
+    let right = plain_asset_file(&folder, [24, 26], 16.64);
+    let table = flankwatch(&["analyze", &run, &short, "--asset", &right]).expect_success().out();
+    let row = table.lines().nth(10).unwrap();
+    assert!(row.ends_with("  not_comparable: 0.1 s, 0.3 s needed"), "{table}");
+    assert!(!table.contains("in doubt"), "{table}");
+
+    let wrong = plain_asset_file(&folder, [32, 80], 30.0);
+    let question = |words: &[&str]| {
+        let table =
+            flankwatch(&[&["analyze", &run, "--asset", &wrong], words].concat()).expect_success().out();
+        let last = table.trim_end().lines().last().unwrap().to_owned();
+        assert!(last.ends_with("; are teeth and speed right?") && last.contains(" better than "), "{table}");
+        last
+    };
+    let found = question(&[]);
+    assert!(found.starts_with("no wear estimate: the shaft speed is in doubt: the lines fit "), "{found}");
+    let given = question(&["--shaft-speed-hz", "30"]);
+    assert!(given.starts_with("in 8 of 8 records the shaft speed is in doubt: the lines fit "), "{given}");
+    assert!(given.contains("32 × 30.00 Hz"), "{given}");
+}
+
 #[test]
 fn a_simulated_run_is_estimated_and_printed_in_every_format() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,10 +1,10 @@
 //! Uploads of single records and the resulting segments.
 
 use flankwatch::recording::{BlockEncoding, encode_block};
-use flankwatch::signal::Record;
+use flankwatch::signal::{OperatingPoint, Record};
 use serde_json::{Value, json};
 
-use crate::running::{Service, minute, plain_asset, record, samples, wav};
+use crate::running::{Service, gearbox_24_26, minute, plain_asset, record, samples, wav};
 
 fn close(a: &Value, b: f64, tolerance: f64) -> bool {
     (a.as_f64().unwrap() - b).abs() <= tolerance
@@ -243,6 +243,52 @@ fn a_speed_in_doubt_is_said_with_its_reason() {
     assert_eq!(segment["shaft_speed"]["doubt"]["reason"], "other_mesh", "{segment}");
     assert_eq!(segment["wear"]["status"], "speed_in_doubt", "{segment}");
     let reason = segment["wear"]["reason"].as_str().unwrap();
-    assert!(reason.contains("mesh frequency of 310.") && reason.contains("or 30.7 teeth"), "{reason}");
+    let readings = ["a mesh frequency of 310.", " Hz (23 × 13.4", " Hz or 30.7 × 10.", " better than "];
+    assert!(readings.iter().all(|part| reason.contains(part)), "{reason}");
+    assert!(reason.ends_with("are teeth and speed right?"), "{reason}");
     assert_eq!(segment["wear"]["baseline"]["have"], 0);
+}
+
+/// An asset with 32 and 80 teeth that is sent the gearbox of another one, with 24 and 26 teeth.
+#[test]
+fn first_records_of_another_gearbox_ask_whether_teeth_and_speed_are_right() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["gear"] = json!({ "teeth": [32, 80], "shaft_speed_hz": 30.0 });
+    service.post_json("/v1/assets", &asset).expect(201);
+    let upload = |at: i64, speed: OperatingPoint| {
+        let record = Record::new("1", minute(at), 10_000.0, "m/s2", gearbox_24_26()).unwrap();
+        service.upload("pump", &record.with_operating_point(speed).unwrap())
+    };
+    let given = OperatingPoint { shaft_speed_hz: Some(30.0), ..OperatingPoint::default() };
+    let cases = [(OperatingPoint::default(), "speed_in_doubt", 0), (given, "collecting_baseline", 1)];
+    for (at, (speed, status, have)) in cases.into_iter().enumerate() {
+        let segment = upload(at as i64, speed);
+        let doubt = &segment["shaft_speed"]["doubt"];
+        assert_eq!((&doubt["reason"], &doubt["teeth"]), (&json!("other_mesh"), &json!(24)), "{segment}");
+        let wear = &segment["wear"];
+        assert_eq!((&wear["status"], &wear["baseline"]["have"]), (&json!(status), &json!(have)), "{wear}");
+        let reason = wear["reason"].as_str().unwrap();
+        assert!(reason.contains("the lines fit 24 × 16.64 Hz better than 32 × "), "{reason}");
+        assert!(reason.ends_with("; are teeth and speed right?"), "{reason}");
+    }
+}
+
+#[test]
+fn a_record_that_is_not_comparable_says_briefly_what_it_lacks() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["gear"] = json!({ "teeth": [24, 26], "shaft_speed_hz": 16.64 });
+    asset["baseline"] = json!({ "records": 8 });
+    service.post_json("/v1/assets", &asset).expect(201);
+    let samples = gearbox_24_26();
+    let upload = |at: i64, samples: &[f32]| {
+        let record = Record::new("1", minute(at), 10_000.0, "m/s2", samples.to_vec()).unwrap();
+        service.upload("pump", &record)["wear"].clone()
+    };
+    let baseline: Vec<Value> = (0..8).map(|at| upload(at, &samples[at as usize..])).collect();
+    assert!(baseline.iter().all(|wear| wear["short_reason"].is_null()));
+    let short = upload(8, &samples[..1000]);
+    assert_eq!(short["status"], "not_comparable", "{short}");
+    assert_eq!(short["short_reason"], "0.1 s, 0.3 s needed");
 }

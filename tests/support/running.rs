@@ -282,6 +282,33 @@ pub(crate) fn samples(n: u32) -> Vec<f32> {
         .collect()
 }
 
+/// Returns two seconds at 10 kHz of a gearbox of 24 and 26 teeth at 16.64 Hz: mesh harmonics with sidebands, the
+/// shaft's own lines, and noise.
+pub(crate) fn gearbox_24_26() -> Vec<f32> {
+    let (shaft_hz, rate_hz) = (16.64, 10_000.0);
+    let mesh = (1..=12).map(|order| (f64::from(24 * order), 1.0));
+    let sides = [-2, -1, 1, 2].into_iter();
+    let sidebands =
+        (1..=4).flat_map(move |order| sides.clone().map(move |side| (f64::from(24 * order + side), 0.3)));
+    let lines: Vec<(f64, f64)> =
+        mesh.chain(sidebands).chain((1..=4).map(|order| (f64::from(order), 0.3))).collect();
+    let mut state = 12_345_u32;
+    (0..20_000)
+        .map(|k| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let noise = f64::from(state >> 8) / f64::from(1 << 24) - 0.5;
+            let turns = shaft_hz * f64::from(k) / rate_hz;
+            let sum: f64 = lines
+                .iter()
+                .map(|(order, amplitude)| {
+                    amplitude * (std::f64::consts::TAU * order * turns + order * order).sin()
+                })
+                .sum();
+            (sum + noise) as f32
+        })
+        .collect()
+}
+
 /// Returns record `n` of a channel, one per minute.
 pub(crate) fn record(channel: &str, n: u32) -> Record {
     Record::new(channel, minute(n.into()), 4000.0, "m/s2", samples(n)).unwrap()

@@ -165,8 +165,12 @@ impl Analyzer {
             });
         }
         let mut speed = located.speed;
-        let found = speed.filter(|speed| speed.source == SpeedSource::MeshComb);
-        features.speed_doubt = found.and_then(|speed| speed.doubt_message());
+        let doubt = speed.and_then(|speed| Some((speed.source, speed.doubt_message()?)));
+        match doubt {
+            Some((SpeedSource::MeshComb, doubt)) => features.speed_doubt = Some(doubt),
+            Some((_, doubt)) => features.given_speed_doubt = Some(doubt),
+            None => {}
+        }
         let certain = located.mesh.ok().filter(|_| features.speed_doubt.is_none());
         if let Ok(deviation) = deviation {
             let comb = certain.map(|mesh_bins| (mesh_bins, mesh));

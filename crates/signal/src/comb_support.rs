@@ -54,6 +54,12 @@ const SHAFT_HARMONICS: u32 = 8;
 const OTHER_SHAFT_RANGE: [f64; 2] = [0.75, 1.33];
 const SAME_SHAFT_TOLERANCE: f64 = 0.012;
 
+/// Numbers of teeth that a mesh's sidebands are searched for.
+const READABLE_TEETH: std::ops::RangeInclusive<u32> = 10..=150;
+
+/// The fewest teeth are named whose score is at least this part of the best one.
+const NEARLY_BEST: f64 = 0.85;
+
 /// Another shaft rate needs this many lines, and a score higher by this margin.
 const MIN_SHAFT_LINES: u32 = 7;
 const MIN_SHAFT_GAIN: f64 = 8.0;
@@ -67,6 +73,15 @@ pub(super) struct Support {
     pub(super) sought: u32,
     /// The evidence against the comb, if any.
     pub(super) doubt: Option<CombDoubt>,
+    /// What the lines fit instead, where they fit another mesh frequency better.
+    pub(super) reading: Option<Reading>,
+}
+
+/// A reading of the lines: a mesh frequency in bins and, where its sidebands show it, the number of teeth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Reading {
+    pub(super) mesh: f64,
+    pub(super) teeth: Option<u32>,
 }
 
 /// Evidence against a comb. Positions are in bins.
@@ -112,7 +127,11 @@ pub(super) fn support(
     } else {
         lines.other_shaft(mesh, context).map(CombDoubt::OtherShaft)
     };
-    Support { found, sought, doubt }
+    let reading = match doubt {
+        Some(CombDoubt::OtherMesh(other)) => Some(lines.reading(other)),
+        _ => None,
+    };
+    Support { found, sought, doubt, reading }
 }
 
 fn highest(amplitude: &[f64]) -> f64 {
@@ -242,30 +261,47 @@ impl<'a> Lines<'a> {
         between.len() >= 2 && between.iter().sum::<f64>() > 0.5 * on.iter().sum::<f64>()
     }
 
+    /// Returns how many of a shaft's harmonics and sidebands around a mesh have a line, and their score.
+    fn shaft_lines(&self, mesh: f64, shaft: f64) -> (u32, f64) {
+        let sides = |harmonic: u32| {
+            let orders = (1..=SIDEBANDS).flat_map(|order| [-1.0, 1.0].map(|side| side * f64::from(order)));
+            orders.map(move |order| f64::from(harmonic) * mesh + order * shaft)
+        };
+        let harmonics = (1..=SHAFT_HARMONICS).map(|order| f64::from(order) * shaft);
+        let lines = harmonics.chain((1..=SIDEBAND_HARMONICS).flat_map(sides)).map(|place| self.at(place));
+        lines.fold((0, 0.0), |(count, score), line| {
+            (count + u32::from(line > 0.0), score + line - self.chance)
+        })
+    }
+
+    /// Returns the reading of a mesh frequency that fits the lines: a half or a third of it where that has
+    /// lines too, and the teeth whose shaft spaces its sidebands best.
+    fn reading(&self, other: f64) -> Reading {
+        let score = self.score(other);
+        let lower = [0.5, 1.0 / 3.0].into_iter().map(|part| part * other);
+        let better = lower
+            .map(|mesh| (mesh, self.score(mesh)))
+            .filter(|(_, lower)| *lower > MIN_GAIN_FACTOR * score.max(0.0) + MIN_GAIN)
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        let mesh = better.map_or(other, |(mesh, _)| mesh);
+        let spaced: Vec<(u32, f64)> = READABLE_TEETH
+            .map(|teeth| (teeth, self.shaft_lines(mesh, mesh / f64::from(teeth))))
+            .filter(|(_, (count, score))| *count >= MIN_SHAFT_LINES && *score > MIN_SHAFT_GAIN)
+            .map(|(teeth, (_, score))| (teeth, score))
+            .collect();
+        // A half of the true shaft rate has the same lines.
+        let best = spaced.iter().map(|(_, score)| *score).fold(0.0, f64::max);
+        let teeth = spaced.iter().find(|(_, score)| *score >= NEARLY_BEST * best).map(|(teeth, _)| *teeth);
+        Reading { mesh, teeth }
+    }
+
     /// Returns the shaft rate that spaces the sidebands, if it is not the one given by teeth and mesh.
     fn other_shaft(&self, mesh: f64, context: &MeshContext) -> Option<f64> {
         let shaft = mesh / f64::from(context.teeth.max(1));
         let mate = (context.mate_teeth > 0).then(|| mesh / f64::from(context.mate_teeth));
         let others = context.others.shaft_orders().map(|order| order * shaft);
         let known: Vec<f64> = [shaft].into_iter().chain(mate).chain(others).collect();
-        let lines_of = |shaft: f64| {
-            let mut tally = (0, 0.0);
-            for order in 1..=SHAFT_HARMONICS {
-                let line = self.at(f64::from(order) * shaft);
-                tally.0 += u32::from(line > 0.0);
-                tally.1 += line - self.chance;
-            }
-            for harmonic in 1..=SIDEBAND_HARMONICS {
-                for order in 1..=SIDEBANDS {
-                    for side in [-1.0, 1.0] {
-                        let line = self.at(f64::from(harmonic) * mesh + side * f64::from(order) * shaft);
-                        tally.0 += u32::from(line > 0.0);
-                        tally.1 += line - self.chance;
-                    }
-                }
-            }
-            tally
-        };
+        let lines_of = |shaft: f64| self.shaft_lines(mesh, shaft);
         let own = known.iter().map(|shaft| lines_of(*shaft).1).fold(f64::NEG_INFINITY, f64::max);
         let step = REACH_BINS / f64::from(SIDEBANDS);
         let steps = ((OTHER_SHAFT_RANGE[1] - OTHER_SHAFT_RANGE[0]) * shaft / step) as usize;
@@ -359,6 +395,19 @@ mod tests {
                 }
                 doubt => panic!("{part}: {doubt:?}"),
             }
+        }
+    }
+
+    #[test]
+    fn a_reading_names_the_fundamental_and_its_teeth() {
+        // Harmonics of 480.3 bins with the sidebands of 24 teeth, taken for 2.5 times that frequency.
+        let positions = || comb(MESH).chain((11..=25).map(|order| f64::from(order) * MESH));
+        let with_shaft = positions().chain(shaft_lines(MESH / 24.0));
+        for (lines, teeth) in [(positions().collect::<Vec<_>>(), None), (with_shaft.collect(), Some(24))] {
+            let support = support_of(2.5 * MESH, lines, &context());
+            assert!(matches!(support.doubt, Some(CombDoubt::OtherMesh(_))), "{support:?}");
+            let reading = support.reading.unwrap();
+            assert!((reading.mesh / MESH - 1.0).abs() < 2e-3 && reading.teeth == teeth, "{reading:?}");
         }
     }
 

@@ -71,6 +71,9 @@ pub struct Features {
     /// Why the shaft speed found in the record is in doubt. In that case there are no mesh line features.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_doubt: Option<String>,
+    /// Why a shaft speed that was given is in doubt. It is used nevertheless.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub given_speed_doubt: Option<String>,
     /// The strongest line of the envelope spectrum, if it stands out: for a record whose kurtosis exceeds 4,
     /// or for a machine with configured bearings.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::comb_support::{CombDoubt, Support, support};
+use super::comb_support::{CombDoubt, Reading, Support, support};
 use super::indicators::NotComputed;
 use super::line::{DETECTION_RATIO, MAIN_LOBE_BINS, background, fits, read_line};
 use super::mesh_comb::{self, MESH_RESOLVED_BINS, MeshComb};
@@ -95,6 +95,9 @@ pub enum SpeedDoubt {
     OtherMesh {
         /// That mesh frequency in hertz.
         mesh_frequency_hz: f64,
+        /// The number of teeth whose shaft spaces the sidebands of that mesh; omitted if they do not show.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        teeth: Option<u32>,
     },
     /// The sidebands of the mesh are spaced by another shaft rate.
     OtherShaft {
@@ -117,26 +120,31 @@ impl ShaftSpeed {
         }
     }
 
-    /// Returns the message for the doubt, if there is one.
+    /// Returns the doubt as a sentence that asks whether teeth and speed are right, if there is one.
     pub fn doubt_message(&self) -> Option<String> {
         let (shaft_hz, mesh_hz) = (self.shaft_speed_hz, self.mesh_frequency_hz);
         let teeth = mesh_hz / shaft_hz;
-        Some(match self.doubt? {
+        let described = format!("{teeth:.0} × {shaft_hz:.2} Hz");
+        let evidence = match self.doubt? {
             SpeedDoubt::FewHarmonics => format!(
-                "the shaft speed is in doubt: {} of {} harmonics of the mesh frequency {mesh_hz:.1} Hz stand out, expected at least 2",
+                "{} of {} harmonics of the mesh frequency {mesh_hz:.1} Hz ({described}) stand out, expected at least 2",
                 self.harmonics_found, self.harmonics_sought
             ),
-            SpeedDoubt::OtherMesh { mesh_frequency_hz } => format!(
-                "the shaft speed is in doubt: the lines fit a mesh frequency of {mesh_frequency_hz:.1} Hz better than {mesh_hz:.1} Hz, \
-                 {teeth:.0} teeth at {shaft_hz:.2} Hz: rather {teeth:.0} teeth at {:.2} Hz, or {:.1} teeth; check teeth, speed and other meshes",
+            SpeedDoubt::OtherMesh { mesh_frequency_hz, teeth: Some(count) } => format!(
+                "the lines fit {count} × {:.2} Hz better than {described} (a mesh frequency of {mesh_frequency_hz:.1} Hz instead of {mesh_hz:.1} Hz)",
+                mesh_frequency_hz / f64::from(count)
+            ),
+            SpeedDoubt::OtherMesh { mesh_frequency_hz, teeth: None } => format!(
+                "the lines fit a mesh frequency of {mesh_frequency_hz:.1} Hz ({teeth:.0} × {:.2} Hz or {:.1} × {shaft_hz:.2} Hz) better than {mesh_hz:.1} Hz ({described})",
                 mesh_frequency_hz / teeth,
                 mesh_frequency_hz / shaft_hz
             ),
             SpeedDoubt::OtherShaft { shaft_speed_hz } => format!(
-                "the shaft speed is in doubt: the shaft lines are {shaft_speed_hz:.2} Hz apart, but {teeth:.0} teeth give \
-                 {shaft_hz:.2} Hz; check the number of teeth"
+                "the shaft lines fit {:.1} × {shaft_speed_hz:.2} Hz better than {described}",
+                mesh_hz / shaft_speed_hz
             ),
-        })
+        };
+        Some(format!("the shaft speed is in doubt: {evidence}; are teeth and speed right?"))
     }
 }
 
@@ -145,10 +153,13 @@ fn is_zero(value: &f64) -> bool {
 }
 
 impl SpeedDoubt {
-    fn of(doubt: CombDoubt, resolution_hz: f64) -> Self {
+    fn of(doubt: CombDoubt, reading: Option<Reading>, resolution_hz: f64) -> Self {
         match doubt {
             CombDoubt::FewHarmonics => Self::FewHarmonics,
-            CombDoubt::OtherMesh(bins) => Self::OtherMesh { mesh_frequency_hz: bins * resolution_hz },
+            CombDoubt::OtherMesh(bins) => Self::OtherMesh {
+                mesh_frequency_hz: reading.map_or(bins, |reading| reading.mesh) * resolution_hz,
+                teeth: reading.and_then(|reading| reading.teeth),
+            },
             CombDoubt::OtherShaft(bins) => Self::OtherShaft { shaft_speed_hz: bins * resolution_hz },
         }
     }
@@ -300,7 +311,7 @@ pub(super) fn locate(
     let comb_to_background = comb.map(|comb| comb.to_background);
     let (harmonics_found, harmonics_sought) =
         lines.map_or((0, 0), |Support { found, sought, .. }| (found, sought));
-    let doubt = lines.and_then(|lines| lines.doubt).map(|doubt| SpeedDoubt::of(doubt, resolution_hz));
+    let doubt = lines.and_then(|lines| Some(SpeedDoubt::of(lines.doubt?, lines.reading, resolution_hz)));
     match given {
         Some((shaft_speed_hz, source)) => LocatedMesh {
             speed: Some(ShaftSpeed {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::envelope::AnalyzedEnvelope;
 use crate::estimate::WearEstimate;
 use crate::report::ReportedRecord;
-use crate::signal::{Basis, Features, Indicators, SpeedDoubt, SpeedSource};
+use crate::signal::{Basis, Features, Indicators, ShaftSpeed, SpeedDoubt, SpeedSource};
 
 /// An analysed record, as it is printed.
 #[derive(Debug, Serialize)]
@@ -40,6 +40,9 @@ pub(super) struct AnalyzedRecord {
     /// Whether the described machine has a gear mesh.
     #[serde(skip)]
     pub(super) has_mesh: bool,
+    /// The shaft speed with its support.
+    #[serde(skip)]
+    pub(super) shaft_speed: Option<ShaftSpeed>,
     #[serde(skip)]
     pub(super) features: Features,
 }

@@ -101,7 +101,8 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
     }
     text += if has_wear { "  wear in µm, or status\n" } else { "\n" };
     for (n, record) in records.iter().enumerate() {
-        let doubt = if record.shaft_speed_doubt.is_some() { "?" } else { "" };
+        let is_doubted = record.shaft_speed.is_some_and(|speed| speed.doubt.is_some());
+        let doubt = if is_doubted { "?" } else { "" };
         let speed = record.shaft_speed_hz.map_or_else(none, |hz| format!("{hz:.2}{doubt}"));
         text += &format!("{:>digits$} {} {speed:>6}", n + 1, record.start_time.strftime("%m-%d %H:%M:%S"));
         for (name, heading) in INDICATORS {
@@ -117,7 +118,17 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
         text.truncate(text.trim_end().len());
         text.push('\n');
     }
-    text + &verdict(records) + "\n"
+    text += &format!("{}\n", verdict(records));
+    text + &question(records).map_or_else(String::new, |question| format!("{question}\n"))
+}
+
+/// Asks about teeth and speed where the lines of records contradict them and the verdict does not say so.
+fn question(records: &[&AnalyzedRecord]) -> Option<String> {
+    let is_told = records.last()?.wear.as_ref().is_some_and(|wear| wear.status == WearStatus::SpeedInDoubt);
+    let doubted = records.iter().filter_map(|record| record.shaft_speed?.doubt_message());
+    let count = doubted.clone().count();
+    let question = doubted.last().filter(|_| !is_told)?;
+    Some(format!("in {count} of {} records {question}", records.len()))
 }
 
 fn width(heading: &str, values: &[String]) -> usize {
@@ -137,7 +148,10 @@ fn wear(record: &AnalyzedRecord) -> String {
             format!("at least {:.0}", wear.at_least_um.unwrap_or_default())
         }
         (Some(median), Some(low), Some(high)) => format!("{median:.0} ({low:.0} to {high:.0})"),
-        _ => record.cause().map_or_else(|| status.clone(), |cause| format!("{status}: {cause}")),
+        _ => {
+            let why = record.cause().or_else(|| wear.short_reason.clone());
+            why.map_or_else(|| status.clone(), |why| format!("{status}: {why}"))
+        }
     }
 }
 

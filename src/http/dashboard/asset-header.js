@@ -208,7 +208,9 @@ export class AssetHeader {
     setChildren(this.#number, ...(known ? wearNumber(wear, limits) : []));
     this.#number.hidden = !known;
     setChildren(this.#bar, known ? wearBar(wear, limits) : null);
-    const words = wear?.segment_id ? sentence(wear, limits, Boolean(asset.gear?.pair)) : sentence(null);
+    const words = wear?.segment_id
+      ? sentence(wear, limits, Boolean(asset.gear?.pair)) + question(wear)
+      : sentence(null);
     setText(this.#sentence, several ? `Channel ${channel}: ${words}` : words);
     setChildren(this.#facts, facts(asset, wear, this.#age));
     this.#last = summary.last_start_time;
@@ -249,6 +251,13 @@ export class AssetHeader {
   tick() {
     setText(this.#age, this.#last ? `latest ${age(this.#last)}` : "none yet");
   }
+}
+
+/** In the first records, the doubt about teeth and speed, where the status does not say it already. */
+function question({ status, shaft_speed: speed }) {
+  const first = ["collecting_baseline", "awaiting_library"].includes(status);
+  const doubt = first && speed ? speedDoubt(speed) : null;
+  return doubt ? ` The speed is ${doubt}` : "";
 }
 
 /** The state of the whole asset, when another channel makes it differ from the displayed channel's state. */

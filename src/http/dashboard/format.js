@@ -203,17 +203,30 @@ export function speedSource(speed) {
   return comb ? `${words}, ${number(comb, 2)} times the background${support}` : words;
 }
 
-/** Why a shaft speed or tooth number may be wrong; null when there is no doubt. */
+/** Why a shaft speed or tooth number may be wrong, with both readings, as a question; null without doubt. */
 export function speedDoubt({
   doubt,
+  shaft_speed_hz: shaft,
   mesh_frequency_hz: mesh,
   harmonics_found: found,
   harmonics_sought: sought,
 }) {
   if (!doubt) return null;
-  if (doubt.reason === "other_mesh")
-    return `uncertain: the lines fit a mesh at ${hertz(doubt.mesh_frequency_hz)} better than at ${hertz(mesh)}; check teeth, speed and other meshes`;
-  if (doubt.reason === "other_shaft")
-    return `uncertain: the shaft lines are ${hertz(doubt.shaft_speed_hz)} apart; check the number of teeth`;
-  return `uncertain: ${found} of ${sought} mesh harmonics found, at least 2 are needed`;
+  const described = `${Math.round(mesh / shaft)} × ${hertz(shaft)}`;
+  const question = (evidence) => `uncertain: ${evidence}; are teeth and speed right?`;
+  if (doubt.reason === "other_mesh") {
+    const { mesh_frequency_hz: other, teeth } = doubt;
+    return question(
+      teeth
+        ? `the lines fit ${teeth} × ${hertz(other / teeth)} better than ${described}`
+        : `the lines fit a mesh at ${hertz(other)} (${described.replace(/×.*/, "×")} ${hertz((other * shaft) / mesh)} or ${number(other / shaft, 3)} × ${hertz(shaft)}) better than at ${hertz(mesh)} (${described})`,
+    );
+  }
+  if (doubt.reason === "other_shaft") {
+    const { shaft_speed_hz: other } = doubt;
+    return question(
+      `the shaft lines fit ${number(mesh / other, 3)} × ${hertz(other)} better than ${described}`,
+    );
+  }
+  return question(`${found} of ${sought} mesh harmonics of ${described} found, at least 2 are needed`);
 }

@@ -2,7 +2,7 @@
 
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
-import { bytes, clock, count } from "./format.js";
+import { bytes, clock, count, speedDoubt } from "./format.js";
 import { ImportBatch } from "./import-batch.js";
 import { ImportFile } from "./import-file.js";
 import { ENDINGS, unpacked } from "./import-preview.js";
@@ -73,6 +73,7 @@ export class ImportDesk {
   #sending = Promise.resolve();
   #summary = h("p", { class: "result", hidden: true });
   #next = h("p", { class: "next-step", hidden: true });
+  #question = h("p", { class: "result", "data-kind": "part", role: "status", hidden: true });
   #results = h("div", { class: "results", "aria-live": "polite" });
   #undo = h(
     "button",
@@ -126,6 +127,7 @@ export class ImportDesk {
       this.#undone,
       this.#summary,
       this.#next,
+      this.#question,
       this.#results,
     );
     this.#offerUndo();
@@ -187,6 +189,14 @@ export class ImportDesk {
     setText(this.#unknownUnit, words);
   }
 
+  /** After an upload, asks whether teeth and speed are right if the lines of the latest record contradict them. */
+  async #askAboutSpeed() {
+    const latest = await api.wear(this.#asset).catch(() => null);
+    const doubt = latest?.shaft_speed ? speedDoubt(latest.shaft_speed) : null;
+    this.#question.hidden = !doubt;
+    setText(this.#question, doubt ? `The speed of the latest record is ${doubt}` : "");
+  }
+
   async #lookAgain() {
     const depend = ["text/csv", "application/x-matlab-data", "application/x-npy"];
     for (const card of this.#files.filter(({ seen }) => !seen || depend.includes(seen.type)))
@@ -244,7 +254,7 @@ export class ImportDesk {
     this.#sending = this.#sending.then(async () => {
       setChildren(this.#results);
       setText(this.#undone, "");
-      this.#undo.hidden = this.#next.hidden = true;
+      this.#undo.hidden = this.#next.hidden = this.#question.hidden = true;
       this.#batch.begin();
       const stay = warnBeforeLeaving();
       const waiting = cards.map(({ file }) => new Progress(file));
@@ -258,6 +268,7 @@ export class ImportDesk {
       stay.abort();
       this.#next.hidden = !this.#next.children.length || this.#batch.size === 0;
       this.#offerUndo();
+      await this.#askAboutSpeed();
     });
   }
 
@@ -302,7 +313,7 @@ export class ImportDesk {
     try {
       const gone = await this.#batch.undo();
       setChildren(this.#results);
-      this.#summary.hidden = this.#next.hidden = true;
+        this.#summary.hidden = this.#next.hidden = this.#question.hidden = true;
       this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
       const left = size - this.#batch.size;

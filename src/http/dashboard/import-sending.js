@@ -3,6 +3,7 @@
 import { address, failure, recordsPage } from "./api.js";
 import { clock, depth } from "./format.js";
 import { csvParameters } from "./import-preview.js";
+import { ended } from "./state.js";
 
 const PCM = 1;
 
@@ -159,7 +160,7 @@ function words(file, answer) {
       wear.median_um == null
         ? wear.reason
         : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
-    return `${file.name}: record of ${clock(start)}, channel ${channel}, stored; ${estimate}.`;
+    return ended(`${file.name}: record of ${clock(start)}, channel ${channel}, stored; ${estimate}`);
   });
 }
 

@@ -14,6 +14,7 @@ import {
   spectrumDrawing,
   zoomRange,
 } from "./spectrum-plot.js";
+import { ended } from "./state.js";
 import { turnDrawing } from "./turn-plot.js";
 import { waveformDrawing } from "./waveform-plot.js";
 
@@ -83,7 +84,7 @@ function posterior({ segment, asset, revision }) {
   if (!asset.gear) return "No posterior: the machine has no gear mesh, so there is no wear to estimate.";
   if (!asset.gear.pair) return "No posterior: this asset has no gear pair, so wear is not estimated.";
   if (!wear?.posterior)
-    return wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.";
+    return wear?.reason ? ended(`No posterior: ${wear.reason}`) : "No posterior for this record.";
   return posteriorDrawing(wear, asset.limits, reference, revision);
 }
 

@@ -81,6 +81,7 @@ export function recordRow(record, selected, onToggle) {
     cell(
       HEADINGS[6],
       h("span", { title: `${wear.reason || statusMeaning(wear.status)}` }, statusWords(wear)),
+      wear.short_reason && h("span", { class: "muted id" }, wear.short_reason),
     ),
     cell(HEADINGS[7], h("span", { class: "part" }, part(record))),
     cell(

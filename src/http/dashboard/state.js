@@ -141,6 +141,9 @@ export function transmissionWords({ transmission_error_um: error }) {
   return { number: `${um(error.median)} µm`, interval: `5 to 95 %: ${um(error.p05)} to ${um(error.p95)} µm` };
 }
 
+/** A sentence with its full stop, unless it is a question. */
+export const ended = (text) => (text.endsWith("?") ? text : `${text}.`);
+
 const capital = (text) => (text ? text[0].toUpperCase() + text.slice(1) : "");
 
 /** A summary of the wear with a recommendation, in one or two sentences. */
@@ -166,7 +169,7 @@ export function sentence(wear, limits, hasPair = true) {
   if (wear.status === "excluded")
     return "This record is excluded from the baseline, the estimate and alarms.";
   if (wear.status === "not_comparable") return `This record is ${wear.reason}.`;
-  if (wear.status === "speed_in_doubt") return `This record is not used: ${wear.reason}.`;
+  if (wear.status === "speed_in_doubt") return ended(`This record is not used: ${wear.reason}`);
   if (wear.status === "no_features")
     return `This record has no features to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault")

@@ -11,6 +11,15 @@ const SAME_RATE: f64 = 0.1;
 /// Logarithm of the ratio of two lengths below which they count as equal.
 const SAME_LENGTH: f64 = 0.2;
 
+/// Why a record cannot be compared.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Rejection {
+    /// The reason in a sentence.
+    pub(super) reason: String,
+    /// What the record has and what is needed, in a few words.
+    pub(super) short: String,
+}
+
 /// How the records of a baseline were taken.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Comparability {
@@ -52,7 +61,7 @@ impl Comparability {
     }
 
     /// Returns why a record cannot be compared because of its length.
-    pub(super) fn rejection(&self, record: &Features) -> Option<String> {
+    pub(super) fn rejection(&self, record: &Features) -> Option<Rejection> {
         let seconds = record.extent?.seconds;
         if (seconds / self.seconds?).ln().abs() < SAME_LENGTH {
             return None;
@@ -60,12 +69,18 @@ impl Comparability {
         let speed_hz = record.operating_point.shaft_speed_hz.or(self.shaft_speed_hz)?;
         let needed_s = Extent::min_seconds_to_separate_lines(speed_hz);
         match (self.resolves_sidebands?, seconds >= needed_s) {
-            (true, false) => Some(format!(
-                "not comparable with the baseline: the record is {seconds:.2} s long, and it takes {needed_s:.2} s to separate the mesh lines from their sidebands"
-            )),
-            (false, true) => Some(format!(
-                "not comparable with the baseline: the record is {seconds:.2} s long, and the baseline's are shorter than the {needed_s:.2} s that it takes to separate the mesh lines from their sidebands"
-            )),
+            (true, false) => Some(Rejection {
+                reason: format!(
+                    "not comparable with the baseline: the record is {seconds:.2} s long, and it takes {needed_s:.2} s to separate the mesh lines from their sidebands"
+                ),
+                short: format!("{} s, {} s needed", two_decimals(seconds), two_decimals(needed_s)),
+            }),
+            (false, true) => Some(Rejection {
+                reason: format!(
+                    "not comparable with the baseline: the record is {seconds:.2} s long, and the baseline's are shorter than the {needed_s:.2} s that it takes to separate the mesh lines from their sidebands"
+                ),
+                short: format!("{} s, below {} s needed", two_decimals(seconds), two_decimals(needed_s)),
+            }),
             _ => None,
         }
     }
@@ -90,13 +105,20 @@ impl Comparability {
 
 /// Returns why a record is rejected where its sampling rate is below `needed_hz`, the least that gives enough
 /// of the baseline's values.
-pub(super) fn sampled_too_slowly(record: &Features, needed_hz: f64) -> Option<String> {
+pub(super) fn sampled_too_slowly(record: &Features, needed_hz: f64) -> Option<Rejection> {
     let rate_hz = record.extent?.sample_rate_hz;
-    (rate_hz < needed_hz).then(|| {
-        format!(
+    (rate_hz < needed_hz).then(|| Rejection {
+        reason: format!(
             "not comparable with the baseline: sampled at {rate_hz:.0} Hz, expected at least {needed_hz:.0} Hz"
-        )
+        ),
+        short: format!("{rate_hz:.0} Hz, {needed_hz:.0} Hz needed"),
     })
+}
+
+/// Formats a length in seconds with at most two decimals.
+fn two_decimals(seconds: f64) -> String {
+    let text = format!("{seconds:.2}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -129,11 +151,12 @@ mod tests {
         let long = Comparability::of([record(1.0), record(0.5)].iter());
         assert_eq!(long.rejection(&record(0.26)), None);
         let why = long.rejection(&record(0.2)).unwrap();
-        assert!(why.contains("0.20 s") && why.contains("0.25 s"), "{why}");
+        assert!(why.reason.contains("0.20 s") && why.reason.contains("0.25 s"), "{why:?}");
+        assert_eq!(why.short, "0.2 s, 0.25 s needed");
         let short = Comparability::of([record(0.2)].iter());
         assert_eq!(short.rejection(&record(0.1)), None);
         assert_eq!(Comparability::of([record(0.26)].iter()).rejection(&record(0.24)), None, "nearly as long");
-        assert!(short.rejection(&record(1.0)).is_some());
+        assert_eq!(short.rejection(&record(1.0)).unwrap().short, "1 s, below 0.25 s needed");
     }
 
     #[test]
@@ -155,6 +178,7 @@ mod tests {
     fn a_rate_that_is_too_low_is_reported_with_the_one_needed() {
         assert_eq!(sampled_too_slowly(&record(1.0), 12_000.0), None);
         let why = sampled_too_slowly(&record(1.0), 16_000.0).unwrap();
-        assert!(why.contains("12800 Hz") && why.contains("16000 Hz"), "{why}");
+        assert!(why.reason.contains("12800 Hz") && why.reason.contains("16000 Hz"), "{why:?}");
+        assert_eq!(why.short, "12800 Hz, 16000 Hz needed");
     }
 }

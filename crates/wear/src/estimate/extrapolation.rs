@@ -4,6 +4,7 @@
 //! wear depends on the torque, and on how near the speed brings the line to a resonance. Near the described
 //! point this adds uncertainty; far from it no estimate is made.
 
+use super::comparability::Rejection;
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 
@@ -46,13 +47,14 @@ impl Extrapolation {
     }
 
     /// Returns why no estimate can be made at this operating point.
-    pub(super) fn rejection(&self) -> Option<String> {
+    pub(super) fn rejection(&self) -> Option<Rejection> {
         let refused = |what, part: f64, [least, most]: [f64; 2]| {
             let inside = (least..=most).contains(&part);
-            (!inside).then(|| {
-                format!(
+            (!inside).then(|| Rejection {
+                reason: format!(
                     "not comparable with the simulated wear: the {what} is {part:.2} times the described one, expected {least} to {most} times"
-                )
+                ),
+                short: format!("{what} × {part:.2}, × {least} to {most} needed"),
             })
         };
         refused("shaft speed", self.speed, SPEEDS).or_else(|| refused("torque", self.torque, TORQUES))
@@ -100,8 +102,10 @@ mod tests {
             at(0.4, 1.0)
                 .rejection()
                 .unwrap()
+                .reason
                 .contains("the shaft speed is 0.40 times the described one, expected 0.5 to 2 times")
         );
-        assert!(at(1.0, 3.0).rejection().unwrap().contains("the torque is 3.00"));
+        assert!(at(1.0, 3.0).rejection().unwrap().reason.contains("the torque is 3.00"));
+        assert_eq!(at(1.0, 3.0).rejection().unwrap().short, "torque × 3.00, × 0.4 to 2.5 needed");
     }
 }

@@ -94,6 +94,7 @@ impl Tracker {
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         let mut answer = self.update_state(state, at, features);
         self.missing_library.apply_to(&mut answer);
+        answer.ask_about_speed(features);
         if self.is_provisional {
             answer.make_provisional();
         }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::novelty::Novelty;
 use super::prognosis::Prognosis;
-use flankwatch_signal::{Indicators, PREPROCESSING};
+use flankwatch_signal::{Features, Indicators, PREPROCESSING};
 
 /// Identifier of the estimator.
 pub const METHOD: &str = "ensemble-filter-1";
@@ -148,6 +148,9 @@ pub struct WearEstimate {
     pub status: WearStatus,
     /// The result or its absence in words, with the numbers that matter.
     pub reason: String,
+    /// For a record that cannot be compared, what it has and what is needed, in a few words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub short_reason: Option<String>,
     /// Progress of the baseline.
     pub baseline: BaselineProgress,
     /// Median wear depth in µm.
@@ -225,6 +228,15 @@ impl WearEstimate {
         self.status = WearStatus::Provisional;
     }
 
+    /// Adds the doubt about a given speed to the answer to a first record: it asks whether teeth and speed are
+    /// right before the baseline is complete.
+    pub(super) fn ask_about_speed(&mut self, features: &Features) {
+        let is_early = matches!(self.status, WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary);
+        if let Some(doubt) = features.given_speed_doubt.as_ref().filter(|_| is_early) {
+            self.reason = format!("{}; {doubt}", self.reason);
+        }
+    }
+
     /// Returns the values that are followed over time as indicators: `novelty`, where there is one.
     pub fn indicators(&self) -> Indicators {
         let novelty = self.novelty.iter().map(|novelty| ("novelty".to_owned(), novelty.score));
@@ -236,6 +248,7 @@ impl WearEstimate {
         Self {
             status,
             reason,
+            short_reason: None,
             baseline,
             median_um: None,
             mean_um: None,

@@ -1,6 +1,7 @@
 //! The answer to a record: its numbers, and its reason in words.
 
 use super::Tracker;
+use crate::estimate::comparability::Rejection;
 use crate::estimate::filter::JointPosterior;
 use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::{FeatureDeviation, Novelty, SensorFault};
@@ -118,6 +119,13 @@ impl Tracker {
             Some(doubt) => self.without_depth(WearStatus::SpeedInDoubt, have, doubt),
             None => self.without_depth(WearStatus::NoFeatures, have, else_reason),
         }
+    }
+
+    /// Returns the answer to a record that cannot be compared.
+    pub(super) fn not_comparable(&self, have: u32, rejection: Rejection) -> WearEstimate {
+        let Rejection { reason, short } = rejection;
+        let answer = self.without_depth(WearStatus::NotComparable, have, &reason);
+        WearEstimate { short_reason: Some(short), ..answer }
     }
 
     /// Returns an answer without a depth.

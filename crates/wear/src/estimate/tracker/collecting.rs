@@ -122,9 +122,9 @@ impl Tracker {
             return (self.without_depth(WearStatus::NoFeatures, have, reason), None);
         }
         let ensemble = self.ensemble.as_deref();
-        if let Some(reason) = ensemble.and_then(|ensemble| Extrapolation::of(ensemble, features).rejection())
-        {
-            return (self.without_depth(WearStatus::NotComparable, have, &reason), None);
+        let rejection = ensemble.and_then(|ensemble| Extrapolation::of(ensemble, features).rejection());
+        if let Some(rejection) = rejection {
+            return (self.not_comparable(have, rejection), None);
         }
         collecting.start.get_or_insert(at);
         if let Some(chosen) = &mut collecting.chosen {

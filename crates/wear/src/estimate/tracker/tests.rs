@@ -162,6 +162,26 @@ fn a_speed_in_doubt_is_reported_without_a_library_too_and_excluded_from_the_base
 }
 
 #[test]
+fn first_records_at_a_doubtful_given_speed_ask_about_it() {
+    let library = synthetic_library();
+    let tracker = Tracker::new(settings(), None);
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    let mut state = tracker.start();
+    let doubt = "the lines fit 24 × 16.64 Hz better than 32 × 30.00 Hz; are teeth and speed right?";
+    let mut take = || {
+        let given_speed_doubt = Some(doubt.to_owned());
+        let features = Features { given_speed_doubt, ..seen(&library, 0.0, 0.05, &mut rng) };
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features)
+    };
+    for have in 1..=NEED {
+        let wear = take();
+        assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, have));
+        assert!(wear.reason.ends_with(doubt), "{}", wear.reason);
+    }
+    assert!(!take().reason.contains(doubt), "asked after the baseline");
+}
+
+#[test]
 fn while_there_is_no_library_every_answer_says_why() {
     let library = synthetic_library();
     for (missing_library, status, word) in [
@@ -385,5 +405,6 @@ fn far_from_the_described_speed_intervals_widen_until_records_are_rejected() {
     let refused = tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &at(2.5, 0.0, &mut rng));
     assert_eq!(refused.status, WearStatus::NotComparable);
     assert!(refused.reason.contains("shaft speed is 2.50 times the described one, expected 0.5 to 2 times"));
+    assert_eq!(refused.short_reason.as_deref(), Some("shaft speed × 2.50, × 0.5 to 2 needed"));
     assert!(copy == state, "a rejected record does not change the state");
 }

@@ -9,7 +9,7 @@ use super::Tracker;
 use super::healthy::{CachedModel, HealthyModel};
 use crate::estimate::anchor::Anchor;
 use crate::estimate::baseline::Baseline;
-use crate::estimate::comparability::sampled_too_slowly;
+use crate::estimate::comparability::{Rejection, sampled_too_slowly};
 use crate::estimate::cusum::Cusums;
 use crate::estimate::deviation::Deviation;
 use crate::estimate::event::Inspection;
@@ -214,8 +214,8 @@ impl Tracker {
         let need = self.settings.baseline_records;
         let Tracking { baseline, model, .. } = &mut *tracking;
         let healthy = model.get(|| self.healthy_model(baseline));
-        if let Some(reason) = tracking.baseline.comparability.rejection(features) {
-            return self.without_depth(WearStatus::NotComparable, need, &reason);
+        if let Some(rejection) = tracking.baseline.comparability.rejection(features) {
+            return self.not_comparable(need, rejection);
         }
         let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
             let reason = "no gear pair is described for this asset, so there is no library to compare with";
@@ -234,13 +234,13 @@ impl Tracker {
             return self.track_by_checks(tracking, &healthy, features, answer);
         }
         let extrapolation = Extrapolation::of(ensemble, features);
-        if let Some(reason) = extrapolation.rejection() {
-            return self.without_depth(WearStatus::NotComparable, need, &reason);
+        if let Some(rejection) = extrapolation.rejection() {
+            return self.not_comparable(need, rejection);
         }
         let scatter = tracking.baseline.comparability.scatter(features);
         let measured = healthy.lines.measure(features, scatter);
-        if let Some(reason) = sampling_rejection(&healthy, ensemble, &measured, features) {
-            return self.without_depth(WearStatus::NotComparable, need, &reason);
+        if let Some(rejection) = sampling_rejection(&healthy, ensemble, &measured, features) {
+            return self.not_comparable(need, rejection);
         }
         if measured.lines.is_empty() {
             return self.track_without_lines(tracking, &healthy, features);
@@ -317,10 +317,15 @@ impl Tracker {
             if features.speed_doubt.is_some() {
                 return self.without_mesh_lines(features, need, "");
             }
-            let reason = format!(
-                "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines; its sampling rate or length probably differs"
+            return self.not_comparable(
+                need,
+                Rejection {
+                    reason: format!(
+                        "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines; its sampling rate or length probably differs"
+                    ),
+                    short: format!("{shared} of {healthy_checks} bands and lines"),
+                },
             );
-            return self.without_depth(WearStatus::NotComparable, need, &reason);
         }
         let gain_sensitive = healthy.checks.gain_sensitive(features, healthy.lines.log_speed(features));
         let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
@@ -388,7 +393,7 @@ fn sampling_rejection(
     ensemble: &Ensemble,
     measured: &MeasuredLines,
     features: &Features,
-) -> Option<String> {
+) -> Option<Rejection> {
     let speed_hz = features.operating_point.shaft_speed_hz.filter(|_| measured.lines.len() < MIN_LINES)?;
     let teeth = f64::from(ensemble.described().pair().geometry.teeth[0]);
     sampled_too_slowly(features, healthy.lines.rate_needed_hz(MIN_LINES, teeth * speed_hz))
