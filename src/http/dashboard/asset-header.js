@@ -59,7 +59,11 @@ function libraryFact(summary, wear) {
   const { library_id: id, library_state: state, library_error: error, simulation } = summary;
   const best = wear?.best_state;
   const words = best ? `state ${best.index}, ${depth(best.wear_um)} µm` : (LIBRARY_STATES[state] ?? state);
-  const detail = simulation ? simulationWords(simulation, summary.library_estimated_s) : error ? `failed: ${error}` : null;
+  const detail = simulation
+    ? simulationWords(simulation, summary.library_estimated_s)
+    : error
+      ? `failed: ${error}`
+      : null;
   return fact(
     best ? "Best library state" : "Library",
     words,

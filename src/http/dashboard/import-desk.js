@@ -313,7 +313,7 @@ export class ImportDesk {
     try {
       const gone = await this.#batch.undo();
       setChildren(this.#results);
-        this.#summary.hidden = this.#next.hidden = this.#question.hidden = true;
+      this.#summary.hidden = this.#next.hidden = this.#question.hidden = true;
       this.#showNotice("good", `${records(gone)} deleted. Import undone.`);
     } catch (error) {
       const left = size - this.#batch.size;
