@@ -125,9 +125,9 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
 /// Asks about teeth and speed where the lines of records contradict them and the verdict does not say so.
 fn question(records: &[&AnalyzedRecord]) -> Option<String> {
     let is_told = records.last()?.wear.as_ref().is_some_and(|wear| wear.status == WearStatus::SpeedInDoubt);
-    let doubted = records.iter().filter_map(|record| record.shaft_speed?.doubt_message());
+    let mut doubted = records.iter().filter_map(|record| record.shaft_speed?.doubt_message());
     let count = doubted.clone().count();
-    let question = doubted.last().filter(|_| !is_told)?;
+    let question = doubted.next_back().filter(|_| !is_told)?;
     Some(format!("in {count} of {} records {question}", records.len()))
 }
 
