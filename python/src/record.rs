@@ -97,7 +97,8 @@ impl Machine<'_, '_> {
             torque_nm: self.torque_nm,
             ..OperatingPoint::default()
         };
-        let record = plain_record(samples, rate_hz, unit)?.with_operating_point(point).map_err(value_error)?;
+        let record =
+            plain_record(samples, rate_hz, unit)?.with_operating_point(point).map_err(value_error)?;
         let Some(times) = self.pulse_times_s else {
             return Ok(record);
         };
