@@ -57,7 +57,7 @@ pub struct Tachometer {
     pub pulses_per_revolution: u32,
 }
 
-/// A [`RecordOf`] samples of its own.
+/// A record that owns its samples.
 pub type Record = RecordOf<'static>;
 
 /// A validated vibration record of samples that it owns or borrows: at least one sample, all finite, at a
@@ -246,6 +246,7 @@ impl<'a> RecordOf<'a> {
         }
         check_finite(&self.channel, &self.samples)?;
         unit.clone_into(&mut self.unit);
+        self.source_scale = self.source_scale.map(|scale| scale * factor);
         Ok(self)
     }
 
